@@ -1,0 +1,11 @@
+//! What both sides of Foreshore agree on.
+//!
+//! Read in this order: a [`layer`] says what a map cell means; a [`tile`] carries 64×64 cells of one
+//! layer; the [`tile_store`] holds every tile ever published, on either side; a [`mosaic`] joins tiles
+//! into one raster; an [`export`] writes a raster to a file.
+
+pub mod export;
+pub mod layer;
+pub mod mosaic;
+pub mod tile;
+pub mod tile_store;

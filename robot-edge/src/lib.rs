@@ -1,0 +1,21 @@
+//! The vehicle's half of Foreshore.
+//!
+//! Data flows one way: a source ([`recording`], [`simulation`]) yields [`measurement::Measurement`]s;
+//! [`localization`] places every beam of a scan in `odom`; [`mapping`] turns posed scans into cells;
+//! [`streaming`] turns changed cells into tiles. [`app`] owns the threads and channels between them.
+
+pub mod clock;
+pub mod drops;
+pub mod measurement;
+pub mod pose;
+pub mod robot_time;
+pub mod scan;
+
+pub mod app;
+pub mod config;
+pub mod localization;
+pub mod mapping;
+pub mod recording;
+pub mod ros;
+pub mod simulation;
+pub mod streaming;

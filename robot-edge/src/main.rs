@@ -1,0 +1,3 @@
+//! `robot-edge`: see `robot-edge --help`.
+
+fn main() {}

@@ -1,0 +1,138 @@
+//! Time as the vehicle's sensors stamp it.
+
+use std::fmt;
+use std::ops::{Add, Sub};
+
+/// A sensor stamp: nanoseconds since the epoch of the clock that stamped the data.
+///
+/// That clock may be the Unix epoch, the start of a simulation or anything else; only differences and
+/// order carry meaning. It is never compared with a clock of this machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+pub struct RobotTime(i64);
+
+/// A difference of two [`RobotTime`]s, in nanoseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+pub struct RobotDuration(i64);
+
+impl RobotTime {
+    /// The smallest representable stamp.
+    pub const MIN: Self = Self(i64::MIN);
+
+    /// A stamp from whole nanoseconds.
+    pub const fn from_nanos(nanos: i64) -> Self {
+        Self(nanos)
+    }
+
+    /// A stamp from seconds; `None` where it is not finite or out of range (±292 years).
+    pub fn from_secs_f64(secs: f64) -> Option<Self> {
+        nanos_from_secs(secs).map(Self)
+    }
+
+    /// Whole nanoseconds.
+    pub const fn as_nanos(self) -> i64 {
+        self.0
+    }
+
+    /// Seconds, rounded to the nearest f64.
+    pub fn as_secs_f64(self) -> f64 {
+        self.0 as f64 / 1e9
+    }
+
+    /// The time from `earlier` to `self`, negative if `earlier` is later; saturates.
+    pub const fn since(self, earlier: Self) -> RobotDuration {
+        RobotDuration(self.0.saturating_sub(earlier.0))
+    }
+}
+
+impl RobotDuration {
+    /// No time at all.
+    pub const ZERO: Self = Self(0);
+
+    /// A duration from whole nanoseconds.
+    pub const fn from_nanos(nanos: i64) -> Self {
+        Self(nanos)
+    }
+
+    /// A duration from whole milliseconds.
+    pub const fn from_millis(millis: i64) -> Self {
+        Self(millis.saturating_mul(1_000_000))
+    }
+
+    /// A duration from seconds; not-a-number is zero, the rest saturates.
+    pub fn from_secs_f64(secs: f64) -> Self {
+        // `as` saturates and maps NaN to zero.
+        Self(libm::round(secs * 1e9) as i64)
+    }
+
+    /// Whole nanoseconds.
+    pub const fn as_nanos(self) -> i64 {
+        self.0
+    }
+
+    /// Seconds, rounded to the nearest f64.
+    pub fn as_secs_f64(self) -> f64 {
+        self.0 as f64 / 1e9
+    }
+}
+
+fn nanos_from_secs(secs: f64) -> Option<i64> {
+    let nanos = libm::round(secs * 1e9);
+    (nanos.is_finite() && nanos.abs() < 9.2e18).then_some(nanos as i64)
+}
+
+impl Add<RobotDuration> for RobotTime {
+    type Output = Self;
+    fn add(self, rhs: RobotDuration) -> Self {
+        Self(self.0.saturating_add(rhs.0))
+    }
+}
+
+impl Sub<RobotDuration> for RobotTime {
+    type Output = Self;
+    fn sub(self, rhs: RobotDuration) -> Self {
+        Self(self.0.saturating_sub(rhs.0))
+    }
+}
+
+impl fmt::Display for RobotTime {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{}.{:09}",
+            self.0.div_euclid(1_000_000_000),
+            self.0.rem_euclid(1_000_000_000)
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seconds_become_nanoseconds_and_back() {
+        let stamp = RobotTime::from_secs_f64(1_600_000_002.198_299_885).unwrap();
+        assert_eq!(stamp.as_nanos() / 1000, 1_600_000_002_198_299);
+        assert_eq!(
+            RobotTime::from_nanos(-42_000_000).to_string(),
+            "-1.958000000"
+        );
+    }
+
+    #[test]
+    fn senseless_seconds_are_refused() {
+        for secs in [f64::NAN, f64::INFINITY, -1e300, 1e11] {
+            assert_eq!(RobotTime::from_secs_f64(secs), None, "{secs}");
+        }
+    }
+
+    #[test]
+    fn arithmetic_saturates() {
+        let end = RobotTime::from_nanos(i64::MAX);
+        assert_eq!(end + RobotDuration::from_millis(1), end);
+        assert_eq!(
+            end.since(RobotTime::MIN),
+            RobotDuration::from_nanos(i64::MAX)
+        );
+    }
+}
