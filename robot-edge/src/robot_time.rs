@@ -17,6 +17,8 @@ pub struct RobotDuration(i64);
 impl RobotTime {
     /// The smallest representable stamp.
     pub const MIN: Self = Self(i64::MIN);
+    /// The greatest representable stamp.
+    pub const MAX: Self = Self(i64::MAX);
 
     /// A stamp from whole nanoseconds.
     pub const fn from_nanos(nanos: i64) -> Self {

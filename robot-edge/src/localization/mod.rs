@@ -1,1 +1,12 @@
-//! To be filled.
+//! Where was each beam? Measurements in stamp order in, [`crate::mapping::posed_scan::PosedScan`]s out.
+//!
+//! Pure: time is the data's own. See `algorithms.md` §0 for the rules.
+
+pub mod config;
+
+pub mod beam_fan;
+pub mod beam_projection;
+pub mod beam_range;
+pub mod placer;
+pub mod pose_track;
+pub mod transform_buffer;

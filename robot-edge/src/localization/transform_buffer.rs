@@ -1,0 +1,258 @@
+//! The transform tree over time (REP-105): which frame hangs on which, and where.
+
+use std::collections::BTreeMap;
+
+use super::pose_track::{PoseTrack, Reach, Segment};
+use crate::drops::DropReason;
+use crate::measurement::FrameId;
+use crate::pose::Pose;
+use crate::robot_time::RobotTime;
+
+/// Frames that a tree holds at most; real vehicles have tens.
+const MAX_FRAMES: usize = 1024;
+
+/// The tree: each frame's parent, and its pose in it over time.
+#[derive(Clone, Debug)]
+pub struct TransformBuffer {
+    reach: Reach,
+    edges: BTreeMap<FrameId, Edge>,
+}
+
+#[derive(Clone, Debug)]
+struct Edge {
+    parent: FrameId,
+    parent_from_child: Motion,
+}
+
+#[derive(Clone, Debug)]
+enum Motion {
+    Fixed(Pose),
+    Moving(PoseTrack),
+}
+
+impl TransformBuffer {
+    /// An empty tree.
+    pub const fn new(reach: Reach) -> Self {
+        Self {
+            reach,
+            edges: BTreeMap::new(),
+        }
+    }
+
+    /// Adds a pose of `child` in `parent`. A frame that changes its parent loses its earlier poses;
+    /// a static transform replaces moving ones and holds for all time.
+    pub fn insert(
+        &mut self,
+        parent: &FrameId,
+        child: &FrameId,
+        stamp: RobotTime,
+        parent_from_child: Pose,
+        is_static: bool,
+    ) {
+        let known = self.edges.contains_key(child);
+        if parent == child || (!known && self.edges.len() >= MAX_FRAMES) {
+            return;
+        }
+        if is_static {
+            let edge = Edge {
+                parent: FrameId::clone(parent),
+                parent_from_child: Motion::Fixed(parent_from_child),
+            };
+            self.edges.insert(FrameId::clone(child), edge);
+            return;
+        }
+        let reach = self.reach;
+        let edge = self
+            .edges
+            .entry(FrameId::clone(child))
+            .or_insert_with(|| Edge::moving(parent));
+        if edge.parent != *parent {
+            *edge = Edge::moving(parent);
+        }
+        match &mut edge.parent_from_child {
+            Motion::Moving(track) => track.insert(stamp, parent_from_child, &reach),
+            Motion::Fixed(_) => {}
+        }
+    }
+
+    /// Forgets all moving poses: the data's clock started anew.
+    pub fn forget_motion(&mut self) {
+        for edge in self.edges.values_mut() {
+            if let Motion::Moving(track) = &mut edge.parent_from_child {
+                *track = PoseTrack::default();
+            }
+        }
+    }
+
+    /// The frames from `source` up to its root, `source` first.
+    pub fn ancestry(&self, source: &FrameId) -> Vec<FrameId> {
+        let mut frames = vec![FrameId::clone(source)];
+        // Bounded: damaged data can close a loop.
+        while let Some(edge) = frames.last().and_then(|frame| self.edges.get(frame)) {
+            if frames.len() > MAX_FRAMES {
+                break;
+            }
+            frames.push(FrameId::clone(&edge.parent));
+        }
+        frames
+    }
+
+    /// The links from `source` up to `target`, `source`'s first; `None` where `target` is not above it.
+    pub fn path<'a>(&'a self, target: &str, source: &FrameId) -> Option<Path<'a>> {
+        let mut links = Vec::new();
+        let mut frame = source;
+        while &**frame != target {
+            let edge = self.edges.get(frame)?;
+            if links.len() > MAX_FRAMES {
+                return None;
+            }
+            links.push(&edge.parent_from_child);
+            frame = &edge.parent;
+        }
+        Some(Path {
+            links,
+            reach: &self.reach,
+        })
+    }
+}
+
+impl Edge {
+    fn moving(parent: &FrameId) -> Self {
+        Self {
+            parent: FrameId::clone(parent),
+            parent_from_child: Motion::Moving(PoseTrack::default()),
+        }
+    }
+}
+
+/// The links between two frames.
+#[derive(Clone, Debug)]
+pub struct Path<'a> {
+    links: Vec<&'a Motion>,
+    reach: &'a Reach,
+}
+
+impl Path<'_> {
+    /// The newest stamp up to which every moving link has poses; `None` where one has none at all.
+    ///
+    /// [`RobotTime::MAX`] where no link moves.
+    pub fn newest(&self) -> Option<RobotTime> {
+        self.links
+            .iter()
+            .try_fold(RobotTime::MAX, |newest, link| match link {
+                Motion::Fixed(_) => Some(newest),
+                Motion::Moving(track) => Some(newest.min(track.newest()?)),
+            })
+    }
+
+    /// A sampler of `target_from_source` for a run of stamps that mostly rise, such as those of beams.
+    pub const fn sampler(&self) -> Sampler<'_> {
+        Sampler {
+            path: self,
+            segments: Vec::new(),
+        }
+    }
+}
+
+/// Gives poses along a [`Path`]; remembers where in the buffers the last one was found.
+#[derive(Clone, Debug)]
+pub struct Sampler<'a> {
+    path: &'a Path<'a>,
+    segments: Vec<Option<Segment>>,
+}
+
+impl Sampler<'_> {
+    /// `target_from_source` at `stamp`.
+    ///
+    /// # Errors
+    /// The reason why there is no pose at `stamp`.
+    pub fn pose_at(&mut self, stamp: RobotTime) -> Result<Pose, DropReason> {
+        self.segments.resize(self.path.links.len(), None);
+        let mut pose = Pose::identity();
+        for (link, remembered) in self.path.links.iter().zip(&mut self.segments) {
+            let parent_from_child = match link {
+                Motion::Fixed(pose) => *pose,
+                Motion::Moving(track) => {
+                    let segment = match remembered.take().filter(|segment| segment.covers(stamp)) {
+                        Some(segment) => segment,
+                        None => track.segment(stamp, self.path.reach)?,
+                    };
+                    remembered.insert(segment).pose_at(stamp)
+                }
+            };
+            pose = parent_from_child * pose;
+        }
+        Ok(pose)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::pose::planar;
+    use crate::robot_time::RobotDuration;
+
+    const REACH: Reach = Reach {
+        max_gap: RobotDuration::from_millis(500),
+        max_extrapolation: RobotDuration::from_millis(100),
+        keep: RobotDuration::from_millis(10_000),
+    };
+
+    fn at(secs: f64) -> RobotTime {
+        RobotTime::from_secs_f64(secs).unwrap()
+    }
+
+    fn buffer(edges: &[(&str, &str, f64, Pose, bool)]) -> TransformBuffer {
+        let mut buffer = TransformBuffer::new(REACH);
+        for &(parent, child, secs, pose, is_static) in edges {
+            buffer.insert(&parent.into(), &child.into(), at(secs), pose, is_static);
+        }
+        buffer
+    }
+
+    #[test]
+    fn poses_chain_from_the_sensor_to_the_map() {
+        let buffer = buffer(&[
+            ("base_link", "laser", 0.0, planar(0.3, 0.0, 0.0), true),
+            ("odom", "base_link", 1.0, planar(10.0, 0.0, 0.0), false),
+            ("odom", "base_link", 1.2, planar(10.0, 2.0, 0.0), false),
+        ]);
+        let path = buffer.path("odom", &"laser".into()).unwrap();
+        assert_eq!(path.newest(), Some(at(1.2)));
+        let mut sampler = path.sampler();
+        for (secs, y) in [(1.0, 0.0), (1.1, 1.0), (1.2, 2.0), (1.25, 2.5), (1.05, 0.5)] {
+            let point = sampler.pose_at(at(secs)).unwrap() * Point3::new(1.0, 0.0, 0.0);
+            assert!(
+                (point - Point3::new(11.3, y, 0.0)).norm() < 1e-9,
+                "{secs}: {point}"
+            );
+        }
+        assert_eq!(sampler.pose_at(at(2.0)), Err(DropReason::PoseTooOld));
+        assert_eq!(sampler.pose_at(at(0.9)), Err(DropReason::BeforeFirstPose));
+    }
+
+    #[test]
+    fn what_is_not_connected_has_no_path() {
+        let buffer = buffer(&[("cloud", "radar", 0.0, planar(0.0, 0.0, 0.0), false)]);
+        assert!(buffer.path("odom", &"cloud".into()).is_none());
+        assert_eq!(
+            buffer.ancestry(&"radar".into()),
+            ["radar".into(), "cloud".into()] as [FrameId; 2]
+        );
+    }
+
+    #[test]
+    fn a_loop_in_damaged_data_ends() {
+        let pose = planar(0.0, 0.0, 0.0);
+        let buffer = buffer(&[
+            ("a", "b", 0.0, pose, false),
+            ("b", "a", 0.0, pose, false),
+            ("c", "c", 0.0, pose, true),
+        ]);
+        assert!(buffer.path("odom", &"a".into()).is_none());
+        assert!(buffer.ancestry(&"a".into()).len() <= MAX_FRAMES + 2);
+        assert!(buffer.path("odom", &"c".into()).is_none());
+    }
+}

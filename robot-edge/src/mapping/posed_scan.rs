@@ -1,0 +1,37 @@
+//! A scan whose beams have been placed in `odom`.
+
+use nalgebra::Point3;
+
+use crate::pose::Pose;
+use crate::robot_time::RobotTime;
+
+/// What came back along a beam.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BeamOutcome {
+    /// Something was hit at the beam's end.
+    Hit,
+    /// Nothing was hit up to the beam's end, the sensor's greatest range.
+    Miss,
+}
+
+/// One beam, placed with the sensor's pose at the beam's own time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PosedBeam {
+    /// Where the sensor was, metres in `odom`.
+    pub origin_in_odom: Point3<f64>,
+    /// The hit, or the point at the greatest range, metres in `odom`.
+    pub end_in_odom: Point3<f64>,
+    /// Hit or miss.
+    pub outcome: BeamOutcome,
+}
+
+/// The valid beams of one scan, in beam order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PosedScan {
+    /// When beam 0 was measured, the sensor's time offset applied.
+    pub stamp: RobotTime,
+    /// Where the vehicle was at that time.
+    pub odom_from_base: Pose,
+    /// Hits and misses; invalid beams are left out (and counted where they were left out).
+    pub beams: Vec<PosedBeam>,
+}
