@@ -1,0 +1,65 @@
+//! Map cells become tiles here, and nowhere else.
+
+use protocol::layer::LayerId;
+use protocol::tile::{TileCells, TileKey};
+
+use crate::mapping::grid::{GridTile, TileIndex};
+use crate::mapping::log_odds::LogOdds;
+
+/// Turns cells of the mapping core into the codes that are published.
+#[derive(Clone, Debug)]
+pub struct CellCoder {
+    /// Code of every log-odds value, indexed by its bits.
+    occupancy: Box<[u16]>,
+}
+
+impl CellCoder {
+    /// Builds the table: 65,536 logistic functions once, instead of one per cell and publication.
+    pub fn new() -> Self {
+        let quantisation = LayerId::Occupancy.quantisation();
+        let code = |bits: u16| {
+            let probability = LogOdds::from_steps(bits as i16).probability();
+            probability.map_or(protocol::layer::UNKNOWN, |p| quantisation.encode(p as f32))
+        };
+        Self { occupancy: (0..=u16::MAX).map(code).collect() }
+    }
+
+    /// The codes of a tile of the occupancy grid.
+    pub fn occupancy(&self, tile: &GridTile<i16>) -> TileCells {
+        let mut cells = TileCells::unknown();
+        for (code, &steps) in cells.codes_mut().iter_mut().zip(tile.cells.iter()) {
+            *code = self.occupancy[usize::from(steps as u16)];
+        }
+        cells
+    }
+}
+
+impl Default for CellCoder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The key under which a tile of the mapping core is published.
+pub const fn key(layer: LayerId, index: TileIndex) -> TileKey {
+    TileKey { layer, tx: index.x, ty: index.y }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mapping::grid::TiledGrid;
+
+    #[test]
+    fn log_odds_become_probabilities_in_steps_of_a_250th() {
+        let mut grid = TiledGrid::new(LogOdds::UNKNOWN.steps());
+        let index = TileIndex { x: -3, y: 7 };
+        let cells = grid.touch(index);
+        for (cell, p) in cells.iter_mut().zip([0.5, 0.02, 0.3, 0.6, 0.98]) {
+            *cell = LogOdds::from_probability(p).steps();
+        }
+        let codes = CellCoder::new().occupancy(grid.get(index).unwrap());
+        assert_eq!(codes.codes()[..6], [126, 6, 76, 151, 246, 0]);
+        assert_eq!(key(LayerId::Occupancy, index).first_cell(), (-192, 448));
+    }
+}

@@ -1,0 +1,83 @@
+//! The rules of ARCHITECTURE.md that can be read off the source: what each layer may not know.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn rust_files(folder: &Path, found: &mut Vec<PathBuf>) {
+    let entries = fs::read_dir(folder).unwrap_or_else(|err| panic!("{}: {err}", folder.display()));
+    for entry in entries {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            rust_files(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+/// Lines of code below `folder` that hold one of `words`; comments do not count.
+fn lines_with(folder: &str, words: &[&str], except: &[&str]) -> Vec<String> {
+    let mut files = Vec::new();
+    rust_files(&root().join(folder), &mut files);
+    assert!(!files.is_empty(), "{folder} holds no Rust file");
+    files.sort();
+    let mut found = Vec::new();
+    for path in files {
+        if except.iter().any(|file| path.ends_with(file)) {
+            continue;
+        }
+        for (number, line) in fs::read_to_string(&path).unwrap().lines().enumerate() {
+            let code = line.split("//").next().unwrap_or_default();
+            if words.iter().any(|word| code.contains(word)) {
+                found.push(format!("{}:{}: {}", path.display(), number + 1, line.trim()));
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn mapping_is_pure() {
+    let words = [
+        "std::fs", "std::io", "std::net", "std::thread", "std::time", "mpsc", "Instant", "SystemTime",
+        "tokio", "zenoh", "protocol", "crate::clock", "crate::recording", "crate::streaming", "Serialize",
+        "println", "tracing",
+    ];
+    assert_eq!(lines_with("robot-edge/src/mapping", &words, &[]), [""; 0]);
+}
+
+#[test]
+fn localization_is_pure() {
+    let words = [
+        "std::fs", "std::io", "std::net", "std::thread", "std::time", "mpsc", "Instant", "SystemTime",
+        "tokio", "zenoh", "protocol", "crate::clock", "crate::recording", "crate::streaming",
+    ];
+    assert_eq!(lines_with("robot-edge/src/localization", &words, &[]), [""; 0]);
+}
+
+#[test]
+fn one_file_reads_clocks() {
+    let words = ["Instant::now", "SystemTime::now", "clock_gettime", "UNIX_EPOCH"];
+    assert_eq!(lines_with("robot-edge/src", &words, &["clock.rs"]), [""; 0]);
+    assert_eq!(lines_with("protocol/src", &words, &[]), [""; 0]);
+}
+
+#[test]
+fn one_file_turns_cells_into_tiles() {
+    let found = lines_with("robot-edge/src", &["codes_mut", "TileCells::from_fn"], &["cells_to_tiles.rs"]);
+    assert_eq!(found, [""; 0]);
+}
+
+#[test]
+fn protocol_knows_neither_side() {
+    let manifest = fs::read_to_string(root().join("protocol/Cargo.toml")).unwrap();
+    for crate_name in ["robot-edge", "operator-console"] {
+        assert!(!manifest.contains(crate_name), "protocol must not depend on {crate_name}");
+    }
+    let edge = fs::read_to_string(root().join("robot-edge/Cargo.toml")).unwrap();
+    assert!(!edge.contains("operator-console"), "the vehicle must not depend on the console");
+}
