@@ -276,14 +276,14 @@ fn a_receiver_that_had_to_evict_takes_the_same_tile_again() {
         publish(&mut edge, tile, filled(6));
         console.apply(edge.tile(tile).unwrap()).unwrap();
     }
-    let far = key(LayerId::Occupancy, 199, 0);
+    let far = key(LayerId::Occupancy, 150, 0);
     assert!(console.get(far).unwrap().is_evicted());
-    assert_eq!(console.get(far).unwrap().revision(), 200);
+    assert_eq!(console.get(far).unwrap().revision(), 151);
     assert_ne!(
         console.root_digest(LayerId::Occupancy),
         edge.root_digest(LayerId::Occupancy)
     );
-    console.set_focus([199.0 * 6.4, 0.0]);
+    console.set_focus([150.0 * 6.4, 0.0]);
     assert_eq!(console.apply(edge.tile(far).unwrap()), Ok(Applied::Stored));
     assert!(console.get(far).unwrap().cells().is_some());
 }

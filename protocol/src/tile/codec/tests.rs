@@ -6,23 +6,20 @@ use super::*;
 use crate::layer::LayerId;
 use crate::tile::TileCells;
 
-/// A deterministic pattern with holes that any layer may hold.
+/// A deterministic tile of `layer`: a wall, a part out of sight, and some of what is typical of the layer.
 fn pattern(layer: LayerId) -> TileCells {
     TileCells::from_fn(|x, y| {
         let wall = x == 20 || (y == 41 && x > 20);
+        let speckle = ((x * 7) ^ (y * 13)) % 11 == 0;
         if (x + y / 3) % 64 > 50 {
             return 0;
         }
         match layer {
-            LayerId::Occupancy => {
-                if wall {
-                    246
-                } else {
-                    6
-                }
-            }
-            LayerId::Elevation => 32768 + (x * x / 40) as u16 + if wall { 300 } else { 0 },
-            LayerId::Obstacle => 1 + u16::from(wall),
+            LayerId::Occupancy if wall => 246,
+            LayerId::Occupancy if speckle => 24 + (x as u16 % 5) * 40,
+            LayerId::Occupancy => 6,
+            LayerId::Elevation => 32768 + (x * x / 40) as u16 + 300 * u16::from(wall),
+            LayerId::Obstacle => 1 + u16::from(wall || speckle),
             LayerId::Cost => 1 + (y as u16) * 3,
             LayerId::Rigidity => 1 + u16::from((x / 16 + y / 16) % 2 == 0),
             LayerId::Shore => 1 + (x as u16 / 8) % 4,
