@@ -1,0 +1,265 @@
+//! Cell codes → colours.
+
+use super::palette_tables::{CIVIDIS, MAGMA_REVERSED, Rgb, interpolate, okabe_ito};
+use super::{LayerId, Legend};
+
+/// A way to colour a layer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scheme {
+    /// White free … black occupied, unknown transparent.
+    Grey,
+    /// As `map_server` shows its files: white free … black occupied, unknown grey 205.
+    MapServer,
+    /// Cividis from dark blue (low) to yellow (high), over a range that can be fitted to the map.
+    Cividis,
+    /// The elevation colours of [LOD §5]: the ground plane ± 3 cm blue, below it yellow, above it black
+    /// to grey.
+    GroundPlane,
+    /// Magma reversed: light is easy, dark is fatal.
+    Magma,
+    /// One of Okabe and Ito's colours for each class.
+    OkabeIto,
+    /// The obstacle colours of [LOD §5]: free green, obstacle red. Not safe for the colour-blind.
+    GreenRed,
+}
+
+/// A [`Scheme`] applied to one layer, over a range of values.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Palette {
+    layer: LayerId,
+    scheme: Scheme,
+    low: f32,
+    high: f32,
+}
+
+/// Half the thickness of what [`Scheme::GroundPlane`] takes for the ground.
+pub(super) const GROUND_M: f32 = 0.03;
+const TRANSPARENT: [u8; 4] = [0; 4];
+const MAP_SERVER_UNKNOWN: [u8; 4] = [205, 205, 205, 255];
+const LADAR_GREY: [Rgb; 2] = [[0, 0, 0], [200, 200, 200]];
+
+impl LayerId {
+    /// The ways to colour this layer; the first is the default.
+    pub const fn schemes(self) -> &'static [Scheme] {
+        match self {
+            Self::Occupancy => &[Scheme::Grey, Scheme::MapServer],
+            Self::Elevation => &[Scheme::Cividis, Scheme::GroundPlane],
+            Self::Obstacle => &[Scheme::OkabeIto, Scheme::GreenRed],
+            Self::Cost => &[Scheme::Magma],
+            Self::Rigidity | Self::Shore => &[Scheme::OkabeIto],
+        }
+    }
+
+    /// The layer's palettes, one for each of its [`schemes`](Self::schemes), over their default ranges.
+    pub fn palettes(self) -> impl Iterator<Item = Palette> {
+        self.schemes()
+            .iter()
+            .map(move |&scheme| Palette::new(self, scheme))
+    }
+
+    /// The first of the layer's palettes.
+    pub fn default_palette(self) -> Palette {
+        Palette::new(self, self.schemes()[0])
+    }
+
+    fn class_color(self, index: usize) -> Rgb {
+        use okabe_ito::{BLUE, BLUISH_GREEN, REDDISH_PURPLE, SKY_BLUE, VERMILLION, YELLOW};
+        let colors: &[Rgb] = match self {
+            Self::Obstacle => &[SKY_BLUE, VERMILLION],
+            Self::Rigidity => &[BLUISH_GREEN, VERMILLION],
+            Self::Shore => &[YELLOW, BLUISH_GREEN, BLUE, REDDISH_PURPLE],
+            Self::Occupancy | Self::Elevation | Self::Cost => &[],
+        };
+        colors.get(index).copied().unwrap_or_default()
+    }
+}
+
+impl Palette {
+    fn new(layer: LayerId, scheme: Scheme) -> Self {
+        let (low, high) = match scheme {
+            Scheme::Cividis => (-0.5, 1.5),
+            Scheme::GroundPlane => (GROUND_M, 2.0),
+            Scheme::Grey
+            | Scheme::MapServer
+            | Scheme::Magma
+            | Scheme::OkabeIto
+            | Scheme::GreenRed => (0.0, 1.0),
+        };
+        Self {
+            layer,
+            scheme,
+            low,
+            high,
+        }
+    }
+
+    /// The layer it colours.
+    pub const fn layer(&self) -> LayerId {
+        self.layer
+    }
+
+    /// Its scheme.
+    pub const fn scheme(&self) -> Scheme {
+        self.scheme
+    }
+
+    /// The values between which colours vary, in the layer's unit.
+    pub const fn range(&self) -> (f32, f32) {
+        (self.low, self.high)
+    }
+
+    /// The same colours over a range that covers `low` … `high` and ends on round numbers.
+    ///
+    /// Only [`Scheme::Cividis`] can be fitted; the colours of the others mean fixed values, and they are
+    /// returned unchanged, as is every palette where `low` … `high` is no range. The range is at least
+    /// 0.2 wide, so that a flat floor does not glow with its own noise.
+    #[must_use]
+    pub fn fitted(self, low: f32, high: f32) -> Self {
+        if self.scheme != Scheme::Cividis || !(low <= high && (high - low).is_finite()) {
+            return self;
+        }
+        let spare = (0.2 - (high - low)).max(0.0) / 2.0;
+        let (low, high) = (low - spare, high + spare);
+        let step = round_step(high - low);
+        Self {
+            low: (low / step + 1e-3).floor() * step,
+            high: (high / step - 1e-3).ceil() * step,
+            ..self
+        }
+    }
+
+    /// The colour of a cell as sRGB with straight alpha; unknown is transparent unless the scheme says
+    /// otherwise.
+    pub fn color(&self, code: u16) -> [u8; 4] {
+        let Some(value) = self.layer.quantisation().decode(code) else {
+            return self.unknown_color();
+        };
+        let [red, green, blue] = match self.scheme {
+            Scheme::OkabeIto => self.layer.class_color(usize::from(code) - 1),
+            Scheme::GreenRed if code == 1 => [0, 170, 0],
+            Scheme::GreenRed => [220, 0, 0],
+            Scheme::Grey
+            | Scheme::MapServer
+            | Scheme::Cividis
+            | Scheme::GroundPlane
+            | Scheme::Magma => self.ramp_color(value),
+        };
+        [red, green, blue, 255]
+    }
+
+    /// The colour of unknown cells.
+    pub const fn unknown_color(&self) -> [u8; 4] {
+        match self.scheme {
+            Scheme::MapServer => MAP_SERVER_UNKNOWN,
+            Scheme::Grey
+            | Scheme::Cividis
+            | Scheme::GroundPlane
+            | Scheme::Magma
+            | Scheme::OkabeIto
+            | Scheme::GreenRed => TRANSPARENT,
+        }
+    }
+
+    /// What to print beside a picture in these colours.
+    pub fn legend(&self) -> Legend {
+        Legend::of(self)
+    }
+
+    /// The colour of a value of a continuous layer.
+    pub(super) fn ramp_color(&self, value: f32) -> Rgb {
+        let part = (value - self.low) / (self.high - self.low);
+        match self.scheme {
+            Scheme::Grey | Scheme::MapServer => interpolate(&[[254; 3], [0; 3]], part),
+            Scheme::Cividis => interpolate(&CIVIDIS, part),
+            Scheme::Magma => interpolate(&MAGMA_REVERSED, part),
+            Scheme::GroundPlane if value < -GROUND_M => [240, 205, 0],
+            Scheme::GroundPlane if value <= GROUND_M => [40, 80, 220],
+            Scheme::GroundPlane => interpolate(&LADAR_GREY, part),
+            Scheme::OkabeIto | Scheme::GreenRed => [0; 3],
+        }
+    }
+}
+
+/// The round step (1, 2 or 5 times a power of ten) that divides `span` into four to ten parts.
+pub(super) fn round_step(span: f32) -> f32 {
+    let mut step = 1e-3_f32;
+    loop {
+        for factor in [1.0, 2.0, 5.0] {
+            if span <= step * factor * 10.0 || step > 1e6 {
+                return step * factor;
+            }
+        }
+        step *= 10.0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn palette(layer: LayerId, scheme: Scheme) -> Palette {
+        layer
+            .palettes()
+            .find(|palette| palette.scheme() == scheme)
+            .unwrap()
+    }
+
+    #[test]
+    fn occupancy_is_light_where_free_and_dark_where_occupied() {
+        let grey = LayerId::Occupancy.default_palette();
+        assert_eq!(grey.color(1), [254, 254, 254, 255]);
+        assert_eq!(grey.color(251), [0, 0, 0, 255]);
+        assert_eq!(grey.color(126), [127, 127, 127, 255]);
+        assert_eq!(grey.color(0), [0, 0, 0, 0]);
+        let map_server = palette(LayerId::Occupancy, Scheme::MapServer);
+        assert_eq!(map_server.color(0), [205, 205, 205, 255]);
+    }
+
+    #[test]
+    fn ground_plane_colours_are_the_documents() {
+        let document = palette(LayerId::Elevation, Scheme::GroundPlane);
+        let color = |height_m| document.color(Quantisation::HEIGHT.encode(height_m));
+        assert_eq!(color(0.03), color(-0.03));
+        assert_eq!(color(0.0), [40, 80, 220, 255]);
+        assert_eq!(color(-0.035), [240, 205, 0, 255]);
+        assert!(color(0.035)[0] < 3, "black just above the ground");
+        assert_eq!(color(2.0), [200, 200, 200, 255]);
+    }
+
+    #[test]
+    fn ramps_get_monotonously_lighter_or_darker() {
+        for layer in [LayerId::Occupancy, LayerId::Elevation, LayerId::Cost] {
+            let palette = layer.default_palette();
+            let (low, high) = palette.range();
+            let lightness: Vec<f32> = (0..=64_u8)
+                .map(|i| {
+                    let [r, g, b] = palette.ramp_color(low + (high - low) * f32::from(i) / 64.0);
+                    0.3 * f32::from(r) + 0.59 * f32::from(g) + 0.11 * f32::from(b)
+                })
+                .collect();
+            let rising = lightness.windows(2).all(|pair| pair[0] < pair[1]);
+            let falling = lightness.windows(2).all(|pair| pair[0] > pair[1]);
+            assert!(rising || falling, "{layer}: {lightness:?}");
+        }
+    }
+
+    #[test]
+    fn a_fitted_range_covers_the_data_and_ends_on_round_numbers() {
+        let elevation = LayerId::Elevation.default_palette();
+        let check = |low, high, expected: (f32, f32)| {
+            let range = elevation.fitted(low, high).range();
+            let close = (range.0 - expected.0).abs() < 1e-4 && (range.1 - expected.1).abs() < 1e-4;
+            assert!(close, "{low} … {high} gave {range:?}");
+        };
+        check(-0.43, 2.71, (-0.5, 3.0));
+        check(0.0, 0.0, (-0.1, 0.1));
+        check(-0.5, 1.5, (-0.6, 1.6));
+        check(-12.0, 31.0, (-15.0, 35.0));
+        let (low, high) = (f32::NAN, 1.0);
+        assert_eq!(elevation.fitted(low, high), elevation);
+        let cost = LayerId::Cost.default_palette();
+        assert_eq!(cost.fitted(0.2, 0.3), cost);
+    }
+
+    use crate::layer::Quantisation;
+}

@@ -1,0 +1,90 @@
+//! Staying within the limit.
+
+use super::{Content, TileStore};
+use crate::tile::{TILE_CELLS, TileKey};
+
+/// An entry without cells: its fields, key and share of the tree, rounded up.
+pub(super) const TOMBSTONE_BYTES: usize = 128;
+/// An entry with cells.
+pub(super) const TILE_BYTES: usize = 2 * TILE_CELLS + TOMBSTONE_BYTES;
+
+/// The share of the limit, one part in so many, that an eviction frees beyond need: finding the farthest
+/// tiles looks at all of them, which pays only for many at a time.
+const SLACK: usize = 32;
+/// The share of the limit, one part in so many, that tombstones may take.
+const TOMBSTONE_SHARE: usize = 8;
+
+impl TileStore {
+    /// Makes tombstones of the tiles farthest from the focus, if the limit is passed, and returns their
+    /// keys. A publisher gives each the next revision; a receiver leaves them their own.
+    pub(super) fn evict_beyond_limit(&mut self, is_publisher: bool) -> Vec<TileKey> {
+        if self.bytes_held() <= self.limit_bytes {
+            return Vec::new();
+        }
+        self.forget_old_tombstones();
+        let target_bytes = self.limit_bytes - self.limit_bytes / SLACK;
+        let excess_bytes = self.bytes_held().saturating_sub(target_bytes);
+        let count = excess_bytes.div_ceil(TILE_BYTES - TOMBSTONE_BYTES);
+        let evicted = self.farthest(count);
+        for &key in &evicted {
+            let Some(held) = self.get(key) else { continue };
+            let revision = if is_publisher {
+                self.last_revision + 1
+            } else {
+                held.revision
+            };
+            let tombstone = self.tombstone(revision, Content::Evicted);
+            self.insert(key, tombstone);
+        }
+        self.counters.tiles_evicted += evicted.len() as u64;
+        self.forget_old_tombstones();
+        evicted
+    }
+
+    /// The `count` tiles with cells that are farthest from the focus, farthest first.
+    fn farthest(&self, count: usize) -> Vec<TileKey> {
+        let [focus_x, focus_y] = self.focus_m;
+        let mut by_distance: Vec<(f64, TileKey)> = self
+            .grids()
+            .flat_map(|grid| {
+                self.tiles(grid.layer)
+                    .filter(|(_, stored)| stored.cells().is_some())
+                    .map(move |(key, _)| {
+                        let [x, y] = key.center_m(grid.cell_m);
+                        let (dx, dy) = (x - focus_x, y - focus_y);
+                        (dx * dx + dy * dy, key)
+                    })
+            })
+            .collect();
+        by_distance.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        by_distance.truncate(count);
+        by_distance.into_iter().map(|(_, key)| key).collect()
+    }
+
+    /// Forgets the older half of the tombstones, if they take more than their share.
+    fn forget_old_tombstones(&mut self) {
+        if self.tombstones * TOMBSTONE_BYTES <= self.limit_bytes / TOMBSTONE_SHARE {
+            return;
+        }
+        let mut revisions: Vec<u64> = self
+            .layers
+            .values()
+            .flat_map(|held| held.tiles.values())
+            .filter(|stored| stored.cells().is_none())
+            .map(|stored| stored.revision)
+            .collect();
+        revisions.sort_unstable();
+        let Some(&newest_forgotten) = revisions.get(revisions.len() / 2) else {
+            return;
+        };
+        let before = self.tombstones;
+        for held in self.layers.values_mut() {
+            held.tiles.retain(|_, stored| {
+                let keep = stored.cells().is_some() || stored.revision > newest_forgotten;
+                self.tombstones -= usize::from(!keep);
+                keep
+            });
+        }
+        self.counters.tombstones_forgotten += (before - self.tombstones) as u64;
+    }
+}

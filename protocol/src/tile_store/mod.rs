@@ -1,0 +1,377 @@
+//! Every tile ever published: the one truth that exports, digests, announcements and consoles read.
+//!
+//! The edge [publishes](TileStore::publish) into one store, a console [applies](TileStore::apply) what it
+//! receives to another; when both hold the same cells, their [root digests](TileStore::root_digest) agree.
+//!
+//! A store is bounded. When its tiles outgrow the limit it drops those farthest from the
+//! [focus](TileStore::set_focus) and leaves *tombstones*, entries without cells, whose revisions tell the
+//! other side that the cells are gone. Tombstones are bounded too: past an eighth of the limit the oldest
+//! half is forgotten. Both are counted.
+
+mod bound;
+mod publish;
+mod receive;
+mod root;
+
+use std::collections::{BTreeMap, VecDeque};
+
+use crate::layer::LayerId;
+use crate::tile::{BootId, InvalidCode, TILE_CELLS, Tile, TileCells, TileDigest, TileKey};
+
+pub use publish::Publication;
+pub use receive::Applied;
+pub use root::RootDigest;
+
+/// A layer and the size of its square cells.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LayerGrid {
+    /// The layer.
+    pub layer: LayerId,
+    /// Side of a cell, metres.
+    pub cell_m: f64,
+}
+
+/// Why a store refused.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum StoreError {
+    /// The store has no grid for the tile's layer.
+    #[error("layer {0} has no grid in this store: call set_grid first")]
+    NoGrid(LayerId),
+    /// A cell size that is none.
+    #[error("cell size {cell_m} m of layer {layer} is not a positive number")]
+    CellSize {
+        /// The layer.
+        layer: LayerId,
+        /// The size refused.
+        cell_m: f64,
+    },
+    /// Another cell size while tiles are held.
+    #[error("layer {layer} holds tiles of {held_m} m cells, not {cell_m} m: erase it first")]
+    GridInUse {
+        /// The layer.
+        layer: LayerId,
+        /// The size of the cells held.
+        held_m: f64,
+        /// The size refused.
+        cell_m: f64,
+    },
+    /// A code that the layer does not use.
+    #[error("tile {key}: {source}")]
+    Code {
+        /// The tile refused.
+        key: TileKey,
+        /// Where and what.
+        source: InvalidCode,
+    },
+    /// Cells that are not what the publisher hashed.
+    #[error("tile {key}, revision {revision}: its cells do not match its digest, ask for it again")]
+    Digest {
+        /// The tile refused.
+        key: TileKey,
+        /// Its revision.
+        revision: u64,
+    },
+}
+
+/// What was dropped to stay within the limit, since the store was made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StoreCounters {
+    /// Tiles replaced by tombstones.
+    pub tiles_evicted: u64,
+    /// Tombstones forgotten.
+    pub tombstones_forgotten: u64,
+}
+
+/// One entry of a store.
+#[derive(Clone, Debug)]
+pub struct StoredTile {
+    revision: u64,
+    digest: TileDigest,
+    known: u16,
+    content: Content,
+}
+
+#[derive(Clone, Debug)]
+enum Content {
+    Cells(TileCells),
+    /// Published as all unknown.
+    Blank,
+    /// Dropped to stay within the limit.
+    Evicted,
+}
+
+/// The tiles of all layers of one robot. See the [module](self).
+#[derive(Debug)]
+pub struct TileStore {
+    boot: BootId,
+    last_revision: u64,
+    layers: BTreeMap<LayerId, LayerTiles>,
+    focus_m: [f64; 2],
+    limit_bytes: usize,
+    tiles_held: usize,
+    tombstones: usize,
+    counters: StoreCounters,
+    /// Earlier boots, so that a late tile of theirs does not pass for yet another boot.
+    retired_boots: VecDeque<BootId>,
+    unknown_digest: TileDigest,
+}
+
+#[derive(Debug)]
+struct LayerTiles {
+    cell_m: f64,
+    epoch: u32,
+    head_revision: u64,
+    tiles: BTreeMap<(i32, i32), StoredTile>,
+}
+
+impl StoredTile {
+    /// The revision of its present state.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// The digest of its cells; of all-unknown cells where it holds none.
+    pub fn digest(&self) -> TileDigest {
+        self.digest
+    }
+
+    /// How many of its cells are known.
+    pub fn known(&self) -> usize {
+        usize::from(self.known)
+    }
+
+    /// Its cells; `None` where no cell is known.
+    pub fn cells(&self) -> Option<&TileCells> {
+        match &self.content {
+            Content::Cells(cells) => Some(cells),
+            Content::Blank | Content::Evicted => None,
+        }
+    }
+
+    /// Whether it was dropped to stay within the store's limit.
+    pub fn is_evicted(&self) -> bool {
+        matches!(self.content, Content::Evicted)
+    }
+}
+
+impl TileStore {
+    /// An empty store of run `boot` that keeps its tiles within `store_mb` megabytes (10⁶ bytes, at least
+    /// 1). Its layers come by [`set_grid`](Self::set_grid).
+    pub fn new(boot: BootId, store_mb: u32) -> Self {
+        Self {
+            boot,
+            last_revision: 0,
+            layers: BTreeMap::new(),
+            focus_m: [0.0; 2],
+            limit_bytes: store_mb.max(1) as usize * 1_000_000,
+            tiles_held: 0,
+            tombstones: 0,
+            counters: StoreCounters::default(),
+            retired_boots: VecDeque::new(),
+            unknown_digest: TileCells::unknown().digest(),
+        }
+    }
+
+    /// Adds a layer, or changes the cell size of one that holds nothing.
+    pub fn set_grid(&mut self, grid: LayerGrid) -> Result<(), StoreError> {
+        let LayerGrid { layer, cell_m } = grid;
+        if !(cell_m.is_finite() && cell_m > 0.0) {
+            return Err(StoreError::CellSize { layer, cell_m });
+        }
+        let entry = self.layers.entry(layer).or_insert(LayerTiles {
+            cell_m,
+            epoch: 0,
+            head_revision: 0,
+            tiles: BTreeMap::new(),
+        });
+        if entry.cell_m.to_bits() != cell_m.to_bits() {
+            if !entry.tiles.is_empty() {
+                return Err(StoreError::GridInUse {
+                    layer,
+                    held_m: entry.cell_m,
+                    cell_m,
+                });
+            }
+            entry.cell_m = cell_m;
+        }
+        Ok(())
+    }
+
+    /// Where the vehicle is, metres in `odom`: when space runs out, the tiles farthest from here go first.
+    pub fn set_focus(&mut self, focus_m: [f64; 2]) {
+        self.focus_m = focus_m;
+    }
+
+    /// The run whose revisions the store holds.
+    pub fn boot(&self) -> BootId {
+        self.boot
+    }
+
+    /// The layers with a grid, in wire order.
+    pub fn grids(&self) -> impl Iterator<Item = LayerGrid> {
+        self.layers.iter().map(|(&layer, held)| LayerGrid {
+            layer,
+            cell_m: held.cell_m,
+        })
+    }
+
+    /// The side of a cell of `layer`, metres; `None` where the layer has no grid.
+    pub fn cell_m(&self, layer: LayerId) -> Option<f64> {
+        self.layers.get(&layer).map(|held| held.cell_m)
+    }
+
+    /// How often `layer` has been erased in this boot.
+    pub fn epoch(&self, layer: LayerId) -> u32 {
+        self.layers.get(&layer).map_or(0, |held| held.epoch)
+    }
+
+    /// The greatest revision in `layer`, 0 before the first.
+    pub fn head_revision(&self, layer: LayerId) -> u64 {
+        self.layers.get(&layer).map_or(0, |held| held.head_revision)
+    }
+
+    /// The entry of one tile, tombstones included.
+    pub fn get(&self, key: TileKey) -> Option<&StoredTile> {
+        self.layers.get(&key.layer)?.tiles.get(&(key.tx, key.ty))
+    }
+
+    /// One tile as it is published, tombstones as all-unknown cells.
+    pub fn tile(&self, key: TileKey) -> Option<Tile> {
+        let stored = self.get(key)?;
+        Some(Tile {
+            key,
+            boot: self.boot,
+            epoch: self.epoch(key.layer),
+            revision: stored.revision,
+            digest: stored.digest,
+            cells: stored.cells().cloned().unwrap_or_else(TileCells::unknown),
+        })
+    }
+
+    /// The entries of `layer` in key order, tombstones included.
+    pub fn tiles(&self, layer: LayerId) -> impl Iterator<Item = (TileKey, &StoredTile)> {
+        self.layers
+            .get(&layer)
+            .into_iter()
+            .flat_map(|held| &held.tiles)
+            .map(move |(&(tx, ty), stored)| (TileKey { layer, tx, ty }, stored))
+    }
+
+    /// The entries of `layer` newer than `revision`, in key order, tombstones included.
+    pub fn newer_than(
+        &self,
+        layer: LayerId,
+        revision: u64,
+    ) -> impl Iterator<Item = (TileKey, &StoredTile)> {
+        self.tiles(layer)
+            .filter(move |(_, stored)| stored.revision > revision)
+    }
+
+    /// How many cells of `layer` are known.
+    pub fn cells_known(&self, layer: LayerId) -> u64 {
+        self.tiles(layer)
+            .map(|(_, stored)| u64::from(stored.known))
+            .sum()
+    }
+
+    /// How many cells of `layer` are in each of its classes, in the order of
+    /// [`LayerId::classes`]; empty for a continuous layer.
+    pub fn class_counts(&self, layer: LayerId) -> Vec<(&'static str, u64)> {
+        let classes = layer.classes();
+        let mut counts = vec![0_u64; classes.len() + 1];
+        if !classes.is_empty() {
+            let cells = self.tiles(layer).filter_map(|(_, stored)| stored.cells());
+            for &code in cells.flat_map(TileCells::codes) {
+                counts[usize::from(code)] += 1;
+            }
+        }
+        classes
+            .iter()
+            .zip(&counts[1..])
+            .map(|(class, &count)| (class.name, count))
+            .collect()
+    }
+
+    /// Bytes that `layer` takes in memory.
+    pub fn bytes(&self, layer: LayerId) -> u64 {
+        self.tiles(layer)
+            .map(|(_, stored)| match stored.content {
+                Content::Cells(_) => bound::TILE_BYTES as u64,
+                Content::Blank | Content::Evicted => bound::TOMBSTONE_BYTES as u64,
+            })
+            .sum()
+    }
+
+    /// Bytes that all layers take in memory: at most the limit.
+    pub fn bytes_held(&self) -> usize {
+        self.tiles_held * bound::TILE_BYTES + self.tombstones * bound::TOMBSTONE_BYTES
+    }
+
+    /// What was dropped to stay within the limit.
+    pub fn counters(&self) -> StoreCounters {
+        self.counters
+    }
+
+    /// Puts an entry where its key says and keeps the tallies; the layer must have a grid.
+    fn insert(&mut self, key: TileKey, stored: StoredTile) {
+        let Some(held) = self.layers.get_mut(&key.layer) else {
+            return;
+        };
+        held.head_revision = held.head_revision.max(stored.revision);
+        self.last_revision = self.last_revision.max(stored.revision);
+        match stored.content {
+            Content::Cells(_) => self.tiles_held += 1,
+            Content::Blank | Content::Evicted => self.tombstones += 1,
+        }
+        match held.tiles.insert((key.tx, key.ty), stored) {
+            Some(StoredTile {
+                content: Content::Cells(_),
+                ..
+            }) => self.tiles_held -= 1,
+            Some(_) => self.tombstones -= 1,
+            None => {}
+        }
+    }
+
+    /// Drops every entry of `layer`, which from now on is of `epoch`.
+    fn clear_layer(&mut self, layer: LayerId, epoch: u32) {
+        let Some(held) = self.layers.get_mut(&layer) else {
+            return;
+        };
+        held.epoch = epoch;
+        for stored in std::mem::take(&mut held.tiles).into_values() {
+            match stored.content {
+                Content::Cells(_) => self.tiles_held -= 1,
+                Content::Blank | Content::Evicted => self.tombstones -= 1,
+            }
+        }
+    }
+
+    /// The entry for `cells`; all-unknown cells take no space.
+    fn entry(&self, revision: u64, cells: TileCells) -> StoredTile {
+        match cells.known() {
+            0 => self.tombstone(revision, Content::Blank),
+            known => StoredTile {
+                revision,
+                digest: cells.digest(),
+                known: known as u16,
+                content: Content::Cells(cells),
+            },
+        }
+    }
+
+    fn tombstone(&self, revision: u64, content: Content) -> StoredTile {
+        StoredTile {
+            revision,
+            digest: self.unknown_digest,
+            known: 0,
+            content,
+        }
+    }
+}
+
+// A tile's known cells fit the u16 that counts them.
+const _: () = assert!(TILE_CELLS <= u16::MAX as usize);
+
+#[cfg(test)]
+mod tests;
