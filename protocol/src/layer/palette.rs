@@ -196,6 +196,7 @@ pub(super) fn round_step(span: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::layer::Quantisation;
 
     fn palette(layer: LayerId, scheme: Scheme) -> Palette {
         layer
@@ -260,6 +261,4 @@ mod tests {
         let cost = LayerId::Cost.default_palette();
         assert_eq!(cost.fitted(0.2, 0.3), cost);
     }
-
-    use crate::layer::Quantisation;
 }

@@ -163,7 +163,7 @@ impl TileStore {
             last_revision: 0,
             layers: BTreeMap::new(),
             focus_m: [0.0; 2],
-            limit_bytes: store_mb.max(1) as usize * 1_000_000,
+            limit_bytes: (store_mb.max(1) as usize).saturating_mul(1_000_000),
             tiles_held: 0,
             tombstones: 0,
             counters: StoreCounters::default(),
@@ -265,6 +265,13 @@ impl TileStore {
     ) -> impl Iterator<Item = (TileKey, &StoredTile)> {
         self.tiles(layer)
             .filter(move |(_, stored)| stored.revision > revision)
+    }
+
+    /// How many tiles of `layer` have known cells.
+    pub fn tile_count(&self, layer: LayerId) -> usize {
+        self.tiles(layer)
+            .filter(|(_, stored)| stored.known > 0)
+            .count()
     }
 
     /// How many cells of `layer` are known.
