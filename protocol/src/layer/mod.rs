@@ -107,7 +107,7 @@ impl LayerId {
             Self::Occupancy => "probability of being occupied",
             Self::Elevation => "height above ground plane",
             Self::Obstacle => "obstacle",
-            Self::Cost => "traversal cost",
+            Self::Cost => "slope cost, 1 is fatal",
             Self::Rigidity => "rigidity",
             Self::Shore => "shore",
         }
