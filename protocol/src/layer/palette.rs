@@ -63,9 +63,9 @@ impl LayerId {
     }
 
     fn class_color(self, index: usize) -> Rgb {
-        use okabe_ito::{BLUE, BLUISH_GREEN, REDDISH_PURPLE, SKY_BLUE, VERMILLION, YELLOW};
+        use okabe_ito::{BLUE, BLUISH_GREEN, REDDISH_PURPLE, VERMILLION, YELLOW};
         let colors: &[Rgb] = match self {
-            Self::Obstacle => &[SKY_BLUE, VERMILLION],
+            Self::Obstacle => &[BLUE, VERMILLION],
             Self::Rigidity => &[BLUISH_GREEN, VERMILLION],
             Self::Shore => &[YELLOW, BLUISH_GREEN, BLUE, REDDISH_PURPLE],
             Self::Occupancy | Self::Elevation | Self::Cost => &[],
