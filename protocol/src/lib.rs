@@ -4,8 +4,8 @@
 //! layer; the [`tile_store`] holds every tile ever published, on either side; a [`mosaic`] joins tiles
 //! into one raster; an [`export`] writes a raster to a file.
 
-// pub mod export;
+pub mod export;
 pub mod layer;
-// pub mod mosaic;
+pub mod mosaic;
 pub mod tile;
 pub mod tile_store;

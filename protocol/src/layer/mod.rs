@@ -107,7 +107,7 @@ impl LayerId {
             Self::Occupancy => "probability of being occupied",
             Self::Elevation => "height above ground plane",
             Self::Obstacle => "obstacle",
-            Self::Cost => "traversal cost",
+            Self::Cost => "slope cost, 1 is fatal",
             Self::Rigidity => "rigidity",
             Self::Shore => "shore",
         }
@@ -182,6 +182,9 @@ impl FromStr for LayerId {
 
 #[cfg(test)]
 mod tests {
+    use serde::de::IntoDeserializer;
+    use serde::de::value::StrDeserializer;
+
     use super::*;
 
     #[test]
@@ -189,6 +192,9 @@ mod tests {
         for layer in LayerId::ALL {
             assert_eq!(layer.name().parse(), Ok(layer));
             assert_eq!(layer.to_string(), layer.name());
+            let name: StrDeserializer<'_, serde::de::value::Error> =
+                layer.name().into_deserializer();
+            assert_eq!(LayerId::deserialize(name), Ok(layer));
         }
         let message = "ocupancy".parse::<LayerId>().unwrap_err().to_string();
         for layer in LayerId::ALL {

@@ -63,9 +63,9 @@ impl LayerId {
     }
 
     fn class_color(self, index: usize) -> Rgb {
-        use okabe_ito::{BLUE, BLUISH_GREEN, REDDISH_PURPLE, SKY_BLUE, VERMILLION, YELLOW};
+        use okabe_ito::{BLUE, BLUISH_GREEN, REDDISH_PURPLE, VERMILLION, YELLOW};
         let colors: &[Rgb] = match self {
-            Self::Obstacle => &[SKY_BLUE, VERMILLION],
+            Self::Obstacle => &[BLUE, VERMILLION],
             Self::Rigidity => &[BLUISH_GREEN, VERMILLION],
             Self::Shore => &[YELLOW, BLUISH_GREEN, BLUE, REDDISH_PURPLE],
             Self::Occupancy | Self::Elevation | Self::Cost => &[],
@@ -196,6 +196,7 @@ pub(super) fn round_step(span: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::layer::Quantisation;
 
     fn palette(layer: LayerId, scheme: Scheme) -> Palette {
         layer
@@ -260,6 +261,4 @@ mod tests {
         let cost = LayerId::Cost.default_palette();
         assert_eq!(cost.fitted(0.2, 0.3), cost);
     }
-
-    use crate::layer::Quantisation;
 }

@@ -51,7 +51,6 @@ pub(super) const MAGMA_REVERSED: [Rgb; 17] = [
 pub(super) mod okabe_ito {
     use super::Rgb;
 
-    pub(in crate::layer) const SKY_BLUE: Rgb = [0x56, 0xb4, 0xe9];
     pub(in crate::layer) const BLUISH_GREEN: Rgb = [0x00, 0x9e, 0x73];
     pub(in crate::layer) const YELLOW: Rgb = [0xf0, 0xe4, 0x42];
     pub(in crate::layer) const BLUE: Rgb = [0x00, 0x72, 0xb2];

@@ -56,7 +56,9 @@ impl Quantisation {
             Self::Classes(classes) => classes
                 .iter()
                 .zip(1..)
-                .find_map(|(class, code)| (f32::from(class.value) == value).then_some(code))
+                .find_map(|(class, code)| {
+                    (f32::from(class.value).to_bits() == value.to_bits()).then_some(code)
+                })
                 .unwrap_or(UNKNOWN),
         }
     }

@@ -16,9 +16,11 @@ use crate::layer::LayerId;
 pub use cells::{InvalidCode, TileCells};
 
 /// Cells along one side of a tile.
-pub const TILE_SIDE: usize = 64;
+pub const TILE_SIDE: usize = SIDE as usize;
 /// Cells in a tile.
 pub const TILE_CELLS: usize = TILE_SIDE * TILE_SIDE;
+/// [`TILE_SIDE`] for cell indices.
+pub(crate) const SIDE: i64 = 64;
 
 /// Which tile of which layer. Ordered by layer, then `tx`, then `ty`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -34,18 +36,16 @@ pub struct TileKey {
 impl TileKey {
     /// The tile that holds cell `(cx, cy)`; `None` where it is more than 2³¹ tiles from the origin.
     pub fn of_cell(layer: LayerId, cx: i64, cy: i64) -> Option<Self> {
-        let side = TILE_SIDE as i64;
         Some(Self {
             layer,
-            tx: i32::try_from(cx.div_euclid(side)).ok()?,
-            ty: i32::try_from(cy.div_euclid(side)).ok()?,
+            tx: i32::try_from(cx.div_euclid(SIDE)).ok()?,
+            ty: i32::try_from(cy.div_euclid(SIDE)).ok()?,
         })
     }
 
     /// The indices of the tile's cell with the lowest x and y.
     pub fn first_cell(self) -> (i64, i64) {
-        let side = TILE_SIDE as i64;
-        (i64::from(self.tx) * side, i64::from(self.ty) * side)
+        (i64::from(self.tx) * SIDE, i64::from(self.ty) * SIDE)
     }
 
     /// The tile's centre in `odom`, metres.
@@ -116,6 +116,6 @@ mod tests {
         ];
         assert!(sorted.is_sorted());
         assert_eq!(sorted[1].to_string(), "elevation/-3/9");
-        assert_eq!(sorted[1].center_m(0.5), [-80.0, 304.0]);
+        assert_eq!(sorted[1].center_m(0.5).map(|m| m as i32), [-80, 304]);
     }
 }

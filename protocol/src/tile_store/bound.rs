@@ -1,6 +1,7 @@
 //! Staying within the limit.
 
-use super::{Content, TileStore};
+use super::TileStore;
+use super::stored_tile::Content;
 use crate::tile::{TILE_CELLS, TileKey};
 
 /// An entry without cells: its fields, key and share of the tree, rounded up.

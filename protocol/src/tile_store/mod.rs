@@ -9,18 +9,24 @@
 //! half is forgotten. Both are counted.
 
 mod bound;
+mod error;
 mod publish;
 mod receive;
 mod root;
+mod stored_tile;
 
 use std::collections::{BTreeMap, VecDeque};
 
 use crate::layer::LayerId;
-use crate::tile::{BootId, InvalidCode, TILE_CELLS, Tile, TileCells, TileDigest, TileKey};
+use crate::tile::{BootId, Tile, TileCells, TileDigest, TileKey};
 
+pub use error::StoreError;
 pub use publish::Publication;
 pub use receive::Applied;
 pub use root::RootDigest;
+pub use stored_tile::StoredTile;
+
+use stored_tile::Content;
 
 /// A layer and the size of its square cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,48 +37,6 @@ pub struct LayerGrid {
     pub cell_m: f64,
 }
 
-/// Why a store refused.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum StoreError {
-    /// The store has no grid for the tile's layer.
-    #[error("layer {0} has no grid in this store: call set_grid first")]
-    NoGrid(LayerId),
-    /// A cell size that is none.
-    #[error("cell size {cell_m} m of layer {layer} is not a positive number")]
-    CellSize {
-        /// The layer.
-        layer: LayerId,
-        /// The size refused.
-        cell_m: f64,
-    },
-    /// Another cell size while tiles are held.
-    #[error("layer {layer} holds tiles of {held_m} m cells, not {cell_m} m: erase it first")]
-    GridInUse {
-        /// The layer.
-        layer: LayerId,
-        /// The size of the cells held.
-        held_m: f64,
-        /// The size refused.
-        cell_m: f64,
-    },
-    /// A code that the layer does not use.
-    #[error("tile {key}: {source}")]
-    Code {
-        /// The tile refused.
-        key: TileKey,
-        /// Where and what.
-        source: InvalidCode,
-    },
-    /// Cells that are not what the publisher hashed.
-    #[error("tile {key}, revision {revision}: its cells do not match its digest, ask for it again")]
-    Digest {
-        /// The tile refused.
-        key: TileKey,
-        /// Its revision.
-        revision: u64,
-    },
-}
-
 /// What was dropped to stay within the limit, since the store was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StoreCounters {
@@ -80,24 +44,6 @@ pub struct StoreCounters {
     pub tiles_evicted: u64,
     /// Tombstones forgotten.
     pub tombstones_forgotten: u64,
-}
-
-/// One entry of a store.
-#[derive(Clone, Debug)]
-pub struct StoredTile {
-    revision: u64,
-    digest: TileDigest,
-    known: u16,
-    content: Content,
-}
-
-#[derive(Clone, Debug)]
-enum Content {
-    Cells(TileCells),
-    /// Published as all unknown.
-    Blank,
-    /// Dropped to stay within the limit.
-    Evicted,
 }
 
 /// The tiles of all layers of one robot. See the [module](self).
@@ -124,36 +70,6 @@ struct LayerTiles {
     tiles: BTreeMap<(i32, i32), StoredTile>,
 }
 
-impl StoredTile {
-    /// The revision of its present state.
-    pub fn revision(&self) -> u64 {
-        self.revision
-    }
-
-    /// The digest of its cells; of all-unknown cells where it holds none.
-    pub fn digest(&self) -> TileDigest {
-        self.digest
-    }
-
-    /// How many of its cells are known.
-    pub fn known(&self) -> usize {
-        usize::from(self.known)
-    }
-
-    /// Its cells; `None` where no cell is known.
-    pub fn cells(&self) -> Option<&TileCells> {
-        match &self.content {
-            Content::Cells(cells) => Some(cells),
-            Content::Blank | Content::Evicted => None,
-        }
-    }
-
-    /// Whether it was dropped to stay within the store's limit.
-    pub fn is_evicted(&self) -> bool {
-        matches!(self.content, Content::Evicted)
-    }
-}
-
 impl TileStore {
     /// An empty store of run `boot` that keeps its tiles within `store_mb` megabytes (10⁶ bytes, at least
     /// 1). Its layers come by [`set_grid`](Self::set_grid).
@@ -163,7 +79,7 @@ impl TileStore {
             last_revision: 0,
             layers: BTreeMap::new(),
             focus_m: [0.0; 2],
-            limit_bytes: store_mb.max(1) as usize * 1_000_000,
+            limit_bytes: (store_mb.max(1) as usize).saturating_mul(1_000_000),
             tiles_held: 0,
             tombstones: 0,
             counters: StoreCounters::default(),
@@ -265,6 +181,13 @@ impl TileStore {
     ) -> impl Iterator<Item = (TileKey, &StoredTile)> {
         self.tiles(layer)
             .filter(move |(_, stored)| stored.revision > revision)
+    }
+
+    /// How many tiles of `layer` have known cells.
+    pub fn tile_count(&self, layer: LayerId) -> usize {
+        self.tiles(layer)
+            .filter(|(_, stored)| stored.known > 0)
+            .count()
     }
 
     /// How many cells of `layer` are known.
@@ -369,9 +292,6 @@ impl TileStore {
         }
     }
 }
-
-// A tile's known cells fit the u16 that counts them.
-const _: () = assert!(TILE_CELLS <= u16::MAX as usize);
 
 #[cfg(test)]
 mod tests;

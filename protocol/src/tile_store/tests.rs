@@ -68,6 +68,7 @@ fn tiles_come_in_key_order_with_their_counts() {
         .map(|(key, _)| (key.tx, key.ty))
         .collect();
     assert_eq!(places, [(-1, 3), (-1, 4), (1, -7), (1, -5)]);
+    assert_eq!(store.tile_count(LayerId::Obstacle), 4);
     assert_eq!(store.cells_known(LayerId::Obstacle), 4 * 65);
     assert_eq!(
         store.class_counts(LayerId::Obstacle),

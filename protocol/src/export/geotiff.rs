@@ -1,0 +1,179 @@
+//! A raster as `GeoTIFF` (OGC 19-008r4): a layer's values in its sample type, placed in `odom` metres.
+//!
+//! Row 0 is the greatest y. The coordinate system is user-defined and local: metres, named `odom`. Values
+//! are deflated strip by strip, so memory beside the raster stays at one strip.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+use tiff::encoder::{DirectoryEncoder, TiffEncoder, TiffKindStandard};
+use tiff::tags::{CompressionMethod, PhotometricInterpretation, SampleFormat, Tag};
+use tiff::{TiffError, TiffResult};
+
+use super::ExportError;
+use super::whole_file::write_whole;
+use crate::layer::{LayerId, SampleType};
+use crate::mosaic::Raster;
+
+type Directory<'a> = DirectoryEncoder<'a, &'a mut BufWriter<File>, TiffKindStandard>;
+
+/// A strip holds about this much before it is compressed.
+const STRIP_BYTES: usize = 256 * 1024;
+/// GDAL's tag for item names and units as XML.
+const GDAL_METADATA: Tag = Tag::Unknown(42112);
+
+/// Writes `raster` as a `GeoTIFF` with the layer's values.
+pub fn write_geotiff(path: &Path, raster: &Raster) -> Result<(), ExportError> {
+    write_whole(path, |writer| {
+        encode(writer, raster).map_err(|error| {
+            let path = path.to_owned();
+            if let TiffError::IoError(source) = error {
+                ExportError::Io { path, source }
+            } else {
+                let source = error;
+                ExportError::Tiff { path, source }
+            }
+        })
+    })
+}
+
+fn encode(writer: &mut BufWriter<File>, raster: &Raster) -> TiffResult<()> {
+    let sample = raster.layer().sample_type();
+    let row_bytes = raster.width() * sample.bytes();
+    let rows_per_strip = (STRIP_BYTES / row_bytes).clamp(1, raster.height());
+    let mut tiff = TiffEncoder::new(writer)?;
+    let mut directory = tiff.image_directory()?;
+
+    let mut offsets = Vec::new();
+    let mut byte_counts = Vec::new();
+    for first_row in (0..raster.height()).step_by(rows_per_strip) {
+        let end_row = (first_row + rows_per_strip).min(raster.height());
+        let mut strip = deflate_rows(raster, sample, first_row..end_row)?;
+        byte_counts.push(u32::try_from(strip.len())?);
+        // What follows has to start at an even offset.
+        if strip.len() % 2 == 1 {
+            strip.push(0);
+        }
+        offsets.push(u32::try_from(directory.write_data(strip.as_slice())?)?);
+    }
+
+    directory.write_tag(Tag::ImageWidth, u32::try_from(raster.width())?)?;
+    directory.write_tag(Tag::ImageLength, u32::try_from(raster.height())?)?;
+    directory.write_tag(Tag::BitsPerSample, 8 * sample.bytes() as u16)?;
+    directory.write_tag(Tag::SampleFormat, sample.format().to_u16())?;
+    directory.write_tag(Tag::SamplesPerPixel, 1_u16)?;
+    directory.write_tag(Tag::Compression, CompressionMethod::Deflate.to_u16())?;
+    directory.write_tag(
+        Tag::PhotometricInterpretation,
+        PhotometricInterpretation::BlackIsZero.to_u16(),
+    )?;
+    directory.write_tag(Tag::RowsPerStrip, u32::try_from(rows_per_strip)?)?;
+    directory.write_tag(Tag::StripOffsets, offsets.as_slice())?;
+    directory.write_tag(Tag::StripByteCounts, byte_counts.as_slice())?;
+    write_position(&mut directory, raster)?;
+    write_meaning(&mut directory, raster.layer())?;
+    directory.finish()
+}
+
+/// Rows of the file, 0 the greatest y, as one zlib stream of samples in this machine's byte order, which
+/// is the one the `tiff` crate writes.
+fn deflate_rows(
+    raster: &Raster,
+    sample: SampleType,
+    file_rows: std::ops::Range<usize>,
+) -> io::Result<Vec<u8>> {
+    let quantisation = raster.layer().quantisation();
+    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
+    let mut bytes = Vec::with_capacity(raster.width() * sample.bytes());
+    for file_row in file_rows {
+        bytes.clear();
+        for &code in raster.row(raster.height() - 1 - file_row) {
+            let value = quantisation.decode(code);
+            match sample {
+                SampleType::F32 => bytes.extend(value.unwrap_or(f32::NAN).to_ne_bytes()),
+                SampleType::I8 => bytes.extend((value.unwrap_or(0.0) as i8).to_ne_bytes()),
+                SampleType::U8 => bytes.push(value.unwrap_or(0.0) as u8),
+            }
+        }
+        encoder.write_all(&bytes)?;
+    }
+    encoder.finish()
+}
+
+fn write_position(directory: &mut Directory<'_>, raster: &Raster) -> TiffResult<()> {
+    let ([x_min_m, _], [_, y_max_m]) = raster.corners_m();
+    let cell_m = raster.cell_m();
+    let citation = "odom|";
+    // Header: version 1.1.0 and the number of keys. Each key: id, where its value is (0 here, else a tag),
+    // how many, value or offset.
+    let geo_keys: [[u16; 4]; 5] = [
+        [1, 1, 0, 4],
+        [1024, 0, 1, 32767], // GTModelType: user-defined
+        [1025, 0, 1, 1],     // GTRasterType: a pixel is an area
+        [
+            1026,
+            Tag::GeoAsciiParamsTag.to_u16(),
+            citation.len() as u16,
+            0,
+        ], // GTCitation
+        [3076, 0, 1, 9001],  // ProjLinearUnits: metre
+    ];
+    directory.write_tag(Tag::ModelPixelScaleTag, [cell_m, cell_m, 0.0])?;
+    directory.write_tag(
+        Tag::ModelTiepointTag,
+        [0.0, 0.0, 0.0, x_min_m, y_max_m, 0.0],
+    )?;
+    directory.write_tag(Tag::GeoKeyDirectoryTag, geo_keys.as_flattened())?;
+    directory.write_tag(Tag::GeoAsciiParamsTag, citation)
+}
+
+fn write_meaning(directory: &mut Directory<'_>, layer: LayerId) -> TiffResult<()> {
+    let no_data = match layer.sample_type() {
+        SampleType::F32 => "nan",
+        SampleType::I8 | SampleType::U8 => "0",
+    };
+    directory.write_tag(Tag::GdalNodata, no_data)?;
+
+    let classes: Vec<String> = layer
+        .classes()
+        .iter()
+        .map(|class| format!("{} {}", class.value, class.name))
+        .collect();
+    let meaning = if classes.is_empty() {
+        layer.meaning().to_owned()
+    } else {
+        format!("{}: {}", layer.meaning(), classes.join(", "))
+    };
+    let unit = layer.unit().map_or_else(String::new, |unit| {
+        format!("<Item name=\"UNITTYPE\" sample=\"0\" role=\"unittype\">{unit}</Item>")
+    });
+    let mut xml = format!(
+        "<GDALMetadata><Item name=\"DESCRIPTION\" sample=\"0\" role=\"description\">{meaning}</Item>\
+         {unit}</GDALMetadata>"
+    );
+    // With its terminator the text has an even length, and what follows starts at an even offset.
+    if xml.len() % 2 == 0 {
+        xml.push('\n');
+    }
+    directory.write_tag(GDAL_METADATA, xml.as_str())
+}
+
+impl SampleType {
+    const fn bytes(self) -> usize {
+        match self {
+            Self::F32 => 4,
+            Self::I8 | Self::U8 => 1,
+        }
+    }
+
+    const fn format(self) -> SampleFormat {
+        match self {
+            Self::F32 => SampleFormat::IEEEFP,
+            Self::I8 => SampleFormat::Int,
+            Self::U8 => SampleFormat::Uint,
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! Occupancy as `map_server` of ROS and Nav2 reads it: PGM and YAML in trinary mode.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use super::ExportError;
+use super::whole_file::write_whole;
+use crate::mosaic::Raster;
+
+/// At least this probability is occupied; `map_saver`'s default.
+const OCCUPIED_MIN: f32 = 0.65;
+/// At most this probability is free; `map_saver`'s default, just below what grey 205 reads back as.
+const FREE_MAX: f32 = 0.196;
+const OCCUPIED: u8 = 0;
+const FREE: u8 = 254;
+const UNDECIDED: u8 = 205;
+
+/// Writes `<name>.pgm` and `<name>.yaml` to `dir` and returns their paths.
+///
+/// Row 0 is the greatest y; `origin` is the lower left corner of the lower left cell.
+pub fn write_map_server(
+    dir: &Path,
+    name: &str,
+    raster: &Raster,
+) -> Result<[PathBuf; 2], ExportError> {
+    let pgm = dir.join(format!("{name}.pgm"));
+    let yaml = dir.join(format!("{name}.yaml"));
+    let io_error = |path: &Path| {
+        let path = path.to_owned();
+        move |source| ExportError::Io { path, source }
+    };
+    write_whole(&pgm, |writer| {
+        write_pgm(writer, raster).map_err(io_error(&pgm))
+    })?;
+    let ([x_m, y_m], _) = raster.corners_m();
+    write_whole(&yaml, |writer| {
+        write!(
+            writer,
+            "image: {name}.pgm\n\
+             mode: trinary\n\
+             resolution: {:?}\n\
+             origin: [{x_m:?}, {y_m:?}, 0.0]\n\
+             negate: 0\n\
+             occupied_thresh: {OCCUPIED_MIN}\n\
+             free_thresh: {FREE_MAX}\n",
+            raster.cell_m(),
+        )
+        .map_err(io_error(&yaml))
+    })?;
+    Ok([pgm, yaml])
+}
+
+fn write_pgm(writer: &mut impl Write, raster: &Raster) -> std::io::Result<()> {
+    write!(writer, "P5\n{} {}\n255\n", raster.width(), raster.height())?;
+    let mut pixels = Vec::with_capacity(raster.width());
+    for y in (0..raster.height()).rev() {
+        pixels.clear();
+        pixels.extend(raster.row(y).iter().map(|&code| {
+            match raster.layer().quantisation().decode(code) {
+                Some(probability) if probability >= OCCUPIED_MIN => OCCUPIED,
+                Some(probability) if probability <= FREE_MAX => FREE,
+                Some(_) | None => UNDECIDED,
+            }
+        }));
+        writer.write_all(&pixels)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,135 @@
+//! A raster as a picture: title, map on a neutral ground, scale bar, legend with numbers or names.
+
+mod canvas;
+mod legend;
+mod map;
+mod scale_bar;
+mod text;
+
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::Path;
+
+use self::canvas::{Canvas, Rect};
+use self::map::Magnification;
+use self::text::Lettering;
+use super::ExportError;
+use super::whole_file::write_whole;
+use crate::layer::Palette;
+use crate::mosaic::Raster;
+
+const PAGE: [u8; 3] = [250, 250, 251];
+/// Bluish, so that no grey of an occupancy map is mistaken for it.
+const GROUND: [u8; 3] = [180, 192, 206];
+const INK: [u8; 3] = [24, 28, 34];
+const FAINT_INK: [u8; 3] = [92, 98, 108];
+
+const MARGIN: u32 = 28;
+const TITLE_PX: f32 = 30.0;
+const TEXT_PX: f32 = 19.0;
+const LINE_HEIGHT: u32 = 24;
+/// Ground left free around the map.
+const MAP_PADDING: u32 = 14;
+/// Narrower maps are centred on this much ground, so that title and scale bar have room.
+const GROUND_SIDE_MIN: u32 = 420;
+
+/// Writes `raster` in the colours of `palette` with `title` above it.
+///
+/// Small maps are magnified by a whole factor; of maps more than 4096 cells wide or high each pixel shows
+/// the highest code of a square of cells, so that walls stay visible.
+pub fn write_picture(
+    path: &Path,
+    raster: &Raster,
+    palette: &Palette,
+    title: &str,
+) -> Result<(), ExportError> {
+    let canvas = draw(raster, palette, title);
+    write_whole(path, |writer| {
+        encode(writer, &canvas).map_err(|error| {
+            let path = path.to_owned();
+            if let png::EncodingError::IoError(source) = error {
+                ExportError::Io { path, source }
+            } else {
+                let source = error;
+                ExportError::Png { path, source }
+            }
+        })
+    })
+}
+
+fn encode(writer: &mut BufWriter<File>, canvas: &Canvas) -> Result<(), png::EncodingError> {
+    let mut encoder = png::Encoder::new(writer, canvas.width(), canvas.height());
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    let mut image = encoder.write_header()?;
+    image.write_image_data(canvas.rgb())?;
+    image.finish()
+}
+
+/// The page: title and subtitle, below them the map on its ground with the legend to its right, below the
+/// map the scale bar.
+fn draw(raster: &Raster, palette: &Palette, title: &str) -> Canvas {
+    let lettering = Lettering::new();
+    let legend = palette.legend();
+    let magnification = Magnification::of(raster);
+    let (map_width, map_height) = magnification.pixels(raster);
+    let legend_size = legend::size(&lettering, &legend);
+
+    let heading = if title.is_empty() {
+        raster.layer().name().to_owned()
+    } else {
+        format!("{title} — {}", raster.layer().name())
+    };
+    let heading_height = 2 * LINE_HEIGHT + 18;
+    let ground = Rect {
+        x: MARGIN,
+        y: MARGIN + heading_height,
+        width: (map_width + 2 * MAP_PADDING).max(GROUND_SIDE_MIN),
+        height: (map_height + 2 * MAP_PADDING).max(legend_size.1),
+    };
+    let legend_x = ground.right() + MARGIN;
+    let heading_width = lettering.width(&heading, TITLE_PX);
+    let page_width = (legend_x + legend_size.0).max(MARGIN + heading_width) + MARGIN;
+    let page_height = ground.bottom() + scale_bar::HEIGHT + MARGIN;
+
+    let mut canvas = Canvas::new(page_width, page_height, PAGE);
+    lettering.draw(&mut canvas, (MARGIN, MARGIN), TITLE_PX, INK, &heading);
+    let subtitle_y = MARGIN + LINE_HEIGHT + 14;
+    let subtitle = subtitle(raster, &magnification);
+    lettering.draw(
+        &mut canvas,
+        (MARGIN, subtitle_y),
+        TEXT_PX,
+        FAINT_INK,
+        &subtitle,
+    );
+
+    canvas.fill(ground, GROUND);
+    let map_x = ground.x + (ground.width - map_width) / 2;
+    let map_y = ground.y + (ground.height - map_height) / 2;
+    magnification.draw(&mut canvas, (map_x, map_y), raster, palette);
+    legend::draw(&mut canvas, &lettering, (legend_x, ground.y), &legend);
+    scale_bar::draw(
+        &mut canvas,
+        &lettering,
+        (ground.x, ground.bottom()),
+        magnification.pixels_per_m(raster.cell_m()),
+        ground.width,
+    );
+    canvas
+}
+
+fn subtitle(raster: &Raster, magnification: &Magnification) -> String {
+    let ([x_min, y_min], [x_max, y_max]) = raster.corners_m();
+    let cell_m = (raster.cell_m() * 1e4).round() / 1e4;
+    let (width_m, height_m) = (x_max - x_min, y_max - y_min);
+    let decimals = if width_m.min(height_m) < 10.0 { 2 } else { 1 };
+    let size = format!("{width_m:.decimals$} × {height_m:.decimals$} m, cells of {cell_m} m");
+    match magnification.cells_per_pixel() {
+        None => size,
+        Some(cells) => format!("{size}, a pixel is {cells} × {cells} cells"),
+    }
+}
+
+#[cfg(test)]
+mod tests;

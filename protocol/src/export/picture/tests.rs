@@ -1,0 +1,54 @@
+use super::map::Magnification;
+use super::*;
+use crate::export::tests::raster_of;
+use crate::layer::LayerId;
+
+fn pixel(canvas: &Canvas, x: u32, y: u32) -> [u8; 3] {
+    let start = 3 * (y as usize * canvas.width() as usize + x as usize);
+    canvas.rgb()[start..start + 3].try_into().unwrap()
+}
+
+#[test]
+fn the_map_stands_upright_in_its_colours() {
+    let raster = raster_of(LayerId::Obstacle, 0.5, 10, 10, |x, y| match (x, y) {
+        (0, 0) | (9, 9) => 1,
+        (9, 0) => 2,
+        _ => 0,
+    });
+    let palette = LayerId::Obstacle.default_palette();
+    let canvas = draw(&raster, &palette, "test");
+    let magnification = Magnification::of(&raster);
+    assert_eq!(magnification, Magnification::PixelsPerCell(24));
+    let [red, green, blue, _] = palette.color(2);
+    let obstacle: Vec<(u32, u32)> = (0..canvas.height())
+        .flat_map(|y| (0..MARGIN + GROUND_SIDE_MIN).map(move |x| (x, y)))
+        .filter(|&(x, y)| pixel(&canvas, x, y) == [red, green, blue])
+        .collect();
+    assert_eq!(obstacle.len(), 24 * 24, "one cell, lower right");
+    let (x, y) = obstacle[0];
+    assert_eq!(pixel(&canvas, x, y - 1), GROUND, "unknown shows the ground");
+    let [red, green, blue, _] = palette.color(1);
+    assert_eq!(
+        pixel(&canvas, x, y - 9 * 24),
+        [red, green, blue],
+        "upper right is free"
+    );
+}
+
+#[test]
+fn huge_maps_are_reduced_and_keep_their_walls() {
+    let raster = raster_of(LayerId::Occupancy, 0.1, 9000, 20, |x, _| {
+        if x == 4501 { 246 } else { 6 }
+    });
+    assert_eq!(Magnification::of(&raster), Magnification::CellsPerPixel(3));
+    let palette = LayerId::Occupancy.default_palette();
+    let canvas = draw(&raster, &palette, "");
+    assert!(canvas.width() < 3000 + 400, "{}", canvas.width());
+    let [wall, ..] = palette.color(246);
+    let dark = canvas
+        .rgb()
+        .chunks(3)
+        .filter(|pixel| **pixel == [wall; 3])
+        .count();
+    assert!(dark >= 7, "the wall has vanished");
+}
