@@ -33,7 +33,12 @@ fn lines_with(folder: &str, words: &[&str], except: &[&str]) -> Vec<String> {
         for (number, line) in fs::read_to_string(&path).unwrap().lines().enumerate() {
             let code = line.split("//").next().unwrap_or_default();
             if words.iter().any(|word| code.contains(word)) {
-                found.push(format!("{}:{}: {}", path.display(), number + 1, line.trim()));
+                found.push(format!(
+                    "{}:{}: {}",
+                    path.display(),
+                    number + 1,
+                    line.trim()
+                ));
             }
         }
     }
@@ -43,9 +48,23 @@ fn lines_with(folder: &str, words: &[&str], except: &[&str]) -> Vec<String> {
 #[test]
 fn mapping_is_pure() {
     let words = [
-        "std::fs", "std::io", "std::net", "std::thread", "std::time", "mpsc", "Instant", "SystemTime",
-        "tokio", "zenoh", "protocol", "crate::clock", "crate::recording", "crate::streaming", "Serialize",
-        "println", "tracing",
+        "std::fs",
+        "std::io",
+        "std::net",
+        "std::thread",
+        "std::time",
+        "mpsc",
+        "Instant",
+        "SystemTime",
+        "tokio",
+        "zenoh",
+        "protocol",
+        "crate::clock",
+        "crate::recording",
+        "crate::streaming",
+        "Serialize",
+        "println",
+        "tracing",
     ];
     assert_eq!(lines_with("robot-edge/src/mapping", &words, &[]), [""; 0]);
 }
@@ -53,22 +72,46 @@ fn mapping_is_pure() {
 #[test]
 fn localization_is_pure() {
     let words = [
-        "std::fs", "std::io", "std::net", "std::thread", "std::time", "mpsc", "Instant", "SystemTime",
-        "tokio", "zenoh", "protocol", "crate::clock", "crate::recording", "crate::streaming",
+        "std::fs",
+        "std::io",
+        "std::net",
+        "std::thread",
+        "std::time",
+        "mpsc",
+        "Instant",
+        "SystemTime",
+        "tokio",
+        "zenoh",
+        "protocol",
+        "crate::clock",
+        "crate::recording",
+        "crate::streaming",
     ];
-    assert_eq!(lines_with("robot-edge/src/localization", &words, &[]), [""; 0]);
+    assert_eq!(
+        lines_with("robot-edge/src/localization", &words, &[]),
+        [""; 0]
+    );
 }
 
 #[test]
 fn one_file_reads_clocks() {
-    let words = ["Instant::now", "SystemTime::now", "clock_gettime", "UNIX_EPOCH"];
+    let words = [
+        "Instant::now",
+        "SystemTime::now",
+        "clock_gettime",
+        "UNIX_EPOCH",
+    ];
     assert_eq!(lines_with("robot-edge/src", &words, &["clock.rs"]), [""; 0]);
     assert_eq!(lines_with("protocol/src", &words, &[]), [""; 0]);
 }
 
 #[test]
 fn one_file_turns_cells_into_tiles() {
-    let found = lines_with("robot-edge/src", &["codes_mut", "TileCells::from_fn"], &["cells_to_tiles.rs"]);
+    let found = lines_with(
+        "robot-edge/src",
+        &["codes_mut", "TileCells::from_fn"],
+        &["cells_to_tiles.rs"],
+    );
     assert_eq!(found, [""; 0]);
 }
 
@@ -76,8 +119,14 @@ fn one_file_turns_cells_into_tiles() {
 fn protocol_knows_neither_side() {
     let manifest = fs::read_to_string(root().join("protocol/Cargo.toml")).unwrap();
     for crate_name in ["robot-edge", "operator-console"] {
-        assert!(!manifest.contains(crate_name), "protocol must not depend on {crate_name}");
+        assert!(
+            !manifest.contains(crate_name),
+            "protocol must not depend on {crate_name}"
+        );
     }
     let edge = fs::read_to_string(root().join("robot-edge/Cargo.toml")).unwrap();
-    assert!(!edge.contains("operator-console"), "the vehicle must not depend on the console");
+    assert!(
+        !edge.contains("operator-console"),
+        "the vehicle must not depend on the console"
+    );
 }

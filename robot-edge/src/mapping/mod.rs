@@ -63,6 +63,11 @@ impl Mapper {
         report
     }
 
+    /// Where the vehicle was at the last scan, metres.
+    pub const fn vehicle_in_odom(&self) -> Point3<f64> {
+        self.vehicle_in_odom
+    }
+
     /// The occupancy grid.
     pub const fn occupancy(&self) -> &OccupancyGrid {
         &self.occupancy

@@ -1,6 +1,6 @@
 //! Map cells become tiles here, and nowhere else.
 
-use protocol::layer::LayerId;
+use protocol::layer::{LayerId, UNKNOWN};
 use protocol::tile::{TileCells, TileKey};
 
 use crate::mapping::grid::{GridTile, TileIndex};
@@ -19,9 +19,11 @@ impl CellCoder {
         let quantisation = LayerId::Occupancy.quantisation();
         let code = |bits: u16| {
             let probability = LogOdds::from_steps(bits as i16).probability();
-            probability.map_or(protocol::layer::UNKNOWN, |p| quantisation.encode(p as f32))
+            probability.map_or(UNKNOWN, |p| quantisation.encode(p as f32))
         };
-        Self { occupancy: (0..=u16::MAX).map(code).collect() }
+        Self {
+            occupancy: (0..=u16::MAX).map(code).collect(),
+        }
     }
 
     /// The codes of a tile of the occupancy grid.
@@ -40,9 +42,22 @@ impl Default for CellCoder {
     }
 }
 
+/// Keeps what `before` knows where `cells` know nothing.
+pub fn keep_known(cells: &mut TileCells, before: &TileCells) {
+    for (code, &old) in cells.codes_mut().iter_mut().zip(before.codes()) {
+        if *code == UNKNOWN {
+            *code = old;
+        }
+    }
+}
+
 /// The key under which a tile of the mapping core is published.
 pub const fn key(layer: LayerId, index: TileIndex) -> TileKey {
-    TileKey { layer, tx: index.x, ty: index.y }
+    TileKey {
+        layer,
+        tx: index.x,
+        ty: index.y,
+    }
 }
 
 #[cfg(test)]

@@ -1,1 +1,5 @@
-//! To be filled.
+//! Cells → tiles → the store that exports, digests and consoles read.
+
+pub mod cells_to_tiles;
+pub mod config;
+pub mod publisher;
