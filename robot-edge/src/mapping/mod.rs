@@ -1,1 +1,4 @@
 //! To be filled.
+
+pub mod config;
+pub mod occupancy_config;

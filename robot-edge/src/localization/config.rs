@@ -1,0 +1,58 @@
+//! Settings of `[localization]`.
+
+use serde::Deserialize;
+
+/// Where beams are placed, and how long a scan waits for its pose.
+///
+/// All times are times of the data, never of a clock so that a replay at any speed gives the same poses.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LocalizationConfig {
+    /// What poses are taken from.
+    pub source: PoseSource,
+    /// Frame in which the map stands still; where absent, what the pose source calls its own (`odom`).
+    pub fixed_frame: Option<String>,
+    /// Frame of the vehicle (REP-105).
+    pub base_frame: String,
+    /// Longest gap between two poses that is interpolated, seconds.
+    pub max_gap_s: f64,
+    /// How far the stream's stamps pass a scan's last beam before the scan stops waiting, seconds.
+    pub wait_s: f64,
+    /// Farthest that a pose is extrapolated past the newest one, seconds.
+    pub max_extrapolation_s: f64,
+    /// How much of the past the transform buffer keeps, seconds (tf2's own default).
+    pub buffer_s: f64,
+    /// Most scans that wait for a pose; the oldest is dropped and counted when there are more.
+    pub max_waiting_scans: usize,
+}
+
+/// What poses are taken from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PoseSource {
+    /// The best of what the source offers.
+    Auto,
+    /// Transforms (`tf2_msgs/TFMessage`).
+    Tf,
+    /// Odometry and pose messages, CARMEN `ODOM` lines.
+    Odometry,
+    /// The pose that the log gives to each sweep (CARMEN).
+    Log,
+    /// The vehicle does not move.
+    Static,
+}
+
+impl Default for LocalizationConfig {
+    fn default() -> Self {
+        Self {
+            source: PoseSource::Auto,
+            fixed_frame: None,
+            base_frame: "base_link".to_owned(),
+            max_gap_s: 0.5,
+            wait_s: 0.1,
+            max_extrapolation_s: 0.1,
+            buffer_s: 10.0,
+            max_waiting_scans: 256,
+        }
+    }
+}
