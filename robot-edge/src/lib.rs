@@ -7,6 +7,7 @@
 pub mod clock;
 pub mod drops;
 pub mod measurement;
+pub mod pacer;
 pub mod pose;
 pub mod robot_time;
 pub mod scan;
