@@ -13,10 +13,13 @@ pub mod robot_time;
 pub mod scan;
 
 pub mod app;
+pub mod cli;
 pub mod config;
+pub mod exit;
 pub mod localization;
 pub mod mapping;
 pub mod recording;
 pub mod ros;
 pub mod simulation;
 pub mod streaming;
+pub mod vehicle_commands;
