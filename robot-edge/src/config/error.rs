@@ -10,8 +10,8 @@ pub use super::shape::Expected;
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// Neither a preset nor a file.
-    #[error("there is no vehicle `{name}`{}; presets: {}. A vehicle of your own is a file: \
-             `robot-edge vehicles generic2d > my.toml` makes one to edit", after_colon(nearest.as_ref()), presets.join(", "))]
+    #[error("there is no vehicle `{name}`{} Presets: {}. A vehicle of your own is a file: \
+             `robot-edge vehicles generic2d > my.toml` makes one to edit", nearest.as_ref().map_or(".".to_owned(), |hint| format!(": {hint}")), presets.join(", "))]
     UnknownVehicle {
         /// What was asked for.
         name: String,
@@ -100,7 +100,7 @@ pub enum Problem {
 }
 
 /// Where a setting came from.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Origin {
     /// A file.
     File {

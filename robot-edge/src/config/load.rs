@@ -139,6 +139,7 @@ fn build(layers: &[Layer]) -> Result<Config, ConfigError> {
         };
         fault.origin = fault.origin.take().or_else(set_by);
     }
+    faults.sort_by(|a, b| a.origin.cmp(&b.origin));
     Err(ConfigError::Faults(faults))
 }
 

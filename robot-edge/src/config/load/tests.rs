@@ -267,7 +267,7 @@ fn wrong_types_are_named_with_what_is_expected() {
 #[test]
 fn faults_in_files_say_line_and_column_and_all_are_told() {
     let text = "[vehicle]\nname = \"é\"\n  width = 1\n[localization]\nsource = \"gps\"\n\
-                wait_s = true\n[mapping]\nocc = { cell_m = 1 }";
+                wait_s = true\n[mapping]\noccupancy = { miss = \"é\", cell = 1 }";
     let faults = faults(file(text));
     let told: Vec<(usize, usize, &str)> = faults
         .iter()
@@ -279,10 +279,11 @@ fn faults_in_files_say_line_and_column_and_all_are_told() {
     assert_eq!(
         told,
         [
+            (3, 3, "vehicle.width"),
             (5, 1, "localization.source"),
             (6, 1, "localization.wait_s"),
-            (8, 9, "mapping.occ.cell_m"),
-            (3, 3, "vehicle.width"),
+            (8, 15, "mapping.occupancy.miss"),
+            (8, 27, "mapping.occupancy.cell"),
         ]
     );
     let hint = Hint {
@@ -290,7 +291,7 @@ fn faults_in_files_say_line_and_column_and_all_are_told() {
         is_close: true,
     };
     assert_eq!(
-        faults[3].problem,
+        faults[0].problem,
         Problem::UnknownKey {
             nearest: Some(hint)
         }
@@ -324,13 +325,13 @@ fn an_unknown_vehicle_gets_the_list() {
     let error = load("pionneer", &[]).unwrap_err().to_string();
     assert!(
         error.starts_with(
-            "there is no vehicle `pionneer`: did you mean `pioneer`?; presets: generic2d, pioneer."
+            "there is no vehicle `pionneer`: did you mean `pioneer`? Presets: generic2d, pioneer."
         ),
         "{error}"
     );
     let error = load("holos", &[]).unwrap_err().to_string();
     assert!(
-        error.starts_with("there is no vehicle `holos`; presets: generic2d, pioneer."),
+        error.starts_with("there is no vehicle `holos`. Presets: generic2d, pioneer."),
         "{error}"
     );
 }
