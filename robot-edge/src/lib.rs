@@ -7,15 +7,22 @@
 pub mod clock;
 pub mod drops;
 pub mod measurement;
+pub mod pacer;
 pub mod pose;
 pub mod robot_time;
 pub mod scan;
 
 pub mod app;
+pub mod cli;
 pub mod config;
+pub mod exit;
 pub mod localization;
 pub mod mapping;
+pub mod pipeline;
+pub mod progress;
 pub mod recording;
 pub mod ros;
 pub mod simulation;
 pub mod streaming;
+pub mod summary;
+pub mod vehicle_commands;

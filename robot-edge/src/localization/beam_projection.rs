@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 
 use super::beam_fan::BeamFan;
-use super::beam_range::{RangeRule, ZeroMeaning};
+use super::beam_range::{RangeRule, ZeroRange};
 use crate::drops::{DropCounts, DropReason};
 use crate::mapping::posed_scan::{BeamOutcome, PosedBeam, PosedScan};
 use crate::pose::Pose;
@@ -18,7 +18,7 @@ pub struct SensorSettings {
     /// Replaces the scans' own greatest range, metres.
     pub range_max_m: Option<f32>,
     /// What a range below the smallest one means.
-    pub zero: ZeroMeaning,
+    pub zero: ZeroRange,
     /// Added to the sensor's stamps, to take out its latency.
     pub time_offset: RobotDuration,
     /// Where it is mounted, for pose sources that do not say.

@@ -10,13 +10,13 @@ pub struct RangeRule {
     /// Ranges at or above this are misses, metres.
     pub range_max_m: f32,
     /// What a range below `range_min_m` means, 0 included.
-    pub zero: ZeroMeaning,
+    pub zero: ZeroRange,
 }
 
 /// What a range below the sensor's smallest one means.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum ZeroMeaning {
+pub enum ZeroRange {
     /// Nothing: dirt on the window, a fault, an object too near.
     #[default]
     Invalid,
@@ -34,8 +34,8 @@ impl RangeRule {
             Some(BeamOutcome::Miss)
         } else if range_m < self.range_min_m {
             match self.zero {
-                ZeroMeaning::Invalid => None,
-                ZeroMeaning::Miss => Some(BeamOutcome::Miss),
+                ZeroRange::Invalid => None,
+                ZeroRange::Miss => Some(BeamOutcome::Miss),
             }
         } else {
             Some(BeamOutcome::Hit)
@@ -52,7 +52,7 @@ mod tests {
         let rule = RangeRule {
             range_min_m: 0.1,
             range_max_m: 20.0,
-            zero: ZeroMeaning::Invalid,
+            zero: ZeroRange::Invalid,
         };
         for (range, expected) in [
             (f32::NAN, None),
@@ -69,7 +69,7 @@ mod tests {
             assert_eq!(rule.judge(range), expected, "{range}");
         }
         let trusting = RangeRule {
-            zero: ZeroMeaning::Miss,
+            zero: ZeroRange::Miss,
             ..rule
         };
         assert_eq!(trusting.judge(0.0), Some(BeamOutcome::Miss));

@@ -1,43 +1,45 @@
-//! Settings of localization.
+//! Settings of `[localization]`.
 
 use serde::Deserialize;
 
-/// Where the vehicle's pose comes from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum PoseSource {
-    /// The log's own poses where it has them, else tf where it reaches the sensor, else odometry.
-    Auto,
-    /// The pose that the log gives to each scan (CARMEN).
-    Log,
-    /// The transform tree (`/tf`, `/tf_static`).
-    Tf,
-    /// Odometry messages and the configured mounting of the sensor.
-    Odometry,
-    /// The vehicle stands still at the origin.
-    Static,
-}
-
-/// Settings of localization (`algorithms.md` §0).
+/// Where beams are placed, and how long a scan waits for its pose.
+///
+/// All times are times of the data, never of a clock so that a replay at any speed gives the same poses.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LocalizationConfig {
-    /// Where poses come from.
+    /// What poses are taken from.
     pub source: PoseSource,
-    /// Frame of the map; by default `odom`, else `map`, else the root of the sensor's tree.
+    /// Frame in which the map stands still; where absent, what the pose source calls its own (`odom`).
     pub fixed_frame: Option<String>,
-    /// Frame of the vehicle.
+    /// Frame of the vehicle (REP-105).
     pub base_frame: String,
-    /// Poses farther apart than this are not interpolated between, seconds.
+    /// Longest gap between two poses that is interpolated, seconds.
     pub max_gap_s: f64,
-    /// How far the data's stamps may pass a scan that waits for a pose, seconds.
+    /// How far the stream's stamps pass a scan's last beam before the scan stops waiting, seconds.
     pub wait_s: f64,
-    /// How far past the newest pose a scan may be placed, seconds.
+    /// Farthest that a pose is extrapolated past the newest one, seconds.
     pub max_extrapolation_s: f64,
-    /// How long poses are kept, seconds.
+    /// How much of the past the transform buffer keeps, seconds (tf2's own default).
     pub buffer_s: f64,
-    /// Scans that may wait for a pose at once.
+    /// Most scans that wait for a pose; the oldest is dropped and counted when there are more.
     pub max_waiting_scans: usize,
+}
+
+/// What poses are taken from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PoseSource {
+    /// The best of what the source offers.
+    Auto,
+    /// Transforms (`tf2_msgs/TFMessage`).
+    Tf,
+    /// Odometry and pose messages, CARMEN `ODOM` lines.
+    Odometry,
+    /// The pose that the log gives to each sweep (CARMEN).
+    Log,
+    /// The vehicle does not move.
+    Static,
 }
 
 impl Default for LocalizationConfig {
@@ -45,7 +47,7 @@ impl Default for LocalizationConfig {
         Self {
             source: PoseSource::Auto,
             fixed_frame: None,
-            base_frame: "base_link".into(),
+            base_frame: "base_link".to_owned(),
             max_gap_s: 0.5,
             wait_s: 0.1,
             max_extrapolation_s: 0.1,

@@ -3,6 +3,7 @@
 //! Everything here is a pure function of its inputs: no clock, file, socket, thread or channel, and
 //! nothing of the wire. The same scans give the same cells, bit for bit, at any speed and on any platform.
 
+pub mod config;
 pub mod occupancy_config;
 pub mod posed_scan;
 

@@ -1,35 +1,37 @@
-//! Settings of the occupancy grid.
+//! Settings of `[mapping.occupancy]`.
+//!
+//! \[LRF\] is *Mapping using a laser range finder*.
 
 use serde::Deserialize;
 
-/// What a beam without a return says about the cells it crossed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum MissMeaning {
-    /// Nothing: p = 0.5 beyond range ([LRF] §2).
-    Unknown,
-    /// They are free up to the sensor's greatest range.
-    Free,
-}
-
-/// Settings of the occupancy grid ([LRF] §2 and §3; `algorithms.md` §2).
+/// The 2D Bayesian occupancy grid: inverse sensor model, clamping and size.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OccupancyConfig {
-    /// Edge of a cell, metres.
+    /// Side of a cell, metres.
     pub cell_m: f64,
-    /// Inverse sensor model: probability of being occupied for a crossed cell.
+    /// Probability that a cell which one scan saw through is occupied (\[LRF\]: 0.3).
     pub p_free: f64,
-    /// Inverse sensor model: probability of being occupied for a hit cell.
+    /// Probability that a cell which one scan hit is occupied (\[LRF\]: 0.6).
     pub p_occupied: f64,
-    /// Lowest probability a cell can reach, so that the map can forget.
+    /// Least probability a cell can reach, so that the map can forget.
     pub p_min: f64,
-    /// Highest probability a cell can reach.
+    /// Greatest probability a cell can reach.
     pub p_max: f64,
-    /// What a miss says.
-    pub miss: MissMeaning,
-    /// Greatest memory of the grid; beyond it the farthest tiles are evicted.
+    /// What a beam without a return says about the cells along it.
+    pub miss: Miss,
+    /// Most memory for cells, megabytes (10⁶ bytes); beyond it the farthest tiles are evicted and counted.
     pub memory_limit_mb: u32,
+}
+
+/// What a beam without a return says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Miss {
+    /// Nothing (\[LRF\]: 0.5 beyond range).
+    Unknown,
+    /// All is free up to the sensor's range: for lasers whose misses can be trusted.
+    Free,
 }
 
 impl Default for OccupancyConfig {
@@ -40,8 +42,8 @@ impl Default for OccupancyConfig {
             p_occupied: 0.6,
             p_min: 0.02,
             p_max: 0.98,
-            miss: MissMeaning::Unknown,
-            memory_limit_mb: 512,
+            miss: Miss::Unknown,
+            memory_limit_mb: 256,
         }
     }
 }

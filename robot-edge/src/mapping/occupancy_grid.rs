@@ -4,7 +4,7 @@ use nalgebra::Point3;
 
 use super::grid::{CellIndex, TILE_EDGE, TileIndex, TiledGrid};
 use super::log_odds::{LogOdds, LogOddsUpdate};
-use super::occupancy_config::{MissMeaning, OccupancyConfig};
+use super::occupancy_config::{Miss, OccupancyConfig};
 use super::posed_scan::{BeamOutcome, PosedScan};
 use super::ray::FixedPoint;
 use super::scan_marks::{MAX_BEAM_CELLS, ScanMarks};
@@ -13,7 +13,7 @@ use super::scan_marks::{MAX_BEAM_CELLS, ScanMarks};
 #[derive(Clone, Debug)]
 pub struct OccupancyGrid {
     cell_m: f64,
-    miss: MissMeaning,
+    miss: Miss,
     update: LogOddsUpdate,
     tile_limit: usize,
     grid: TiledGrid<i16>,
@@ -47,7 +47,7 @@ impl OccupancyGrid {
                 config.p_min,
                 config.p_max,
             ),
-            tile_limit: ((config.memory_limit_mb as usize) << 20) / tile_bytes,
+            tile_limit: config.memory_limit_mb as usize * 1_000_000 / tile_bytes,
             grid,
             marks: ScanMarks::default(),
             beams: Vec::new(),
@@ -85,7 +85,7 @@ impl OccupancyGrid {
         for beam in &scan.beams {
             if beam.outcome == BeamOutcome::Miss {
                 report.misses += 1;
-                if self.miss == MissMeaning::Unknown {
+                if self.miss == Miss::Unknown {
                     continue;
                 }
             }

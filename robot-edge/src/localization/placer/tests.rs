@@ -1,7 +1,7 @@
 use nalgebra::Point3;
 
 use super::*;
-use crate::localization::beam_range::ZeroMeaning;
+use crate::localization::beam_range::ZeroRange;
 use crate::mapping::posed_scan::BeamOutcome;
 use crate::measurement::StreamId;
 use crate::pose::planar;
@@ -24,7 +24,7 @@ fn settings(origin: PoseOrigin) -> PlacerSettings {
         sensor: SensorSettings {
             range_min_m: None,
             range_max_m: None,
-            zero: ZeroMeaning::Invalid,
+            zero: ZeroRange::Invalid,
             time_offset: RobotDuration::ZERO,
             base_from_sensor: planar(1.0, 0.0, 0.0),
         },

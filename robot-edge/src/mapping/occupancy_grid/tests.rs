@@ -24,7 +24,7 @@ fn scan(beams: &[((f64, f64), (f64, f64), BeamOutcome)]) -> PosedScan {
     }
 }
 
-fn grid(cell_m: f64, miss: MissMeaning) -> OccupancyGrid {
+fn grid(cell_m: f64, miss: Miss) -> OccupancyGrid {
     OccupancyGrid::new(&OccupancyConfig {
         cell_m,
         miss,
@@ -40,7 +40,7 @@ fn p(grid: &OccupancyGrid, x: i32, y: i32) -> Option<f64> {
 
 #[test]
 fn a_cell_is_updated_once_per_scan_and_a_hit_wins() {
-    let mut grid = grid(1.0, MissMeaning::Unknown);
+    let mut grid = grid(1.0, Miss::Unknown);
     // Ten beams graze the wall cell (5, 0) on their way to (9, 0); one ends in it.
     let mut beams = vec![((0.5, 0.5), (9.5, 0.6), BeamOutcome::Hit); 10];
     beams.push(((0.5, 0.5), (5.5, 0.5), BeamOutcome::Hit));
@@ -62,10 +62,10 @@ fn a_cell_is_updated_once_per_scan_and_a_hit_wins() {
 #[test]
 fn a_miss_tells_nothing_unless_it_is_trusted() {
     let beams = scan(&[((0.5, 0.5), (3.5, 0.5), BeamOutcome::Miss)]);
-    let mut doubting = grid(1.0, MissMeaning::Unknown);
+    let mut doubting = grid(1.0, Miss::Unknown);
     assert_eq!(doubting.integrate(&beams).misses, 1);
     assert_eq!(p(&doubting, 0, 0), None);
-    let mut trusting = grid(1.0, MissMeaning::Free);
+    let mut trusting = grid(1.0, Miss::Free);
     trusting.integrate(&beams);
     assert_eq!(
         [0, 3, 4].map(|x| p(&trusting, x, 0)),
@@ -75,7 +75,7 @@ fn a_miss_tells_nothing_unless_it_is_trusted() {
 
 #[test]
 fn senseless_beams_are_counted_and_mark_nothing() {
-    let mut grid = grid(0.1, MissMeaning::Free);
+    let mut grid = grid(0.1, Miss::Free);
     let report = grid.integrate(&scan(&[
         ((0.0, 0.0), (f64::NAN, 0.0), BeamOutcome::Hit),
         ((0.0, 0.0), (500.0, 0.0), BeamOutcome::Hit),
@@ -112,7 +112,7 @@ fn the_memory_limit_keeps_what_is_near() {
     }
     assert_eq!(
         (grid.grid().tiles().len(), grid.bytes(), evicted),
-        (128, 1 << 20, 400 - 128)
+        (122, 122 * 8192, 400 - 122)
     );
     assert_eq!(p(&grid, 399 * 64 + 15, 10), Some(0.6));
 }
@@ -169,7 +169,7 @@ proptest! {
                 scan(&beams)
             })
             .collect();
-        let mut grid = grid(cell_m, MissMeaning::Unknown);
+        let mut grid = grid(cell_m, Miss::Unknown);
         for scan in &scans {
             grid.integrate(scan);
         }

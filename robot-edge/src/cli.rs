@@ -1,0 +1,324 @@
+//! The command line. Names are a contract with scripts; what does not work yet is not offered.
+
+use std::io;
+use std::path::PathBuf;
+
+use clap::builder::NonEmptyStringValueParser;
+use clap::{ArgAction, Args, CommandFactory as _, Parser, Subcommand};
+use clap_complete::Shell;
+
+use crate::config::Override;
+use crate::pacer::Rate;
+
+const EXIT_CODES: &str = "\
+Exit codes: 0 done; 1 it failed while running; 2 wrong usage or configuration;
+3 the recording could not be read; 130 interrupted.";
+
+/// Maps what a ground robot's or boat's laser sees.
+#[derive(Clone, Debug, PartialEq, Parser)]
+#[command(name = "robot-edge", version, after_help = EXIT_CODES)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+    /// How much to say.
+    #[command(flatten)]
+    pub verbosity: Verbosity,
+}
+
+/// How much is said on standard error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Args)]
+pub struct Verbosity {
+    /// Say nothing but errors; no progress bar
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+    /// Say more; twice, still more (`RUST_LOG` overrides)
+    #[arg(long, short, global = true, action = ArgAction::Count, conflicts_with = "quiet")]
+    pub verbose: u8,
+}
+
+impl Verbosity {
+    /// The filter for `tracing`, where `RUST_LOG` says nothing.
+    pub const fn log_filter(self) -> &'static str {
+        match (self.quiet, self.verbose) {
+            (true, _) => "error",
+            (false, 0) => "warn",
+            (false, 1) => "info",
+            (false, 2) => "debug",
+            (false, _) => "trace",
+        }
+    }
+}
+
+/// The commands.
+#[derive(Clone, Debug, PartialEq, Subcommand)]
+pub enum Command {
+    /// Map a recording
+    Replay(Replay),
+    /// Map a simulated world
+    Simulate(Simulate),
+    /// Say what is in a recording: topics, sensors, rates, duration, faults
+    Info(Info),
+    /// Salvage a cut-off or damaged recording
+    Recover(Recover),
+    /// List vehicles that come with the program, or print one as a configuration to edit
+    Vehicles(Vehicles),
+    /// Validate a configuration and say exactly what is wrong
+    Check(Check),
+    /// Print completions for a shell
+    Completions(Completions),
+}
+
+/// `replay`.
+#[derive(Clone, Debug, PartialEq, Args)]
+pub struct Replay {
+    /// MCAP with ROS 2 messages, ROS 1 bag or CARMEN log
+    pub recording: PathBuf,
+    /// Times as fast as it was recorded, or `max`
+    #[arg(long, value_name = "1|2.5|max", default_value = "max", value_parser = str::parse::<Rate>)]
+    pub rate: Rate,
+    /// Begin again at the end, until interrupted
+    #[arg(long = "loop")]
+    pub repeat: bool,
+    /// Skip this much of the recording, seconds
+    #[arg(long = "start", value_name = "S", default_value = "0", value_parser = seconds_from_zero, allow_negative_numbers = true)]
+    pub start_s: f64,
+    /// Stop after this much of the recording, seconds
+    #[arg(long = "duration", value_name = "S", value_parser = seconds_above_zero, allow_negative_numbers = true)]
+    pub duration_s: Option<f64>,
+    /// Options of every command that maps.
+    #[command(flatten)]
+    pub mapping: MappingOptions,
+}
+
+/// `simulate`.
+#[derive(Clone, Debug, PartialEq, Args)]
+pub struct Simulate {
+    /// Name of a world, or a world file
+    #[arg(value_parser = NonEmptyStringValueParser::new())]
+    pub world: String,
+    /// What chance starts from: the same seed gives the same run
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Stop after this much simulated time, seconds
+    #[arg(long = "duration", value_name = "S", value_parser = seconds_above_zero, allow_negative_numbers = true)]
+    pub duration_s: Option<f64>,
+    /// Times as fast as real time, or `max`
+    #[arg(long, value_name = "1|max", default_value = "1", value_parser = str::parse::<Rate>)]
+    pub rate: Rate,
+    /// Options of every command that maps.
+    #[command(flatten)]
+    pub mapping: MappingOptions,
+}
+
+/// Options of every command that maps.
+#[derive(Clone, Debug, PartialEq, Args)]
+pub struct MappingOptions {
+    /// Vehicle: a preset (see `robot-edge vehicles`) or a configuration file
+    #[arg(long, value_name = "NAME|FILE", value_parser = NonEmptyStringValueParser::new())]
+    pub vehicle: Option<String>,
+    /// Override one setting: `mapping.occupancy.cell_m=0.05`; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = str::parse::<Override>)]
+    pub settings: Vec<Override>,
+    /// Topic of a sensor, where several fit: `laser=/scan`; may be repeated
+    #[arg(long = "topic", value_name = "ROLE=NAME", value_parser = Override::topic)]
+    pub topics: Vec<Override>,
+    /// Name of this robot: letters, digits, `_` and `-`
+    #[arg(long, value_name = "ID", value_parser = robot_id)]
+    pub robot: Option<String>,
+    /// Do not open the network
+    #[arg(long)]
+    pub no_network: bool,
+    /// Write everything that comes in to a recording
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Write the maps at the end
+    #[arg(long, value_name = "DIR")]
+    pub export: Option<PathBuf>,
+    /// Write figures of the run at the end
+    #[arg(long, value_name = "FILE.json")]
+    pub summary: Option<PathBuf>,
+}
+
+impl MappingOptions {
+    /// Everything that overrides the vehicle's configuration, weakest first.
+    pub fn overrides(&self) -> Vec<Override> {
+        self.settings.iter().chain(&self.topics).cloned().collect()
+    }
+}
+
+/// `info`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct Info {
+    /// MCAP, ROS 1 bag or CARMEN log
+    pub recording: PathBuf,
+}
+
+/// `recover`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct Recover {
+    /// The damaged recording; it is not changed
+    pub recording: PathBuf,
+    /// Where to write what can be saved
+    pub out: PathBuf,
+}
+
+/// `vehicles`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct Vehicles {
+    /// Vehicle to print
+    pub name: Option<String>,
+}
+
+/// `check`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct Check {
+    /// Configuration file, or name of a preset
+    #[arg(value_name = "CONFIG", value_parser = NonEmptyStringValueParser::new())]
+    pub config: String,
+}
+
+/// `completions`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Args)]
+pub struct Completions {
+    /// The shell
+    pub shell: Shell,
+}
+
+impl Completions {
+    /// Prints the completions.
+    pub fn print(self, out: &mut dyn io::Write) -> io::Result<()> {
+        // The generator panics where it cannot write; memory can always be written.
+        let mut script = Vec::new();
+        clap_complete::generate(self.shell, &mut Cli::command(), "robot-edge", &mut script);
+        out.write_all(&script)
+    }
+}
+
+fn seconds_from_zero(text: &str) -> Result<f64, String> {
+    finite(text)
+        .filter(|&secs| secs >= 0.0)
+        .ok_or_else(|| "seconds are a number, 0 or more".to_owned())
+}
+
+fn seconds_above_zero(text: &str) -> Result<f64, String> {
+    finite(text)
+        .filter(|&secs| secs > 0.0)
+        .ok_or_else(|| "seconds are a number above 0".to_owned())
+}
+
+fn finite(text: &str) -> Option<f64> {
+    text.parse().ok().filter(|number: &f64| number.is_finite())
+}
+
+/// The identifier becomes one part of every key on the network, where other signs have a meaning.
+fn robot_id(text: &str) -> Result<String, String> {
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"_-".contains(&byte);
+    if (1..=64).contains(&text.len()) && text.bytes().all(is_plain) {
+        Ok(text.to_owned())
+    } else {
+        Err("a robot's name is 1 to 64 letters, digits, `_` or `-`".to_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(line: &str) -> Result<Command, clap::Error> {
+        let arguments = std::iter::once("robot-edge").chain(line.split_whitespace());
+        Cli::try_parse_from(arguments).map(|cli| cli.command)
+    }
+
+    fn replay(line: &str) -> Replay {
+        let command = parse(line).unwrap();
+        let Command::Replay(replay) = command else {
+            panic!("{command:?}");
+        };
+        replay
+    }
+
+    #[test]
+    fn definitions_hold_together() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn replay_takes_every_option() {
+        let replay = replay(
+            "replay log.clf --rate 2.5 --loop --start 1.5 --duration 60 --vehicle pioneer \
+             --set mapping.occupancy.cell_m=0.05 --set vehicle.name=max --topic laser=/scan \
+             --robot scout-1 --no-network --record out.mcap --export maps --summary s.json -vv",
+        );
+        assert_eq!(replay.recording, PathBuf::from("log.clf"));
+        assert_eq!(replay.rate, Rate::Times(2.5));
+        assert!(replay.repeat && replay.mapping.no_network);
+        assert_eq!((replay.start_s, replay.duration_s), (1.5, Some(60.0)));
+        assert_eq!(replay.mapping.vehicle.as_deref(), Some("pioneer"));
+        assert_eq!(replay.mapping.robot.as_deref(), Some("scout-1"));
+        assert_eq!(replay.mapping.overrides().len(), 3);
+        assert_eq!(replay.mapping.summary, Some(PathBuf::from("s.json")));
+    }
+
+    #[test]
+    fn defaults_are_those_of_the_contract() {
+        let replay = replay("replay log.clf");
+        assert_eq!(replay.rate, Rate::Max);
+        assert_eq!((replay.start_s, replay.duration_s), (0.0, None));
+        assert_eq!(replay.mapping.vehicle, None);
+    }
+
+    #[test]
+    fn wrong_usage_is_refused_with_code_2_and_says_what_is_allowed() {
+        for (line, says) in [
+            ("replay", "RECORDING"),
+            ("replay a --rate 0", "above 0"),
+            ("replay a --rate -1", "-1"),
+            ("replay a --rate fast", "`max`"),
+            ("replay a --start -1", "0 or more"),
+            ("replay a --duration nan", "above 0"),
+            ("replay a --set cell_m", "no `=`"),
+            ("replay a --set a..b=1", "not a key"),
+            ("replay a --set vehicle.name=\"x", "not a TOML value"),
+            ("replay a --topic /scan", "laser=/scan"),
+            ("replay a --robot a/b", "letters"),
+            ("replay a --quiet -v", "cannot be used with"),
+            ("simulate rooms --seed -3", "-3"),
+            ("replay a --listen tcp/0.0.0.0:1", "--listen"),
+            ("recover a", "OUT"),
+            ("experiments", "experiments"),
+        ] {
+            let error = parse(line).unwrap_err();
+            assert_eq!(error.exit_code(), 2, "{line}");
+            assert!(error.to_string().contains(says), "{line}: {error}");
+        }
+        assert_eq!(parse("--help").unwrap_err().exit_code(), 0);
+        assert!(
+            parse("--help")
+                .unwrap_err()
+                .to_string()
+                .contains("130 interrupted")
+        );
+    }
+
+    #[test]
+    fn verbosity_chooses_the_filter() {
+        for (line, filter) in [
+            ("robot-edge --quiet info a", "error"),
+            ("robot-edge info a", "warn"),
+            ("robot-edge info a -v", "info"),
+            ("robot-edge -vvv info a", "trace"),
+        ] {
+            let cli = Cli::try_parse_from(line.split_whitespace()).unwrap();
+            assert_eq!(cli.verbosity.log_filter(), filter, "{line}");
+        }
+    }
+
+    #[test]
+    fn completions_know_the_commands() {
+        let mut out = Vec::new();
+        Completions { shell: Shell::Bash }.print(&mut out).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        assert!(text.contains("replay") && text.contains("--summary"));
+    }
+}

@@ -1,0 +1,183 @@
+//! From a vehicle's name or file and the command line to a configuration.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use serde::Deserialize;
+use toml::{Table, Value};
+
+use super::Config;
+use super::error::{ConfigError, Fault, Problem};
+use super::layer::{Layer, join, quoted};
+use super::overrides::Override;
+use super::presets::{self, GENERIC, Preset};
+use super::shape::{Expected, Shape};
+use super::validate::MAX_SENSORS;
+
+/// Largest file that is read as a configuration, bytes.
+const MAX_FILE_BYTES: u64 = 1 << 20;
+/// Key of a file that names the preset it starts from.
+const PRESET_KEY: &str = "preset";
+
+/// The configuration of `vehicle`, a preset's name or a file, with `overrides` in order of precedence.
+///
+/// # Errors
+/// Where there is no such vehicle, or the file cannot be read, or any setting is wrong; then all faults of
+/// a kind are told at once.
+pub fn load(vehicle: &str, overrides: &[Override]) -> Result<Config, ConfigError> {
+    let mut layers = match presets::find(vehicle) {
+        Some(preset) => vec![preset.layer()?],
+        None => file_layers(Path::new(vehicle))?,
+    };
+    layers.extend(overrides.iter().map(Override::layer));
+    build(&layers)
+}
+
+fn file_layers(path: &Path) -> Result<Vec<Layer>, ConfigError> {
+    let text = read(path)?;
+    let mut file = Layer::file(path, &text)?;
+    let named = file.table.remove(PRESET_KEY);
+    let mut base = named_preset(&file, named.as_ref())?.layer()?;
+    if let (None, Some(Value::Table(own))) = (&named, file.table.get("sensors"))
+        && let Some(Value::Table(sensors)) = base.table.get_mut("sensors")
+    {
+        sensors.retain(|name, _| own.contains_key(name));
+    }
+    Ok(vec![base, file])
+}
+
+fn named_preset(file: &Layer, named: Option<&Value>) -> Result<Preset, ConfigError> {
+    let problem = match named {
+        None => return Ok(GENERIC),
+        Some(Value::String(name)) => match presets::get(name) {
+            Ok(preset) => return Ok(preset),
+            Err(unknown) => Problem::Other(unknown.to_string()),
+        },
+        Some(other) => Problem::WrongType {
+            expected: Expected::Text,
+            found: quoted(&other.to_string()),
+        },
+    };
+    Err(ConfigError::Faults(vec![Fault {
+        origin: file.origin(PRESET_KEY),
+        key: PRESET_KEY.to_owned(),
+        problem,
+    }]))
+}
+
+fn read(path: &Path) -> Result<String, ConfigError> {
+    let io = |source| ConfigError::Io {
+        path: path.to_owned(),
+        source,
+    };
+    let not_a_configuration = |what: String| ConfigError::NotAConfiguration {
+        path: path.to_owned(),
+        what,
+    };
+    let file = match File::open(path) {
+        // A lone word was meant as a preset's name; anything else as a file.
+        Err(error)
+            if error.kind() == std::io::ErrorKind::NotFound
+                && path.components().count() <= 1
+                && path.extension().is_none() =>
+        {
+            return Err(presets::unknown(&path.to_string_lossy()));
+        }
+        opened => opened.map_err(io)?,
+    };
+    let mut bytes = Vec::new();
+    file.take(MAX_FILE_BYTES + 1)
+        .read_to_end(&mut bytes)
+        .map_err(io)?;
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        return Err(not_a_configuration(format!(
+            "larger than {MAX_FILE_BYTES} bytes; a vehicle's configuration is a short TOML file"
+        )));
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let offset = error.utf8_error().valid_up_to();
+        not_a_configuration(format!(
+            "not UTF-8 at byte {offset}; a configuration is TOML text"
+        ))
+    })
+}
+
+fn build(layers: &[Layer]) -> Result<Config, ConfigError> {
+    let other = |key: &str, message: String| {
+        ConfigError::Faults(vec![Fault {
+            origin: None,
+            key: key.to_owned(),
+            problem: Problem::Other(message),
+        }])
+    };
+    let shape = Shape::of_config().map_err(|error| other("configuration", error.to_string()))?;
+    let mut faults: Vec<Fault> = layers
+        .iter()
+        .flat_map(|layer| layer.check(&shape))
+        .collect();
+
+    let mut merged = Table::new();
+    for layer in layers {
+        merge(&mut merged, &layer.table);
+    }
+    faults.extend(missing_sensors(&merged));
+    if faults.is_empty() {
+        let config = Config::deserialize(Value::Table(merged))
+            .map_err(|error| other("configuration", error.message().to_owned()))?;
+        faults = config.validate();
+        if faults.is_empty() {
+            return Ok(config);
+        }
+    }
+    for fault in &mut faults {
+        let set_by = || {
+            layers
+                .iter()
+                .rev()
+                .find_map(|layer| layer.origin(&fault.key))
+        };
+        fault.origin = fault.origin.take().or_else(set_by);
+    }
+    faults.sort_by(|a, b| a.origin.cmp(&b.origin));
+    Err(ConfigError::Faults(faults))
+}
+
+/// Lays `over` over `under`: tables key by key, anything else replaces.
+fn merge(under: &mut Table, over: &Table) {
+    for (key, value) in over {
+        match (under.get_mut(key), value) {
+            (Some(Value::Table(under)), Value::Table(over)) => merge(under, over),
+            _ => drop(under.insert(key.clone(), value.clone())),
+        }
+    }
+}
+
+fn missing_sensors(merged: &Table) -> Vec<Fault> {
+    let Some(Value::Table(sensors)) = merged.get("sensors") else {
+        return Vec::new();
+    };
+    let has_kind = |sensor: &Value| sensor.get("kind").is_some();
+    let known: Vec<String> = sensors
+        .iter()
+        .filter(|(_, sensor)| has_kind(sensor))
+        .take(MAX_SENSORS)
+        .map(|(name, _)| name.clone())
+        .collect();
+    let unknown = sensors
+        .iter()
+        .filter(|(_, sensor)| sensor.is_table() && !has_kind(sensor));
+    unknown
+        .take(MAX_SENSORS)
+        .map(|(name, _)| Fault {
+            origin: None,
+            key: join("sensors", name),
+            problem: Problem::NoSuchSensor {
+                known: known.clone(),
+            },
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,436 @@
+#![expect(
+    clippy::float_cmp,
+    reason = "settings are what was written, to the last bit"
+)]
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::config::error::{Hint, Origin};
+use crate::config::presets::PRESETS;
+use crate::config::sensors::SensorConfig;
+use crate::localization::config::PoseSource;
+
+fn sets(settings: &[&str]) -> Vec<Override> {
+    settings.iter().map(|text| text.parse().unwrap()).collect()
+}
+
+fn faults(result: Result<Config, ConfigError>) -> Vec<Fault> {
+    match result {
+        Err(ConfigError::Faults(faults)) => faults,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn set_fault(setting: &str) -> String {
+    let faults = faults(load("generic2d", &sets(&[setting])));
+    assert_eq!(faults.len(), 1, "{setting}: {faults:?}");
+    faults[0].to_string()
+}
+
+/// Loads a file with this text.
+fn file(text: impl AsRef<[u8]>) -> Result<Config, ConfigError> {
+    file_with(text, &[])
+}
+
+fn file_with(text: impl AsRef<[u8]>, overrides: &[Override]) -> Result<Config, ConfigError> {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("v.toml");
+    std::fs::write(&path, text).unwrap();
+    load(path.to_str().unwrap(), overrides)
+}
+
+/// The preset with every key that stands behind `#` set.
+fn uncommented(text: &str) -> String {
+    let is_key = |line: &str| {
+        line.split_once(" = ")
+            .is_some_and(|(key, _)| !key.contains([' ', '`']))
+    };
+    let uncomment = |line: &str| match line.strip_prefix("# ") {
+        Some(rest) if is_key(rest) => format!("{rest}\n"),
+        Some(_) | None => format!("{line}\n"),
+    };
+    text.lines().map(uncomment).collect()
+}
+
+fn flattened(prefix: &str, table: &Table, keys: &mut Vec<String>) {
+    for (key, value) in table {
+        let path = join(prefix, key);
+        if let Value::Table(inner) = value {
+            flattened(&path, inner, keys);
+        } else {
+            keys.push(path);
+        }
+    }
+}
+
+#[test]
+fn presets_load_and_the_generic_one_is_the_default() {
+    for preset in PRESETS {
+        let config = load(preset.name, &[]).unwrap();
+        assert_eq!(config.vehicle.name, preset.name);
+    }
+    assert_eq!(load("generic2d", &[]).unwrap(), Config::default());
+    assert_eq!(Config::default().validate(), []);
+}
+
+#[test]
+fn presets_list_every_key_and_their_examples_are_valid() {
+    let shape = Shape::of_config().unwrap();
+    let mut known: Vec<String> = shape
+        .paths("laser")
+        .into_iter()
+        .filter(|(_, expected)| *expected != Expected::Table)
+        .map(|(path, _)| path)
+        .collect();
+    known.sort();
+    for preset in PRESETS {
+        let text = uncommented(preset.text);
+        let mut listed = Vec::new();
+        flattened("", &text.parse().unwrap(), &mut listed);
+        listed.sort();
+        assert_eq!(listed, known, "{}", preset.name);
+        file(&text).unwrap();
+    }
+}
+
+#[test]
+fn pioneer_has_the_figures_of_its_data_sheets() {
+    let config = load("pioneer", &[]).unwrap();
+    let SensorConfig::LaserScan(laser) = &config.sensors["laser"];
+    assert_eq!((laser.beams, laser.rate_hz), (Some(683), Some(10.0)));
+    assert_eq!(
+        (laser.range_min_m, laser.range_max_m),
+        (Some(0.02), Some(5.6))
+    );
+    assert_eq!(
+        (config.vehicle.length_m, config.vehicle.width_m),
+        (0.455, 0.381)
+    );
+}
+
+#[test]
+fn flags_win_over_set_over_file_over_preset() {
+    let text = "preset = \"pioneer\"\n[sensors.laser]\ntopic = \"/file\"\nrange_max_m = 4.0\n\
+                [mapping.occupancy]\ncell_m = 0.2";
+    let topic = |config: &Config| {
+        let SensorConfig::LaserScan(laser) = &config.sensors["laser"];
+        laser.topic.clone().unwrap()
+    };
+    let from_file = file(text).unwrap();
+    assert_eq!(from_file.vehicle.length_m, 0.455);
+    assert_eq!(from_file.mapping.occupancy.cell_m, 0.2);
+    assert_eq!(topic(&from_file), "/file");
+
+    let mut overrides = sets(&["mapping.occupancy.cell_m=1", "sensors.laser.topic=/set"]);
+    let set = file_with(text, &overrides).unwrap();
+    assert_eq!(set.mapping.occupancy.cell_m, 1.0);
+    assert_eq!(topic(&set), "/set");
+
+    overrides.push(Override::topic("laser=/flag").unwrap());
+    assert_eq!(topic(&file_with(text, &overrides).unwrap()), "/flag");
+}
+
+#[test]
+fn a_file_without_a_preset_names_all_its_sensors() {
+    let rear = file("[sensors.rear]\nkind = \"laser_scan\"\nmount.yaw_deg = 180").unwrap();
+    assert_eq!(rear.sensors.keys().collect::<Vec<_>>(), ["rear"]);
+    // What it does not say of a sensor that the generic vehicle has too, it has as the generic vehicle.
+    let laser = file("sensors.laser.time_offset_s = -0.04").unwrap();
+    let SensorConfig::LaserScan(laser) = &laser.sensors["laser"];
+    assert_eq!(laser.time_offset_s, -0.04);
+    let both = file("preset = \"pioneer\"\nsensors.rear.kind = \"laser_scan\"").unwrap();
+    assert_eq!(both.sensors.len(), 2);
+}
+
+#[test]
+fn set_takes_toml_and_bare_words() {
+    let config = load(
+        "generic2d",
+        &sets(&[
+            "localization.source=tf",
+            "localization.fixed_frame = \"map\"",
+            "vehicle.name=my robot",
+            "mapping.occupancy={cell_m = 5e-2, miss = 'free'}",
+            "streaming.budget_kbps=1_000",
+        ]),
+    )
+    .unwrap();
+    assert_eq!(config.localization.source, PoseSource::Tf);
+    assert_eq!(config.localization.fixed_frame.as_deref(), Some("map"));
+    assert_eq!(config.vehicle.name, "my robot");
+    assert_eq!(
+        (
+            config.mapping.occupancy.cell_m,
+            config.mapping.occupancy.p_free
+        ),
+        (0.05, 0.3)
+    );
+    assert_eq!(config.streaming.budget_kbps, 1000);
+}
+
+#[test]
+fn misspelt_keys_are_named_with_the_nearest() {
+    for (setting, key, nearest) in [
+        (
+            "mapping.occupancy.cell=1",
+            "mapping.occupancy.cell",
+            "mapping.occupancy.cell_m",
+        ),
+        (
+            "mapping.ocupancy.cell_m=1",
+            "mapping.ocupancy.cell_m",
+            "mapping.occupancy.cell_m",
+        ),
+        ("cell_m=1", "cell_m", "mapping.occupancy.cell_m"),
+        ("vehicle.lenght_m=1", "vehicle.lenght_m", "vehicle.length_m"),
+        (
+            "sensors.laser.mount.pitch=1",
+            "sensors.laser.mount.pitch",
+            "sensors.laser.mount.pitch_deg",
+        ),
+        (
+            "sensor.laser.range_max_m=1",
+            "sensor.laser.range_max_m",
+            "sensors.laser.range_max_m",
+        ),
+        (
+            "streaming.budget_kpbs=1",
+            "streaming.budget_kpbs",
+            "streaming.budget_kbps",
+        ),
+    ] {
+        let expected = format!("--set: `{key}`: unknown key: did you mean `{nearest}`?");
+        assert_eq!(set_fault(setting), expected);
+    }
+    assert!(set_fault("teleop.lease_s=1").contains("unknown key: the nearest that exists is `"));
+}
+
+#[test]
+fn a_sensor_that_is_not_there_is_not_invented() {
+    let expected = "the vehicle has no sensor of this name; it has: laser. \
+                    To add one, set its `kind` (laser_scan)";
+    assert_eq!(
+        set_fault("sensors.lazer.range_max_m=5"),
+        format!("--set: `sensors.lazer`: {expected}")
+    );
+    let topic = Override::topic("sonar=/scan").unwrap();
+    assert_eq!(
+        faults(load("pioneer", &[topic]))[0].to_string(),
+        format!("--topic: `sensors.sonar`: {expected}")
+    );
+}
+
+#[test]
+fn wrong_types_are_named_with_what_is_expected() {
+    for (setting, message) in [
+        (
+            "mapping.occupancy.cell_m=small",
+            "expected a number, found the text \"small\"",
+        ),
+        (
+            "mapping.threads=1.5",
+            "expected a whole number, not negative, found 1.5",
+        ),
+        (
+            "streaming.store_mb=-1",
+            "expected a whole number, not negative, found -1",
+        ),
+        (
+            "streaming.store_mb=99999999999",
+            "expected a whole number, not negative, found 99999999999",
+        ),
+        ("vehicle.name=7", "expected text in quotes, found 7"),
+        (
+            "vehicle.name=[1]",
+            "expected text in quotes, found an array",
+        ),
+        (
+            "vehicle=pioneer",
+            "expected a table of settings, found the text \"pioneer\"",
+        ),
+        ("vehicle.name.x=1", "expected text in quotes, found a table"),
+        (
+            "mapping.occupancy.miss=fre",
+            "expected one of \"unknown\", \"free\", found the text \"fre\"",
+        ),
+        (
+            "sensors.laser.kind=sonar",
+            "expected \"laser_scan\", found the text \"sonar\"",
+        ),
+    ] {
+        let key = setting.split('=').next().unwrap().trim_end_matches(".x");
+        assert_eq!(set_fault(setting), format!("--set: `{key}`: {message}"));
+    }
+}
+
+#[test]
+fn faults_in_files_say_line_and_column_and_all_are_told() {
+    let text = "[vehicle]\nname = \"é\"\n  width = 1\n[localization]\nsource = \"gps\"\n\
+                wait_s = true\n[mapping]\noccupancy = { miss = \"é\", cell = 1 }";
+    let faults = faults(file(text));
+    let told: Vec<(usize, usize, &str)> = faults
+        .iter()
+        .map(|fault| match &fault.origin {
+            Some(Origin::File { line, column, .. }) => (*line, *column, fault.key.as_str()),
+            other => panic!("{other:?}"),
+        })
+        .collect();
+    assert_eq!(
+        told,
+        [
+            (3, 3, "vehicle.width"),
+            (5, 1, "localization.source"),
+            (6, 1, "localization.wait_s"),
+            (8, 15, "mapping.occupancy.miss"),
+            (8, 27, "mapping.occupancy.cell"),
+        ]
+    );
+    let hint = Hint {
+        name: "vehicle.width_m".to_owned(),
+        is_close: true,
+    };
+    assert_eq!(
+        faults[0].problem,
+        Problem::UnknownKey {
+            nearest: Some(hint)
+        }
+    );
+}
+
+#[test]
+fn files_that_are_not_configurations_are_refused() {
+    let message = |result: Result<Config, ConfigError>| result.unwrap_err().to_string();
+    let syntax = message(file("[vehicle]\nname = \"a"));
+    assert!(syntax.contains("v.toml:2:"), "{syntax}");
+    assert!(message(file("a = 1\na = 2")).contains("v.toml:2:1: duplicate key"));
+    assert!(message(file([b'a', 0xff])).contains("not UTF-8 at byte 1"));
+    assert!(message(file(vec![b'#'; 1 << 21])).contains("larger than 1048576 bytes"));
+    assert!(message(file("a".repeat(1 << 20))).len() < 1000);
+    assert!(message(file("a.".repeat(100_000) + "b = 1")).contains("v.toml:1:"));
+    assert!(message(file(format!("a = {}", "[".repeat(1 << 19)))).contains("v.toml:1:"));
+    assert!(
+        message(file("preset = \"pioner\"")).contains(
+            "v.toml:1:1: `preset`: there is no vehicle `pioner`: did you mean `pioneer`?"
+        )
+    );
+    assert!(message(file("preset = 3")).contains("expected text in quotes, found 3"));
+    assert!(message(file("\"vehicle.name\" = 'a'")).contains("unknown key"));
+    assert!(message(load("/nowhere/v.toml", &[])).starts_with("/nowhere/v.toml: "));
+    assert!(message(load("/", &[])).starts_with("/: "));
+}
+
+#[test]
+fn an_unknown_vehicle_gets_the_list() {
+    let error = load("pionneer", &[]).unwrap_err().to_string();
+    assert!(
+        error.starts_with(
+            "there is no vehicle `pionneer`: did you mean `pioneer`? Presets: generic2d, pioneer."
+        ),
+        "{error}"
+    );
+    let error = load("holos", &[]).unwrap_err().to_string();
+    assert!(
+        error.starts_with("there is no vehicle `holos`. Presets: generic2d, pioneer."),
+        "{error}"
+    );
+}
+
+#[test]
+fn values_that_make_no_sense_are_refused() {
+    for (setting, allowed) in [
+        ("mapping.occupancy.cell_m=0", "0.01 to 10"),
+        ("mapping.occupancy.cell_m=nan", "0.01 to 10"),
+        ("mapping.occupancy.cell_m=inf", "0.01 to 10"),
+        ("mapping.occupancy.p_free=0.5", "above 0, below 0.5"),
+        ("mapping.occupancy.p_occupied=0.5", "above 0.5, below 1"),
+        ("mapping.occupancy.p_min=0.3", "above 0, below p_free = 0.3"),
+        ("mapping.occupancy.p_min=0", "above 0, below p_free = 0.3"),
+        (
+            "mapping.occupancy.p_max=1",
+            "above p_occupied = 0.6, below 1",
+        ),
+        ("mapping.threads=3", "1 to 2"),
+        ("vehicle.width_m=-1", "above 0, up to 100"),
+        ("vehicle.name=", "1 to 255 printable characters"),
+        ("sensors.laser.mount.yaw_deg=nan", "-360 to 360"),
+        ("sensors.laser.range_max_m=0", "above 0, up to 10000"),
+        ("sensors.laser.beams=0", "1 to 100000"),
+        ("localization.base_frame=/base_link", "\"base_link\""),
+        (
+            "localization.fixed_frame=base_link",
+            "a frame other than localization.base_frame",
+        ),
+        (
+            "localization.buffer_s=0.2",
+            "at least max_gap_s and wait_s, 0.5",
+        ),
+        ("localization.max_waiting_scans=0", "1 to 100000"),
+        ("streaming.publish_period_s=0", "0.02 to 3600"),
+    ] {
+        let (key, value) = setting.split_once('=').unwrap();
+        let message = set_fault(setting);
+        assert!(
+            message.starts_with(&format!("--set: `{key}`: ")),
+            "{message}"
+        );
+        assert!(
+            message.contains(value) && message.ends_with(&format!("; allowed: {allowed}")),
+            "{message}"
+        );
+    }
+}
+
+#[test]
+fn faults_of_values_say_where_the_value_came_from_and_all_are_told() {
+    let text = "[vehicle]\nlength_m = -1\n[sensors.laser]\nrange_min_m = 6";
+    let told: Vec<String> = faults(file_with(text, &sets(&["sensors.laser.range_max_m=5"])))
+        .iter()
+        .map(|fault| match &fault.origin {
+            Some(Origin::File { line, .. }) => format!("{} {line}", fault.key),
+            other => format!("{} {other:?}", fault.key),
+        })
+        .collect();
+    assert_eq!(
+        told,
+        ["vehicle.length_m 2", "sensors.laser.range_max_m Some(Set)"]
+    );
+}
+
+#[test]
+fn many_faults_stay_readable_and_cheap() {
+    let settings = |count: usize, setting: &str| -> String {
+        let lines = (0..count).map(|i| ["sensors.s", &i.to_string(), setting, "\n"].concat());
+        lines.collect()
+    };
+    let unknown = file(settings(40_000, ".x = 1"));
+    assert!((1..=200).contains(&faults(unknown).len()));
+    let too_many = file(settings(30_000, ".kind='laser_scan'"));
+    assert_eq!(faults(too_many).len(), 1);
+}
+
+proptest! {
+    #[test]
+    fn no_setting_panics(
+        key in prop_oneof![
+            "[a-z_.]{0,30}",
+            Just("mapping.occupancy.cell_m".to_owned()),
+            Just("sensors.laser".to_owned()),
+            Just("vehicle".to_owned()),
+            any::<String>(),
+        ],
+        value in prop_oneof!["[0-9a-z'\"{}\\[\\]=., -]{0,20}", any::<String>()],
+    ) {
+        if let Ok(setting) = format!("{key}={value}").parse() {
+            match load("generic2d", &[setting]) {
+                Ok(config) => prop_assert_eq!(config.validate(), []),
+                Err(error) => prop_assert!((10..10_000).contains(&error.to_string().len())),
+            }
+        }
+    }
+
+    #[test]
+    fn no_file_panics(text in "(\\[?[a-z.]{0,12}\\]? ?=? ?[0-9a-z\"'{}.-]{0,8}\n){0,6}") {
+        drop(file(text));
+    }
+}

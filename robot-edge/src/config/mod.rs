@@ -1,0 +1,64 @@
+//! The root configuration, and how it is put together.
+//!
+//! A vehicle is one TOML file; the presets are such files, embedded. Layers lie over each other, each
+//! replacing only what it names: preset < file < `--set` < flags. A file starts from the preset that its
+//! first key `preset = "NAME"` names, else from `generic2d`; in the latter case a file that has a `sensors`
+//! table names *all* its sensors. Every layer is checked against the keys that exist before anything is
+//! merged, so that an error can say where it stands; nothing is ever repaired silently.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+
+pub mod error;
+pub mod load;
+pub mod overrides;
+pub mod presets;
+pub mod sensors;
+pub mod vehicle;
+
+mod checks;
+mod layer;
+mod nearest;
+mod shape;
+mod validate;
+
+pub use error::{ConfigError, Fault, Origin, Problem};
+pub use load::load;
+pub use overrides::Override;
+pub use sensors::{LaserScanConfig, Mount, SensorConfig};
+pub use vehicle::VehicleConfig;
+
+use crate::localization::config::LocalizationConfig;
+use crate::mapping::config::MappingConfig;
+use crate::streaming::config::StreamingConfig;
+
+/// Everything that can be set, by module.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// The vehicle's body and limits.
+    pub vehicle: VehicleConfig,
+    /// Sensors by name; the main laser is named `laser`.
+    pub sensors: BTreeMap<String, SensorConfig>,
+    /// Poses.
+    pub localization: LocalizationConfig,
+    /// Map layers.
+    pub mapping: MappingConfig,
+    /// Tiles.
+    pub streaming: StreamingConfig,
+}
+
+impl Default for Config {
+    /// One planar laser on a vehicle nothing else is known of: the preset `generic2d`.
+    fn default() -> Self {
+        let laser = SensorConfig::LaserScan(LaserScanConfig::default());
+        Self {
+            vehicle: VehicleConfig::default(),
+            sensors: BTreeMap::from([(sensors::MAIN_LASER.to_owned(), laser)]),
+            localization: LocalizationConfig::default(),
+            mapping: MappingConfig::default(),
+            streaming: StreamingConfig::default(),
+        }
+    }
+}

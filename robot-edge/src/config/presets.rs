@@ -1,0 +1,64 @@
+//! Vehicles that come with the program.
+
+use super::error::ConfigError;
+use super::layer::Layer;
+use super::nearest::nearest;
+
+/// A vehicle's configuration, embedded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Preset {
+    /// What `--vehicle` calls it.
+    pub name: &'static str,
+    /// The file, with every key, unit and source.
+    pub text: &'static str,
+}
+
+impl Preset {
+    /// The first line of the file: what the vehicle is.
+    pub fn title(&self) -> &'static str {
+        let line = self.text.lines().next().unwrap_or_default();
+        line.trim_start_matches(['#', ' '])
+    }
+
+    pub(super) fn layer(&self) -> Result<Layer, ConfigError> {
+        Layer::preset(self.name, self.text)
+    }
+}
+
+/// The preset of a vehicle nothing is known of.
+pub const GENERIC: Preset = Preset {
+    name: "generic2d",
+    text: include_str!("../../vehicles/generic2d.toml"),
+};
+
+/// All presets, by name.
+pub const PRESETS: &[Preset] = &[
+    GENERIC,
+    Preset {
+        name: "pioneer",
+        text: include_str!("../../vehicles/pioneer.toml"),
+    },
+];
+
+/// The preset called `name`, if there is one.
+pub(super) fn find(name: &str) -> Option<Preset> {
+    PRESETS.iter().find(|preset| preset.name == name).copied()
+}
+
+/// The preset called `name`.
+///
+/// # Errors
+/// Where there is none, one that lists those there are.
+pub fn get(name: &str) -> Result<Preset, ConfigError> {
+    find(name).ok_or_else(|| unknown(name))
+}
+
+/// The error for a vehicle that is no preset.
+pub(super) fn unknown(name: &str) -> ConfigError {
+    ConfigError::UnknownVehicle {
+        name: super::layer::quoted(name),
+        nearest: nearest(name, PRESETS.iter().map(|preset| preset.name))
+            .filter(|hint| hint.is_close),
+        presets: PRESETS.iter().map(|preset| preset.name).collect(),
+    }
+}

@@ -1,0 +1,35 @@
+//! Settings of `[vehicle]`.
+
+use serde::Deserialize;
+
+/// The vehicle's body and limits.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct VehicleConfig {
+    /// Name in summaries and messages.
+    pub name: String,
+    /// Extent along x, metres, centred on the base frame.
+    pub length_m: f64,
+    /// Extent along y, metres, centred on the base frame.
+    pub width_m: f64,
+    /// Extent along z from the ground up, metres.
+    pub height_m: f64,
+    /// Greatest speed, metres per second.
+    pub max_speed_mps: f64,
+    /// Greatest turn rate, radians per second.
+    pub max_turn_rate_radps: f64,
+}
+
+impl Default for VehicleConfig {
+    /// Of an unknown vehicle: all is assumed.
+    fn default() -> Self {
+        Self {
+            name: "generic2d".to_owned(),
+            length_m: 0.5,
+            width_m: 0.5,
+            height_m: 0.5,
+            max_speed_mps: 1.0,
+            max_turn_rate_radps: 1.0,
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! What the process tells its caller.
+
+use std::error::Error;
+use std::process::ExitCode;
+
+use crate::config::ConfigError;
+use crate::recording::RecordingError;
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Exit {
+    /// It did what was asked.
+    Done = 0,
+    /// It failed while running.
+    Failed = 1,
+    /// Wrong usage or configuration.
+    Usage = 2,
+    /// The recording could not be read.
+    Unreadable = 3,
+    /// Somebody stopped it (Ctrl-C).
+    Interrupted = 130,
+}
+
+/// What was asked cannot be done with these arguments, in words that say what to do instead.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct UsageError(pub String);
+
+/// Somebody stopped it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("interrupted")]
+pub struct Interrupted;
+
+impl Exit {
+    /// How a run ends that fails with `error`: decided by the outermost cause that is known.
+    pub fn of(error: &(dyn Error + 'static)) -> Self {
+        let mut cause = Some(error);
+        while let Some(error) = cause {
+            if error.is::<UsageError>() || error.is::<ConfigError>() || error.is::<clap::Error>() {
+                return Self::Usage;
+            }
+            if error.is::<RecordingError>() {
+                return Self::Unreadable;
+            }
+            if error.is::<Interrupted>() {
+                return Self::Interrupted;
+            }
+            cause = error.source();
+        }
+        Self::Failed
+    }
+
+    /// The number that the caller sees.
+    pub const fn code(self) -> u8 {
+        self as u8
+    }
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(exit.code())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::Context as _;
+
+    fn check(error: &anyhow::Error, expected: u8) {
+        assert_eq!(Exit::of(error.as_ref()).code(), expected, "{error:#}");
+    }
+
+    #[test]
+    fn errors_keep_their_code_under_context() {
+        let unreadable = || RecordingError::UnknownFormat {
+            path: "a.bag".into(),
+            begins_with: "PK".to_owned(),
+        };
+        let misconfigured = crate::config::load("no such vehicle", &[]).unwrap_err();
+        check(&anyhow::anyhow!("the disk is full"), 1);
+        check(&misconfigured.into(), 2);
+        check(&UsageError("no topic fits".to_owned()).into(), 2);
+        check(&unreadable().into(), 3);
+        check(
+            &anyhow::Error::from(unreadable()).context("while replaying"),
+            3,
+        );
+        check(
+            &Err::<(), _>(Interrupted)
+                .context("while replaying")
+                .unwrap_err(),
+            130,
+        );
+    }
+}

@@ -1,0 +1,163 @@
+//! Measurements in stamp order in, published tiles out: one vehicle's maps, whatever the source.
+
+use protocol::tile::BootId;
+
+use crate::clock::Monotonic;
+use crate::config::Config;
+use crate::drops::DropCounts;
+use crate::localization::placer::{BeamPlacer, PlacerSettings};
+use crate::mapping::Mapper;
+use crate::mapping::posed_scan::PosedScan;
+use crate::measurement::Measurement;
+use crate::robot_time::{RobotDuration, RobotTime};
+use crate::streaming::publisher::{PublishError, Publisher};
+use crate::summary::StageTimer;
+
+/// Places, maps and publishes. It owns no thread: whoever holds it calls it.
+pub struct Pipeline {
+    placer: BeamPlacer,
+    mapper: Mapper,
+    publisher: Publisher,
+    publish_period: RobotDuration,
+    published_at: Option<RobotTime>,
+    placed: Vec<PosedScan>,
+    report: PipelineReport,
+}
+
+/// What became of everything so far.
+#[derive(Clone, Debug, Default)]
+pub struct PipelineReport {
+    /// Scans that are in the map.
+    pub scans_mapped: u64,
+    /// Beams that marked a hit.
+    pub hits: u64,
+    /// Beams without a return.
+    pub misses: u64,
+    /// Beams that no layer could take, by reason.
+    pub dropped_beams: DropCounts,
+    /// Time spent per scan in placing its beams and in each layer, and per publication.
+    pub stages: Stages,
+}
+
+/// Where time goes.
+#[derive(Clone, Debug, Default)]
+pub struct Stages {
+    /// Waiting for poses and placing beams, per measurement.
+    pub place: StageTimer,
+    /// Updating the occupancy grid, per scan.
+    pub occupancy: StageTimer,
+    /// Turning changed cells into stored tiles, per publication.
+    pub publish: StageTimer,
+}
+
+impl Pipeline {
+    /// Empty maps of a vehicle. `encode`: see [`Publisher::new`].
+    ///
+    /// # Errors
+    /// Where the tile store cannot be set up.
+    pub fn new(
+        config: &Config,
+        placer: PlacerSettings,
+        boot: BootId,
+        encode: bool,
+    ) -> Result<Self, PublishError> {
+        let mapper = Mapper::new(&config.mapping.occupancy);
+        let publisher = Publisher::new(boot, config.streaming.store_mb, &mapper, encode)?;
+        Ok(Self {
+            placer: BeamPlacer::new(placer),
+            mapper,
+            publisher,
+            publish_period: RobotDuration::from_secs_f64(config.streaming.publish_period_s),
+            published_at: None,
+            placed: Vec::new(),
+            report: PipelineReport::default(),
+        })
+    }
+
+    /// Takes one measurement. Every scan that got into the map is handed to `mapped`.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub fn push(
+        &mut self,
+        measurement: Measurement,
+        mapped: impl FnMut(&PosedScan),
+    ) -> Result<(), PublishError> {
+        let started = Monotonic::now();
+        self.placer.push(measurement, &mut self.placed);
+        self.report.stages.place.record(started.elapsed());
+        self.map_placed(mapped)
+    }
+
+    /// The clock of the data started anew.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub fn reset_clock(&mut self, mapped: impl FnMut(&PosedScan)) -> Result<(), PublishError> {
+        self.placer.reset_clock(&mut self.placed);
+        self.published_at = None;
+        self.map_placed(mapped)
+    }
+
+    /// The data ended: maps what still waits and publishes all of it.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub fn finish(&mut self, mapped: impl FnMut(&PosedScan)) -> Result<(), PublishError> {
+        self.placer.finish(&mut self.placed);
+        self.map_placed(mapped)?;
+        self.publish()
+    }
+
+    fn map_placed(&mut self, mut mapped: impl FnMut(&PosedScan)) -> Result<(), PublishError> {
+        let mut placed = std::mem::take(&mut self.placed);
+        for scan in &placed {
+            let started = Monotonic::now();
+            let map = self.mapper.integrate(scan);
+            self.report.stages.occupancy.record(started.elapsed());
+            self.report.scans_mapped += 1;
+            self.report.hits += map.hits;
+            self.report.misses += map.misses;
+            self.report.dropped_beams.merge(&map.dropped_beams);
+            mapped(scan);
+            // Time of the data, so that what is published does not depend on the speed of a replay.
+            let due = self
+                .published_at
+                .is_none_or(|at| scan.stamp.since(at) >= self.publish_period);
+            if due {
+                self.published_at = Some(scan.stamp);
+                self.publish()?;
+            }
+        }
+        placed.clear();
+        self.placed = placed;
+        Ok(())
+    }
+
+    fn publish(&mut self) -> Result<(), PublishError> {
+        let started = Monotonic::now();
+        self.publisher.publish(&mut self.mapper)?;
+        self.report.stages.publish.record(started.elapsed());
+        Ok(())
+    }
+
+    /// What became of scans and beams on their way to a pose.
+    pub fn placer(&self) -> &BeamPlacer {
+        &self.placer
+    }
+
+    /// The maps.
+    pub const fn mapper(&self) -> &Mapper {
+        &self.mapper
+    }
+
+    /// What was published.
+    pub const fn publisher(&self) -> &Publisher {
+        &self.publisher
+    }
+
+    /// What became of everything so far.
+    pub const fn report(&self) -> &PipelineReport {
+        &self.report
+    }
+}

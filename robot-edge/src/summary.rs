@@ -1,0 +1,272 @@
+//! What `--summary FILE.json` holds. Field names are a contract with scripts.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write as _};
+use std::path::Path;
+
+use serde::Serialize;
+
+use crate::drops::DropCounts;
+
+mod stage_timer;
+
+pub use stage_timer::{StageTimer, StageTimes};
+
+/// Figures of one run.
+#[derive(Clone, Debug, PartialEq, Default, Serialize)]
+pub struct Summary {
+    /// The recording as it was named, or the simulated world.
+    pub recording: String,
+    /// `vehicle.name`.
+    pub vehicle: String,
+    /// Time of the data, first stamp to last, seconds.
+    pub duration_s: f64,
+    /// Time it took, seconds.
+    pub wall_s: f64,
+    /// [`Self::duration_s`] over [`Self::wall_s`]; `null` where no time passed.
+    pub realtime_factor: Option<f64>,
+    /// Sweeps.
+    pub scans: Scans,
+    /// Beams of the sweeps that were mapped.
+    pub beams: Beams,
+    /// Time spent, by stage.
+    pub stages: BTreeMap<String, StageTimes>,
+    /// Maps, by layer.
+    pub layers: BTreeMap<String, LayerFigures>,
+    /// What was published.
+    pub tiles: Tiles,
+    /// Most memory the process held, bytes; `null` where the system does not tell.
+    pub peak_rss_bytes: Option<u64>,
+    /// What happened, in order.
+    pub events: Vec<Event>,
+}
+
+/// Sweeps by fate: those that came in were mapped or dropped.
+#[derive(Clone, Debug, PartialEq, Eq, Default, Serialize)]
+pub struct Scans {
+    /// Came in.
+    #[serde(rename = "in")]
+    pub came_in: u64,
+    /// Reached the map.
+    pub mapped: u64,
+    /// Did not, by reason.
+    #[serde(serialize_with = "by_reason")]
+    pub dropped: DropCounts,
+}
+
+/// Beams by fate.
+#[derive(Clone, Debug, PartialEq, Eq, Default, Serialize)]
+pub struct Beams {
+    /// Came in.
+    #[serde(rename = "in")]
+    pub came_in: u64,
+    /// Hit something.
+    pub hits: u64,
+    /// Saw nothing up to the sensor's range.
+    pub misses: u64,
+    /// Say nothing, by reason.
+    #[serde(serialize_with = "by_reason")]
+    pub dropped: DropCounts,
+}
+
+/// One map layer.
+#[derive(Clone, Debug, PartialEq, Eq, Default, Serialize)]
+pub struct LayerFigures {
+    /// Cells that are not unknown.
+    pub cells_known: u64,
+    /// Cells by class.
+    pub counts: BTreeMap<String, u64>,
+    /// BLAKE3 of the cells in a defined order, hexadecimal.
+    pub digest: String,
+    /// Memory of the layer.
+    pub bytes: u64,
+}
+
+/// What was published.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+pub struct Tiles {
+    /// Tiles, every version counted.
+    pub published: u64,
+    /// Their size, encoded.
+    pub bytes: u64,
+    /// Their size before encoding.
+    pub raw_bytes: u64,
+}
+
+/// Something that happened.
+#[derive(Clone, Debug, PartialEq, Default, Serialize)]
+pub struct Event {
+    /// Time of the data, seconds; `null` where it has none.
+    pub stamp_s: Option<f64>,
+    /// What, in one word.
+    pub kind: String,
+    /// What, in a sentence, with the reason.
+    pub message: String,
+}
+
+impl Summary {
+    /// Sets duration, wall time and their quotient, seconds.
+    pub fn set_times(&mut self, duration_s: f64, wall_s: f64) {
+        self.duration_s = duration_s;
+        self.wall_s = wall_s;
+        self.realtime_factor = Some(duration_s / wall_s).filter(|factor| factor.is_finite());
+    }
+
+    /// Writes the summary under a temporary name beside `path`, then renames it: whoever finds `path`
+    /// finds it whole. What is not an ordinary file (`/dev/stdout`) is written to directly.
+    ///
+    /// # Errors
+    /// Where the file cannot be written; the temporary one is removed.
+    pub fn write(&self, path: &Path) -> io::Result<()> {
+        if fs::metadata(path).is_ok_and(|metadata| !metadata.is_file()) {
+            return self.write_to(File::options().write(true).open(path)?);
+        }
+        let name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?;
+        let mut temporary = name.to_owned();
+        temporary.push(format!(".{}.tmp", std::process::id()));
+        let temporary = path.with_file_name(temporary);
+        let written = File::create(&temporary)
+            .and_then(|file| self.write_to(file))
+            .and_then(|()| fs::rename(&temporary, path));
+        if written.is_err() {
+            // The first error is the one to tell.
+            drop(fs::remove_file(&temporary));
+        }
+        written
+    }
+
+    fn write_to(&self, file: File) -> io::Result<()> {
+        let mut out = BufWriter::new(file);
+        serde_json::to_writer_pretty(&mut out, self)?;
+        out.write_all(b"\n")?;
+        out.flush()
+    }
+}
+
+/// Most memory this process has held so far, bytes; `None` where the system does not tell.
+pub fn peak_rss_bytes() -> Option<u64> {
+    peak_rss_in(&fs::read_to_string("/proc/self/status").ok()?)
+}
+
+/// `VmHWM` of proc(5)'s `status`, which is in units of 1024 bytes.
+fn peak_rss_in(status: &str) -> Option<u64> {
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    kibibytes.checked_mul(1024)
+}
+
+fn by_reason<S: serde::Serializer>(drops: &DropCounts, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(drops.iter().map(|(reason, n)| (reason.as_str(), n)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::drops::DropReason;
+    use serde_json::json;
+
+    fn summary() -> Summary {
+        let mut summary = Summary {
+            recording: "intel.log".to_owned(),
+            vehicle: "generic2d".to_owned(),
+            peak_rss_bytes: Some(4096),
+            ..Summary::default()
+        };
+        summary.set_times(30.0, 0.5);
+        summary.scans.came_in = 910;
+        summary.scans.mapped = 907;
+        summary.scans.dropped.add_many(DropReason::PoseGap, 3);
+        summary.beams.dropped.add(DropReason::InvalidRange);
+        let times = StageTimes {
+            p50_us: 1.0,
+            p99_us: 2.0,
+            max_us: 3.5,
+        };
+        summary.stages.insert("integrate".to_owned(), times);
+        let layer = LayerFigures {
+            cells_known: 2,
+            counts: BTreeMap::from([("occupied".to_owned(), 2)]),
+            digest: "ab".to_owned(),
+            bytes: 64,
+        };
+        summary.layers.insert("occupancy".to_owned(), layer);
+        summary.events.push(Event {
+            stamp_s: None,
+            kind: "vehicle".to_owned(),
+            message: "one planar laser: generic2d".to_owned(),
+        });
+        summary
+    }
+
+    #[test]
+    fn names_are_those_of_the_contract() {
+        let expected = json!({
+            "recording": "intel.log",
+            "vehicle": "generic2d",
+            "duration_s": 30.0,
+            "wall_s": 0.5,
+            "realtime_factor": 60.0,
+            "scans": {"in": 910, "mapped": 907, "dropped": {"pose_gap": 3}},
+            "beams": {"in": 0, "hits": 0, "misses": 0, "dropped": {"invalid_range": 1}},
+            "stages": {"integrate": {"p50_us": 1.0, "p99_us": 2.0, "max_us": 3.5}},
+            "layers": {"occupancy":
+                {"cells_known": 2, "counts": {"occupied": 2}, "digest": "ab", "bytes": 64}},
+            "tiles": {"published": 0, "bytes": 0, "raw_bytes": 0},
+            "peak_rss_bytes": 4096,
+            "events": [{"stamp_s": null, "kind": "vehicle", "message": "one planar laser: generic2d"}],
+        });
+        assert_eq!(serde_json::to_value(summary()).unwrap(), expected);
+    }
+
+    #[test]
+    fn no_time_has_no_factor() {
+        let mut summary = Summary::default();
+        summary.set_times(0.0, 0.0);
+        assert_eq!(summary.realtime_factor, None);
+    }
+
+    #[test]
+    fn the_file_appears_whole_or_not_at_all() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("s.json");
+        fs::write(&path, "old").unwrap();
+        summary().write(&path).unwrap();
+        let text = fs::read_to_string(&path).unwrap();
+        let read: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(read["scans"]["in"], 910);
+        assert!(text.ends_with("}\n"));
+        assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 1);
+
+        let nowhere = directory.path().join("no/such/s.json");
+        assert_eq!(
+            summary().write(&nowhere).unwrap_err().kind(),
+            io::ErrorKind::NotFound
+        );
+        assert!(summary().write(Path::new("/dev/null")).is_ok());
+        assert!(
+            summary().write(directory.path()).is_err(),
+            "a directory is not a file"
+        );
+    }
+
+    #[test]
+    fn peak_memory_is_read_from_the_status_of_the_process() {
+        assert_eq!(
+            peak_rss_in("Name:\tx\nVmHWM:\t   12345 kB\nVmRSS:\t 1 kB\n"),
+            Some(12_641_280)
+        );
+        for status in [
+            "",
+            "VmHWM:\t",
+            "VmHWM: 1 MB",
+            "VmHWM: 99999999999999999999 kB",
+        ] {
+            assert_eq!(peak_rss_in(status), None, "{status}");
+        }
+        #[cfg(target_os = "linux")]
+        assert!(peak_rss_bytes().unwrap() > 1 << 20);
+    }
+}

@@ -1,0 +1,142 @@
+//! The commands `vehicles` and `check`.
+
+use std::io::{self, Write};
+
+use crate::config::presets::{PRESETS, Preset};
+use crate::config::{self, Config, SensorConfig};
+use crate::exit::Exit;
+
+/// `vehicles`: one line for each preset.
+pub fn list(out: &mut dyn Write) -> io::Result<()> {
+    let width = PRESETS
+        .iter()
+        .map(|preset| preset.name.len())
+        .max()
+        .unwrap_or(0);
+    for preset in PRESETS {
+        writeln!(out, "{:width$}  {}", preset.name, preset.title())?;
+    }
+    Ok(())
+}
+
+/// `vehicles NAME`: the preset as a configuration to edit.
+pub fn print(preset: &Preset, out: &mut dyn Write) -> io::Result<()> {
+    out.write_all(preset.text.as_bytes())
+}
+
+/// `check CONFIG`: `ok` and what was understood, or every fault on a line.
+pub fn check(vehicle: &str, out: &mut dyn Write) -> io::Result<Exit> {
+    match config::load(vehicle, &[]) {
+        Ok(config) => {
+            writeln!(out, "ok")?;
+            write_essentials(&config, out)?;
+            Ok(Exit::Done)
+        }
+        Err(error) => {
+            writeln!(out, "{error}")?;
+            Ok(Exit::Usage)
+        }
+    }
+}
+
+fn write_essentials(config: &Config, out: &mut dyn Write) -> io::Result<()> {
+    let vehicle = &config.vehicle;
+    writeln!(
+        out,
+        "vehicle: {}, {} × {} × {} m, at most {} m/s and {} rad/s",
+        vehicle.name,
+        vehicle.length_m,
+        vehicle.width_m,
+        vehicle.height_m,
+        vehicle.max_speed_mps,
+        vehicle.max_turn_rate_radps
+    )?;
+    for (name, sensor) in &config.sensors {
+        let SensorConfig::LaserScan(laser) = sensor;
+        let range = |range_m: Option<f64>| {
+            range_m.map_or("as its messages say".to_owned(), |range_m| {
+                format!("{range_m} m")
+            })
+        };
+        writeln!(
+            out,
+            "sensor {name}: {}, topic {}, ranges from {} to {}",
+            sensor.kind(),
+            laser.topic.as_deref().unwrap_or("by type"),
+            range(laser.range_min_m),
+            range(laser.range_max_m)
+        )?;
+    }
+    let (mapping, streaming) = (&config.mapping, &config.streaming);
+    writeln!(
+        out,
+        "occupancy: cells of {} m, at most {} MB",
+        mapping.occupancy.cell_m, mapping.occupancy.memory_limit_mb
+    )?;
+    writeln!(out, "streaming: {} kbit/s", streaming.budget_kbps)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn checked(text: &str) -> (Exit, String) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("boat.toml");
+        std::fs::write(&path, text).unwrap();
+        let mut out = Vec::new();
+        let exit = check(path.to_str().unwrap(), &mut out).unwrap();
+        let place = format!("{}/", directory.path().display());
+        (exit, String::from_utf8(out).unwrap().replace(&place, ""))
+    }
+
+    #[test]
+    fn a_good_configuration_is_ok() {
+        let (exit, text) = checked("preset = \"pioneer\"\nsensors.laser.topic = \"/front\"");
+        assert_eq!(exit, Exit::Done);
+        assert_eq!(
+            text,
+            "ok\n\
+             vehicle: pioneer, 0.455 × 0.381 × 0.237 m, at most 1.2 m/s and 5.24 rad/s\n\
+             sensor laser: laser_scan, topic /front, ranges from 0.02 m to 5.6 m\n\
+             occupancy: cells of 0.1 m, at most 256 MB\n\
+             streaming: 256 kbit/s\n"
+        );
+    }
+
+    #[test]
+    fn every_fault_has_its_line() {
+        let (exit, text) =
+            checked("[mapping.occupancy]\ncell = 0.1\n\n[vehicle]\nlength_m = \"long\"");
+        assert_eq!(exit, Exit::Usage);
+        assert_eq!(
+            text,
+            "boat.toml:2:1: `mapping.occupancy.cell`: unknown key: did you mean `mapping.occupancy.cell_m`?\n\
+             boat.toml:5:1: `vehicle.length_m`: expected a number, found the text \"long\"\n"
+        );
+    }
+
+    #[test]
+    fn presets_are_listed_and_printed_verbatim() {
+        let mut out = Vec::new();
+        list(&mut out).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        assert!(
+            text.starts_with("generic2d  One horizontal laser"),
+            "{text}"
+        );
+        assert!(text.contains("\npioneer    Pioneer 3-DX"), "{text}");
+
+        for preset in PRESETS {
+            let mut out = Vec::new();
+            print(preset, &mut out).unwrap();
+            assert_eq!(out, preset.text.as_bytes());
+        }
+        let error = config::presets::get("pionear").unwrap_err();
+        assert_eq!(Exit::of(&error), Exit::Usage);
+        assert!(
+            error.to_string().contains("did you mean `pioneer`?"),
+            "{error}"
+        );
+    }
+}
