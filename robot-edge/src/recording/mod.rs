@@ -11,8 +11,11 @@ use crate::measurement::{Measurement, Stream};
 use crate::robot_time::RobotTime;
 
 pub mod carmen;
+mod loss_log;
 pub mod mcap;
 pub mod rosbag;
+#[cfg(test)]
+mod shared_data;
 pub mod stamp_order;
 pub mod survey;
 pub mod writer;
@@ -138,6 +141,11 @@ pub trait RecordingReader: Send {
 
     /// How far reading has come.
     fn position(&self) -> Position;
+
+    /// Stamps so far that contradicted the order of their stream and were changed to fit it.
+    fn stamp_repairs(&self) -> u64 {
+        0
+    }
 
     /// The vehicle that the recording's metadata names.
     fn vehicle(&self) -> Option<&str> {

@@ -1,0 +1,36 @@
+//! What a reader could not read: counted by reason, the first few in words.
+
+use crate::drops::{DropCounts, DropReason};
+
+/// Losses told in words; the rest is only counted.
+const NOTES_LIMIT: usize = 20;
+
+/// Counts of losses and the first [`NOTES_LIMIT`] of them in words.
+#[derive(Debug, Default)]
+pub(super) struct LossLog {
+    counts: DropCounts,
+    notes: Vec<String>,
+}
+
+impl LossLog {
+    /// Counts one loss; `note` says where and what, and is called only while there is room for words.
+    pub(super) fn add(&mut self, reason: DropReason, note: impl FnOnce() -> String) {
+        self.counts.add(reason);
+        self.note(note);
+    }
+
+    /// Notes something that cost no data.
+    pub(super) fn note(&mut self, note: impl FnOnce() -> String) {
+        if self.notes.len() < NOTES_LIMIT {
+            self.notes.push(note());
+        }
+    }
+
+    pub(super) const fn counts(&self) -> &DropCounts {
+        &self.counts
+    }
+
+    pub(super) fn notes(&self) -> &[String] {
+        &self.notes
+    }
+}

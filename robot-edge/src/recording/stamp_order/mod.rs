@@ -1,0 +1,335 @@
+//! Measurements in the order of their stamps, out of a file that holds them in the order they were logged.
+//!
+//! Items wait until the data's clock has passed them by a window. Stamps that cannot be true must not cost
+//! more than themselves, so a step that is longer than the window, either way, is believed only when the
+//! next item of the same source takes it too; until then the item waits aside:
+//!
+//! - *ahead* of all others: one stamp far in the future does not push the clock ahead and make what follows
+//!   late; a pause in the recording is followed after two items.
+//! - *back* behind its own source: one old stamp is late; a bag played twice or a restarted simulation
+//!   begins a new epoch, in which order starts anew.
+
+use std::collections::{HashMap, VecDeque};
+
+use self::waiting_room::WaitingRoom;
+use crate::drops::{DropCounts, DropReason};
+use crate::measurement::{FrameId, Measurement, MeasurementData, StreamId};
+use crate::robot_time::{RobotDuration, RobotTime};
+
+mod waiting_room;
+
+/// How far items may be out of order by default: transforms and scans of one instant are logged less than
+/// this apart.
+pub const DEFAULT_WINDOW: RobotDuration = RobotDuration::from_millis(1000);
+
+/// Sources whose stamps are followed each on its own.
+const MAX_SOURCES: usize = 4096;
+
+/// What comes out of a [`StampOrder`].
+#[derive(Clone, Debug, PartialEq)]
+pub enum Ordered {
+    /// The next measurement: its stamp is not before that of the one ahead of it, unless it is a static
+    /// transform or a [`Ordered::ClockReset`] came between.
+    Measurement(Measurement),
+    /// The data's clock went back: what is known by stamp (poses above all) no longer holds.
+    ClockReset {
+        /// The newest stamp before.
+        from: RobotTime,
+        /// The first stamp after.
+        to: RobotTime,
+    },
+}
+
+/// Puts measurements in stamp order; equal stamps keep the order in which they came.
+///
+/// Static transforms hold for all time and pass at once. What is older than what already left is dropped
+/// and counted as [`DropReason::Late`].
+#[derive(Debug)]
+pub struct StampOrder {
+    window: RobotDuration,
+    waiting: WaitingRoom,
+    suspects: Vec<Suspect>,
+    out: VecDeque<Ordered>,
+    epoch: Epoch,
+    arrivals: u64,
+    drops: DropCounts,
+}
+
+/// What one clock has shown so far.
+#[derive(Debug, Default)]
+struct Epoch {
+    /// The greatest stamp that is believed.
+    newest: Option<RobotTime>,
+    /// The stamp that left last.
+    left: Option<RobotTime>,
+    newest_of: HashMap<Source, RobotTime>,
+}
+
+/// Whose stamps follow each other: a stream, or the transforms of one child in it, because many programs
+/// publish to one tf topic.
+type Source = (StreamId, Option<FrameId>);
+
+/// An item whose stamp took a step that nothing has confirmed.
+#[derive(Debug)]
+struct Suspect {
+    source: Source,
+    step: Step,
+    arrival: u64,
+    measurement: Measurement,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Step {
+    Usual,
+    Ahead,
+    Back,
+}
+
+impl Default for StampOrder {
+    fn default() -> Self {
+        Self::new(DEFAULT_WINDOW)
+    }
+}
+
+impl StampOrder {
+    /// An empty one that puts right what is out of order by up to `window` of the data's time.
+    pub fn new(window: RobotDuration) -> Self {
+        Self {
+            window,
+            waiting: WaitingRoom::default(),
+            suspects: Vec::new(),
+            out: VecDeque::new(),
+            epoch: Epoch::default(),
+            arrivals: 0,
+            drops: DropCounts::default(),
+        }
+    }
+
+    /// The next item in order out of the measurements that `source` yields in file order; `None` at the end.
+    ///
+    /// # Errors
+    /// Those of `source`.
+    pub fn next_from<E>(
+        &mut self,
+        mut source: impl FnMut() -> Result<Option<Measurement>, E>,
+    ) -> Result<Option<Ordered>, E> {
+        loop {
+            if let Some(item) = self.pop() {
+                return Ok(Some(item));
+            }
+            match source()? {
+                Some(measurement) => self.push(measurement),
+                None => {
+                    self.finish();
+                    return Ok(self.pop());
+                }
+            }
+        }
+    }
+
+    /// Takes the next measurement in file order.
+    pub fn push(&mut self, measurement: Measurement) {
+        if is_static(&measurement) {
+            self.out.push_back(Ordered::Measurement(measurement));
+            return;
+        }
+        let arrival = self.arrivals;
+        self.arrivals += 1;
+        let source = self.source_of(&measurement);
+        self.judge(source, arrival, measurement);
+        self.absorb_suspects_in_reach();
+        self.release();
+    }
+
+    /// The next item that is ready.
+    pub fn pop(&mut self) -> Option<Ordered> {
+        self.out.pop_front()
+    }
+
+    /// The source has ended: nothing waits any longer.
+    pub fn finish(&mut self) {
+        let suspects = std::mem::take(&mut self.suspects);
+        let (back, ahead): (Vec<_>, Vec<_>) =
+            suspects.into_iter().partition(|s| s.step == Step::Back);
+        for suspect in ahead {
+            self.insert(suspect.arrival, suspect.measurement);
+        }
+        if let [first, _, ..] = &back[..] {
+            // Two sources agree.
+            self.start_epoch(first.measurement.stamp);
+            for suspect in back {
+                self.insert(suspect.arrival, suspect.measurement);
+            }
+        } else {
+            self.drops.add_many(DropReason::Late, back.len() as u64);
+        }
+        self.release_all();
+    }
+
+    /// What was dropped so far.
+    pub const fn drops(&self) -> &DropCounts {
+        &self.drops
+    }
+
+    fn source_of(&self, measurement: &Measurement) -> Source {
+        let child = match &measurement.data {
+            MeasurementData::Transform { child, .. } => Some(child.clone()),
+            MeasurementData::Scan { .. }
+            | MeasurementData::Odometry { .. }
+            | MeasurementData::Imu(_)
+            | MeasurementData::Joints(_)
+            | MeasurementData::Fix(_)
+            | MeasurementData::Twist(_)
+            | MeasurementData::PointCloud(_) => None,
+        };
+        let source = (measurement.stream, child);
+        if self.epoch.newest_of.len() < MAX_SOURCES || self.epoch.newest_of.contains_key(&source) {
+            source
+        } else {
+            (measurement.stream, None)
+        }
+    }
+
+    /// Believes a measurement, or puts it aside.
+    fn judge(&mut self, source: Source, arrival: u64, measurement: Measurement) {
+        let step = self.step(&source, measurement.stamp);
+        let suspect = self
+            .suspects
+            .iter()
+            .position(|suspect| suspect.source == source)
+            .map(|index| self.suspects.remove(index));
+        let confirmed = suspect.as_ref().is_some_and(|suspect| suspect.step == step);
+        if let Some(suspect) = suspect {
+            match (suspect.step, confirmed) {
+                (Step::Ahead, true) if measurement.stamp < suspect.measurement.stamp => {
+                    self.believe(source.clone(), arrival, measurement);
+                    let Suspect {
+                        arrival,
+                        measurement,
+                        ..
+                    } = suspect;
+                    return self.judge(source, arrival, measurement);
+                }
+                (Step::Ahead, true) => {
+                    self.believe(source.clone(), suspect.arrival, suspect.measurement);
+                    return self.judge(source, arrival, measurement);
+                }
+                (Step::Back, true) => {
+                    self.start_epoch(suspect.measurement.stamp);
+                    let mut first = vec![suspect];
+                    first.extend(self.suspects.extract_if(.., |s| s.step == Step::Back));
+                    first.sort_unstable_by_key(|s| s.arrival);
+                    for suspect in first {
+                        self.believe(suspect.source, suspect.arrival, suspect.measurement);
+                    }
+                    return self.judge(source, arrival, measurement);
+                }
+                (Step::Back, false) => self.drops.add(DropReason::Late),
+                // It keeps its place in the order but does not move the clock.
+                (Step::Ahead | Step::Usual, _) => self.insert(suspect.arrival, suspect.measurement),
+            }
+        }
+        if step == Step::Usual {
+            self.believe(source, arrival, measurement);
+        } else {
+            self.suspects.push(Suspect {
+                source,
+                step,
+                arrival,
+                measurement,
+            });
+        }
+    }
+
+    fn step(&self, source: &Source, stamp: RobotTime) -> Step {
+        let newest_of_source = self.epoch.newest_of.get(source);
+        if newest_of_source.is_some_and(|&newest| stamp < newest - self.window) {
+            Step::Back
+        } else if self
+            .epoch
+            .newest
+            .is_some_and(|newest| stamp > newest + self.window)
+        {
+            Step::Ahead
+        } else {
+            Step::Usual
+        }
+    }
+
+    /// Lets a measurement move the clock.
+    fn believe(&mut self, source: Source, arrival: u64, measurement: Measurement) {
+        let stamp = measurement.stamp;
+        let newest_of_source = self.epoch.newest_of.entry(source).or_insert(stamp);
+        *newest_of_source = stamp.max(*newest_of_source);
+        self.epoch.newest = self.epoch.newest.max(Some(stamp));
+        self.insert(arrival, measurement);
+    }
+
+    fn insert(&mut self, arrival: u64, measurement: Measurement) {
+        if self.epoch.left.is_some_and(|left| measurement.stamp < left) {
+            self.drops.add(DropReason::Late);
+            return;
+        }
+        self.waiting.insert(arrival, measurement);
+    }
+
+    /// What the clock has come near to is no longer ahead.
+    fn absorb_suspects_in_reach(&mut self) {
+        let Some(newest) = self.epoch.newest else {
+            return;
+        };
+        let reach = newest + self.window;
+        while let Some(index) = self
+            .suspects
+            .iter()
+            .position(|s| s.step == Step::Ahead && s.measurement.stamp <= reach)
+        {
+            let suspect = self.suspects.remove(index);
+            self.believe(suspect.source, suspect.arrival, suspect.measurement);
+        }
+    }
+
+    fn start_epoch(&mut self, to: RobotTime) {
+        self.release_all();
+        let from = self.epoch.newest.unwrap_or(to);
+        self.out.push_back(Ordered::ClockReset { from, to });
+        self.epoch = Epoch::default();
+    }
+
+    fn release(&mut self) {
+        let Some(newest) = self.epoch.newest else {
+            return;
+        };
+        let until = newest - self.window;
+        while self.waiting.is_over_full() || self.waiting.first_stamp().is_some_and(|s| s <= until)
+        {
+            self.release_first();
+        }
+    }
+
+    fn release_all(&mut self) {
+        while self.waiting.first_stamp().is_some() {
+            self.release_first();
+        }
+    }
+
+    fn release_first(&mut self) {
+        if let Some(measurement) = self.waiting.pop_first() {
+            self.epoch.left = Some(measurement.stamp);
+            self.out.push_back(Ordered::Measurement(measurement));
+        }
+    }
+}
+
+const fn is_static(measurement: &Measurement) -> bool {
+    matches!(
+        measurement.data,
+        MeasurementData::Transform {
+            is_static: true,
+            ..
+        }
+    )
+}
+
+#[cfg(test)]
+mod tests;
