@@ -1,1 +1,29 @@
-//! To be filled.
+//! Simulated worlds: a source of measurements whose truth is known.
+//!
+//! A [`World`] is a data file: solids, a vehicle, the path it drives and how noisy its sensors are. A
+//! [`SimulatedSource`] drives that path and yields the [`Measurement`](crate::measurement::Measurement)s
+//! that the vehicle's sensors would give, so that everything downstream runs as it does on a recording.
+//! [`truth`] says what a perfect map of the world looks like.
+//!
+//! The frame `odom` is the world's own frame here: odometry and attitude are the truth. The same world,
+//! options and seed give the same measurements, bit for bit, on every platform: trigonometry comes from
+//! `libm`, ray casting from parry with `enhanced-determinism`, random bits from `ChaCha8`.
+
+pub mod world;
+
+pub mod path;
+pub mod solid;
+pub mod vehicle;
+
+pub mod laser;
+pub mod noise;
+pub mod scene;
+pub mod source;
+
+pub mod truth;
+
+#[cfg(test)]
+mod rooms_tests;
+
+pub use source::{OptionError, SimulatedSource, SimulationOptions};
+pub use world::{World, WorldError};

@@ -1,0 +1,145 @@
+//! A planar laser: where its beams point and when, and how its readings err.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::pose::Pose;
+use crate::scan::Scan;
+use crate::simulation::noise::NoiseStream;
+use crate::simulation::scene::Scene;
+
+/// A planar laser as its data sheet and its driver describe it.
+///
+/// Beams are cast along exactly the f32 angles and at exactly the f32 times that the scan carries, so
+/// that a message describes its sweep without rounding.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlanarLaser {
+    /// Where it is mounted; the mount may have any attitude.
+    pub base_from_laser: Pose,
+    /// Beams in a sweep.
+    pub beams: u32,
+    /// Angle of beam 0, radians.
+    pub angle_min_rad: f32,
+    /// Angle from a beam to the next, radians.
+    pub angle_increment_rad: f32,
+    /// Time from a beam to the next, seconds.
+    pub time_increment_s: f32,
+    /// Sweeps a second.
+    pub rate_hz: f64,
+    /// Smallest range that it measures, metres.
+    pub range_min_m: f32,
+    /// Largest range that it measures, metres.
+    pub range_max_m: f32,
+}
+
+/// How readings err.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LaserErrors {
+    /// Standard deviation of a range, metres.
+    pub range_noise_m: f64,
+    /// Probability that a beam gives no reading at all.
+    pub dropout: f64,
+}
+
+/// The random numbers of one laser.
+#[derive(Clone, Debug)]
+pub struct LaserNoise {
+    range: NoiseStream,
+    dropout: NoiseStream,
+    mirror: NoiseStream,
+}
+
+impl LaserNoise {
+    /// The streams of the sensor called `sensor`.
+    pub fn new(seed: u64, sensor: &str) -> Self {
+        let stream = |purpose: &str| NoiseStream::new(seed, &format!("{sensor}/{purpose}"));
+        Self {
+            range: stream("range"),
+            dropout: stream("dropout"),
+            mirror: stream("mirror"),
+        }
+    }
+}
+
+impl PlanarLaser {
+    /// Hokuyo URG-04LX-UG01. Data sheet: 1024 steps a turn, of which 683 over 240°, one turn in 100 ms,
+    /// 20 … 5600 mm.
+    pub fn urg_04lx_ug01(base_from_laser: Pose) -> Self {
+        let step_rad = std::f64::consts::TAU / 1024.0;
+        Self {
+            base_from_laser,
+            beams: 683,
+            angle_min_rad: (-341.0 * step_rad) as f32,
+            angle_increment_rad: step_rad as f32,
+            time_increment_s: (0.1_f64 / 1024.0) as f32,
+            rate_hz: 10.0,
+            range_min_m: 0.02,
+            range_max_m: 5.6,
+        }
+    }
+
+    /// Time from beam 0 to the last beam, seconds.
+    pub fn sweep_duration_s(&self) -> f64 {
+        f64::from(self.beams.saturating_sub(1)) * f64::from(self.time_increment_s)
+    }
+
+    /// One sweep. `world_from_base` gives the vehicle's pose at a time in seconds after beam 0.
+    ///
+    /// Readings follow REP-117: nothing within range is +∞, too near is −∞, and a dropout is
+    /// not-a-number, as `urg_node` gives for the URG's error codes. Every beam draws the same number of
+    /// random numbers whatever it meets, so that the noise of a beam does not depend on the world.
+    pub fn sweep(
+        &self,
+        scene: &Scene,
+        errors: LaserErrors,
+        noise: &mut LaserNoise,
+        world_from_base: impl Fn(f64) -> Pose,
+    ) -> Scan {
+        let ranges_m = (0..self.beams)
+            .map(|beam| {
+                let time_s = f64::from(beam) * f64::from(self.time_increment_s);
+                let world_from_laser = world_from_base(time_s) * self.base_from_laser;
+                let range_error_m = errors.range_noise_m * noise.range.normal();
+                let mirror_chance = noise.mirror.uniform();
+                if noise.dropout.uniform() < errors.dropout {
+                    return f32::NAN;
+                }
+                let path_m = scene.measured_path_m(
+                    Point3::from(world_from_laser.translation.vector),
+                    world_from_laser.rotation * self.direction(beam),
+                    f64::from(self.range_max_m),
+                    mirror_chance,
+                );
+                path_m.map_or(f32::INFINITY, |path_m| self.reading(path_m + range_error_m))
+            })
+            .collect();
+        Scan {
+            angle_min_rad: self.angle_min_rad,
+            angle_increment_rad: self.angle_increment_rad,
+            time_increment_s: self.time_increment_s,
+            range_min_m: self.range_min_m,
+            range_max_m: self.range_max_m,
+            ranges_m,
+        }
+    }
+
+    /// Unit vector of a beam in the laser's frame.
+    fn direction(&self, beam: u32) -> Vector3<f64> {
+        let angle_rad =
+            f64::from(self.angle_min_rad) + f64::from(beam) * f64::from(self.angle_increment_rad);
+        Vector3::new(libm::cos(angle_rad), libm::sin(angle_rad), 0.0)
+    }
+
+    fn reading(&self, range_m: f64) -> f32 {
+        let range_m = range_m as f32;
+        if range_m < self.range_min_m {
+            f32::NEG_INFINITY
+        } else if range_m < self.range_max_m {
+            range_m
+        } else {
+            f32::INFINITY
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

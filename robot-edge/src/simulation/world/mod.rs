@@ -1,0 +1,181 @@
+//! A world: loaded from a file, checked, ready to be simulated.
+
+pub mod file;
+
+mod build;
+mod fault;
+mod number;
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path as FilePath;
+use std::sync::Arc;
+
+use crate::simulation::laser::LaserErrors;
+use crate::simulation::path::Path;
+use crate::simulation::scene::Scene;
+use crate::simulation::solid::Solid;
+use crate::simulation::vehicle::SimulatedVehicle;
+
+/// Solids, a vehicle among them and the path it drives.
+#[derive(Clone)]
+pub struct World {
+    name: String,
+    vehicle: SimulatedVehicle,
+    errors: LaserErrors,
+    solids: Arc<[Solid]>,
+    scene: Arc<Scene>,
+    path: Arc<Path>,
+}
+
+/// Why there is no such world.
+#[derive(Debug, thiserror::Error)]
+pub enum WorldError {
+    /// No world has this name, and it does not look like a file.
+    #[error("no world is called `{name}`{hint}: there are {known}, or give a world file (.toml)",
+            hint = nearest.map(|n| format!(" (did you mean `{n}`?)")).unwrap_or_default(),
+            known = World::names().join(", "))]
+    Unknown {
+        /// What was asked for.
+        name: String,
+        /// The name that it resembles.
+        nearest: Option<&'static str>,
+    },
+    /// The file cannot be read.
+    #[error("{file}: {source}")]
+    Io {
+        /// The file.
+        file: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file is larger than any world.
+    #[error("{file}: not a world file: it is larger than {limit_bytes} bytes")]
+    TooLarge {
+        /// The file.
+        file: String,
+        /// The limit.
+        limit_bytes: u64,
+    },
+    /// The file says something that makes no world.
+    #[error("{file}:{line}: {key}{message}", key = key.as_ref().map(|k| format!("`{k}`: ")).unwrap_or_default())]
+    Invalid {
+        /// The file, or the built-in world's name.
+        file: String,
+        /// Counted from 1.
+        line: usize,
+        /// The key on that line whose value is wrong, where it is one key's value.
+        key: Option<String>,
+        /// What is wrong.
+        message: String,
+    },
+}
+
+/// Name and text of the built-in worlds.
+const BUILT_IN: &[(&str, &str)] = &[("rooms", include_str!("../../../worlds/rooms.toml"))];
+const BUILT_IN_NAMES: &[&str] = &["rooms"];
+
+const MAX_FILE_BYTES: u64 = 4 << 20;
+
+impl World {
+    /// Loads a built-in world by its name, or a world file by its path (with a directory, or ending in
+    /// `.toml`).
+    pub fn load(name_or_path: &str) -> Result<Self, WorldError> {
+        if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| *name == name_or_path) {
+            return Self::parse(name, text);
+        }
+        let path = FilePath::new(name_or_path);
+        let is_path = path.components().count() > 1
+            || path
+                .extension()
+                .is_some_and(|extension| extension == "toml");
+        if !is_path {
+            return Err(WorldError::Unknown {
+                name: name_or_path.to_owned(),
+                nearest: nearest_name(name_or_path),
+            });
+        }
+        let text = read_text(path)?;
+        Self::parse(name_or_path, &text)
+    }
+
+    /// Makes a world of the text of a world file; `file` is its name in messages.
+    pub fn parse(file: &str, text: &str) -> Result<Self, WorldError> {
+        file::parse(text)
+            .and_then(build::build)
+            .map_err(|fault| WorldError::Invalid {
+                file: file.to_owned(),
+                line: fault.line_in(text),
+                key: fault.key_in(text),
+                message: fault.message,
+            })
+    }
+
+    /// Names of the built-in worlds.
+    pub fn names() -> &'static [&'static str] {
+        BUILT_IN_NAMES
+    }
+
+    /// What the file calls it.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Name of the vehicle preset.
+    pub fn vehicle(&self) -> &'static str {
+        self.vehicle.name
+    }
+
+    /// What is simulated of that vehicle.
+    pub fn simulated_vehicle(&self) -> &SimulatedVehicle {
+        &self.vehicle
+    }
+
+    /// How its laser errs unless the options say otherwise.
+    pub fn laser_errors(&self) -> LaserErrors {
+        self.errors
+    }
+
+    /// What stands in it, in the file's order.
+    pub fn solids(&self) -> &[Solid] {
+        &self.solids
+    }
+
+    /// The same, for casting rays.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    /// Where the vehicle drives.
+    pub fn path(&self) -> &Arc<Path> {
+        &self.path
+    }
+}
+
+fn read_text(path: &FilePath) -> Result<String, WorldError> {
+    let file = path.display().to_string();
+    let mut text = String::new();
+    let read = File::open(path)
+        .and_then(|opened| opened.take(MAX_FILE_BYTES + 1).read_to_string(&mut text));
+    match read {
+        Ok(bytes) if bytes as u64 > MAX_FILE_BYTES => Err(WorldError::TooLarge {
+            file,
+            limit_bytes: MAX_FILE_BYTES,
+        }),
+        Ok(_) => Ok(text),
+        Err(source) => Err(WorldError::Io { file, source }),
+    }
+}
+
+/// The built-in name within two edits of `name`.
+fn nearest_name(name: &str) -> Option<&'static str> {
+    World::names()
+        .iter()
+        .map(|known| (strsim::damerau_levenshtein(name, known), *known))
+        .filter(|(edits, _)| *edits <= 2)
+        .min()
+        .map(|(_, known)| known)
+}
+
+#[cfg(test)]
+mod tests;
