@@ -1,6 +1,18 @@
 //! ROS messages: bytes to measurements and back.
+//!
+//! ROS 1 serialisation and ROS 2's CDR differ in padding, in byte order and in `Header`; one cursor reads
+//! both, so that each message is described once.
 
-pub mod messages;
+mod cursor;
+mod decode;
+mod encode;
+mod message_type;
+mod point_cloud;
+mod schema;
+
+pub use decode::decode;
+pub use encode::encode;
+pub use message_type::MessageType;
 
 use crate::measurement::{FrameId, MeasurementData};
 use crate::robot_time::RobotTime;
@@ -24,3 +36,31 @@ pub struct Decoded {
     /// The content.
     pub data: MeasurementData,
 }
+
+/// Why (a part of) a message says nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DecodeError {
+    /// The message ends before its last field, or a sequence claims more elements than there are bytes.
+    #[error("it is shorter than its type")]
+    TooShort,
+    /// Not plain CDR.
+    #[error("its CDR encapsulation is {0:02x?}, not 00 00 or 00 01")]
+    Encapsulation([u8; 2]),
+    /// A string that is not UTF-8.
+    #[error("a name in it is not text")]
+    NotText,
+    /// A pose that is not finite or whose quaternion is not a rotation.
+    #[error("a pose in it is not finite, or its quaternion is not a rotation")]
+    BadPose,
+    /// A cloud without the order of its sensor.
+    #[error(
+        "the cloud is neither organised nor has a ring field, so its beams cannot be told apart"
+    )]
+    NotOrganised,
+    /// A cloud whose fields are not where its layout says.
+    #[error("the cloud's fields do not fit its points")]
+    BadCloud,
+}
+
+#[cfg(test)]
+mod tests;
