@@ -1,3 +1,48 @@
 //! `robot-edge`: see `robot-edge --help`.
 
-fn main() {}
+use std::io::{self, Write as _};
+use std::process::ExitCode;
+
+use clap::Parser as _;
+use robot_edge::cli::Cli;
+use robot_edge::exit::{Exit, Interrupted};
+use tracing_subscriber::EnvFilter;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let filter = EnvFilter::try_from_default_env()
+        .unwrap_or_else(|_unset| EnvFilter::new(cli.verbosity.log_filter()));
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).init();
+
+    let mut out = io::stdout().lock();
+    let exit = match robot_edge::app::run(&cli, &mut out) {
+        Ok(exit) => exit,
+        Err(err) => {
+            let exit = Exit::of(err.as_ref());
+            // Whoever closed standard output or pressed Ctrl-C knows.
+            if !is_broken_pipe(&err) && err.downcast_ref::<Interrupted>().is_none() {
+                // Nothing is left to be done where even standard error fails.
+                drop(writeln!(io::stderr(), "robot-edge: {}", in_words(&err)));
+            }
+            exit
+        }
+    };
+    drop(out.flush());
+    exit.into()
+}
+
+fn is_broken_pipe(err: &anyhow::Error) -> bool {
+    err.downcast_ref::<io::Error>().is_some_and(|err| err.kind() == io::ErrorKind::BrokenPipe)
+}
+
+/// The error and its causes; some of our errors already hold their cause's words.
+fn in_words(err: &anyhow::Error) -> String {
+    let mut words = err.to_string();
+    for cause in err.chain().skip(1) {
+        let cause = cause.to_string();
+        if !words.contains(&cause) {
+            words = format!("{words}: {cause}");
+        }
+    }
+    words
+}

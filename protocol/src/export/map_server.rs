@@ -11,9 +11,48 @@ use crate::mosaic::Raster;
 const OCCUPIED_MIN: f32 = 0.65;
 /// At most this probability is free; `map_saver`'s default, just below what grey 205 reads back as.
 const FREE_MAX: f32 = 0.196;
-const OCCUPIED: u8 = 0;
-const FREE: u8 = 254;
-const UNDECIDED: u8 = 205;
+
+/// What `map_server` makes of a cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Trinary {
+    /// Probability at least 0.65.
+    Occupied,
+    /// Probability at most 0.196.
+    Free,
+    /// In between.
+    Undecided,
+}
+
+impl Trinary {
+    /// From a probability of being occupied.
+    pub fn of(probability: f32) -> Self {
+        if probability >= OCCUPIED_MIN {
+            Self::Occupied
+        } else if probability <= FREE_MAX {
+            Self::Free
+        } else {
+            Self::Undecided
+        }
+    }
+
+    /// Its name in counts.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Occupied => "occupied",
+            Self::Free => "free",
+            Self::Undecided => "undecided",
+        }
+    }
+
+    /// Its grey in the PGM, which unknown cells share with undecided ones.
+    const fn grey(self) -> u8 {
+        match self {
+            Self::Occupied => 0,
+            Self::Free => 254,
+            Self::Undecided => 205,
+        }
+    }
+}
 
 /// Writes `<name>.pgm` and `<name>.yaml` to `dir` and returns their paths.
 ///
@@ -56,11 +95,8 @@ fn write_pgm(writer: &mut impl Write, raster: &Raster) -> std::io::Result<()> {
     for y in (0..raster.height()).rev() {
         pixels.clear();
         pixels.extend(raster.row(y).iter().map(|&code| {
-            match raster.layer().quantisation().decode(code) {
-                Some(probability) if probability >= OCCUPIED_MIN => OCCUPIED,
-                Some(probability) if probability <= FREE_MAX => FREE,
-                Some(_) | None => UNDECIDED,
-            }
+            let probability = raster.layer().quantisation().decode(code);
+            probability.map_or(Trinary::Undecided, Trinary::of).grey()
         }));
         writer.write_all(&pixels)?;
     }

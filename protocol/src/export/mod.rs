@@ -17,7 +17,7 @@ use crate::mosaic::{MAX_RASTER_CELLS, MosaicError, Raster};
 use crate::tile_store::TileStore;
 
 pub use geotiff::write_geotiff;
-pub use map_server::write_map_server;
+pub use map_server::{Trinary, write_map_server};
 pub use picture::write_picture;
 pub use trajectory::{StampedPose, write_trajectory};
 

@@ -1,0 +1,79 @@
+//! The program: what each command sets up, and the threads and channels between the parts.
+
+mod feed;
+mod outputs;
+mod placing;
+mod plan;
+mod recorder;
+mod replay;
+mod run;
+mod simulate;
+mod source;
+
+use std::io::Write;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::Context as _;
+
+use crate::cli::{Cli, Command};
+use crate::config::presets;
+use crate::exit::Exit;
+use crate::recording::mcap::recover::recover;
+use crate::recording::survey::Survey;
+use crate::vehicle_commands;
+
+/// Runs one command. What it prints goes to `out`, progress and warnings to standard error.
+///
+/// # Errors
+/// What went wrong, in words for the person who typed the command; [`Exit::of`] gives the exit code.
+pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
+    let quiet = cli.verbosity.quiet;
+    match &cli.command {
+        Command::Replay(command) => replay::replay(command, quiet, &interrupt_flag()?, out),
+        Command::Simulate(command) => simulate::simulate(command, quiet, &interrupt_flag()?, out),
+        Command::Info(command) => {
+            write!(out, "{}", Survey::of(&command.recording)?)?;
+            Ok(Exit::Done)
+        }
+        Command::Recover(command) => {
+            let report = recover(&command.recording, &command.out)?;
+            for note in &report.notes {
+                writeln!(out, "{note}")?;
+            }
+            let lost: Vec<_> = report.losses.iter().map(|(why, n)| format!("{n} × {why}")).collect();
+            let lost = if lost.is_empty() { "nothing".to_owned() } else { lost.join(", ") };
+            writeln!(out, "{}: {} messages saved, lost: {lost}", command.out.display(), report.messages)?;
+            Ok(Exit::Done)
+        }
+        Command::Vehicles(command) => {
+            match &command.name {
+                Some(name) => vehicle_commands::print(presets::get(name)?, out)?,
+                None => vehicle_commands::list(out)?,
+            }
+            Ok(Exit::Done)
+        }
+        Command::Check(command) => Ok(vehicle_commands::check(&command.config, out)?),
+        Command::Completions(command) => {
+            command.print(out);
+            Ok(Exit::Done)
+        }
+    }
+}
+
+/// Is set at the first Ctrl-C (or termination request), so that the run ends cleanly; the second one ends
+/// the process at once.
+fn interrupt_flag() -> anyhow::Result<Arc<AtomicBool>> {
+    let flag = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        let code = i32::from(Exit::Interrupted.code());
+        signal_hook::flag::register_conditional_shutdown(signal, code, Arc::clone(&flag))
+            .and_then(|_id| signal_hook::flag::register(signal, Arc::clone(&flag)))
+            .context("cannot listen for Ctrl-C")?;
+    }
+    Ok(flag)
+}
+
+fn is_set(flag: &AtomicBool) -> bool {
+    flag.load(Ordering::Relaxed)
+}

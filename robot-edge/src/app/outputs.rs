@@ -1,0 +1,194 @@
+//! What a run leaves behind: maps, trajectory, summary.
+
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+use std::path::Path;
+
+use protocol::export::{ExportError, StampedPose, Trinary, export_all, write_trajectory};
+use protocol::layer::LayerId;
+
+use super::feed::SourceEnd;
+use crate::drops::DropCounts;
+use crate::mapping::posed_scan::PosedScan;
+use crate::pipeline::Pipeline;
+use crate::summary::{Beams, Event, LayerFigures, Scans, Summary, Tiles, peak_rss_bytes};
+
+/// Poses kept for the trajectory: 64 MB. A longer one is thinned to every second pose, again and again.
+const MAX_POSES: usize = 1_000_000;
+
+/// Where the vehicle was at each mapped scan.
+#[derive(Debug)]
+pub(super) struct Trajectory {
+    poses: Vec<StampedPose>,
+    /// Every `stride`-th pose is kept.
+    stride: u64,
+    seen: u64,
+}
+
+impl Trajectory {
+    pub(super) const fn new() -> Self {
+        Self { poses: Vec::new(), stride: 1, seen: 0 }
+    }
+
+    pub(super) fn add(&mut self, scan: &PosedScan) {
+        if self.seen.is_multiple_of(self.stride) {
+            if self.poses.len() >= MAX_POSES {
+                self.thin();
+            }
+            let q = scan.odom_from_base.rotation.quaternion();
+            self.poses.push(StampedPose {
+                stamp_ns: scan.stamp.as_nanos(),
+                position_m: scan.odom_from_base.translation.vector.into(),
+                quaternion_xyzw: [q.i, q.j, q.k, q.w],
+            });
+        }
+        self.seen += 1;
+    }
+
+    fn thin(&mut self) {
+        let mut index = 0;
+        self.poses.retain(|_| {
+            index += 1;
+            index % 2 == 1
+        });
+        self.stride *= 2;
+    }
+}
+
+/// Writes the maps and the trajectory to `dir`; says which files.
+pub(super) fn export(
+    dir: &Path,
+    pipeline: &Pipeline,
+    trajectory: &Trajectory,
+    title: &str,
+) -> Result<Vec<String>, ExportError> {
+    let mut files = export_all(dir, pipeline.publisher().store(), title)?.files;
+    let path = dir.join("trajectory.tum");
+    write_trajectory(&path, trajectory.poses.iter().copied())?;
+    files.push(path);
+    Ok(files.iter().map(|file| file.display().to_string()).collect())
+}
+
+/// The figures of the run, without those that only its command knows.
+pub(super) fn summary(pipeline: &Pipeline) -> Summary {
+    let placer = pipeline.placer().counts();
+    let report = pipeline.report();
+    let traffic = pipeline.publisher().traffic();
+    let mut dropped_beams = placer.dropped_beams;
+    dropped_beams.merge(&report.dropped_beams);
+    let stages = [
+        ("place", &report.stages.place),
+        ("occupancy", &report.stages.occupancy),
+        ("publish", &report.stages.publish),
+    ];
+    Summary {
+        scans: Scans {
+            came_in: placer.scans_in,
+            mapped: report.scans_mapped,
+            dropped: placer.dropped_scans,
+        },
+        beams: Beams {
+            came_in: placer.beams_in,
+            hits: report.hits,
+            misses: report.misses,
+            dropped: dropped_beams,
+        },
+        stages: stages.map(|(name, timer)| (name.to_owned(), timer.times())).into(),
+        layers: layers(pipeline),
+        tiles: Tiles {
+            published: traffic.published,
+            bytes: traffic.bytes,
+            raw_bytes: traffic.raw_bytes,
+        },
+        peak_rss_bytes: peak_rss_bytes(),
+        ..Summary::default()
+    }
+}
+
+impl Summary {
+    /// Adds what the source said at its end.
+    pub(super) fn add_source_end(&mut self, end: &SourceEnd, interrupted: bool) {
+        let mut event = |kind: &str, message: String| {
+            self.events.push(Event { stamp_s: None, kind: kind.to_owned(), message });
+        };
+        for (reason, n) in end.losses.iter() {
+            event("loss", format!("the recording lost {n} × {reason}"));
+        }
+        for note in &end.notes {
+            event("loss", note.clone());
+        }
+        let skipped = end.skipped;
+        if skipped.gaps + skipped.steps_back > 0 {
+            let secs = skipped.gap_time.as_secs_f64();
+            event(
+                "pause",
+                format!(
+                    "{} gaps of {secs:.0} s in all and {} steps back in the stamps were not waited for",
+                    skipped.gaps, skipped.steps_back
+                ),
+            );
+        }
+        if interrupted {
+            event("interrupted", "stopped before the end".to_owned());
+        }
+    }
+}
+
+/// Says in a few lines what came of the run.
+pub(super) fn tell(summary: &Summary, files: &[String], out: &mut dyn Write) -> io::Result<()> {
+    for event in &summary.events {
+        writeln!(out, "{}: {}", event.kind, event.message)?;
+    }
+    let scans = &summary.scans;
+    write!(out, "{} of {} scans mapped", scans.mapped, scans.came_in)?;
+    tell_drops(&scans.dropped, out)?;
+    write!(out, "; {} beams", summary.beams.came_in)?;
+    tell_drops(&summary.beams.dropped, out)?;
+    writeln!(out, "; {:.1} s of data in {:.2} s", summary.duration_s, summary.wall_s)?;
+    for (name, layer) in &summary.layers {
+        writeln!(out, "{name}: {} cells known, digest {}", layer.cells_known, layer.digest)?;
+    }
+    for file in files {
+        writeln!(out, "{file}")?;
+    }
+    Ok(())
+}
+
+fn tell_drops(drops: &DropCounts, out: &mut dyn Write) -> io::Result<()> {
+    let reasons: Vec<_> = drops.iter().map(|(reason, n)| format!("{n} {reason}")).collect();
+    if reasons.is_empty() { Ok(()) } else { write!(out, " (dropped: {})", reasons.join(", ")) }
+}
+
+fn layers(pipeline: &Pipeline) -> BTreeMap<String, LayerFigures> {
+    let store = pipeline.publisher().store();
+    let grids = store.grids();
+    grids
+        .map(|grid| {
+            let layer = grid.layer;
+            let figures = LayerFigures {
+                cells_known: store.cells_known(layer),
+                counts: counts(pipeline, layer),
+                digest: store.root_digest(layer).map(|digest| digest.to_string()).unwrap_or_default(),
+                bytes: store.bytes(layer),
+            };
+            (layer.name().to_owned(), figures)
+        })
+        .collect()
+}
+
+/// Cells by class; for occupancy the three that Nav2's `map_server` tells apart.
+fn counts(pipeline: &Pipeline, layer: LayerId) -> BTreeMap<String, u64> {
+    let store = pipeline.publisher().store();
+    if layer == LayerId::Occupancy {
+        let mut counts = BTreeMap::new();
+        let quantisation = layer.quantisation();
+        let cells = store.tiles(layer).filter_map(|(_, tile)| tile.cells());
+        for code in cells.flat_map(|cells| cells.codes().iter().copied()) {
+            if let Some(p) = quantisation.decode(code) {
+                *counts.entry(Trinary::of(p).name().to_owned()).or_default() += 1;
+            }
+        }
+        return counts;
+    }
+    store.class_counts(layer).into_iter().map(|(name, count)| (name.to_owned(), count)).collect()
+}

@@ -1,0 +1,181 @@
+//! What of a recording is mapped: which laser, and where its poses come from. Decided before the replay.
+
+use crate::exit::UsageError;
+use crate::localization::config::{LocalizationConfig, PoseSource};
+use crate::localization::placer::PoseOrigin;
+use crate::measurement::FrameId;
+use crate::recording::survey::Survey;
+use crate::recording::survey::scans::ScanSurvey;
+use crate::recording::{Format, Selection};
+
+/// What is replayed.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Plan {
+    /// The laser's topic or message name.
+    pub(super) laser: String,
+    /// Where poses come from.
+    pub(super) origin: PoseOrigin,
+    /// The streams that are needed.
+    pub(super) selection: Selection,
+    /// The range from which on the laser sees nothing, where its messages do not say so, metres.
+    pub(super) unsaid_miss_from_m: Option<f32>,
+    /// What a person should know of these decisions.
+    pub(super) notes: Vec<String>,
+}
+
+/// Decides from what is in the recording and what the configuration asks for.
+///
+/// # Errors
+/// Where nothing fits, or several things do: the message lists them and says what to type.
+pub(super) fn plan(
+    survey: &Survey,
+    topic: Option<&str>,
+    localization: &LocalizationConfig,
+) -> Result<Plan, UsageError> {
+    let scan = choose_laser(survey, topic)?;
+    let laser = stream_name(survey, scan);
+    let mut notes = Vec::new();
+    let origin = choose_origin(survey, scan, localization)?;
+    let mut names = vec![laser.clone()];
+    match &origin {
+        PoseOrigin::Log => notes.push(format!("poses: those that {laser} brings for its own scans")),
+        PoseOrigin::Tf { fixed_frame } => {
+            notes.push(format!("poses: transforms up to frame {fixed_frame}"));
+            names.extend(streams_of_type(survey, &["tf2_msgs/TFMessage", "tf/tfMessage"]));
+        }
+        PoseOrigin::Odometry => {
+            let odometry = choose_odometry(survey)?;
+            notes.push(format!("poses: {odometry}, with the configured mounting of the laser"));
+            names.push(odometry);
+        }
+        PoseOrigin::Static => notes.push("poses: the vehicle stands still".to_owned()),
+    }
+    let unsaid_miss_from_m =
+        (survey.format == Format::Carmen).then(|| scan.unsaid_miss_from_m()).flatten();
+    if let Some(range_m) = unsaid_miss_from_m {
+        notes.push(format!("{laser} reports {range_m} m where it sees nothing: such beams are misses"));
+    }
+    if !survey.is_complete() {
+        notes.push("decided from the beginning of the recording, which is long".to_owned());
+    }
+    Ok(Plan { laser, origin, selection: Selection::Named(names), unsaid_miss_from_m, notes })
+}
+
+fn choose_laser<'a>(survey: &'a Survey, topic: Option<&str>) -> Result<&'a ScanSurvey, UsageError> {
+    let path = survey.path.display();
+    let names = || {
+        let names: Vec<_> = survey.scans.iter().map(|scan| stream_name(survey, scan)).collect();
+        names.join(", ")
+    };
+    if let Some(topic) = topic {
+        let chosen = survey.scans.iter().find(|scan| stream_name(survey, scan) == topic);
+        return chosen.ok_or_else(|| {
+            let have = if survey.scans.is_empty() { "no scans at all".to_owned() } else { names() };
+            UsageError(format!(
+                "{path}: no scans on {topic:?}, which `--topic laser=` or the configuration names; it has {have}"
+            ))
+        });
+    }
+    match &survey.scans[..] {
+        [] => Err(UsageError(format!(
+            "{path}: there is no range sensor in it, so there is nothing to map; `robot-edge info {path}` \
+             lists what it holds"
+        ))),
+        [scan] => Ok(scan),
+        [scan, ..] => Err(UsageError(format!(
+            "{path}: several topics carry scans: {}. Choose one, for example --topic laser={}",
+            names(),
+            stream_name(survey, scan)
+        ))),
+    }
+}
+
+fn choose_origin(
+    survey: &Survey,
+    scan: &ScanSurvey,
+    localization: &LocalizationConfig,
+) -> Result<PoseOrigin, UsageError> {
+    let tf = || fixed_frame(survey, scan, localization).map(|fixed_frame| PoseOrigin::Tf { fixed_frame });
+    let log = || scan.has_own_poses.then_some(PoseOrigin::Log);
+    let odometry = || (!survey.odometry.is_empty()).then_some(PoseOrigin::Odometry);
+    let (found, wanted) = match localization.source {
+        PoseSource::Auto => (log().or_else(tf).or_else(odometry), "auto"),
+        PoseSource::Log => (log(), "log"),
+        PoseSource::Tf => (tf(), "tf"),
+        PoseSource::Odometry => (odometry(), "odometry"),
+        PoseSource::Static => (Some(PoseOrigin::Static), "static"),
+    };
+    found.ok_or_else(|| {
+        let path = survey.path.display();
+        UsageError(format!(
+            "{path}: nothing in it says where the laser was (localization.source = {wanted:?}): {}. If the \
+             vehicle stood still, map it with --set localization.source=static",
+            what_poses_there_are(survey, scan)
+        ))
+    })
+}
+
+/// The frame that stands still above the laser (or above the vehicle that carries it), if something moves
+/// on the way.
+fn fixed_frame(
+    survey: &Survey,
+    scan: &ScanSurvey,
+    localization: &LocalizationConfig,
+) -> Option<FrameId> {
+    [&*scan.frame, &localization.base_frame].into_iter().find_map(|source| {
+        let way = survey.frames.way_up(source);
+        let first_moving = way.iter().position(|(_, edge)| !edge.is_static)?;
+        // Frames that the laser moves in; the vehicle itself is none of them.
+        let still = &way[first_moving..];
+        let find = |wanted: &str| still.iter().find(|(frame, _)| ***frame == *wanted);
+        let chosen = match &localization.fixed_frame {
+            Some(wanted) => find(wanted),
+            None => find("odom").or_else(|| find("map")).or_else(|| still.last()),
+        };
+        chosen.map(|(frame, _)| FrameId::clone(frame))
+    })
+}
+
+fn choose_odometry(survey: &Survey) -> Result<String, UsageError> {
+    let name = |index: usize| {
+        let stream = survey.stream(survey.odometry.get(index)?.stream)?;
+        Some(stream.stream.name.clone())
+    };
+    // Poses of one robot in several frames cannot be told apart here; Odometry is what REP-105 means.
+    let best = survey
+        .odometry
+        .iter()
+        .enumerate()
+        .max_by_key(|(_, odometry)| {
+            let kind = survey.stream(odometry.stream).map(|stream| stream.stream.type_name.as_str());
+            (kind == Some("nav_msgs/Odometry"), odometry.count)
+        })
+        .and_then(|(index, _)| name(index));
+    best.ok_or_else(|| UsageError(format!("{}: there is no odometry in it", survey.path.display())))
+}
+
+fn what_poses_there_are(survey: &Survey, scan: &ScanSurvey) -> String {
+    let edges: Vec<_> =
+        survey.frames.edges().map(|(parent, child, _)| format!("{parent} → {child}")).take(8).collect();
+    if edges.is_empty() {
+        "there are neither transforms nor odometry".to_owned()
+    } else {
+        format!(
+            "its transforms ({}) do not lead from {} up to a frame in which it moves, and there is no odometry",
+            edges.join(", "),
+            scan.frame
+        )
+    }
+}
+
+fn streams_of_type(survey: &Survey, types: &[&str]) -> Vec<String> {
+    let streams = survey.streams.iter().map(|summary| &summary.stream);
+    streams
+        .filter(|stream| types.contains(&stream.type_name.as_str()))
+        .map(|stream| stream.name.clone())
+        .collect()
+}
+
+fn stream_name(survey: &Survey, scan: &ScanSurvey) -> String {
+    survey.stream(scan.stream).map(|summary| summary.stream.name.clone()).unwrap_or_default()
+}

@@ -1,0 +1,83 @@
+//! `replay`: a recording as the source.
+
+use std::io::Write;
+use std::sync::atomic::AtomicBool;
+
+use super::placing::{main_laser, placer_settings};
+use super::plan::plan;
+use super::run::Run;
+use super::source::{Part, Replayed};
+use crate::cli::Replay;
+use crate::config;
+use crate::exit::Exit;
+use crate::recording;
+use crate::recording::survey::Survey;
+use crate::robot_time::RobotDuration;
+use crate::summary::Event;
+
+/// The vehicle of a recording that names none.
+const DEFAULT_VEHICLE: &str = "generic2d";
+
+pub(super) fn replay(
+    command: &Replay,
+    quiet: bool,
+    interrupt: &AtomicBool,
+    out: &mut dyn Write,
+) -> anyhow::Result<Exit> {
+    let options = &command.mapping;
+    // What the command line gets wrong should not wait for the recording to be read.
+    if let Some(vehicle) = &options.vehicle {
+        config::load(vehicle, &options.overrides())?;
+    }
+    let survey = Survey::of(&command.recording)?;
+    nothing_could_be_read(&survey)?;
+    let (vehicle, why) = match (&options.vehicle, &survey.vehicle) {
+        (Some(vehicle), _) => (vehicle.as_str(), "as asked for"),
+        (None, Some(vehicle)) => (vehicle.as_str(), "named in the recording"),
+        (None, None) => (DEFAULT_VEHICLE, "the recording names no vehicle; --vehicle chooses another"),
+    };
+    let config = config::load(vehicle, &options.overrides())?;
+    let laser = main_laser(&config)?;
+    let plan = plan(&survey, laser.topic.as_deref(), &config.localization)?;
+
+    let mut placer = placer_settings(&config, laser, plan.origin.clone());
+    placer.sensor.range_max_m = placer.sensor.range_max_m.or(plan.unsaid_miss_from_m);
+    let notes = [format!("{vehicle} ({why})"), format!("laser: {}", plan.laser)];
+    let events = notes.into_iter().chain(plan.notes).map(|message| Event {
+        stamp_s: None,
+        kind: "setup".to_owned(),
+        message,
+    });
+    let run = Run {
+        title: command.recording.display().to_string(),
+        config: &config,
+        placer,
+        rate: command.rate,
+        record: options.record.clone(),
+        export: options.export.clone(),
+        summary: options.summary.clone(),
+        quiet,
+        events: events.collect(),
+    };
+    let part = Part {
+        start: RobotDuration::from_secs_f64(command.start_s),
+        duration: command.duration_s.map(RobotDuration::from_secs_f64),
+    };
+    let (path, selection) = (command.recording.clone(), plan.selection);
+    let open = move || recording::open(&path, selection.clone());
+    run.go(&mut Replayed::new(open, part, command.repeat)?, interrupt, out)
+}
+
+/// A file of which not one message could be read has not been read.
+fn nothing_could_be_read(survey: &Survey) -> Result<(), recording::RecordingError> {
+    let messages: u64 = survey.streams.iter().map(|summary| summary.messages).sum();
+    if messages > 0 || survey.losses.total() == 0 {
+        return Ok(());
+    }
+    Err(recording::RecordingError::Damaged {
+        path: survey.path.clone(),
+        offset: 0,
+        what: survey.loss_notes.first().cloned().unwrap_or_else(|| "nothing can be read".to_owned()),
+        remedy: "Nothing in it can be read",
+    })
+}

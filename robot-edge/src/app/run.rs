@@ -1,0 +1,207 @@
+//! One run: a source, the pipeline, and what is left behind.
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::sync_channel;
+
+use anyhow::Context as _;
+use protocol::tile::BootId;
+
+use super::feed::{Batch, SourceEnd, feed};
+use super::is_set;
+use super::outputs::{self, Trajectory};
+use super::recorder::Recorder;
+use super::source::Source;
+use crate::clock::Monotonic;
+use crate::config::Config;
+use crate::exit::{Exit, Interrupted};
+use crate::localization::placer::PlacerSettings;
+use crate::mapping::posed_scan::PosedScan;
+use crate::measurement::MeasurementData;
+use crate::pacer::Rate;
+use crate::pipeline::Pipeline;
+use crate::progress::{Progress, ProgressFigures};
+use crate::recording::stamp_order::Ordered;
+use crate::robot_time::{RobotDuration, RobotTime};
+use crate::summary::Event;
+
+/// What a run is made of.
+pub(super) struct Run<'a> {
+    /// The recording as it was named, or the world.
+    pub(super) title: String,
+    pub(super) config: &'a Config,
+    pub(super) placer: PlacerSettings,
+    pub(super) rate: Rate,
+    pub(super) record: Option<PathBuf>,
+    pub(super) export: Option<PathBuf>,
+    pub(super) summary: Option<PathBuf>,
+    pub(super) quiet: bool,
+    /// What was decided before the run.
+    pub(super) events: Vec<Event>,
+}
+
+/// Batches that wait for the pipeline; a source that is faster waits for room, so nothing is dropped.
+const BATCHES: usize = 8;
+
+impl Run<'_> {
+    /// Maps all that the source yields and writes what was asked for.
+    pub(super) fn go(
+        self,
+        source: &mut dyn Source,
+        interrupt: &AtomicBool,
+        out: &mut dyn Write,
+    ) -> anyhow::Result<Exit> {
+        // What cannot be written should be known before an hour of mapping.
+        if let Some(dir) = &self.export {
+            std::fs::create_dir_all(dir)
+                .with_context(|| format!("{}: cannot make the folder to export to", dir.display()))?;
+        }
+        let recorder = self.record.as_ref().map(|path| {
+            Recorder::create(path, &self.config.vehicle.name, matches!(self.rate, Rate::Times(_)))
+        });
+        // The summary says what streaming would have cost, which nobody else needs to know.
+        let encode = self.summary.is_some();
+        let mut mapping = Mapping {
+            pipeline: Pipeline::new(self.config, self.placer.clone(), BootId([0; 16]), encode)?,
+            recorder: recorder.transpose()?,
+            trajectory: Trajectory::new(),
+            progress: Progress::new(self.quiet),
+            clock: DataClock::default(),
+            started: Monotonic::now(),
+        };
+        let end = if self.config.mapping.threads > 1 {
+            map_in_two_threads(source, self.rate, interrupt, &mut mapping)?
+        } else {
+            let mut taken = Ok(());
+            let end = feed(source, self.rate, interrupt, |batch| {
+                taken = mapping.take(batch);
+                taken.is_ok()
+            });
+            taken?;
+            end
+        };
+        let trajectory = &mut mapping.trajectory;
+        mapping.pipeline.finish(|scan| trajectory.add(scan))?;
+        mapping.progress.finish();
+        self.leave_behind(mapping, &end, is_set(interrupt), out)?;
+        end.result?;
+        if is_set(interrupt) { Err(Interrupted.into()) } else { Ok(Exit::Done) }
+    }
+
+    fn leave_behind(
+        &self,
+        mapping: Mapping,
+        end: &SourceEnd,
+        interrupted: bool,
+        out: &mut dyn Write,
+    ) -> anyhow::Result<()> {
+        if let Some(recorder) = mapping.recorder {
+            recorder.finish()?;
+        }
+        let wall_s = mapping.started.elapsed().as_secs_f64();
+        let files = match &self.export {
+            Some(dir) => outputs::export(dir, &mapping.pipeline, &mapping.trajectory, &self.title)?,
+            None => Vec::new(),
+        };
+        let mut summary = outputs::summary(&mapping.pipeline);
+        summary.recording.clone_from(&self.title);
+        summary.vehicle.clone_from(&self.config.vehicle.name);
+        summary.set_times(mapping.clock.elapsed.as_secs_f64(), wall_s);
+        summary.events.clone_from(&self.events);
+        summary.add_source_end(end, interrupted);
+        if let Some(path) = &self.summary {
+            summary
+                .write(path)
+                .with_context(|| format!("{}: cannot write the summary", path.display()))?;
+        }
+        if !self.quiet {
+            outputs::tell(&summary, &files, out)?;
+        }
+        Ok(())
+    }
+}
+
+fn map_in_two_threads(
+    source: &mut dyn Source,
+    rate: Rate,
+    interrupt: &AtomicBool,
+    mapping: &mut Mapping,
+) -> anyhow::Result<SourceEnd> {
+    std::thread::scope(|scope| {
+        let (sender, receiver) = sync_channel::<Batch>(BATCHES);
+        let feeding =
+            scope.spawn(move || feed(source, rate, interrupt, |batch| sender.send(batch).is_ok()));
+        let taken = receiver.iter().try_for_each(|batch| mapping.take(batch));
+        // Or a feeder that waits for room would wait for ever.
+        drop(receiver);
+        let end = feeding.join().map_err(|_panic| anyhow::anyhow!("the reading thread failed"))?;
+        taken.map(|()| end)
+    })
+}
+
+/// The pipeline's side of a run.
+struct Mapping {
+    pipeline: Pipeline,
+    recorder: Option<Recorder>,
+    trajectory: Trajectory,
+    progress: Progress,
+    clock: DataClock,
+    started: Monotonic,
+}
+
+impl Mapping {
+    fn take(&mut self, batch: Batch) -> anyhow::Result<()> {
+        for item in batch.items {
+            let trajectory = &mut self.trajectory;
+            let mapped = |scan: &PosedScan| trajectory.add(scan);
+            match item {
+                Ordered::Measurement(measurement) => {
+                    if let Some(recorder) = &mut self.recorder
+                        && let Some(stream) = batch.streams.get(usize::from(measurement.stream.0))
+                    {
+                        recorder.write(stream, &measurement)?;
+                    }
+                    if !matches!(measurement.data, MeasurementData::Transform { is_static: true, .. }) {
+                        self.clock.see(measurement.stamp);
+                    }
+                    self.pipeline.push(measurement, mapped)?;
+                }
+                Ordered::ClockReset { .. } => {
+                    self.clock.reset();
+                    self.pipeline.reset_clock(mapped)?;
+                }
+            }
+        }
+        let scans = self.pipeline.report().scans_mapped;
+        let figures = ProgressFigures {
+            data_s: self.clock.elapsed.as_secs_f64(),
+            wall_s: self.started.elapsed().as_secs_f64(),
+            scans,
+            drops: batch.lost + self.pipeline.placer().counts().dropped_scans.total(),
+        };
+        self.progress.update(batch.position, &figures);
+        Ok(())
+    }
+}
+
+/// Time of the data that has passed, over clocks that start anew.
+#[derive(Debug, Default)]
+struct DataClock {
+    newest: Option<RobotTime>,
+    elapsed: RobotDuration,
+}
+
+impl DataClock {
+    fn see(&mut self, stamp: RobotTime) {
+        let newest = *self.newest.get_or_insert(stamp);
+        if stamp > newest {
+            self.elapsed = self.elapsed.saturating_add(stamp.since(newest));
+            self.newest = Some(stamp);
+        }
+    }
+
+    fn reset(&mut self) {
+        self.newest = None;
+    }
+}

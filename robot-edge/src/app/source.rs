@@ -1,0 +1,158 @@
+//! Recordings and simulated worlds as one kind of source.
+
+use crate::drops::DropCounts;
+use crate::measurement::{Measurement, MeasurementData, Stream};
+use crate::recording::stamp_order::{Ordered, StampOrder};
+use crate::recording::{Position, RecordingError, RecordingReader};
+use crate::robot_time::{RobotDuration, RobotTime};
+use crate::simulation::SimulatedSource;
+
+/// Yields measurements in stamp order.
+pub(super) trait Source: Send {
+    /// The next item; `None` at the end.
+    fn next(&mut self) -> Result<Option<Ordered>, RecordingError>;
+
+    /// The streams met so far.
+    fn streams(&self) -> Vec<Stream>;
+
+    /// How far reading has come; `None` where there is no end to come to.
+    fn position(&self) -> Option<Position>;
+
+    /// What the source itself lost, by reason, and the first of it in words.
+    fn losses(&self) -> (DropCounts, Vec<String>);
+}
+
+/// A part of a recording, or all of it, once or over and over.
+pub(super) struct Replayed {
+    open: Box<dyn Fn() -> Result<Box<dyn RecordingReader>, RecordingError> + Send>,
+    reader: Box<dyn RecordingReader>,
+    order: StampOrder,
+    part: Part,
+    repeat: bool,
+    first: Option<RobotTime>,
+    /// What earlier rounds of a repeated replay lost.
+    lost_before: DropCounts,
+}
+
+/// Which part of a recording is replayed, counted from its first scan.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Part {
+    /// Scans before this are passed over.
+    pub(super) start: RobotDuration,
+    /// The replay ends this long behind its start.
+    pub(super) duration: Option<RobotDuration>,
+}
+
+impl Replayed {
+    pub(super) fn new(
+        open: impl Fn() -> Result<Box<dyn RecordingReader>, RecordingError> + Send + 'static,
+        part: Part,
+        repeat: bool,
+    ) -> Result<Self, RecordingError> {
+        Ok(Self {
+            reader: open()?,
+            open: Box::new(open),
+            order: StampOrder::default(),
+            part,
+            repeat,
+            first: None,
+            lost_before: DropCounts::default(),
+        })
+    }
+
+    /// Begins again at the beginning: the clock of the data jumps back.
+    fn rewind(&mut self, from: RobotTime, to: RobotTime) -> Result<Ordered, RecordingError> {
+        self.lost_before.merge(self.reader.losses());
+        self.lost_before.merge(self.order.drops());
+        self.reader = (self.open)()?;
+        self.order = StampOrder::default();
+        Ok(Ordered::ClockReset { from, to })
+    }
+
+    /// Whether a measurement belongs to the part that is replayed. Poses before it are needed for its
+    /// first scans.
+    fn place_in_part(&mut self, measurement: &Measurement) -> Place {
+        let is_scan = matches!(measurement.data, MeasurementData::Scan { .. });
+        if is_scan {
+            self.first.get_or_insert(measurement.stamp);
+        }
+        let Some(first) = self.first else { return Place::Within };
+        let since_start = measurement.stamp.since(first + self.part.start);
+        if self.part.duration.is_some_and(|duration| since_start > duration) {
+            Place::Behind
+        } else if is_scan && since_start < RobotDuration::ZERO {
+            Place::Before
+        } else {
+            Place::Within
+        }
+    }
+}
+
+enum Place {
+    Before,
+    Within,
+    Behind,
+}
+
+impl Source for Replayed {
+    fn next(&mut self) -> Result<Option<Ordered>, RecordingError> {
+        let mut newest = None;
+        loop {
+            let reader = &mut self.reader;
+            let item = self.order.next_from(|| reader.next_measurement())?;
+            let place = match &item {
+                Some(Ordered::Measurement(measurement)) => {
+                    newest = Some(measurement.stamp);
+                    self.place_in_part(measurement)
+                }
+                Some(Ordered::ClockReset { .. }) => Place::Within,
+                None => Place::Behind,
+            };
+            match (place, self.first) {
+                (Place::Before, _) => {}
+                (Place::Within, _) => return Ok(item),
+                // A recording without a single scan would turn for ever.
+                (Place::Behind, Some(first)) if self.repeat => {
+                    return self.rewind(newest.unwrap_or(first), first).map(Some);
+                }
+                (Place::Behind, _) => return Ok(None),
+            }
+        }
+    }
+
+    fn streams(&self) -> Vec<Stream> {
+        self.reader.streams().iter().map(|summary| summary.stream.clone()).collect()
+    }
+
+    fn position(&self) -> Option<Position> {
+        (!self.repeat).then(|| self.reader.position())
+    }
+
+    fn losses(&self) -> (DropCounts, Vec<String>) {
+        let mut losses = self.lost_before.clone();
+        losses.merge(self.reader.losses());
+        losses.merge(self.order.drops());
+        (losses, self.reader.loss_notes().to_vec())
+    }
+}
+
+/// A simulated run.
+pub(super) struct Simulated(pub(super) SimulatedSource);
+
+impl Source for Simulated {
+    fn next(&mut self) -> Result<Option<Ordered>, RecordingError> {
+        Ok(self.0.next_measurement().map(Ordered::Measurement))
+    }
+
+    fn streams(&self) -> Vec<Stream> {
+        self.0.streams().to_vec()
+    }
+
+    fn position(&self) -> Option<Position> {
+        None
+    }
+
+    fn losses(&self) -> (DropCounts, Vec<String>) {
+        (DropCounts::default(), Vec::new())
+    }
+}
