@@ -15,8 +15,13 @@ pub(super) struct LossLog {
 impl LossLog {
     /// Counts one loss; `note` says where and what, and is called only while there is room for words.
     pub(super) fn add(&mut self, reason: DropReason, note: impl FnOnce() -> String) {
-        self.counts.add(reason);
+        self.count(reason);
         self.note(note);
+    }
+
+    /// Counts one loss without words.
+    pub(super) fn count(&mut self, reason: DropReason) {
+        self.counts.add(reason);
     }
 
     /// Notes something that cost no data.

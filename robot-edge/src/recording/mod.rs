@@ -4,13 +4,14 @@
 //! and survives any damage: what cannot be read is skipped and counted. [`open`] picks the reader by the
 //! file's first bytes.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use crate::drops::DropCounts;
 use crate::measurement::{Measurement, Stream};
 use crate::robot_time::RobotTime;
 
 pub mod carmen;
+mod format;
 mod loss_log;
 pub mod mcap;
 pub mod rosbag;
@@ -20,16 +21,7 @@ pub mod stamp_order;
 pub mod survey;
 pub mod writer;
 
-/// A file format that can be read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
-    /// CARMEN log, text.
-    Carmen,
-    /// ROS 1 bag, version 2.0.
-    Rosbag,
-    /// MCAP with ROS 2 messages in CDR (or ROS 1 messages, which MCAP can hold too).
-    Mcap,
-}
+pub use format::{Format, open};
 
 /// Why a recording cannot be read at all. Damage inside a readable file is counted, not an error.
 #[derive(Debug, thiserror::Error)]
@@ -50,6 +42,13 @@ pub enum RecordingError {
         path: PathBuf,
         /// Its first bytes, printable.
         begins_with: String,
+    },
+    /// What Git keeps in place of the file.
+    #[error("{path}: this is not the recording but a pointer to it that Git LFS left. \
+             Fetch the file with `git lfs pull`", path = path.display())]
+    GitLfsPointer {
+        /// The file.
+        path: PathBuf,
     },
     /// A known format in a version that is not read.
     #[error("{path}: {format} version {version} is not supported: {remedy}", path = path.display())]
@@ -151,13 +150,4 @@ pub trait RecordingReader: Send {
     fn vehicle(&self) -> Option<&str> {
         None
     }
-}
-
-/// Opens a recording, whatever its format.
-///
-/// # Errors
-/// Where the file cannot be opened, its format is unknown or its version unsupported.
-pub fn open(path: &Path, selection: Selection) -> Result<Box<dyn RecordingReader>, RecordingError> {
-    let _ = (path, selection);
-    unimplemented!("filled when the readers are merged")
 }

@@ -20,6 +20,8 @@ const MAX_CONNECTIONS: usize = 10_000;
 pub(super) struct Contents {
     selection: Selection,
     pub(super) streams: Vec<StreamSummary>,
+    /// Beside each stream: whether a message of it that says nothing was noted.
+    told_of_loss: Vec<bool>,
     connections: HashMap<u32, Connection>,
     newest_header_stamp: Option<RobotTime>,
     /// Measurements of the last message.
@@ -59,6 +61,7 @@ impl Contents {
         Self {
             selection,
             streams: Vec::new(),
+            told_of_loss: Vec::new(),
             connections: HashMap::new(),
             newest_header_stamp: None,
             ready: VecDeque::new(),
@@ -178,6 +181,7 @@ impl Contents {
             return None;
         }
         if index == self.streams.len() {
+            self.told_of_loss.push(false);
             let name = topic.to_owned();
             self.streams.push(StreamSummary {
                 stream: Stream { name, type_name },
@@ -220,19 +224,11 @@ impl Contents {
             });
             return Ok(());
         }
-        match ros::decode(kind, Encoding::Ros1, connection.is_static_tf, &self.data) {
-            Ok(decoded) => {
-                for part in decoded {
-                    let ros::Decoded { stamp, frame, data } = match part {
-                        Ok(part) => part,
-                        Err(error) => {
-                            let name = &summary.stream.name;
-                            self.losses.add(loss_reason(error), || {
-                                format!("{}: a message of {name}: {error}", place(record.at))
-                            });
-                            continue;
-                        }
-                    };
+        let decoded = ros::decode(kind, Encoding::Ros1, connection.is_static_tf, &self.data)
+            .unwrap_or_else(|error| vec![Err(error)]);
+        for part in decoded {
+            match part {
+                Ok(ros::Decoded { stamp, frame, data }) => {
                     self.newest_header_stamp = self.newest_header_stamp.max(stamp);
                     self.ready.push_back(Measurement {
                         stamp: stamp.or(self.newest_header_stamp).unwrap_or(time),
@@ -241,15 +237,25 @@ impl Contents {
                         data,
                     });
                 }
-            }
-            Err(error) => {
-                let name = &summary.stream.name;
-                self.losses.add(loss_reason(error), || {
-                    format!("{}: a message of {name}: {error}", place(record.at))
-                });
+                Err(error) => self.lose_message(connection.stream, error, || place(record.at)),
             }
         }
         Ok(())
+    }
+
+    /// Counts a message that says nothing; the first of its stream in words.
+    fn lose_message(&mut self, stream: StreamId, error: DecodeError, place: impl Fn() -> String) {
+        self.losses.count(loss_reason(error));
+        let index = usize::from(stream.0);
+        if !std::mem::replace(&mut self.told_of_loss[index], true) {
+            let name = &self.streams[index].stream.name;
+            self.losses.note(|| {
+                format!(
+                    "{}: a message of {name}: {error} (later ones only counted)",
+                    place()
+                )
+            });
+        }
     }
 }
 

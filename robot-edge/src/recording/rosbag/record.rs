@@ -203,8 +203,8 @@ impl<'a> Fields<'a> {
     fn time(&self, name: &str) -> Result<RobotTime, &'static str> {
         // Two u32: seconds, then nanoseconds.
         let both = u64::from_le_bytes(self.number(name, "no time")?);
-        let (secs, nanos) = (both & 0xffff_ffff, both >> 32);
-        Ok(RobotTime::from_nanos((secs * 1_000_000_000 + nanos) as i64))
+        let [secs, nanos] = [both as u32, (both >> 32) as u32].map(i64::from);
+        Ok(RobotTime::from_nanos(secs * 1_000_000_000 + nanos))
     }
 }
 

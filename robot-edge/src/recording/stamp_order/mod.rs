@@ -117,12 +117,11 @@ impl StampOrder {
             if let Some(item) = self.pop() {
                 return Ok(Some(item));
             }
-            match source()? {
-                Some(measurement) => self.push(measurement),
-                None => {
-                    self.finish();
-                    return Ok(self.pop());
-                }
+            if let Some(measurement) = source()? {
+                self.push(measurement);
+            } else {
+                self.finish();
+                return Ok(self.pop());
             }
         }
     }

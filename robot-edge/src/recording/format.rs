@@ -1,0 +1,186 @@
+//! Which format a file has, by its first bytes.
+
+use std::fmt;
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+use super::carmen::{self, CarmenReader};
+use super::rosbag::{self, RosbagReader};
+use super::{RecordingError, RecordingReader, Selection};
+
+/// Bytes looked at; enough for the first 100 lines of most CARMEN logs.
+const LOOKED_AT_BYTES: u64 = 64 << 10;
+
+const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
+
+const GIT_LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
+
+/// A file format that can be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// CARMEN log, text.
+    Carmen,
+    /// ROS 1 bag, version 2.0.
+    Rosbag,
+    /// MCAP with ROS 2 messages in CDR (or ROS 1 messages, which MCAP can hold too).
+    Mcap,
+}
+
+impl Format {
+    /// The format of the file at `path`.
+    ///
+    /// # Errors
+    /// Where the file cannot be read or is of no known format.
+    pub fn of(path: &Path) -> Result<Self, RecordingError> {
+        let io_error = |source| RecordingError::Io {
+            path: path.to_owned(),
+            source,
+        };
+        if path.is_dir() {
+            return Err(io_error(io::Error::new(
+                io::ErrorKind::IsADirectory,
+                "this is a folder; name the recording in it (of a ROS 2 bag, the .mcap file)",
+            )));
+        }
+        let mut beginning = Vec::new();
+        File::open(path)
+            .and_then(|file| file.take(LOOKED_AT_BYTES).read_to_end(&mut beginning))
+            .map_err(io_error)?;
+        if beginning.starts_with(GIT_LFS_POINTER) {
+            return Err(RecordingError::GitLfsPointer {
+                path: path.to_owned(),
+            });
+        }
+        Self::of_beginning(&beginning).ok_or_else(|| RecordingError::UnknownFormat {
+            path: path.to_owned(),
+            begins_with: printable(&beginning),
+        })
+    }
+
+    fn of_beginning(beginning: &[u8]) -> Option<Self> {
+        if beginning.starts_with(MCAP_MAGIC) {
+            Some(Self::Mcap)
+        } else if rosbag::is_rosbag(beginning) {
+            Some(Self::Rosbag)
+        } else if carmen::is_carmen(beginning) {
+            Some(Self::Carmen)
+        } else {
+            None
+        }
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Carmen => "CARMEN log",
+            Self::Rosbag => "ROS 1 bag",
+            Self::Mcap => "MCAP",
+        })
+    }
+}
+
+/// Opens a recording, whatever its format.
+///
+/// # Errors
+/// Where the file cannot be opened, its format is unknown or its version unsupported.
+pub fn open(path: &Path, selection: Selection) -> Result<Box<dyn RecordingReader>, RecordingError> {
+    Ok(match Format::of(path)? {
+        Format::Carmen => Box::new(CarmenReader::open(path, selection)?),
+        Format::Rosbag => Box::new(RosbagReader::open(path, selection)?),
+        Format::Mcap => {
+            return Err(RecordingError::UnknownFormat {
+                path: path.to_owned(),
+                begins_with: printable(MCAP_MAGIC),
+            });
+        }
+    })
+}
+
+/// The first few bytes such that a person sees what they are.
+fn printable(beginning: &[u8]) -> String {
+    if beginning.is_empty() {
+        return "nothing: it is empty".to_owned();
+    }
+    let first = &beginning[..beginning.len().min(24)];
+    format!("\"{}\"", first.escape_ascii())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::shared_data::shared_data;
+    use super::*;
+
+    #[test]
+    fn formats_are_told_by_their_first_bytes() {
+        let check = |beginning: &[u8], expected| {
+            assert_eq!(
+                Format::of_beginning(beginning),
+                expected,
+                "{}",
+                printable(beginning)
+            );
+        };
+        check(b"\x89MCAP0\r\n\x01", Some(Format::Mcap));
+        check(b"#ROSBAG V2.0\nE", Some(Format::Rosbag));
+        check(b"#ROSRECORD V1.2\n", Some(Format::Rosbag));
+        check(
+            b"# comment\r\n\r\nODOM 0 0 0 0 0 0 1 h 1\r\n",
+            Some(Format::Carmen),
+        );
+        check(
+            b"# message_name [message contents] ipc_timestamp\n",
+            Some(Format::Carmen),
+        );
+        check(b"PARAM robot_use_laser on nohost 0\n", Some(Format::Carmen));
+        check(b"# a text\nthat is no log\n", None);
+        check(b"FLASERS 1 2 3\n", None);
+        check(&b"\n".repeat(101), None);
+        check(b"", None);
+    }
+
+    #[test]
+    fn what_cannot_be_read_says_why() {
+        let folder = tempfile::tempdir().unwrap();
+        let refusal = |content: &[u8]| {
+            let path = folder.path().join("file");
+            std::fs::write(&path, content).unwrap();
+            let error = open(&path, Selection::All).err().unwrap();
+            error.to_string().replace(&path.display().to_string(), "F")
+        };
+        assert_eq!(
+            refusal(b"\x1f\x8b\x08packed"),
+            "F: not a recording this program reads: it begins with \"\\x1f\\x8b\\x08packed\". \
+             It reads MCAP, ROS 1 bags (version 2.0) and CARMEN logs"
+        );
+        assert!(refusal(b"").contains("it begins with nothing: it is empty"));
+        let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 1\n";
+        assert!(refusal(pointer).ends_with("Fetch the file with `git lfs pull`"));
+        let error = open(folder.path(), Selection::All)
+            .err()
+            .unwrap()
+            .to_string();
+        assert!(error.contains("this is a folder"), "{error}");
+    }
+
+    #[test]
+    fn recordings_of_others_are_recognised() {
+        let Some(data) = shared_data("carmen") else {
+            return;
+        };
+        let check = |name: &str, expected| {
+            assert_eq!(Format::of(&data.join(name)).unwrap(), expected, "{name}");
+        };
+        for name in [
+            "intel-corrected.log",
+            "aces.clf",
+            "fr-clinic_robotlaser.clf",
+        ] {
+            check(name, Format::Carmen);
+        }
+        check("../rosbag1/two_lasers.bag", Format::Rosbag);
+        check("../mcap/turtlebot_tf_odom.mcap", Format::Mcap);
+        assert!(Format::of(&data.join("aces-corrected.png")).is_err());
+    }
+}

@@ -1,0 +1,180 @@
+use super::super::shared_data::shared_data;
+use super::*;
+
+fn survey_of(folder: &str, name: &str) -> Option<Survey> {
+    let path = shared_data(folder)?.join(name);
+    let mut survey = Survey::of(&path).unwrap();
+    survey.path = name.into();
+    Some(survey)
+}
+
+fn survey_text(content: &str) -> Survey {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a log.clf");
+    std::fs::write(&path, content).unwrap();
+    let mut survey = Survey::of(&path).unwrap();
+    survey.path = "a log.clf".into();
+    survey
+}
+
+#[test]
+fn a_log_is_summed_up_on_one_page() {
+    let mut content = "PARAM robot_width 40 nohost 0\nNEFF 30\n".to_owned();
+    content.extend((0..20).map(|n| {
+        let stamp = 100 + n;
+        format!(
+            "ODOM {n} 0 0 0 0 0 {stamp}.25 h 0\n\
+             FLASER 3 1.5 2.5 50 {n} 0 0 {n} 0 0 {stamp}.5 h 0\n"
+        )
+    }));
+    content += "FLASER 3 1.5 2.5\n";
+    content += "FLASER 3 1 2 50 0 0 0 0 0 0 119.4 h 0\n";
+    assert_eq!(
+        survey_text(&content).to_string(),
+        "\
+a log.clf
+  CARMEN log, 1.5 kB
+  19.0 s, from 100.500 to 119.500
+
+  topic   type           messages  rate
+  PARAM   carmen/PARAM          1  not read: no sensor data that is understood
+  NEFF    carmen/NEFF           1  not read: no sensor data that is understood
+  ODOM    carmen/ODOM          20  1.00 Hz
+  FLASER  carmen/FLASER        22  1.00 Hz
+
+range sensors
+  FLASER: 21 scans of 3 beams in frame laser
+    -90.0° to 90.0° in steps of 90.000°, beams 0.0 µs apart
+    ranges 0 to 80 m; the greatest is 50 m, 21 times
+    from 50 m on they repeat: what this laser says where it sees nothing
+
+frames
+  ODOM: base_link in odom, 20 poses
+
+faults
+  damaged lines, records or chunks, passed over: 1
+  stamps that contradicted the order of their lines, changed to fit it: 1
+  FLASER: of 21 stamps 1 repeat the one before, 0 go back
+    line 43: FLASER: ends before a range
+    line 44: the stamp of FLASER goes back by 0.1 s and is held (later ones only counted)
+
+can it be mapped?
+  every scan brings its pose
+  robot-edge replay 'a log.clf'
+"
+    );
+}
+
+#[test]
+fn what_cannot_be_mapped_says_why() {
+    let odometry_only = survey_text("ODOM 0 0 0 0 0 0 1 h 0\n");
+    assert_eq!(odometry_only.mappable(), Mappable::NoRangeSensor);
+    assert!(
+        odometry_only
+            .to_string()
+            .ends_with("no: there is no planar range sensor in it\n")
+    );
+
+    let raw = "RAWLASER1 0 -1.5 3 1 80 0 0 2 1 2 0 1 h 1\n";
+    let without_poses = survey_text(raw);
+    assert_eq!(without_poses.mappable(), Mappable::NoPoseSource);
+    assert!(
+        without_poses
+            .to_string()
+            .contains("no: nothing says where the sensor was")
+    );
+
+    let with_odometry = survey_text(&format!("{raw}ODOM 0 0 0 0 0 0 1 h 0\n"));
+    assert_eq!(
+        with_odometry.mappable(),
+        Mappable::Yes {
+            laser: StreamId(0),
+            pose_source: "ODOM gives poses of base_link in odom".to_owned(),
+            must_be_named: false,
+        }
+    );
+}
+
+#[test]
+fn of_two_lasers_one_must_be_named() {
+    let line = "LASER 2 1 2 0 0 0 0 0 0 1 h 1\n";
+    let survey = survey_text(&format!("R{line}F{line}F{line}"));
+    assert!(
+        survey.to_string().ends_with(
+            "  robot-edge replay 'a log.clf' --topic laser=FLASER\n  or with --topic laser=RLASER\n"
+        ),
+        "{survey}"
+    );
+}
+
+#[test]
+fn lasers_of_published_logs_say_nothing_seen_in_their_own_way() {
+    let check = |name: &str, greatest: (f32, u64), miss: Option<f32>, unsaid: Option<f32>| {
+        let Some(survey) = survey_of("carmen", name) else {
+            return;
+        };
+        let [scan] = &survey.scans[..] else {
+            panic!("{name}")
+        };
+        assert_eq!(scan.greatest_range.greatest(), Some(greatest), "{name}");
+        assert_eq!(scan.greatest_range.miss_from_m(), miss, "{name}");
+        assert_eq!(scan.unsaid_miss_from_m(), unsaid, "{name}");
+    };
+    check("aces.clf", (50.0, 11139), Some(50.0), Some(50.0));
+    check("aces-corrected.log", (50.0, 620), Some(50.0), Some(50.0));
+    check(
+        "infinite-corridor-corrected.log",
+        (51.16, 2),
+        Some(51.01),
+        Some(51.01),
+    );
+    // The reader's 80 m covers these.
+    check("intel-corrected.log", (81.83, 4172), Some(81.83), None);
+    check("csail-corrected.log", (81.91, 3907), Some(81.91), None);
+    check("belgioioso-corrected.log", (81.91, 699), Some(81.91), None);
+    check(
+        "fr-clinic_robotlaser.clf",
+        (81.91, 150_066),
+        Some(81.91),
+        None,
+    );
+}
+
+#[test]
+fn bags_are_surveyed() {
+    let Some(survey) = survey_of("rosbag1", "lms1xx_with_tf.bag") else {
+        return;
+    };
+    let [scan] = &survey.scans[..] else { panic!() };
+    assert_eq!(
+        (scan.stamps.count, scan.beams, &*scan.frame),
+        (89, (541, 541), "cloud")
+    );
+    assert!((scan.stamps.rate_hz().unwrap() - 50.0).abs() < 1.0);
+    assert_eq!((scan.range_min_m, scan.range_max_m), (0.05, 25.0));
+    assert!((scan.angle_max_rad() - 135_f32.to_radians()).abs() < 1e-3);
+    let edges: Vec<_> = survey
+        .frames
+        .edges()
+        .map(|(parent, child, edge)| (&**parent, &**child, edge.count, edge.is_static))
+        .collect();
+    assert_eq!(edges, [("cloud", "radar", 17, false)]);
+    assert_eq!(survey.mappable(), Mappable::NoPoseSource);
+    let not_understood = survey
+        .streams
+        .iter()
+        .filter(|s| !s.understood && s.messages > 0)
+        .count();
+    assert_eq!((survey.streams.len(), not_understood), (12, 7));
+
+    let two = survey_of("rosbag1", "two_lasers.bag").unwrap();
+    assert!(two.to_string().contains("--topic laser=NAME"), "{two}");
+    let damaged = survey_of("rosbag1", "damaged_index.bag").unwrap();
+    assert!(
+        damaged
+            .to_string()
+            .contains("damaged lines, records or chunks, passed over: 2"),
+        "{damaged}"
+    );
+    assert_eq!(damaged.scans[0].stamps.count, 360);
+}
