@@ -82,6 +82,13 @@ fn nanos_from_secs(secs: f64) -> Option<i64> {
     (nanos.is_finite() && nanos.abs() < 9.2e18).then_some(nanos as i64)
 }
 
+impl Add for RobotDuration {
+    type Output = Self;
+    fn add(self, rhs: Self) -> Self {
+        Self(self.0.saturating_add(rhs.0))
+    }
+}
+
 impl Add<RobotDuration> for RobotTime {
     type Output = Self;
     fn add(self, rhs: RobotDuration) -> Self {

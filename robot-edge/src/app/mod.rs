@@ -30,8 +30,8 @@ use crate::vehicle_commands;
 pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
     let quiet = cli.verbosity.quiet;
     match &cli.command {
-        Command::Replay(command) => replay::replay(command, quiet, &interrupt_flag()?, out),
-        Command::Simulate(command) => simulate::simulate(command, quiet, &interrupt_flag()?, out),
+        Command::Replay(command) => replay::replay(command, quiet, &*interrupt_flag()?, out),
+        Command::Simulate(command) => simulate::simulate(command, quiet, &*interrupt_flag()?, out),
         Command::Info(command) => {
             write!(out, "{}", Survey::of(&command.recording)?)?;
             Ok(Exit::Done)
@@ -48,14 +48,14 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         }
         Command::Vehicles(command) => {
             match &command.name {
-                Some(name) => vehicle_commands::print(presets::get(name)?, out)?,
+                Some(name) => vehicle_commands::print(&presets::get(name)?, out)?,
                 None => vehicle_commands::list(out)?,
             }
             Ok(Exit::Done)
         }
         Command::Check(command) => Ok(vehicle_commands::check(&command.config, out)?),
         Command::Completions(command) => {
-            command.print(out);
+            command.print(out)?;
             Ok(Exit::Done)
         }
     }

@@ -196,7 +196,7 @@ impl DataClock {
     fn see(&mut self, stamp: RobotTime) {
         let newest = *self.newest.get_or_insert(stamp);
         if stamp > newest {
-            self.elapsed = self.elapsed.saturating_add(stamp.since(newest));
+            self.elapsed = self.elapsed + stamp.since(newest);
             self.newest = Some(stamp);
         }
     }
