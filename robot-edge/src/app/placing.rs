@@ -36,8 +36,8 @@ pub(super) fn placer_settings(
         reach: Reach {
             max_gap: seconds(localization.max_gap_s),
             max_extrapolation: seconds(localization.max_extrapolation_s),
-            keep: seconds(localization.buffer_s),
         },
+        keep: seconds(localization.buffer_s),
         wait: seconds(localization.wait_s),
         max_waiting: localization.max_waiting_scans,
         sensor: SensorSettings {

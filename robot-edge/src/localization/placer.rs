@@ -37,6 +37,8 @@ pub struct PlacerSettings {
     pub base_frame: FrameId,
     /// Limits of interpolation.
     pub reach: Reach,
+    /// How long poses are kept behind the newest stamp.
+    pub keep: RobotDuration,
     /// How far stamps may pass a waiting scan.
     pub wait: RobotDuration,
     /// Scans that may wait at once; the oldest is dropped for the next.
@@ -138,6 +140,8 @@ impl BeamPlacer {
             | MeasurementData::PointCloud(_) => {}
         }
         self.place_waiting(Self::is_ready, out);
+        // Only now: behind a pause in the data, a scan that waited still needed its old pose.
+        self.tree.forget_before(self.newest - self.settings.keep);
     }
 
     /// The data's clock started anew: places or drops what waits, then forgets all moving poses.

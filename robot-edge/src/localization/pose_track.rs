@@ -15,8 +15,6 @@ pub struct Reach {
     pub max_gap: RobotDuration,
     /// How far past the newest sample a pose may be extrapolated.
     pub max_extrapolation: RobotDuration,
-    /// How long samples are kept behind the newest.
-    pub keep: RobotDuration,
 }
 
 /// Samples in stamp order, each stamp once.
@@ -30,19 +28,20 @@ const MAX_SAMPLES: usize = 10_000;
 
 impl PoseTrack {
     /// Adds a sample. Of equal stamps the later in file order wins.
-    pub fn insert(&mut self, stamp: RobotTime, pose: Pose, reach: &Reach) {
+    pub fn insert(&mut self, stamp: RobotTime, pose: Pose) {
         let at = self.samples.partition_point(|(other, _)| *other < stamp);
         match self.samples.get_mut(at) {
             Some(sample) if sample.0 == stamp => sample.1 = pose,
             Some(_) | None => self.samples.insert(at, (stamp, pose)),
         }
-        let newest = self.newest().unwrap_or(stamp);
-        while self.samples.len() > MAX_SAMPLES
-            || self
-                .samples
-                .front()
-                .is_some_and(|(oldest, _)| newest.since(*oldest) > reach.keep)
-        {
+        if self.samples.len() > MAX_SAMPLES {
+            self.samples.pop_front();
+        }
+    }
+
+    /// Forgets samples before `stamp`, but never the newest: it says why there is no pose.
+    pub fn forget_before(&mut self, stamp: RobotTime) {
+        while self.samples.len() > 1 && self.samples.front().is_some_and(|(old, _)| *old < stamp) {
             self.samples.pop_front();
         }
     }
@@ -185,13 +184,12 @@ mod tests {
     const REACH: Reach = Reach {
         max_gap: RobotDuration::from_millis(500),
         max_extrapolation: RobotDuration::from_millis(100),
-        keep: RobotDuration::from_millis(10_000),
     };
 
     fn track(samples: &[(f64, Pose)]) -> PoseTrack {
         let mut track = PoseTrack::default();
         for (secs, pose) in samples {
-            track.insert(at(*secs), *pose, &REACH);
+            track.insert(at(*secs), *pose);
         }
         track
     }
@@ -234,8 +232,11 @@ mod tests {
     fn of_equal_stamps_the_later_wins_and_old_samples_go() {
         let mut track = track(&[(1.0, planar(1.0, 0.0, 0.0)), (1.0, planar(7.0, 0.0, 0.0))]);
         assert_eq!(x_at(&track, 1.0), Ok(7.0));
-        track.insert(at(11.5), planar(0.0, 0.0, 0.0), &REACH);
-        assert_eq!(track.samples.len(), 1);
+        track.insert(at(1.5), planar(0.0, 0.0, 0.0));
+        track.forget_before(at(1.2));
+        assert_eq!(x_at(&track, 1.0), Err(DropReason::BeforeFirstPose));
+        track.forget_before(at(99.0));
+        assert_eq!(x_at(&track, 1.5), Ok(0.0));
     }
 
     #[test]

@@ -61,7 +61,6 @@ impl TransformBuffer {
             self.edges.insert(FrameId::clone(child), edge);
             return;
         }
-        let reach = self.reach;
         let edge = self
             .edges
             .entry(FrameId::clone(child))
@@ -70,8 +69,17 @@ impl TransformBuffer {
             *edge = Edge::moving(parent);
         }
         match &mut edge.parent_from_child {
-            Motion::Moving(track) => track.insert(stamp, parent_from_child, &reach),
+            Motion::Moving(track) => track.insert(stamp, parent_from_child),
             Motion::Fixed(_) => {}
+        }
+    }
+
+    /// Forgets moving poses before `stamp`, but never a frame's newest.
+    pub fn forget_before(&mut self, stamp: RobotTime) {
+        for edge in self.edges.values_mut() {
+            if let Motion::Moving(track) = &mut edge.parent_from_child {
+                track.forget_before(stamp);
+            }
         }
     }
 
@@ -197,7 +205,6 @@ mod tests {
     const REACH: Reach = Reach {
         max_gap: RobotDuration::from_millis(500),
         max_extrapolation: RobotDuration::from_millis(100),
-        keep: RobotDuration::from_millis(10_000),
     };
 
     fn at(secs: f64) -> RobotTime {

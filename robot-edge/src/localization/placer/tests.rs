@@ -17,8 +17,8 @@ fn settings(origin: PoseOrigin) -> PlacerSettings {
         reach: Reach {
             max_gap: RobotDuration::from_millis(500),
             max_extrapolation: RobotDuration::from_millis(100),
-            keep: RobotDuration::from_millis(10_000),
         },
+        keep: RobotDuration::from_millis(10_000),
         wait: RobotDuration::from_millis(100),
         max_waiting: 4,
         sensor: SensorSettings {
@@ -133,6 +133,12 @@ fn a_scan_waits_for_the_pose_after_its_last_beam() {
     placer.push(pose(1.1, 1.0), &mut out);
     placer.push(pose(1.15, 9.0), &mut out);
     assert_eq!(ends(&out[0]), [3.0, 4.0]);
+}
+
+#[test]
+fn a_pause_in_the_data_does_not_cost_the_scan_before_it() {
+    let input = vec![pose(1.0, 3.0), scan(1.0, 0.0, &[2.0]), pose(31.0, 4.0), scan(31.0, 0.0, &[2.0])];
+    assert_eq!(run(settings(tf()), input).0, [[6.0], [7.0]]);
 }
 
 #[test]
