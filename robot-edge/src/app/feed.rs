@@ -83,5 +83,10 @@ pub(super) fn feed(
         send(&mut items, source);
     }
     let (losses, notes) = source.losses();
-    SourceEnd { losses, notes, skipped: pacer.skipped(), result }
+    SourceEnd {
+        losses,
+        notes,
+        skipped: pacer.skipped(),
+        result,
+    }
 }

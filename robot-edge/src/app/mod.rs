@@ -41,9 +41,22 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
             for note in &report.notes {
                 writeln!(out, "{note}")?;
             }
-            let lost: Vec<_> = report.losses.iter().map(|(why, n)| format!("{n} × {why}")).collect();
-            let lost = if lost.is_empty() { "nothing".to_owned() } else { lost.join(", ") };
-            writeln!(out, "{}: {} messages saved, lost: {lost}", command.out.display(), report.messages)?;
+            let lost: Vec<_> = report
+                .losses
+                .iter()
+                .map(|(why, n)| format!("{n} × {why}"))
+                .collect();
+            let lost = if lost.is_empty() {
+                "nothing".to_owned()
+            } else {
+                lost.join(", ")
+            };
+            writeln!(
+                out,
+                "{}: {} messages saved, lost: {lost}",
+                command.out.display(),
+                report.messages
+            )?;
             Ok(Exit::Done)
         }
         Command::Vehicles(command) => {

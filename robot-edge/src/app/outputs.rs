@@ -27,7 +27,11 @@ pub(super) struct Trajectory {
 
 impl Trajectory {
     pub(super) const fn new() -> Self {
-        Self { poses: Vec::new(), stride: 1, seen: 0 }
+        Self {
+            poses: Vec::new(),
+            stride: 1,
+            seen: 0,
+        }
     }
 
     pub(super) fn add(&mut self, scan: &PosedScan) {
@@ -66,7 +70,10 @@ pub(super) fn export(
     let path = dir.join("trajectory.tum");
     write_trajectory(&path, trajectory.poses.iter().copied())?;
     files.push(path);
-    Ok(files.iter().map(|file| file.display().to_string()).collect())
+    Ok(files
+        .iter()
+        .map(|file| file.display().to_string())
+        .collect())
 }
 
 /// The figures of the run, without those that only its command knows.
@@ -93,7 +100,9 @@ pub(super) fn summary(pipeline: &Pipeline) -> Summary {
             misses: report.misses,
             dropped: dropped_beams,
         },
-        stages: stages.map(|(name, timer)| (name.to_owned(), timer.times())).into(),
+        stages: stages
+            .map(|(name, timer)| (name.to_owned(), timer.times()))
+            .into(),
         layers: layers(pipeline),
         tiles: Tiles {
             published: traffic.published,
@@ -109,7 +118,11 @@ impl Summary {
     /// Adds what the source said at its end.
     pub(super) fn add_source_end(&mut self, end: &SourceEnd, interrupted: bool) {
         let mut event = |kind: &str, message: String| {
-            self.events.push(Event { stamp_s: None, kind: kind.to_owned(), message });
+            self.events.push(Event {
+                stamp_s: None,
+                kind: kind.to_owned(),
+                message,
+            });
         };
         for (reason, n) in end.losses.iter() {
             event("loss", format!("the recording lost {n} × {reason}"));
@@ -144,9 +157,17 @@ pub(super) fn tell(summary: &Summary, files: &[String], out: &mut dyn Write) -> 
     tell_drops(&scans.dropped, out)?;
     write!(out, "; {} beams", summary.beams.came_in)?;
     tell_drops(&summary.beams.dropped, out)?;
-    writeln!(out, "; {:.1} s of data in {:.2} s", summary.duration_s, summary.wall_s)?;
+    writeln!(
+        out,
+        "; {:.1} s of data in {:.2} s",
+        summary.duration_s, summary.wall_s
+    )?;
     for (name, layer) in &summary.layers {
-        writeln!(out, "{name}: {} cells known, digest {}", layer.cells_known, layer.digest)?;
+        writeln!(
+            out,
+            "{name}: {} cells known, digest {}",
+            layer.cells_known, layer.digest
+        )?;
     }
     for file in files {
         writeln!(out, "{file}")?;
@@ -155,8 +176,15 @@ pub(super) fn tell(summary: &Summary, files: &[String], out: &mut dyn Write) -> 
 }
 
 fn tell_drops(drops: &DropCounts, out: &mut dyn Write) -> io::Result<()> {
-    let reasons: Vec<_> = drops.iter().map(|(reason, n)| format!("{n} {reason}")).collect();
-    if reasons.is_empty() { Ok(()) } else { write!(out, " (dropped: {})", reasons.join(", ")) }
+    let reasons: Vec<_> = drops
+        .iter()
+        .map(|(reason, n)| format!("{n} {reason}"))
+        .collect();
+    if reasons.is_empty() {
+        Ok(())
+    } else {
+        write!(out, " (dropped: {})", reasons.join(", "))
+    }
 }
 
 fn layers(pipeline: &Pipeline) -> BTreeMap<String, LayerFigures> {
@@ -168,7 +196,10 @@ fn layers(pipeline: &Pipeline) -> BTreeMap<String, LayerFigures> {
             let figures = LayerFigures {
                 cells_known: store.cells_known(layer),
                 counts: counts(pipeline, layer),
-                digest: store.root_digest(layer).map(|digest| digest.to_string()).unwrap_or_default(),
+                digest: store
+                    .root_digest(layer)
+                    .map(|digest| digest.to_string())
+                    .unwrap_or_default(),
                 bytes: store.bytes(layer),
             };
             (layer.name().to_owned(), figures)
@@ -190,5 +221,9 @@ fn counts(pipeline: &Pipeline, layer: LayerId) -> BTreeMap<String, u64> {
         }
         return counts;
     }
-    store.class_counts(layer).into_iter().map(|(name, count)| (name.to_owned(), count)).collect()
+    store
+        .class_counts(layer)
+        .into_iter()
+        .map(|(name, count)| (name.to_owned(), count))
+        .collect()
 }

@@ -38,37 +38,60 @@ pub(super) fn plan(
     let origin = choose_origin(survey, scan, localization)?;
     let mut names = vec![laser.clone()];
     match &origin {
-        PoseOrigin::Log => notes.push(format!("poses: those that {laser} brings for its own scans")),
+        PoseOrigin::Log => notes.push(format!(
+            "poses: those that {laser} brings for its own scans"
+        )),
         PoseOrigin::Tf { fixed_frame } => {
             notes.push(format!("poses: transforms up to frame {fixed_frame}"));
-            names.extend(streams_of_type(survey, &["tf2_msgs/TFMessage", "tf/tfMessage"]));
+            names.extend(streams_of_type(
+                survey,
+                &["tf2_msgs/TFMessage", "tf/tfMessage"],
+            ));
         }
         PoseOrigin::Odometry => {
             let odometry = choose_odometry(survey)?;
-            notes.push(format!("poses: {odometry}, with the configured mounting of the laser"));
+            notes.push(format!(
+                "poses: {odometry}, with the configured mounting of the laser"
+            ));
             names.push(odometry);
         }
         PoseOrigin::Static => notes.push("poses: the vehicle stands still".to_owned()),
     }
-    let unsaid_miss_from_m =
-        (survey.format == Format::Carmen).then(|| scan.unsaid_miss_from_m()).flatten();
+    let unsaid_miss_from_m = (survey.format == Format::Carmen)
+        .then(|| scan.unsaid_miss_from_m())
+        .flatten();
     if let Some(range_m) = unsaid_miss_from_m {
-        notes.push(format!("{laser} reports {range_m} m where it sees nothing: such beams are misses"));
+        notes.push(format!(
+            "{laser} reports {range_m} m where it sees nothing: such beams are misses"
+        ));
     }
     if !survey.is_complete() {
         notes.push("decided from the beginning of the recording, which is long".to_owned());
     }
-    Ok(Plan { laser, origin, selection: Selection::Named(names), unsaid_miss_from_m, notes })
+    Ok(Plan {
+        laser,
+        origin,
+        selection: Selection::Named(names),
+        unsaid_miss_from_m,
+        notes,
+    })
 }
 
 fn choose_laser<'a>(survey: &'a Survey, topic: Option<&str>) -> Result<&'a ScanSurvey, UsageError> {
     let path = survey.path.display();
     let names = || {
-        let names: Vec<_> = survey.scans.iter().map(|scan| stream_name(survey, scan)).collect();
+        let names: Vec<_> = survey
+            .scans
+            .iter()
+            .map(|scan| stream_name(survey, scan))
+            .collect();
         names.join(", ")
     };
     if let Some(topic) = topic {
-        let chosen = survey.scans.iter().find(|scan| stream_name(survey, scan) == topic);
+        let chosen = survey
+            .scans
+            .iter()
+            .find(|scan| stream_name(survey, scan) == topic);
         return chosen.ok_or_else(|| {
             let have = if survey.scans.is_empty() { "no scans at all".to_owned() } else { names() };
             UsageError(format!(
@@ -95,7 +118,9 @@ fn choose_origin(
     scan: &ScanSurvey,
     localization: &LocalizationConfig,
 ) -> Result<PoseOrigin, UsageError> {
-    let tf = || fixed_frame(survey, scan, localization).map(|fixed_frame| PoseOrigin::Tf { fixed_frame });
+    let tf = || {
+        fixed_frame(survey, scan, localization).map(|fixed_frame| PoseOrigin::Tf { fixed_frame })
+    };
     let log = || scan.has_own_poses.then_some(PoseOrigin::Log);
     let odometry = || (!survey.odometry.is_empty()).then_some(PoseOrigin::Odometry);
     let (found, wanted) = match localization.source {
@@ -122,18 +147,22 @@ fn fixed_frame(
     scan: &ScanSurvey,
     localization: &LocalizationConfig,
 ) -> Option<FrameId> {
-    [&*scan.frame, &localization.base_frame].into_iter().find_map(|source| {
-        let way = survey.frames.way_up(source);
-        let first_moving = way.iter().position(|(_, edge)| !edge.is_static)?;
-        // Frames that the laser moves in; the vehicle itself is none of them.
-        let still = &way[first_moving..];
-        let find = |wanted: &str| still.iter().find(|(frame, _)| ***frame == *wanted);
-        let chosen = match &localization.fixed_frame {
-            Some(wanted) => find(wanted),
-            None => find("odom").or_else(|| find("map")).or_else(|| still.last()),
-        };
-        chosen.map(|(frame, _)| FrameId::clone(frame))
-    })
+    [&*scan.frame, &localization.base_frame]
+        .into_iter()
+        .find_map(|source| {
+            let way = survey.frames.way_up(source);
+            let first_moving = way.iter().position(|(_, edge)| !edge.is_static)?;
+            // Frames that the laser moves in; the vehicle itself is none of them.
+            let still = &way[first_moving..];
+            let find = |wanted: &str| still.iter().find(|(frame, _)| ***frame == *wanted);
+            let chosen = match &localization.fixed_frame {
+                Some(wanted) => find(wanted),
+                None => find("odom")
+                    .or_else(|| find("map"))
+                    .or_else(|| still.last()),
+            };
+            chosen.map(|(frame, _)| FrameId::clone(frame))
+        })
 }
 
 fn choose_odometry(survey: &Survey) -> Result<String, UsageError> {
@@ -147,16 +176,27 @@ fn choose_odometry(survey: &Survey) -> Result<String, UsageError> {
         .iter()
         .enumerate()
         .max_by_key(|(_, odometry)| {
-            let kind = survey.stream(odometry.stream).map(|stream| stream.stream.type_name.as_str());
+            let kind = survey
+                .stream(odometry.stream)
+                .map(|stream| stream.stream.type_name.as_str());
             (kind == Some("nav_msgs/Odometry"), odometry.count)
         })
         .and_then(|(index, _)| name(index));
-    best.ok_or_else(|| UsageError(format!("{}: there is no odometry in it", survey.path.display())))
+    best.ok_or_else(|| {
+        UsageError(format!(
+            "{}: there is no odometry in it",
+            survey.path.display()
+        ))
+    })
 }
 
 fn what_poses_there_are(survey: &Survey, scan: &ScanSurvey) -> String {
-    let edges: Vec<_> =
-        survey.frames.edges().map(|(parent, child, _)| format!("{parent} → {child}")).take(8).collect();
+    let edges: Vec<_> = survey
+        .frames
+        .edges()
+        .map(|(parent, child, _)| format!("{parent} → {child}"))
+        .take(8)
+        .collect();
     if edges.is_empty() {
         "there are neither transforms nor odometry".to_owned()
     } else {
@@ -177,5 +217,8 @@ fn streams_of_type(survey: &Survey, types: &[&str]) -> Vec<String> {
 }
 
 fn stream_name(survey: &Survey, scan: &ScanSurvey) -> String {
-    survey.stream(scan.stream).map(|summary| summary.stream.name.clone()).unwrap_or_default()
+    survey
+        .stream(scan.stream)
+        .map(|summary| summary.stream.name.clone())
+        .unwrap_or_default()
 }

@@ -18,13 +18,28 @@ pub(super) struct Recorder {
 }
 
 impl Recorder {
-    pub(super) fn create(path: &Path, vehicle: &str, in_real_time: bool) -> Result<Self, WriteError> {
+    pub(super) fn create(
+        path: &Path,
+        vehicle: &str,
+        in_real_time: bool,
+    ) -> Result<Self, WriteError> {
         let writer = McapWriter::create(path, Some(vehicle))?;
-        Ok(Self { writer, flushed_at: in_real_time.then(Monotonic::now) })
+        Ok(Self {
+            writer,
+            flushed_at: in_real_time.then(Monotonic::now),
+        })
     }
 
-    pub(super) fn write(&mut self, stream: &Stream, measurement: &Measurement) -> Result<(), WriteError> {
-        if let MeasurementData::Scan { own_pose: Some(pose), .. } = &measurement.data {
+    pub(super) fn write(
+        &mut self,
+        stream: &Stream,
+        measurement: &Measurement,
+    ) -> Result<(), WriteError> {
+        if let MeasurementData::Scan {
+            own_pose: Some(pose),
+            ..
+        } = &measurement.data
+        {
             self.write_own_pose(measurement, pose)?;
         }
         self.writer.write(&ros_stream(stream), measurement)?;
@@ -39,15 +54,26 @@ impl Recorder {
 
     /// A `LaserScan` has no place for the pose that a log gives to its own scan: transforms have.
     fn write_own_pose(&mut self, scan: &Measurement, pose: &OwnPose) -> Result<(), WriteError> {
-        let tf = Stream { name: "/tf".into(), type_name: "tf2_msgs/TFMessage".into() };
+        let tf = Stream {
+            name: "/tf".into(),
+            type_name: "tf2_msgs/TFMessage".into(),
+        };
         let base_from_sensor = pose.odom_from_base.inverse() * pose.odom_from_sensor;
         for (parent, child, parent_from_child) in [
             ("odom", "base_link", pose.odom_from_base),
             ("base_link", &*scan.frame, base_from_sensor),
         ] {
             let child = child.into();
-            let data = MeasurementData::Transform { child, parent_from_child, is_static: false };
-            let transform = Measurement { frame: parent.into(), data, ..*scan };
+            let data = MeasurementData::Transform {
+                child,
+                parent_from_child,
+                is_static: false,
+            };
+            let transform = Measurement {
+                frame: parent.into(),
+                data,
+                ..*scan
+            };
             self.writer.write(&tf, &transform)?;
         }
         Ok(())
@@ -64,5 +90,8 @@ fn ros_stream(stream: &Stream) -> Stream {
         Some(_) => stream.name.clone(),
         None => format!("/{}", stream.name.to_lowercase()),
     };
-    Stream { name, ..stream.clone() }
+    Stream {
+        name,
+        ..stream.clone()
+    }
 }

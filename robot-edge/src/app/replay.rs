@@ -1,6 +1,7 @@
 //! `replay`: a recording as the source.
 
 use std::io::Write;
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use super::placing::{main_laser, placer_settings};
@@ -34,7 +35,10 @@ pub(super) fn replay(
     let (vehicle, why) = match (&options.vehicle, &survey.vehicle) {
         (Some(vehicle), _) => (vehicle.as_str(), "as asked for"),
         (None, Some(vehicle)) => (vehicle.as_str(), "named in the recording"),
-        (None, None) => (DEFAULT_VEHICLE, "the recording names no vehicle; --vehicle chooses another"),
+        (None, None) => (
+            DEFAULT_VEHICLE,
+            "the recording names no vehicle; --vehicle chooses another",
+        ),
     };
     let config = config::load(vehicle, &options.overrides())?;
     let laser = main_laser(&config)?;
@@ -42,14 +46,18 @@ pub(super) fn replay(
 
     let mut placer = placer_settings(&config, laser, plan.origin.clone());
     placer.sensor.range_max_m = placer.sensor.range_max_m.or(plan.unsaid_miss_from_m);
-    let notes = [format!("{vehicle} ({why})"), format!("laser: {}", plan.laser)];
+    let notes = [
+        format!("{vehicle} ({why})"),
+        format!("laser: {}", plan.laser),
+    ];
     let events = notes.into_iter().chain(plan.notes).map(|message| Event {
         stamp_s: None,
         kind: "setup".to_owned(),
         message,
     });
     let run = Run {
-        title: command.recording.display().to_string(),
+        source: command.recording.display().to_string(),
+        title: file_name(&command.recording),
         config: &config,
         placer,
         rate: command.rate,
@@ -65,7 +73,19 @@ pub(super) fn replay(
     };
     let (path, selection) = (command.recording.clone(), plan.selection);
     let open = move || recording::open(&path, selection.clone());
-    run.go(&mut Replayed::new(open, part, command.repeat)?, interrupt, out)
+    run.go(
+        &mut Replayed::new(open, part, command.repeat)?,
+        interrupt,
+        out,
+    )
+}
+
+/// Heads the pictures.
+fn file_name(path: &Path) -> String {
+    path.file_name()
+        .unwrap_or(path.as_os_str())
+        .to_string_lossy()
+        .into_owned()
 }
 
 /// A file of which not one message could be read has not been read.
@@ -77,7 +97,11 @@ fn nothing_could_be_read(survey: &Survey) -> Result<(), recording::RecordingErro
     Err(recording::RecordingError::Damaged {
         path: survey.path.clone(),
         offset: 0,
-        what: survey.loss_notes.first().cloned().unwrap_or_else(|| "nothing can be read".to_owned()),
+        what: survey
+            .loss_notes
+            .first()
+            .cloned()
+            .unwrap_or_else(|| "nothing can be read".to_owned()),
         remedy: "Nothing in it can be read",
     })
 }

@@ -28,7 +28,9 @@ use crate::summary::Event;
 
 /// What a run is made of.
 pub(super) struct Run<'a> {
-    /// The recording as it was named, or the world.
+    /// The recording or world as it was named.
+    pub(super) source: String,
+    /// Heads the pictures.
     pub(super) title: String,
     pub(super) config: &'a Config,
     pub(super) placer: PlacerSettings,
@@ -54,11 +56,16 @@ impl Run<'_> {
     ) -> anyhow::Result<Exit> {
         // What cannot be written should be known before an hour of mapping.
         if let Some(dir) = &self.export {
-            std::fs::create_dir_all(dir)
-                .with_context(|| format!("{}: cannot make the folder to export to", dir.display()))?;
+            std::fs::create_dir_all(dir).with_context(|| {
+                format!("{}: cannot make the folder to export to", dir.display())
+            })?;
         }
         let recorder = self.record.as_ref().map(|path| {
-            Recorder::create(path, &self.config.vehicle.name, matches!(self.rate, Rate::Times(_)))
+            Recorder::create(
+                path,
+                &self.config.vehicle.name,
+                matches!(self.rate, Rate::Times(_)),
+            )
         });
         // The summary says what streaming would have cost, which nobody else needs to know.
         let encode = self.summary.is_some();
@@ -86,7 +93,11 @@ impl Run<'_> {
         mapping.progress.finish();
         self.leave_behind(mapping, &end, is_set(interrupt), out)?;
         end.result?;
-        if is_set(interrupt) { Err(Interrupted.into()) } else { Ok(Exit::Done) }
+        if is_set(interrupt) {
+            Err(Interrupted.into())
+        } else {
+            Ok(Exit::Done)
+        }
     }
 
     fn leave_behind(
@@ -105,7 +116,7 @@ impl Run<'_> {
             None => Vec::new(),
         };
         let mut summary = outputs::summary(&mapping.pipeline);
-        summary.recording.clone_from(&self.title);
+        summary.recording.clone_from(&self.source);
         summary.vehicle.clone_from(&self.config.vehicle.name);
         summary.set_times(mapping.clock.elapsed.as_secs_f64(), wall_s);
         summary.events.clone_from(&self.events);
@@ -135,7 +146,9 @@ fn map_in_two_threads(
         let taken = receiver.iter().try_for_each(|batch| mapping.take(batch));
         // Or a feeder that waits for room would wait for ever.
         drop(receiver);
-        let end = feeding.join().map_err(|_panic| anyhow::anyhow!("the reading thread failed"))?;
+        let end = feeding
+            .join()
+            .map_err(|_panic| anyhow::anyhow!("the reading thread failed"))?;
         taken.map(|()| end)
     })
 }
@@ -162,7 +175,13 @@ impl Mapping {
                     {
                         recorder.write(stream, &measurement)?;
                     }
-                    if !matches!(measurement.data, MeasurementData::Transform { is_static: true, .. }) {
+                    if !matches!(
+                        measurement.data,
+                        MeasurementData::Transform {
+                            is_static: true,
+                            ..
+                        }
+                    ) {
                         self.clock.see(measurement.stamp);
                     }
                     self.pipeline.push(measurement, mapped)?;

@@ -22,7 +22,10 @@ pub(super) fn simulate(
 ) -> anyhow::Result<Exit> {
     let options = &command.mapping;
     let world = World::load(&command.world)?;
-    let vehicle = options.vehicle.as_deref().unwrap_or_else(|| world.vehicle());
+    let vehicle = options
+        .vehicle
+        .as_deref()
+        .unwrap_or_else(|| world.vehicle());
     let config = config::load(vehicle, &options.overrides())?;
     let source = SimulatedSource::new(
         &world,
@@ -34,6 +37,7 @@ pub(super) fn simulate(
     )
     .map_err(|err| UsageError(err.to_string()))?;
     let run = Run {
+        source: command.world.clone(),
         title: world.name().to_owned(),
         placer: placer_settings(&config, main_laser(&config)?, pose_origin(&config)?),
         config: &config,
@@ -45,7 +49,11 @@ pub(super) fn simulate(
         events: vec![Event {
             stamp_s: None,
             kind: "vehicle".to_owned(),
-            message: format!("{vehicle}, in world {} with seed {}", world.name(), command.seed),
+            message: format!(
+                "{vehicle}, in world {} with seed {}",
+                world.name(),
+                command.seed
+            ),
         }],
     };
     run.go(&mut Simulated(source), interrupt, out)

@@ -76,9 +76,15 @@ impl Replayed {
         if is_scan {
             self.first.get_or_insert(measurement.stamp);
         }
-        let Some(first) = self.first else { return Place::Within };
+        let Some(first) = self.first else {
+            return Place::Within;
+        };
         let since_start = measurement.stamp.since(first + self.part.start);
-        if self.part.duration.is_some_and(|duration| since_start > duration) {
+        if self
+            .part
+            .duration
+            .is_some_and(|duration| since_start > duration)
+        {
             Place::Behind
         } else if is_scan && since_start < RobotDuration::ZERO {
             Place::Before
@@ -121,7 +127,11 @@ impl Source for Replayed {
     }
 
     fn streams(&self) -> Vec<Stream> {
-        self.reader.streams().iter().map(|summary| summary.stream.clone()).collect()
+        self.reader
+            .streams()
+            .iter()
+            .map(|summary| summary.stream.clone())
+            .collect()
     }
 
     fn position(&self) -> Option<Position> {

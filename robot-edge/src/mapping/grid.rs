@@ -90,6 +90,7 @@ pub struct TiledGrid<T> {
     blank: T,
     slots: HashMap<TileIndex, u32>,
     tiles: Vec<GridTile<T>>,
+    changed: Vec<TileIndex>,
 }
 
 impl<T: Copy> TiledGrid<T> {
@@ -99,6 +100,7 @@ impl<T: Copy> TiledGrid<T> {
             blank,
             slots: HashMap::new(),
             tiles: Vec::new(),
+            changed: Vec::new(),
         }
     }
 
@@ -121,7 +123,10 @@ impl<T: Copy> TiledGrid<T> {
             (self.tiles.len() - 1) as u32
         });
         let tile = &mut self.tiles[slot as usize];
-        tile.changed = true;
+        if !tile.changed {
+            tile.changed = true;
+            self.changed.push(index);
+        }
         &mut tile.cells
     }
 
@@ -132,12 +137,13 @@ impl<T: Copy> TiledGrid<T> {
 
     /// The tiles touched since the last call, in tile order.
     pub fn take_changed(&mut self) -> Vec<TileIndex> {
-        let mut changed: Vec<_> = self
-            .tiles
-            .iter_mut()
-            .filter_map(|tile| std::mem::take(&mut tile.changed).then_some(tile.index))
-            .collect();
+        let mut changed = std::mem::take(&mut self.changed);
         changed.sort_unstable();
+        for index in &changed {
+            if let Some(&slot) = self.slots.get(index) {
+                self.tiles[slot as usize].changed = false;
+            }
+        }
         changed
     }
 

@@ -137,7 +137,12 @@ fn a_scan_waits_for_the_pose_after_its_last_beam() {
 
 #[test]
 fn a_pause_in_the_data_does_not_cost_the_scan_before_it() {
-    let input = vec![pose(1.0, 3.0), scan(1.0, 0.0, &[2.0]), pose(31.0, 4.0), scan(31.0, 0.0, &[2.0])];
+    let input = vec![
+        pose(1.0, 3.0),
+        scan(1.0, 0.0, &[2.0]),
+        pose(31.0, 4.0),
+        scan(31.0, 0.0, &[2.0]),
+    ];
     assert_eq!(run(settings(tf()), input).0, [[6.0], [7.0]]);
 }
 
