@@ -127,8 +127,8 @@ pub(crate) fn ros2msg(kind: MessageType) -> Option<(&'static str, String)> {
     let (name, definition, used) = schema(kind)?;
     let mut text = definition.to_owned();
     for (used_name, used_definition) in used {
-        text += &"=".repeat(80);
-        text += &format!("\nMSG: {used_name}\n{used_definition}");
+        text.push_str(&"=".repeat(80));
+        text.extend(["\nMSG: ", used_name, "\n", used_definition]);
     }
     Some((name, text))
 }

@@ -18,7 +18,7 @@ impl CellCoder {
     pub fn new() -> Self {
         let quantisation = LayerId::Occupancy.quantisation();
         let code = |bits: u16| {
-            let probability = LogOdds::from_steps(bits as i16).probability();
+            let probability = LogOdds::from_steps(bits.cast_signed()).probability();
             probability.map_or(UNKNOWN, |p| quantisation.encode(p as f32))
         };
         Self {
@@ -30,7 +30,7 @@ impl CellCoder {
     pub fn occupancy(&self, tile: &GridTile<i16>) -> TileCells {
         let mut cells = TileCells::unknown();
         for (code, &steps) in cells.codes_mut().iter_mut().zip(tile.cells.iter()) {
-            *code = self.occupancy[usize::from(steps as u16)];
+            *code = self.occupancy[usize::from(steps.cast_unsigned())];
         }
         cells
     }

@@ -3,6 +3,7 @@ use std::fs;
 use serde_json::Value;
 
 use super::*;
+use crate::measurement::MeasurementData;
 use crate::recording::shared_data::shared_data;
 
 /// Every message of the file: channel, sequence, log time, publish time, data.
@@ -135,7 +136,6 @@ fn the_corrected_intel_log_is_read_whole() {
             .filter(|measurement| wanted(&measurement.data))
             .count()
     };
-    use crate::measurement::MeasurementData;
     assert_eq!(
         count(|data| matches!(data, MeasurementData::Scan { .. })),
         910
@@ -186,7 +186,6 @@ mod damage {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::measurement::MeasurementData;
     use crate::recording::writer::McapWriter;
     use crate::scan::Scan;
 
