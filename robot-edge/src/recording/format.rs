@@ -6,6 +6,7 @@ use std::io::{self, Read};
 use std::path::Path;
 
 use super::carmen::{self, CarmenReader};
+use super::mcap::McapReader;
 use super::rosbag::{self, RosbagReader};
 use super::{RecordingError, RecordingReader, Selection};
 
@@ -89,12 +90,7 @@ pub fn open(path: &Path, selection: Selection) -> Result<Box<dyn RecordingReader
     Ok(match Format::of(path)? {
         Format::Carmen => Box::new(CarmenReader::open(path, selection)?),
         Format::Rosbag => Box::new(RosbagReader::open(path, selection)?),
-        Format::Mcap => {
-            return Err(RecordingError::UnknownFormat {
-                path: path.to_owned(),
-                begins_with: printable(MCAP_MAGIC),
-            });
-        }
+        Format::Mcap => Box::new(McapReader::open(path, selection)?),
     })
 }
 

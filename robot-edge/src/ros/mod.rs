@@ -13,7 +13,10 @@ mod schema;
 pub use decode::decode;
 pub use encode::encode;
 pub use message_type::MessageType;
+pub(crate) use message_type::ros1_type_name;
+pub(crate) use schema::ros2msg;
 
+use crate::drops::DropReason;
 use crate::measurement::{FrameId, MeasurementData};
 use crate::robot_time::RobotTime;
 
@@ -60,6 +63,20 @@ pub enum DecodeError {
     /// A cloud whose fields are not where its layout says.
     #[error("the cloud's fields do not fit its points")]
     BadCloud,
+}
+
+impl DecodeError {
+    /// Under which reason it is counted.
+    pub const fn reason(self) -> DropReason {
+        match self {
+            Self::BadPose => DropReason::BadPose,
+            Self::TooShort
+            | Self::Encapsulation(_)
+            | Self::NotText
+            | Self::NotOrganised
+            | Self::BadCloud => DropReason::Undecodable,
+        }
+    }
 }
 
 #[cfg(test)]

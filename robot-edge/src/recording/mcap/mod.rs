@@ -1,0 +1,389 @@
+//! MCAP files with ROS 2 messages in CDR (or ROS 1 messages, which MCAP can hold too).
+//!
+//! The `mcap` crate's readers trust the lengths in a file: three changed bytes can make them allocate
+//! without limit, and a damaged chunk ends them. So the outer framing is walked here, within limits, and
+//! goes on behind damage; writing is the crate's.
+
+mod chunk;
+mod framing;
+mod record;
+pub mod recover;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use framing::{Frame, Framing, MAGIC};
+use record::{Malformed, op};
+
+use super::loss_log::LossLog;
+use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary};
+use crate::drops::{DropCounts, DropReason};
+use crate::measurement::{Measurement, Stream, StreamId};
+use crate::robot_time::RobotTime;
+use crate::ros::{self, DecodeError, Encoding, MessageType};
+
+/// Name of the metadata record that Foreshore writes, and the key in it that names the vehicle.
+pub(super) const METADATA_NAME: &str = "foreshore";
+pub(super) const VEHICLE_KEY: &str = "vehicle";
+
+/// Topics a file may have before more are taken for damage.
+const MAX_STREAMS: usize = 4096;
+
+/// Reads an MCAP file from its beginning to its end, in bounded memory: one chunk at a time.
+#[derive(Debug)]
+pub struct McapReader {
+    path: PathBuf,
+    framing: Framing,
+    selection: Selection,
+    schemas: BTreeMap<u16, String>,
+    channels: BTreeMap<u16, Channel>,
+    streams: Vec<StreamSummary>,
+    losses: LossLog,
+    vehicle: Option<String>,
+    newest_stamp: Option<RobotTime>,
+    ready: VecDeque<Measurement>,
+    chunk: Vec<u8>,
+    is_finished: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Channel {
+    stream: StreamId,
+    /// How its messages are read; `None` where they are only counted.
+    reading: Option<Reading>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Reading {
+    kind: MessageType,
+    encoding: Encoding,
+    is_static: bool,
+}
+
+impl McapReader {
+    /// Opens the file at `path`.
+    ///
+    /// # Errors
+    /// Where it cannot be opened, or does not begin as an MCAP file of version 0.
+    pub fn open(path: &Path, selection: Selection) -> Result<Self, RecordingError> {
+        let file = open_checked(path)?;
+        let framing = Framing::new(file).map_err(|source| RecordingError::Io {
+            path: path.to_owned(),
+            source,
+        })?;
+        Ok(Self {
+            path: path.to_owned(),
+            framing,
+            selection,
+            schemas: BTreeMap::new(),
+            channels: BTreeMap::new(),
+            streams: Vec::new(),
+            losses: LossLog::default(),
+            vehicle: None,
+            newest_stamp: None,
+            ready: VecDeque::new(),
+            chunk: Vec::new(),
+            is_finished: false,
+        })
+    }
+
+    /// Reads on by one outer record; `false` at the end.
+    fn step(&mut self) -> Result<bool, RecordingError> {
+        let frame = self
+            .framing
+            .next_frame()
+            .map_err(|source| self.io_error(source))?;
+        match frame {
+            Some(Frame::Record {
+                opcode: op::DATA_END,
+                ..
+            }) => {
+                self.check_end().map_err(|source| self.io_error(source))?;
+                return Ok(false);
+            }
+            Some(Frame::Record {
+                opcode: op::CHUNK,
+                offset,
+            }) => self.take_chunk(offset),
+            Some(Frame::Record { opcode, offset }) => {
+                let body = std::mem::take(self.framing.body_mut());
+                if self.take_record(opcode, &body).is_err() {
+                    self.losses.add(DropReason::Damaged, || malformed(offset));
+                }
+                *self.framing.body_mut() = body;
+            }
+            Some(Frame::Damaged { offset, bytes }) => self.losses.add(DropReason::Damaged, || {
+                format!("byte {offset}: {bytes} bytes are no records; reading went on behind them")
+            }),
+            Some(Frame::CutOff { offset }) => self.losses.add(DropReason::CutOff, || {
+                format!("byte {offset}: the file ends in the middle of a record")
+            }),
+            None => {
+                self.losses.add(DropReason::CutOff, || {
+                    "the file ends without its end mark: its recorder was stopped too early"
+                        .to_owned()
+                });
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    fn io_error(&self, source: std::io::Error) -> RecordingError {
+        RecordingError::Io {
+            path: self.path.clone(),
+            source,
+        }
+    }
+
+    fn take_chunk(&mut self, offset: u64) {
+        let body = std::mem::take(self.framing.body_mut());
+        let mut records = std::mem::take(&mut self.chunk);
+        let unpacked = record::Chunk::parse(&body)
+            .map_err(|Malformed| malformed(offset))
+            .and_then(|chunk| {
+                chunk::unpack(&chunk, &mut records)
+                    .map_err(|err| format!("byte {offset}: a chunk is lost: {err}"))
+            });
+        match unpacked {
+            Ok(()) => {
+                for record in record::records(&records) {
+                    let taken = record.and_then(|(opcode, body)| self.take_record(opcode, body));
+                    if taken.is_err() {
+                        self.losses.add(DropReason::Damaged, || malformed(offset));
+                    }
+                }
+            }
+            Err(note) => self.losses.add(DropReason::Damaged, || note),
+        }
+        *self.framing.body_mut() = body;
+        self.chunk = records;
+    }
+
+    fn take_record(&mut self, opcode: u8, body: &[u8]) -> Result<(), Malformed> {
+        match opcode {
+            op::SCHEMA => {
+                let schema = record::Schema::parse(body)?;
+                if self.schemas.len() < MAX_STREAMS {
+                    self.schemas.insert(schema.id, schema.name.to_owned());
+                }
+                Ok(())
+            }
+            op::CHANNEL => self.take_channel(&record::Channel::parse(body)?),
+            op::MESSAGE => self.take_message(&record::Message::parse(body)?),
+            op::METADATA => {
+                let metadata = record::Metadata::parse(body)?;
+                if metadata.name == METADATA_NAME {
+                    self.vehicle = metadata
+                        .entries
+                        .get(VEHICLE_KEY)
+                        .map(|&name| name.to_owned());
+                }
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn take_channel(&mut self, channel: &record::Channel<'_>) -> Result<(), Malformed> {
+        if self.channels.contains_key(&channel.id) {
+            return Ok(());
+        }
+        let index = u16::try_from(self.streams.len()).ok().ok_or(Malformed)?;
+        if usize::from(index) >= MAX_STREAMS {
+            return Err(Malformed);
+        }
+        let type_name = self
+            .schemas
+            .get(&channel.schema_id)
+            .map_or("", String::as_str);
+        let encoding = match channel.message_encoding {
+            "cdr" => Some(Encoding::Cdr),
+            "ros1" => Some(Encoding::Ros1),
+            _ => None,
+        };
+        let reading =
+            MessageType::from_type_name(type_name)
+                .zip(encoding)
+                .map(|(kind, encoding)| Reading {
+                    kind,
+                    encoding,
+                    is_static: channel.topic.ends_with("tf_static"),
+                });
+        let stream = Stream {
+            name: channel.topic.to_owned(),
+            type_name: ros::ros1_type_name(type_name),
+        };
+        self.streams.push(StreamSummary {
+            stream,
+            understood: reading.is_some(),
+            messages: 0,
+            first: None,
+            last: None,
+        });
+        let reading = reading.filter(|_| self.selection.contains(channel.topic));
+        self.channels.insert(
+            channel.id,
+            Channel {
+                stream: StreamId(index),
+                reading,
+            },
+        );
+        Ok(())
+    }
+
+    fn take_message(&mut self, message: &record::Message<'_>) -> Result<(), Malformed> {
+        let &Channel { stream, reading } =
+            self.channels.get(&message.channel_id).ok_or(Malformed)?;
+        let log_time = RobotTime::from_nanos(i64::try_from(message.log_time).unwrap_or(i64::MAX));
+        let summary = &mut self.streams[usize::from(stream.0)];
+        summary.messages += 1;
+        summary.first.get_or_insert(log_time);
+        summary.last = Some(log_time);
+        let Some(Reading {
+            kind,
+            encoding,
+            is_static,
+        }) = reading
+        else {
+            return Ok(());
+        };
+        match ros::decode(kind, encoding, is_static, message.data) {
+            Ok(parts) => {
+                for part in parts {
+                    match part {
+                        Ok(decoded) => self.take_decoded(stream, log_time, decoded),
+                        Err(err) => self.lose_message(stream, err),
+                    }
+                }
+            }
+            Err(err) => self.lose_message(stream, err),
+        }
+        Ok(())
+    }
+
+    fn take_decoded(&mut self, stream: StreamId, log_time: RobotTime, decoded: ros::Decoded) {
+        // A message without a stamp happened when its neighbours did, on *their* clock.
+        let stamp = decoded.stamp.or(self.newest_stamp).unwrap_or(log_time);
+        self.newest_stamp = self.newest_stamp.max(decoded.stamp);
+        self.ready.push_back(Measurement {
+            stamp,
+            stream,
+            frame: decoded.frame,
+            data: decoded.data,
+        });
+    }
+
+    fn lose_message(&mut self, stream: StreamId, err: DecodeError) {
+        let summary = &self.streams[usize::from(stream.0)];
+        self.losses.add(err.reason(), || {
+            format!(
+                "{}: message {}: {err}",
+                summary.stream.name, summary.messages
+            )
+        });
+    }
+
+    /// At the end of the data: is what was read what was written, and is the file finished?
+    fn check_end(&mut self) -> std::io::Result<()> {
+        let expected = record::data_section_crc(self.framing.body()).unwrap_or(0);
+        if let Some(found) = self.framing.crc_before_last_record()
+            && expected != 0
+            && found != expected
+        {
+            self.losses.add(DropReason::Damaged, || {
+                "the checksum of the data section does not fit: something outside of its chunks was changed".to_owned()
+            });
+        }
+        if !self.framing.ends_with_magic()? {
+            self.losses.add(DropReason::CutOff, || {
+                "the file ends without its end mark; its data is complete".to_owned()
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Opens a file and checks its first bytes.
+fn open_checked(path: &Path) -> Result<File, RecordingError> {
+    let io_error = |source| RecordingError::Io {
+        path: path.to_owned(),
+        source,
+    };
+    let mut file = File::open(path).map_err(io_error)?;
+    let mut magic = Vec::new();
+    file.by_ref()
+        .take(MAGIC.len() as u64)
+        .read_to_end(&mut magic)
+        .map_err(io_error)?;
+    if magic == MAGIC {
+        Ok(file)
+    } else {
+        Err(not_this_format(path, &magic))
+    }
+}
+
+fn not_this_format(path: &Path, begins_with: &[u8]) -> RecordingError {
+    let path = path.to_owned();
+    match begins_with {
+        [0x89, b'M', b'C', b'A', b'P', version, b'\r', b'\n'] => {
+            RecordingError::UnsupportedVersion {
+                path,
+                format: "MCAP",
+                version: char::from(*version).to_string(),
+                remedy: "only version 0 exists at the time of writing: update this program",
+            }
+        }
+        _ => RecordingError::UnknownFormat {
+            path,
+            begins_with: format!("{:?}", String::from_utf8_lossy(begins_with)),
+        },
+    }
+}
+
+fn malformed(offset: u64) -> String {
+    format!("byte {offset}: a record does not hold its fields")
+}
+
+impl RecordingReader for McapReader {
+    fn next_measurement(&mut self) -> Result<Option<Measurement>, RecordingError> {
+        loop {
+            if let Some(measurement) = self.ready.pop_front() {
+                return Ok(Some(measurement));
+            }
+            if self.is_finished {
+                return Ok(None);
+            }
+            self.is_finished = !self.step()?;
+        }
+    }
+
+    fn streams(&self) -> &[StreamSummary] {
+        &self.streams
+    }
+
+    fn losses(&self) -> &DropCounts {
+        self.losses.counts()
+    }
+
+    fn loss_notes(&self) -> &[String] {
+        self.losses.notes()
+    }
+
+    fn position(&self) -> Position {
+        let (bytes_read, bytes_total) = self.framing.position();
+        Position {
+            bytes_read,
+            bytes_total,
+        }
+    }
+
+    fn vehicle(&self) -> Option<&str> {
+        self.vehicle.as_deref()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,228 @@
+//! The records of an MCAP file that carry data (MCAP specification, "Records"): bytes to meaning.
+//!
+//! Every length is checked against the bytes that are there before anything is allocated.
+
+use std::collections::BTreeMap;
+
+/// Opcodes.
+pub(super) mod op {
+    pub(crate) const HEADER: u8 = 0x01;
+    pub(crate) const FOOTER: u8 = 0x02;
+    pub(crate) const SCHEMA: u8 = 0x03;
+    pub(crate) const CHANNEL: u8 = 0x04;
+    pub(crate) const MESSAGE: u8 = 0x05;
+    pub(crate) const CHUNK: u8 = 0x06;
+    pub(crate) const METADATA: u8 = 0x0C;
+    pub(crate) const DATA_END: u8 = 0x0F;
+    /// From here on opcodes belong to whoever writes them.
+    pub(crate) const PRIVATE: u8 = 0x80;
+}
+
+/// Fewest bytes that a record of this opcode has; `None` for opcodes that the specification leaves free.
+pub(super) const fn least_length(opcode: u8) -> Option<u64> {
+    Some(match opcode {
+        op::HEADER | op::METADATA => 8,
+        op::FOOTER => 20,
+        op::SCHEMA => 14,
+        op::CHANNEL => 16,
+        op::MESSAGE => 22,
+        op::CHUNK => 40,
+        0x07 => 6,  // message index
+        0x08 => 64, // chunk index
+        0x09 => 40, // attachment
+        0x0A => 48, // attachment index
+        0x0B => 46, // statistics
+        0x0D => 20, // metadata index
+        0x0E => 17, // summary offset
+        op::DATA_END => 4,
+        op::PRIVATE.. => 0,
+        0 | 0x10..op::PRIVATE => return None,
+    })
+}
+
+/// The bytes of a record do not hold its fields.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Malformed;
+
+/// `Schema`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Schema<'a> {
+    pub(super) id: u16,
+    pub(super) name: &'a str,
+    pub(super) encoding: &'a str,
+    pub(super) definition: &'a [u8],
+}
+
+/// `Channel`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Channel<'a> {
+    pub(super) id: u16,
+    pub(super) schema_id: u16,
+    pub(super) topic: &'a str,
+    pub(super) message_encoding: &'a str,
+    pub(super) metadata: BTreeMap<&'a str, &'a str>,
+}
+
+/// `Metadata`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Metadata<'a> {
+    pub(super) name: &'a str,
+    pub(super) entries: BTreeMap<&'a str, &'a str>,
+}
+
+/// `Message`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Message<'a> {
+    pub(super) channel_id: u16,
+    pub(super) sequence: u32,
+    pub(super) log_time: u64,
+    pub(super) publish_time: u64,
+    pub(super) data: &'a [u8],
+}
+
+/// `Chunk`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Chunk<'a> {
+    pub(super) uncompressed_size: u64,
+    pub(super) uncompressed_crc: u32,
+    pub(super) compression: &'a str,
+    pub(super) records: &'a [u8],
+}
+
+impl<'a> Schema<'a> {
+    pub(super) fn parse(body: &'a [u8]) -> Result<Self, Malformed> {
+        let mut fields = Fields(body);
+        Ok(Self {
+            id: fields.u16()?,
+            name: fields.string()?,
+            encoding: fields.string()?,
+            definition: {
+                let length = fields.u32()? as usize;
+                fields.take(length)?
+            },
+        })
+    }
+}
+
+impl<'a> Channel<'a> {
+    pub(super) fn parse(body: &'a [u8]) -> Result<Self, Malformed> {
+        let mut fields = Fields(body);
+        Ok(Self {
+            id: fields.u16()?,
+            schema_id: fields.u16()?,
+            topic: fields.string()?,
+            message_encoding: fields.string()?,
+            metadata: fields.map()?,
+        })
+    }
+}
+
+impl<'a> Metadata<'a> {
+    pub(super) fn parse(body: &'a [u8]) -> Result<Self, Malformed> {
+        let mut fields = Fields(body);
+        Ok(Self {
+            name: fields.string()?,
+            entries: fields.map()?,
+        })
+    }
+}
+
+impl<'a> Message<'a> {
+    pub(super) fn parse(body: &'a [u8]) -> Result<Self, Malformed> {
+        let mut fields = Fields(body);
+        Ok(Self {
+            channel_id: fields.u16()?,
+            sequence: fields.u32()?,
+            log_time: fields.u64()?,
+            publish_time: fields.u64()?,
+            data: fields.0,
+        })
+    }
+}
+
+impl<'a> Chunk<'a> {
+    pub(super) fn parse(body: &'a [u8]) -> Result<Self, Malformed> {
+        let mut fields = Fields(body);
+        let (_start, _end) = (fields.u64()?, fields.u64()?);
+        Ok(Self {
+            uncompressed_size: fields.u64()?,
+            uncompressed_crc: fields.u32()?,
+            compression: fields.string()?,
+            records: {
+                let length = fields.u64()?;
+                fields.take(usize::try_from(length).ok().ok_or(Malformed)?)?
+            },
+        })
+    }
+}
+
+/// The first field of `DataEnd`: CRC-32 of all before it, 0 where it was not computed.
+pub(super) fn data_section_crc(body: &[u8]) -> Result<u32, Malformed> {
+    Fields(body).u32()
+}
+
+/// The records in a chunk: opcode and body. Where one is malformed the rest cannot be told apart.
+pub(super) fn records(chunk: &[u8]) -> impl Iterator<Item = Result<(u8, &[u8]), Malformed>> {
+    let mut fields = Fields(chunk);
+    std::iter::from_fn(move || {
+        if fields.0.is_empty() {
+            return None;
+        }
+        let record = fields.record();
+        if record.is_err() {
+            fields.0 = &[];
+        }
+        Some(record)
+    })
+}
+
+struct Fields<'a>(&'a [u8]);
+
+impl<'a> Fields<'a> {
+    fn take(&mut self, length: usize) -> Result<&'a [u8], Malformed> {
+        let (taken, rest) = self.0.split_at_checked(length).ok_or(Malformed)?;
+        self.0 = rest;
+        Ok(taken)
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], Malformed> {
+        self.take(N)?.try_into().ok().ok_or(Malformed)
+    }
+
+    fn record(&mut self) -> Result<(u8, &'a [u8]), Malformed> {
+        let opcode = self.u8()?;
+        let length = usize::try_from(self.u64()?).ok().ok_or(Malformed)?;
+        Ok((opcode, self.take(length)?))
+    }
+
+    fn u8(&mut self) -> Result<u8, Malformed> {
+        self.array().map(u8::from_le_bytes)
+    }
+
+    fn u16(&mut self) -> Result<u16, Malformed> {
+        self.array().map(u16::from_le_bytes)
+    }
+
+    fn u32(&mut self) -> Result<u32, Malformed> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    fn u64(&mut self) -> Result<u64, Malformed> {
+        self.array().map(u64::from_le_bytes)
+    }
+
+    fn map(&mut self) -> Result<BTreeMap<&'a str, &'a str>, Malformed> {
+        let length = self.u32()? as usize;
+        let mut entries = Fields(self.take(length)?);
+        let mut map = BTreeMap::new();
+        while !entries.0.is_empty() {
+            map.insert(entries.string()?, entries.string()?);
+        }
+        Ok(map)
+    }
+
+    fn string(&mut self) -> Result<&'a str, Malformed> {
+        let length = self.u32()? as usize;
+        str::from_utf8(self.take(length)?).ok().ok_or(Malformed)
+    }
+}
