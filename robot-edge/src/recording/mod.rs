@@ -11,6 +11,8 @@ use crate::measurement::{Measurement, Stream};
 use crate::robot_time::RobotTime;
 
 pub mod carmen;
+#[cfg(test)]
+mod damage_check;
 mod format;
 mod loss_log;
 pub mod mcap;

@@ -5,7 +5,7 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use self::bounded_lines::{BoundedLines, LineEnd, MAX_LINE_BYTES};
-use self::line::{Layout, LineError};
+use self::line::Layout;
 use self::stamp_repair::{Repair, StampRepair};
 use super::loss_log::LossLog;
 use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary};
@@ -94,6 +94,12 @@ impl CarmenReader {
             });
             return None;
         }
+        if end == LineEnd::EndOfFile {
+            // CARMEN ends every line. What is there may still be whole but for its last field.
+            self.losses.add(DropReason::CutOff, || {
+                format!("line {line_number}: the recording ends inside this line")
+            });
+        }
         let text = self.lines.line().trim_ascii();
         if text.is_empty() || text.starts_with(b"#") {
             return None;
@@ -137,10 +143,13 @@ impl CarmenReader {
                 })
             }
             Err(error) => {
-                let reason = loss_reason(&error, end);
-                let name = &summary.stream.name;
-                self.losses
-                    .add(reason, || format!("line {line_number}: {name}: {error}"));
+                // A line that is cut off was counted as such.
+                if end == LineEnd::Newline {
+                    let name = &summary.stream.name;
+                    self.losses.add(error.reason(), || {
+                        format!("line {line_number}: {name}: {error}")
+                    });
+                }
                 None
             }
         }
@@ -235,14 +244,6 @@ fn stream_index(
         told_of_repair: false,
     });
     Some(summaries.len() - 1)
-}
-
-/// A last line without a newline that does not hold together was cut off.
-fn loss_reason(error: &LineError, end: LineEnd) -> DropReason {
-    match (error.reason(), end) {
-        (DropReason::Damaged, LineEnd::EndOfFile) => DropReason::CutOff,
-        (reason, _) => reason,
-    }
 }
 
 fn repair_note(line_number: u64, name: &str, raw_stamp: RobotTime, repair: Repair) -> String {

@@ -44,7 +44,7 @@ fn damage_costs_its_own_line_only() {
             "line 4: FLASER: ipc stamp is not a number: \"h\"",
             "line 5: not text",
             "line 6: begins with no message name",
-            "line 12: FLASER: ends before θ",
+            "line 12: the recording ends inside this line",
         ]
     );
     let counts: Vec<_> = reader
@@ -89,6 +89,14 @@ fn streams_keep_clocks_of_their_own() {
             "line 4: the stamp of FLASER goes back by 0.1 s and is held (later ones only counted)",
         ]
     );
+}
+
+#[test]
+fn a_cut_in_the_last_field_costs_nothing_but_is_counted() {
+    let (_file, mut reader) = log_of(b"ODOM 0 0 0 0 0 0 1 h 1\nODOM 0 0 0 0 0 0 2 h 1");
+    assert_eq!(read_all(&mut reader).len(), 2);
+    assert_eq!(reader.losses().get(DropReason::CutOff), 1);
+    assert_eq!(reader.losses().total(), 1);
 }
 
 #[test]

@@ -245,7 +245,7 @@ impl Contents {
 
     /// Counts a message that says nothing; the first of its stream in words.
     fn lose_message(&mut self, stream: StreamId, error: DecodeError, place: impl Fn() -> String) {
-        self.losses.count(loss_reason(error));
+        self.losses.count(error.reason());
         let index = usize::from(stream.0);
         if !std::mem::replace(&mut self.told_of_loss[index], true) {
             let name = &self.streams[index].stream.name;
@@ -256,16 +256,5 @@ impl Contents {
                 )
             });
         }
-    }
-}
-
-const fn loss_reason(error: DecodeError) -> DropReason {
-    match error {
-        DecodeError::BadPose => DropReason::BadPose,
-        DecodeError::TooShort
-        | DecodeError::Encapsulation(_)
-        | DecodeError::NotText
-        | DecodeError::NotOrganised
-        | DecodeError::BadCloud => DropReason::Undecodable,
     }
 }

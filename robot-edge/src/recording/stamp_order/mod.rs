@@ -28,8 +28,8 @@ const MAX_SOURCES: usize = 4096;
 /// What comes out of a [`StampOrder`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Ordered {
-    /// The next measurement: its stamp is not before that of the one ahead of it, unless it is a static
-    /// transform or a [`Ordered::ClockReset`] came between.
+    /// The next measurement: its stamp is not before that of the one ahead of it, unless either passed at once
+    /// or a [`Ordered::ClockReset`] came between.
     Measurement(Measurement),
     /// The data's clock went back: what is known by stamp (poses above all) no longer holds.
     ClockReset {
@@ -42,8 +42,9 @@ pub enum Ordered {
 
 /// Puts measurements in stamp order; equal stamps keep the order in which they came.
 ///
-/// Static transforms hold for all time and pass at once. What is older than what already left is dropped
-/// and counted as [`DropReason::Late`].
+/// Static transforms hold for all time, and a scan that brings its own pose (CARMEN) waits for none: both
+/// pass at once, in file order. A CARMEN log may stamp its odometry by another clock than its scans.
+/// What is older than what already left is dropped and counted as [`DropReason::Late`].
 #[derive(Debug)]
 pub struct StampOrder {
     window: RobotDuration,
@@ -128,7 +129,7 @@ impl StampOrder {
 
     /// Takes the next measurement in file order.
     pub fn push(&mut self, measurement: Measurement) {
-        if is_static(&measurement) {
+        if needs_no_order(&measurement.data) {
             self.out.push_back(Ordered::Measurement(measurement));
             return;
         }
@@ -320,11 +321,15 @@ impl StampOrder {
     }
 }
 
-const fn is_static(measurement: &Measurement) -> bool {
+/// What no other measurement's time has a bearing on.
+const fn needs_no_order(data: &MeasurementData) -> bool {
     matches!(
-        measurement.data,
+        data,
         MeasurementData::Transform {
             is_static: true,
+            ..
+        } | MeasurementData::Scan {
+            own_pose: Some(_),
             ..
         }
     )

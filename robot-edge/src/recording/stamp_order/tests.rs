@@ -237,6 +237,28 @@ fn the_oldest_leave_early_where_too_many_wait() {
     assert_eq!(out[9], Ordered::Measurement(item(0, 0, 9)));
 }
 
+#[test]
+fn scans_with_poses_pass_at_once() {
+    let mut scan = item(1, -446, 0);
+    scan.data = MeasurementData::Scan {
+        scan: crate::scan::Scan::default(),
+        own_pose: Some(crate::measurement::OwnPose {
+            odom_from_sensor: Pose::identity(),
+            odom_from_base: Pose::identity(),
+        }),
+    };
+    let (out, late) = order(vec![
+        item(0, 0, 0),
+        item(0, 5000, 1),
+        item(0, 10_000, 2),
+        scan.clone(),
+        item(0, 10_001, 3),
+    ]);
+    assert_eq!(late, 0);
+    assert!(out.contains(&Ordered::Measurement(scan)));
+    assert_eq!(out.len(), 5);
+}
+
 proptest! {
     #[test]
     fn order_holds_for_any_stamps(
