@@ -8,6 +8,9 @@
 //!   late; a pause in the recording is followed after two items.
 //! - *back* behind its own source: one old stamp is late; a bag played twice or a restarted simulation
 //!   begins a new epoch, in which order starts anew.
+//!
+//! Transforms do not move the data's clock: localisation dates them into the future (AMCL by 1 s, its
+//! `transform_tolerance`), which would leave nothing of the window to the other streams.
 
 use std::collections::{HashMap, VecDeque};
 
@@ -68,7 +71,12 @@ struct Epoch {
 
 /// Whose stamps follow each other: a stream, or the transforms of one child in it, because many programs
 /// publish to one tf topic.
-type Source = (StreamId, Option<FrameId>);
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Source {
+    stream: StreamId,
+    /// Of transforms.
+    child: Option<FrameId>,
+}
 
 /// An item whose stamp took a step that nothing has confirmed.
 #[derive(Debug)]
@@ -182,12 +190,13 @@ impl StampOrder {
             | MeasurementData::Twist(_)
             | MeasurementData::PointCloud(_) => None,
         };
-        let source = (measurement.stream, child);
+        let stream = measurement.stream;
+        let source = Source { stream, child };
         if self.epoch.newest_of.len() < MAX_SOURCES || self.epoch.newest_of.contains_key(&source) {
-            source
-        } else {
-            (measurement.stream, None)
+            return source;
         }
+        let child = source.child.map(|_| "".into());
+        Source { stream, child }
     }
 
     /// Believes a measurement, or puts it aside.
@@ -244,24 +253,23 @@ impl StampOrder {
     fn step(&self, source: &Source, stamp: RobotTime) -> Step {
         let newest_of_source = self.epoch.newest_of.get(source);
         if newest_of_source.is_some_and(|&newest| stamp < newest - self.window) {
-            Step::Back
-        } else if self
-            .epoch
-            .newest
-            .is_some_and(|newest| stamp > newest + self.window)
-        {
-            Step::Ahead
-        } else {
-            Step::Usual
+            return Step::Back;
         }
+        let is_ahead = |newest| stamp > newest + self.window;
+        if moves_clock(source) && self.epoch.newest.is_some_and(is_ahead) {
+            return Step::Ahead;
+        }
+        Step::Usual
     }
 
-    /// Lets a measurement move the clock.
+    /// Takes a measurement's stamp for true.
     fn believe(&mut self, source: Source, arrival: u64, measurement: Measurement) {
         let stamp = measurement.stamp;
+        if moves_clock(&source) {
+            self.epoch.newest = self.epoch.newest.max(Some(stamp));
+        }
         let newest_of_source = self.epoch.newest_of.entry(source).or_insert(stamp);
         *newest_of_source = stamp.max(*newest_of_source);
-        self.epoch.newest = self.epoch.newest.max(Some(stamp));
         self.insert(arrival, measurement);
     }
 
@@ -291,7 +299,7 @@ impl StampOrder {
 
     fn start_epoch(&mut self, to: RobotTime) {
         self.release_all();
-        let from = self.epoch.newest.unwrap_or(to);
+        let from = self.epoch.newest.max(self.epoch.left).unwrap_or(to);
         self.out.push_back(Ordered::ClockReset { from, to });
         self.epoch = Epoch::default();
     }
@@ -319,6 +327,10 @@ impl StampOrder {
             self.out.push_back(Ordered::Measurement(measurement));
         }
     }
+}
+
+const fn moves_clock(source: &Source) -> bool {
+    matches!(source, Source { child: None, .. })
 }
 
 /// What no other measurement's time has a bearing on.

@@ -206,13 +206,25 @@ fn one_old_stamp_is_late_and_a_clock_that_goes_back_starts_anew() {
 fn an_old_transform_said_again_and_again_is_no_reset() {
     let mut items = vec![transform(0, "antenna", false)];
     for n in 1..50 {
-        items.push(transform(n * 100, "laser", false));
+        items.push(item(0, n * 100, 0));
         items.push(transform(0, "antenna", false));
     }
     let (out, late) = order(items);
     assert!(out.iter().all(|o| matches!(o, Ordered::Measurement(_))));
     assert_eq!(out.len() as u64 + late, 99);
     assert_eq!(late, 49 - 10, "the first second's are in time");
+}
+
+#[test]
+fn transforms_dated_into_the_future_leave_the_window_to_others() {
+    let mut items = Vec::new();
+    for n in 1..50 {
+        items.push(item(0, n * 100, 0));
+        items.push(transform(n * 100 + 1500, "odom", false));
+        items.push(item(1, n * 100 - 900, 0));
+    }
+    let (out, late) = order(items);
+    assert_eq!((out.len(), late), (147, 0));
 }
 
 #[test]

@@ -178,3 +178,27 @@ fn bags_are_surveyed() {
     );
     assert_eq!(damaged.scans[0].stamps.count, 360);
 }
+
+#[test]
+fn mcap_files_are_surveyed() {
+    let Some(intel) = survey_of("mcap", "intel_corrected.mcap") else {
+        return;
+    };
+    assert_eq!(
+        intel.scans[0].greatest_range.greatest(),
+        Some((81.83, 4172))
+    );
+    assert_eq!(
+        intel.mappable(),
+        Mappable::Yes {
+            laser: intel.scans[0].stream,
+            pose_source: "transforms lead from laser to odom".to_owned(),
+            must_be_named: false,
+        }
+    );
+    let turtlebot = survey_of("mcap", "turtlebot_tf_odom.mcap").unwrap();
+    assert_eq!(turtlebot.mappable(), Mappable::NoRangeSensor);
+    assert_eq!(turtlebot.frames.roots(), [&FrameId::from("map")]);
+    let oakd = turtlebot.frames.way_up("oakd_imu_frame");
+    assert_eq!(oakd.len(), 6, "{oakd:?}");
+}
