@@ -104,12 +104,15 @@ impl Sub<RobotDuration> for RobotTime {
 }
 
 impl fmt::Display for RobotTime {
+    /// In seconds.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let sign = if self.0 < 0 { "-" } else { "" };
+        let nanos = self.0.unsigned_abs();
         write!(
             f,
-            "{}.{:09}",
-            self.0.div_euclid(1_000_000_000),
-            self.0.rem_euclid(1_000_000_000)
+            "{sign}{}.{:09}",
+            nanos / 1_000_000_000,
+            nanos % 1_000_000_000
         )
     }
 }
@@ -124,7 +127,7 @@ mod tests {
         assert_eq!(stamp.as_nanos() / 10_000, 160_000_000_219_829);
         assert_eq!(
             RobotTime::from_nanos(-42_000_000).to_string(),
-            "-1.958000000"
+            "-0.042000000"
         );
     }
 

@@ -170,7 +170,10 @@ fn damaged_mcaps_are_survived() {
 #[test]
 #[ignore = "minutes: thousands of damaged files"]
 fn the_damaged_clip_is_survived() {
-    damage(concat!(env!("CARGO_MANIFEST_DIR"), "/../recordings/rooms.mcap"), 1000);
+    damage(
+        concat!(env!("CARGO_MANIFEST_DIR"), "/../recordings/rooms.mcap"),
+        1000,
+    );
 }
 
 #[test]

@@ -235,6 +235,7 @@ const fn is_read(opcode: u8) -> bool {
             | op::CHANNEL
             | op::MESSAGE
             | op::CHUNK
+            | op::STATISTICS
             | op::METADATA
             | op::DATA_END
             | op::FOOTER

@@ -45,6 +45,7 @@ pub struct McapReader {
     newest_stamp: Option<RobotTime>,
     ready: VecDeque<Measurement>,
     chunk: Vec<u8>,
+    data_has_ended: bool,
     is_finished: bool,
 }
 
@@ -85,6 +86,7 @@ impl McapReader {
             newest_stamp: None,
             ready: VecDeque::new(),
             chunk: Vec::new(),
+            data_has_ended: false,
             is_finished: false,
         })
     }
@@ -97,22 +99,36 @@ impl McapReader {
             .map_err(|source| self.io_error(source))?;
         match frame {
             Some(Frame::Record {
-                opcode: op::DATA_END,
-                ..
+                opcode: op::FOOTER, ..
             }) => {
-                self.check_end().map_err(|source| self.io_error(source))?;
+                let is_whole = self
+                    .framing
+                    .ends_with_magic()
+                    .map_err(|source| self.io_error(source))?;
+                if !is_whole {
+                    self.lose_end();
+                }
                 return Ok(false);
             }
             Some(Frame::Record {
-                opcode: op::CHUNK,
-                offset,
-            }) => self.take_chunk(offset),
+                opcode: op::DATA_END,
+                ..
+            }) => self.check_data_section(),
+            Some(Frame::Record {
+                opcode: op::STATISTICS,
+                ..
+            }) => self.check_statistics(),
             Some(Frame::Record { opcode, offset }) => {
-                let body = std::mem::take(self.framing.body_mut());
-                if self.take_record(opcode, &body).is_err() {
-                    self.losses.add(DropReason::Damaged, || malformed(offset));
+                if self.data_has_ended && matches!(opcode, op::CHUNK | op::MESSAGE) {
+                    self.losses.add(DropReason::Damaged, || {
+                        format!("byte {offset}: there is data behind the end of the data")
+                    });
                 }
-                *self.framing.body_mut() = body;
+                if opcode == op::CHUNK {
+                    self.take_chunk(offset);
+                } else {
+                    self.take_outer_record(opcode, offset);
+                }
             }
             Some(Frame::Damaged { offset, bytes }) => self.losses.add(DropReason::Damaged, || {
                 format!("byte {offset}: {bytes} bytes are no records; reading went on behind them")
@@ -121,14 +137,30 @@ impl McapReader {
                 format!("byte {offset}: the file ends in the middle of a record")
             }),
             None => {
-                self.losses.add(DropReason::CutOff, || {
-                    "the file ends without its end mark: its recorder was stopped too early"
-                        .to_owned()
-                });
+                self.lose_end();
                 return Ok(false);
             }
         }
         Ok(true)
+    }
+
+    fn take_outer_record(&mut self, opcode: u8, offset: u64) {
+        let body = std::mem::take(self.framing.body_mut());
+        if self.take_record(opcode, &body).is_err() {
+            self.losses.add(DropReason::Damaged, || malformed(offset));
+        }
+        *self.framing.body_mut() = body;
+    }
+
+    fn lose_end(&mut self) {
+        let data = if self.data_has_ended {
+            "its data is complete"
+        } else {
+            "its recorder was stopped too early"
+        };
+        self.losses.add(DropReason::CutOff, || {
+            format!("the file ends without its end mark: {data}")
+        });
     }
 
     fn io_error(&self, source: std::io::Error) -> RecordingError {
@@ -286,23 +318,30 @@ impl McapReader {
         });
     }
 
-    /// At the end of the data: is what was read what was written, and is the file finished?
-    fn check_end(&mut self) -> std::io::Result<()> {
+    /// At the end of the data: is what was read what was written?
+    fn check_data_section(&mut self) {
+        self.data_has_ended = true;
         let expected = record::data_section_crc(self.framing.body()).unwrap_or(0);
         if let Some(found) = self.framing.crc_before_last_record()
             && expected != 0
             && found != expected
         {
             self.losses.add(DropReason::Damaged, || {
-                "the checksum of the data section does not fit: something outside of its chunks was changed".to_owned()
+                "the checksum of the data section does not fit: something outside of its chunks was changed"
+                    .to_owned()
             });
         }
-        if !self.framing.ends_with_magic()? {
-            self.losses.add(DropReason::CutOff, || {
-                "the file ends without its end mark; its data is complete".to_owned()
-            });
+    }
+
+    /// The writer's own count shows what damage hid without a trace.
+    fn check_statistics(&mut self) {
+        let read: u64 = self.streams.iter().map(|summary| summary.messages).sum();
+        match record::message_count(self.framing.body()) {
+            Ok(written) if read < written => self.losses.add(DropReason::Damaged, || {
+                format!("{read} messages were read of the {written} that were written")
+            }),
+            Ok(_) | Err(Malformed) => {}
         }
-        Ok(())
     }
 }
 

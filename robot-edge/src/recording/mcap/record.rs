@@ -12,6 +12,7 @@ pub(super) mod op {
     pub(crate) const CHANNEL: u8 = 0x04;
     pub(crate) const MESSAGE: u8 = 0x05;
     pub(crate) const CHUNK: u8 = 0x06;
+    pub(crate) const STATISTICS: u8 = 0x0B;
     pub(crate) const METADATA: u8 = 0x0C;
     pub(crate) const DATA_END: u8 = 0x0F;
     /// From here on opcodes belong to whoever writes them.
@@ -155,24 +156,38 @@ impl<'a> Chunk<'a> {
     }
 }
 
+/// The first field of `Statistics`: messages in the file.
+pub(super) fn message_count(body: &[u8]) -> Result<u64, Malformed> {
+    Fields(body).u64()
+}
+
 /// The first field of `DataEnd`: CRC-32 of all before it, 0 where it was not computed.
 pub(super) fn data_section_crc(body: &[u8]) -> Result<u32, Malformed> {
     Fields(body).u32()
 }
 
-/// The records in a chunk: opcode and body. Where one is malformed the rest cannot be told apart.
+/// The records in a chunk: opcode and body; an error for each stretch of bytes that is none of them.
 pub(super) fn records(chunk: &[u8]) -> impl Iterator<Item = Result<(u8, &[u8]), Malformed>> {
     let mut fields = Fields(chunk);
     std::iter::from_fn(move || {
         if fields.0.is_empty() {
             return None;
         }
+        let before = fields.0;
         let record = fields.record();
         if record.is_err() {
-            fields.0 = &[];
+            let next = (1..before.len()).find(|&at| is_run_of_records(&before[at..]));
+            fields.0 = next.map_or(&[], |at| &before[at..]);
         }
         Some(record)
     })
+}
+
+/// Whether records begin here: several in a row, or up to the end of the chunk.
+fn is_run_of_records(bytes: &[u8]) -> bool {
+    const RUN: usize = 3;
+    let mut fields = Fields(bytes);
+    (0..RUN).all(|_| fields.0.is_empty() || fields.record().is_ok())
 }
 
 struct Fields<'a>(&'a [u8]);
@@ -190,7 +205,13 @@ impl<'a> Fields<'a> {
 
     fn record(&mut self) -> Result<(u8, &'a [u8]), Malformed> {
         let opcode = self.u8()?;
-        let length = usize::try_from(self.u64()?).ok().ok_or(Malformed)?;
+        let length = self.u64()?;
+        // Nothing else is in a chunk (MCAP specification, "Chunk").
+        let is_allowed = matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE);
+        if !is_allowed || least_length(opcode).is_none_or(|least| length < least) {
+            return Err(Malformed);
+        }
+        let length = usize::try_from(length).ok().ok_or(Malformed)?;
         Ok((opcode, self.take(length)?))
     }
 

@@ -72,8 +72,7 @@ pub fn recover(damaged: &Path, saved: &Path) -> Result<RecoverReport, RecoverErr
     while let Some(frame) = framing.next_frame().map_err(read_error)? {
         match frame {
             Frame::Record {
-                opcode: op::DATA_END,
-                ..
+                opcode: op::FOOTER, ..
             } => break,
             Frame::Record {
                 opcode: op::CHUNK,
