@@ -183,6 +183,16 @@ pub(super) fn records(chunk: &[u8]) -> impl Iterator<Item = Result<(u8, &[u8]), 
     })
 }
 
+/// Records of every kind, up to the first that is malformed.
+pub(super) fn any_records(bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
+    let mut fields = Fields(bytes);
+    std::iter::from_fn(move || {
+        let opcode = fields.u8().ok()?;
+        let length = usize::try_from(fields.u64().ok()?).ok()?;
+        Some((opcode, fields.take(length).ok()?))
+    })
+}
+
 /// Whether records begin here: several in a row, or up to the end of the chunk.
 fn is_run_of_records(bytes: &[u8]) -> bool {
     const RUN: usize = 3;

@@ -267,6 +267,21 @@ mod damage {
     }
 
     #[test]
+    fn the_summary_names_topics_whose_definitions_are_lost() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, mut bytes) = recording(folder.path(), 50);
+        let first_chunk = bytes
+            .windows(4)
+            .position(|window| window == b"zstd")
+            .unwrap();
+        bytes[first_chunk + 40] ^= 0x55;
+        fs::write(&path, &bytes).unwrap();
+        let (scans, losses, notes) = read(&path);
+        assert_eq!(scans, Ok(40), "{notes:?}");
+        assert_eq!(losses.get(DropReason::Damaged), 1, "{notes:?}");
+    }
+
+    #[test]
     fn reading_goes_on_behind_a_hole() {
         let folder = tempfile::tempdir().unwrap();
         let (path, mut bytes) = recording(folder.path(), 50);
