@@ -145,6 +145,12 @@ impl OccupancyGrid {
     pub fn bytes(&self) -> usize {
         self.grid.bytes()
     }
+
+    /// Memory of what is only needed while a scan is added, bytes; it grows to the largest scan's.
+    pub fn scratch_bytes(&self) -> usize {
+        let beam_bytes = size_of::<(FixedPoint, FixedPoint, BeamOutcome)>();
+        self.marks.bytes() + self.beams.capacity() * beam_bytes
+    }
 }
 
 /// A rectangle of cells, both corners included.
