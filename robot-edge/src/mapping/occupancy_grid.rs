@@ -71,8 +71,11 @@ impl OccupancyGrid {
             }
         }
         let (grid, update) = (&mut self.grid, &self.update);
-        self.marks.drain(|tile, row, marks| {
-            update.apply(&mut grid.touch(tile)[row * TILE_EDGE..][..TILE_EDGE], marks);
+        self.marks.drain(|tile, rows| {
+            let cells = grid.touch(tile);
+            rows.for_each(|row, marks| {
+                update.apply(&mut cells[row * TILE_EDGE..][..TILE_EDGE], marks);
+            });
         });
         report
     }
