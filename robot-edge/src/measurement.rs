@@ -35,6 +35,19 @@ pub struct Measurement {
     pub data: MeasurementData,
 }
 
+impl Measurement {
+    /// Whether it holds for all time, so that its stamp (often of another clock) says nothing of the present.
+    pub const fn is_timeless(&self) -> bool {
+        matches!(
+            self.data,
+            MeasurementData::Transform {
+                is_static: true,
+                ..
+            }
+        )
+    }
+}
+
 /// The kinds of measurement.
 #[derive(Clone, Debug, PartialEq)]
 pub enum MeasurementData {

@@ -130,6 +130,11 @@ impl Pacer {
         due.since(now)
     }
 
+    /// The clock of the data starts anew: its next stamp is due at once.
+    pub const fn reset(&mut self) {
+        self.anchor = None;
+    }
+
     /// What was passed over so far.
     pub const fn skipped(&self) -> Skipped {
         self.skipped

@@ -20,6 +20,7 @@ pub struct Pipeline {
     publisher: Publisher,
     publish_period: RobotDuration,
     published_at: Option<RobotTime>,
+    scans_unpublished: u32,
     placed: Vec<PosedScan>,
     report: PipelineReport,
 }
@@ -50,6 +51,9 @@ pub struct Stages {
     pub publish: StageTimer,
 }
 
+/// Scans after which is published, whatever their stamps say.
+const MAX_SCANS_UNPUBLISHED: u32 = 250;
+
 impl Pipeline {
     /// Empty maps of a vehicle. `encode`: see [`Publisher::new`].
     ///
@@ -69,6 +73,7 @@ impl Pipeline {
             publisher,
             publish_period: RobotDuration::from_secs_f64(config.streaming.publish_period_s),
             published_at: None,
+            scans_unpublished: 0,
             placed: Vec::new(),
             report: PipelineReport::default(),
         })
@@ -120,12 +125,16 @@ impl Pipeline {
             self.report.misses += map.misses;
             self.report.dropped_beams.merge(&map.dropped_beams);
             mapped(scan);
-            // Time of the data, so that what is published does not depend on the speed of a replay.
-            let due = self
-                .published_at
-                .is_none_or(|at| scan.stamp.since(at) >= self.publish_period);
+            self.scans_unpublished += 1;
+            // Time of the data, so that what is published does not depend on the speed of a replay; and a
+            // number of scans, because stamps may stand still and memory has limits.
+            let due = self.scans_unpublished >= MAX_SCANS_UNPUBLISHED
+                || self
+                    .published_at
+                    .is_none_or(|at| scan.stamp.since(at) >= self.publish_period);
             if due {
                 self.published_at = Some(scan.stamp);
+                self.scans_unpublished = 0;
                 self.publish()?;
             }
         }

@@ -30,6 +30,9 @@ pub struct Summary {
     pub scans: Scans,
     /// Beams of the sweeps that were mapped.
     pub beams: Beams,
+    /// What the source itself lost, by reason: messages and records, those of scans included.
+    #[serde(serialize_with = "by_reason")]
+    pub losses: DropCounts,
     /// Time spent, by stage.
     pub stages: BTreeMap<String, StageTimes>,
     /// Maps, by layer.
@@ -211,6 +214,7 @@ mod tests {
             "realtime_factor": 60.0,
             "scans": {"in": 910, "mapped": 907, "dropped": {"pose_gap": 3}},
             "beams": {"in": 0, "hits": 0, "misses": 0, "dropped": {"invalid_range": 1}},
+            "losses": {},
             "stages": {"integrate": {"p50_us": 1.0, "p99_us": 2.0, "max_us": 3.5}},
             "layers": {"occupancy":
                 {"cells_known": 2, "counts": {"occupied": 2}, "digest": "ab", "bytes": 64}},

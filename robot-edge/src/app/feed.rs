@@ -3,9 +3,8 @@
 use std::sync::atomic::AtomicBool;
 
 use super::is_set;
-use super::source::Source;
+use super::source::{Item, Lost, Source};
 use crate::clock::{self, Monotonic};
-use crate::drops::DropCounts;
 use crate::measurement::Stream;
 use crate::pacer::{Pacer, Rate, Skipped};
 use crate::recording::stamp_order::Ordered;
@@ -16,20 +15,18 @@ const BATCH: usize = 64;
 
 /// Items on their way from the source to the pipeline.
 pub(super) struct Batch {
-    pub(super) items: Vec<Ordered>,
-    /// The streams met so far, which the items' stream numbers index.
-    pub(super) streams: Vec<Stream>,
+    pub(super) items: Vec<Item>,
+    /// The streams met since the last batch, whose numbers the items carry.
+    pub(super) new_streams: Vec<Stream>,
     /// How far reading has come.
     pub(super) position: Option<Position>,
-    /// What the source has lost so far.
+    /// How much the source has lost so far.
     pub(super) lost: u64,
 }
 
 /// How a source ended.
 pub(super) struct SourceEnd {
-    pub(super) losses: DropCounts,
-    /// The first losses in words.
-    pub(super) notes: Vec<String>,
+    pub(super) lost: Lost,
     pub(super) skipped: Skipped,
     pub(super) result: Result<(), RecordingError>,
 }
@@ -40,53 +37,77 @@ pub(super) fn feed(
     source: &mut dyn Source,
     rate: Rate,
     interrupt: &AtomicBool,
-    mut hand_over: impl FnMut(Batch) -> bool,
+    hand_over: impl FnMut(Batch) -> bool,
 ) -> SourceEnd {
     let mut pacer = Pacer::new(rate);
-    let mut items = Vec::with_capacity(BATCH);
-    let mut send = |items: &mut Vec<Ordered>, source: &dyn Source| {
-        let batch = Batch {
-            items: std::mem::replace(items, Vec::with_capacity(BATCH)),
-            streams: source.streams(),
-            position: source.position(),
-            lost: source.losses().0.total(),
-        };
-        hand_over(batch)
+    let mut hand = Hand {
+        items: Vec::with_capacity(BATCH),
+        streams: 0,
+        hand_over,
     };
-    let result = loop {
-        if is_set(interrupt) {
-            break Ok(());
-        }
-        match source.next() {
-            Ok(Some(item)) => {
-                if let Ordered::Measurement(measurement) = &item {
-                    let now = Monotonic::now();
-                    let wait = pacer.wait(measurement.stamp, now);
-                    // What is due already must not wait for what is not.
-                    if !wait.is_zero() && !items.is_empty() && !send(&mut items, source) {
-                        break Ok(());
-                    }
-                    if !clock::sleep_until(now + wait, || is_set(interrupt)) {
-                        break Ok(());
-                    }
-                }
-                items.push(item);
-                if items.len() >= BATCH && !send(&mut items, source) {
-                    break Ok(());
-                }
-            }
-            Ok(None) => break Ok(()),
-            Err(err) => break Err(err),
-        }
-    };
-    if !items.is_empty() {
-        send(&mut items, source);
-    }
-    let (losses, notes) = source.losses();
+    let result = feed_all(source, &mut pacer, interrupt, &mut hand);
+    // Whoever took items up to now takes the last ones too, or has its own reason not to.
+    hand.over(source);
     SourceEnd {
-        losses,
-        notes,
+        lost: source.lost(),
         skipped: pacer.skipped(),
         result,
+    }
+}
+
+fn feed_all(
+    source: &mut dyn Source,
+    pacer: &mut Pacer,
+    interrupt: &AtomicBool,
+    hand: &mut Hand<impl FnMut(Batch) -> bool>,
+) -> Result<(), RecordingError> {
+    while !is_set(interrupt) {
+        let Some(item) = source.next()? else {
+            return Ok(());
+        };
+        match &item {
+            Item::Due(Ordered::Measurement(measurement)) => {
+                let now = Monotonic::now();
+                let wait = pacer.wait(measurement.stamp, now);
+                // What is due already must not wait for what is not.
+                if !wait.is_zero() && !hand.over(source) {
+                    return Ok(());
+                }
+                if !clock::sleep_until(now + wait, || is_set(interrupt)) {
+                    return Ok(());
+                }
+            }
+            Item::Due(Ordered::ClockReset { .. }) => pacer.reset(),
+            Item::AtOnce(_) | Item::Aside(_) => {}
+        }
+        hand.items.push(item);
+        if hand.items.len() >= BATCH && !hand.over(source) {
+            return Ok(());
+        }
+    }
+    Ok(())
+}
+
+struct Hand<F> {
+    items: Vec<Item>,
+    /// Streams that were handed over.
+    streams: usize,
+    hand_over: F,
+}
+
+impl<F: FnMut(Batch) -> bool> Hand<F> {
+    /// Hands over what there is; whether more is wanted.
+    fn over(&mut self, source: &dyn Source) -> bool {
+        if self.items.is_empty() {
+            return true;
+        }
+        let new_streams = source.streams_from(self.streams);
+        self.streams += new_streams.len();
+        (self.hand_over)(Batch {
+            items: std::mem::replace(&mut self.items, Vec::with_capacity(BATCH)),
+            new_streams,
+            position: source.position(),
+            lost: source.lost_total(),
+        })
     }
 }

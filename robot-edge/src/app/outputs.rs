@@ -8,9 +8,11 @@ use protocol::export::{ExportError, StampedPose, Trinary, export_all, write_traj
 use protocol::layer::LayerId;
 
 use super::feed::SourceEnd;
-use crate::drops::DropCounts;
+use super::source::Lost;
+use crate::drops::{DropCounts, DropReason};
 use crate::mapping::posed_scan::PosedScan;
 use crate::pipeline::Pipeline;
+use crate::streaming::publisher::Publisher;
 use crate::summary::{Beams, Event, LayerFigures, Scans, Summary, Tiles, peak_rss_bytes};
 
 /// Poses kept for the trajectory: 64 MB. A longer one is thinned to every second pose, again and again.
@@ -59,22 +61,22 @@ impl Trajectory {
     }
 }
 
-/// Writes the maps and the trajectory to `dir`; says which files.
+/// Writes the maps and the trajectory to `dir`, each even if another fails; says which files.
 pub(super) fn export(
     dir: &Path,
     pipeline: &Pipeline,
     trajectory: &Trajectory,
     title: &str,
 ) -> Result<Vec<String>, ExportError> {
-    let mut files = export_all(dir, pipeline.publisher().store(), title)?.files;
+    let maps = export_all(dir, pipeline.publisher().store(), title);
     let path = dir.join("trajectory.tum");
     write_trajectory(&path, trajectory.poses.iter().copied())?;
-    files.push(path);
-    Ok(files
-        .iter()
-        .map(|file| file.display().to_string())
-        .collect())
+    let files = maps?.files.into_iter().chain([path]);
+    Ok(files.map(|file| file.display().to_string()).collect())
 }
+
+/// Kind of the events that say what was decided before the run.
+pub(super) const SETUP: &str = "setup";
 
 /// The figures of the run, without those that only its command knows.
 pub(super) fn summary(pipeline: &Pipeline) -> Summary {
@@ -88,7 +90,7 @@ pub(super) fn summary(pipeline: &Pipeline) -> Summary {
         ("occupancy", &report.stages.occupancy),
         ("publish", &report.stages.publish),
     ];
-    Summary {
+    let mut summary = Summary {
         scans: Scans {
             came_in: placer.scans_in,
             mapped: report.scans_mapped,
@@ -111,45 +113,95 @@ pub(super) fn summary(pipeline: &Pipeline) -> Summary {
         },
         peak_rss_bytes: peak_rss_bytes(),
         ..Summary::default()
-    }
+    };
+    summary.add_evictions(pipeline.publisher());
+    summary
 }
 
 impl Summary {
     /// Adds what the source said at its end.
     pub(super) fn add_source_end(&mut self, end: &SourceEnd, interrupted: bool) {
-        let mut event = |kind: &str, message: String| {
-            self.events.push(Event {
-                stamp_s: None,
-                kind: kind.to_owned(),
-                message,
-            });
-        };
-        for (reason, n) in end.losses.iter() {
-            event("loss", format!("the recording lost {n} × {reason}"));
+        let Lost {
+            counts,
+            late_scans,
+            notes,
+        } = &end.lost;
+        // They came in, but too late to be put in order.
+        self.scans.came_in += late_scans;
+        self.scans.dropped.add_many(DropReason::Late, *late_scans);
+        self.losses.clone_from(counts);
+        for (reason, n) in counts.iter() {
+            self.add_event("loss", format!("{n} × {reason}"));
         }
-        for note in &end.notes {
-            event("loss", note.clone());
+        for note in notes {
+            self.add_event("loss", note.clone());
         }
         let skipped = end.skipped;
         if skipped.gaps + skipped.steps_back > 0 {
             let secs = skipped.gap_time.as_secs_f64();
-            event(
+            let (gaps, back) = (skipped.gaps, skipped.steps_back);
+            self.add_event(
                 "pause",
+                format!("{gaps} gaps of {secs:.0} s in all and {back} steps back in the stamps were not waited for"),
+            );
+        }
+        if skipped.lags > 0 {
+            self.add_event(
+                "lag",
                 format!(
-                    "{} gaps of {secs:.0} s in all and {} steps back in the stamps were not waited for",
-                    skipped.gaps, skipped.steps_back
+                    "{} times mapping could not keep up with the rate",
+                    skipped.lags
                 ),
             );
         }
         if interrupted {
-            event("interrupted", "stopped before the end".to_owned());
+            self.add_event("interrupted", "stopped before the end".to_owned());
         }
+    }
+
+    /// Adds how many measurements a recording does not hold.
+    pub(super) fn add_not_recorded(&mut self, measurements: u64) {
+        if measurements > 0 {
+            self.add_event(
+                "loss",
+                format!("{measurements} measurements are not in the recording: clouds, or stamps before 1970"),
+            );
+        }
+    }
+
+    fn add_evictions(&mut self, publisher: &Publisher) {
+        let mapping = publisher.traffic().evicted_from_mapping;
+        let store = publisher.store().counters();
+        if mapping > 0 {
+            self.add_event(
+                "evicted",
+                format!("{mapping} tiles left the mapping memory (mapping.occupancy.memory_limit_mb); exports hold them"),
+            );
+        }
+        if store.tiles_evicted > 0 {
+            self.add_event(
+                "evicted",
+                format!(
+                    "{} tiles left the tile store (streaming.store_mb) and are in no export",
+                    store.tiles_evicted
+                ),
+            );
+        }
+    }
+
+    fn add_event(&mut self, kind: &str, message: String) {
+        self.events.push(Event {
+            stamp_s: None,
+            kind: kind.to_owned(),
+            message,
+        });
     }
 }
 
 /// Says in a few lines what came of the run.
 pub(super) fn tell(summary: &Summary, files: &[String], out: &mut dyn Write) -> io::Result<()> {
-    for event in &summary.events {
+    // What was decided before the run was said before it.
+    for event in summary.events.iter().filter(|event| event.kind != SETUP) {
         writeln!(out, "{}: {}", event.kind, event.message)?;
     }
     let scans = &summary.scans;

@@ -2,11 +2,11 @@
 
 use crate::exit::UsageError;
 use crate::localization::config::{LocalizationConfig, PoseSource};
-use crate::localization::placer::PoseOrigin;
+use crate::localization::placer::{MountOrigin, PoseOrigin};
 use crate::measurement::FrameId;
+use crate::recording::Format;
 use crate::recording::survey::Survey;
 use crate::recording::survey::scans::ScanSurvey;
-use crate::recording::{Format, Selection};
 
 /// What is replayed.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,7 +16,7 @@ pub(super) struct Plan {
     /// Where poses come from.
     pub(super) origin: PoseOrigin,
     /// The streams that are needed.
-    pub(super) selection: Selection,
+    pub(super) streams: Vec<String>,
     /// The range from which on the laser sees nothing, where its messages do not say so, metres.
     pub(super) unsaid_miss_from_m: Option<f32>,
     /// What a person should know of these decisions.
@@ -41,8 +41,13 @@ pub(super) fn plan(
         PoseOrigin::Log => notes.push(format!(
             "poses: those that {laser} brings for its own scans"
         )),
-        PoseOrigin::Tf { fixed_frame } => {
+        PoseOrigin::Tf { fixed_frame, mount } => {
             notes.push(format!("poses: transforms up to frame {fixed_frame}"));
+            if *mount == MountOrigin::Configured {
+                notes.push(
+                    "the laser's mounting: as configured, the transforms do not say".to_owned(),
+                );
+            }
             names.extend(streams_of_type(
                 survey,
                 &["tf2_msgs/TFMessage", "tf/tfMessage"],
@@ -71,7 +76,7 @@ pub(super) fn plan(
     Ok(Plan {
         laser,
         origin,
-        selection: Selection::Named(names),
+        streams: names,
         unsaid_miss_from_m,
         notes,
     })
@@ -118,9 +123,7 @@ fn choose_origin(
     scan: &ScanSurvey,
     localization: &LocalizationConfig,
 ) -> Result<PoseOrigin, UsageError> {
-    let tf = || {
-        fixed_frame(survey, scan, localization).map(|fixed_frame| PoseOrigin::Tf { fixed_frame })
-    };
+    let tf = || from_tree(survey, scan, localization);
     let log = || scan.has_own_poses.then_some(PoseOrigin::Log);
     let odometry = || (!survey.odometry.is_empty()).then_some(PoseOrigin::Odometry);
     let (found, wanted) = match localization.source {
@@ -142,27 +145,35 @@ fn choose_origin(
 
 /// The frame that stands still above the laser (or above the vehicle that carries it), if something moves
 /// on the way.
-fn fixed_frame(
+fn from_tree(
     survey: &Survey,
     scan: &ScanSurvey,
     localization: &LocalizationConfig,
-) -> Option<FrameId> {
-    [&*scan.frame, &localization.base_frame]
-        .into_iter()
-        .find_map(|source| {
-            let way = survey.frames.way_up(source);
-            let first_moving = way.iter().position(|(_, edge)| !edge.is_static)?;
-            // Frames that the laser moves in; the vehicle itself is none of them.
-            let still = &way[first_moving..];
-            let find = |wanted: &str| still.iter().find(|(frame, _)| ***frame == *wanted);
-            let chosen = match &localization.fixed_frame {
-                Some(wanted) => find(wanted),
-                None => find("odom")
-                    .or_else(|| find("map"))
-                    .or_else(|| still.last()),
-            };
-            chosen.map(|(frame, _)| FrameId::clone(frame))
+) -> Option<PoseOrigin> {
+    let base_frame = localization.base_frame.as_str();
+    let starts = [
+        (&*scan.frame, MountOrigin::Tree),
+        (base_frame, MountOrigin::Configured),
+    ];
+    starts.into_iter().find_map(|(start, mount)| {
+        let way = survey.frames.way_up(start);
+        let first_moving = way.iter().position(|(_, edge)| !edge.is_static)?;
+        // A laser that only moves in the vehicle says nothing of where the vehicle is.
+        let vehicle = way.iter().position(|(frame, _)| ***frame == *base_frame);
+        let still =
+            way.get(vehicle.map_or(first_moving, |vehicle| first_moving.max(vehicle + 1))..)?;
+        let find = |wanted: &str| still.iter().find(|(frame, _)| ***frame == *wanted);
+        let (fixed_frame, _) = match &localization.fixed_frame {
+            Some(wanted) => find(wanted),
+            None => find("odom")
+                .or_else(|| find("map"))
+                .or_else(|| still.last()),
+        }?;
+        Some(PoseOrigin::Tf {
+            fixed_frame: FrameId::clone(fixed_frame),
+            mount,
         })
+    })
 }
 
 fn choose_odometry(survey: &Survey) -> Result<String, UsageError> {

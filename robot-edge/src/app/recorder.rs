@@ -6,6 +6,7 @@ use std::time::Duration;
 use crate::clock::Monotonic;
 use crate::measurement::{Measurement, MeasurementData, OwnPose, Stream};
 use crate::recording::writer::{McapWriter, WriteError};
+use crate::robot_time::{RobotDuration, RobotTime};
 
 /// A crash of a live run loses no more than this.
 const FLUSH_PERIOD: Duration = Duration::from_secs(1);
@@ -13,6 +14,10 @@ const FLUSH_PERIOD: Duration = Duration::from_secs(1);
 /// Writes measurements as they come.
 pub(super) struct Recorder {
     writer: McapWriter,
+    /// Stamp of the last scan that brought its own pose.
+    last_own_pose: Option<RobotTime>,
+    /// Measurements whose stamps MCAP cannot hold.
+    unrecordable: u64,
     /// Only runs in real time are flushed by the clock, so that others give the same file every time.
     flushed_at: Option<Monotonic>,
 }
@@ -26,6 +31,8 @@ impl Recorder {
         let writer = McapWriter::create(path, Some(vehicle))?;
         Ok(Self {
             writer,
+            last_own_pose: None,
+            unrecordable: 0,
             flushed_at: in_real_time.then(Monotonic::now),
         })
     }
@@ -35,14 +42,25 @@ impl Recorder {
         stream: &Stream,
         measurement: &Measurement,
     ) -> Result<(), WriteError> {
-        if let MeasurementData::Scan {
-            own_pose: Some(pose),
-            ..
-        } = &measurement.data
-        {
-            self.write_own_pose(measurement, pose)?;
+        let written = match &measurement.data {
+            MeasurementData::Scan {
+                own_pose: Some(pose),
+                ..
+            } => self.write_with_own_pose(stream, measurement, pose),
+            MeasurementData::Scan { own_pose: None, .. }
+            | MeasurementData::Transform { .. }
+            | MeasurementData::Odometry { .. }
+            | MeasurementData::Imu(_)
+            | MeasurementData::Joints(_)
+            | MeasurementData::Fix(_)
+            | MeasurementData::Twist(_)
+            | MeasurementData::PointCloud(_) => self.writer.write(&ros_stream(stream), measurement),
+        };
+        match written {
+            // One stamp that MCAP cannot hold must not end a drive.
+            Err(WriteError::Stamp { .. }) => self.unrecordable += 1,
+            written => written?,
         }
-        self.writer.write(&ros_stream(stream), measurement)?;
         if let Some(at) = self.flushed_at
             && at.elapsed() >= FLUSH_PERIOD
         {
@@ -52,8 +70,18 @@ impl Recorder {
         Ok(())
     }
 
-    /// A `LaserScan` has no place for the pose that a log gives to its own scan: transforms have.
-    fn write_own_pose(&mut self, scan: &Measurement, pose: &OwnPose) -> Result<(), WriteError> {
+    /// A `LaserScan` has no place for the pose that a log gives to its own scan: transforms have. Scans of
+    /// one stamp would share one pose there, so each gets a stamp of its own.
+    fn write_with_own_pose(
+        &mut self,
+        stream: &Stream,
+        scan: &Measurement,
+        pose: &OwnPose,
+    ) -> Result<(), WriteError> {
+        let next = self
+            .last_own_pose
+            .map_or(RobotTime::MIN, |last| last + RobotDuration::from_nanos(1));
+        let stamp = scan.stamp.max(next);
         let tf = Stream {
             name: "/tf".into(),
             type_name: "tf2_msgs/TFMessage".into(),
@@ -70,13 +98,26 @@ impl Recorder {
                 is_static: false,
             };
             let transform = Measurement {
+                stamp,
                 frame: parent.into(),
                 data,
-                ..*scan
+                stream: scan.stream,
             };
             self.writer.write(&tf, &transform)?;
         }
-        Ok(())
+        self.last_own_pose = Some(stamp);
+        self.writer.write(
+            &ros_stream(stream),
+            &Measurement {
+                stamp,
+                ..scan.clone()
+            },
+        )
+    }
+
+    /// Measurements that the recording does not hold: clouds, and stamps before 1970.
+    pub(super) const fn not_written(&self) -> u64 {
+        self.writer.not_written() + self.unrecordable
     }
 
     pub(super) fn finish(self) -> Result<(), WriteError> {

@@ -4,15 +4,18 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
+use super::outputs::SETUP;
 use super::placing::{main_laser, placer_settings};
 use super::plan::plan;
 use super::run::Run;
-use super::source::{Part, Replayed};
+use super::source::{self, Replayed};
+use super::writable;
 use crate::cli::Replay;
 use crate::config;
-use crate::exit::Exit;
-use crate::recording;
+use crate::exit::{Exit, UsageError};
+use crate::localization::placer::PoseOrigin;
 use crate::recording::survey::Survey;
+use crate::recording::{self, Selection};
 use crate::robot_time::RobotDuration;
 use crate::summary::Event;
 
@@ -30,6 +33,7 @@ pub(super) fn replay(
     if let Some(vehicle) = &options.vehicle {
         config::load(vehicle, &options.overrides())?;
     }
+    writable::spare(&command.recording, options)?;
     let survey = Survey::of(&command.recording)?;
     nothing_could_be_read(&survey)?;
     let (vehicle, why) = match (&options.vehicle, &survey.vehicle) {
@@ -42,24 +46,23 @@ pub(super) fn replay(
     };
     let config = config::load(vehicle, &options.overrides())?;
     let laser = main_laser(&config)?;
+    start_is_within(&survey, command.start_s)?;
     let plan = plan(&survey, laser.topic.as_deref(), &config.localization)?;
 
-    let mut placer = placer_settings(&config, laser, plan.origin.clone());
-    placer.sensor.range_max_m = placer.sensor.range_max_m.or(plan.unsaid_miss_from_m);
     let notes = [
         format!("{vehicle} ({why})"),
         format!("laser: {}", plan.laser),
     ];
     let events = notes.into_iter().chain(plan.notes).map(|message| Event {
         stamp_s: None,
-        kind: "setup".to_owned(),
+        kind: SETUP.to_owned(),
         message,
     });
     let run = Run {
         source: command.recording.display().to_string(),
         title: file_name(&command.recording),
         config: &config,
-        placer,
+        placer: placer_settings(&config, laser, plan.origin.clone()),
         rate: command.rate,
         record: options.record.clone(),
         export: options.export.clone(),
@@ -67,17 +70,32 @@ pub(super) fn replay(
         quiet,
         events: events.collect(),
     };
-    let part = Part {
+    let what = source::Replay {
+        own_poses: plan.origin == PoseOrigin::Log,
         start: RobotDuration::from_secs_f64(command.start_s),
         duration: command.duration_s.map(RobotDuration::from_secs_f64),
+        repeat: command.repeat,
+        streams: plan.streams.clone(),
     };
-    let (path, selection) = (command.recording.clone(), plan.selection);
-    let open = move || recording::open(&path, selection.clone());
-    run.go(
-        &mut Replayed::new(open, part, command.repeat)?,
-        interrupt,
-        out,
-    )
+    // A recording of the replay holds everything; without one, what is not mapped need not be read.
+    let selection = match options.record {
+        Some(_) => Selection::All,
+        None => Selection::Named(plan.streams),
+    };
+    let path = command.recording.clone();
+    let open = move || recording::open_surveyed(&path, selection.clone(), plan.unsaid_miss_from_m);
+    run.go(&mut Replayed::new(Box::new(open), what)?, interrupt, out)
+}
+
+fn start_is_within(survey: &Survey, start_s: f64) -> Result<(), UsageError> {
+    let length_s = survey.duration().as_secs_f64();
+    if survey.is_complete() && !survey.scans.is_empty() && start_s > length_s {
+        return Err(UsageError(format!(
+            "{}: --start {start_s} is behind its end: its last scan is {length_s:.1} s behind its first",
+            survey.path.display()
+        )));
+    }
+    Ok(())
 }
 
 /// Heads the pictures.

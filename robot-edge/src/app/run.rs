@@ -1,30 +1,29 @@
 //! One run: a source, the pipeline, and what is left behind.
 
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::sync_channel;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, anyhow};
 use protocol::tile::BootId;
 
+use super::data_clock::DataClock;
 use super::feed::{Batch, SourceEnd, feed};
 use super::is_set;
+use super::mapping_side::MappingSide;
 use super::outputs::{self, Trajectory};
 use super::recorder::Recorder;
 use super::source::Source;
+use super::writable;
 use crate::clock::Monotonic;
 use crate::config::Config;
 use crate::exit::{Exit, Interrupted};
 use crate::localization::placer::PlacerSettings;
-use crate::mapping::posed_scan::PosedScan;
-use crate::measurement::MeasurementData;
 use crate::pacer::Rate;
 use crate::pipeline::Pipeline;
-use crate::progress::{Progress, ProgressFigures};
-use crate::recording::stamp_order::Ordered;
-use crate::robot_time::{RobotDuration, RobotTime};
-use crate::summary::Event;
+use crate::progress::Progress;
+use crate::summary::{Event, Summary};
 
 /// What a run is made of.
 pub(super) struct Run<'a> {
@@ -48,88 +47,110 @@ const BATCHES: usize = 8;
 
 impl Run<'_> {
     /// Maps all that the source yields and writes what was asked for.
+    ///
+    /// Whatever fails, all that can still be written is; the first failure is returned at the end.
     pub(super) fn go(
         self,
         source: &mut dyn Source,
         interrupt: &AtomicBool,
         out: &mut dyn Write,
     ) -> anyhow::Result<Exit> {
-        // What cannot be written should be known before an hour of mapping.
-        if let Some(dir) = &self.export {
-            std::fs::create_dir_all(dir).with_context(|| {
-                format!("{}: cannot make the folder to export to", dir.display())
-            })?;
+        let mut side = self.start()?;
+        let (end, taken) = if self.config.mapping.threads > 1 {
+            map_in_two_threads(source, self.rate, interrupt, &mut side)?
+        } else {
+            let mut taken = Ok(());
+            let end = feed(source, self.rate, interrupt, |batch| {
+                if taken.is_ok() {
+                    taken = side.take(batch);
+                }
+                taken.is_ok()
+            });
+            (end, taken)
+        };
+        let trajectory = &mut side.trajectory;
+        let finished = side.pipeline.finish(|scan| trajectory.add(scan));
+        side.progress.finish();
+        let interrupted = is_set(interrupt);
+        let left = self.leave_behind(side, &end, interrupted, out);
+        taken?;
+        finished?;
+        end.result?;
+        let summary = left?;
+        if interrupted {
+            return Err(Interrupted.into());
         }
-        let recorder = self.record.as_ref().map(|path| {
-            Recorder::create(
+        if summary.scans.mapped == 0 {
+            return Err(nothing_mapped(&summary));
+        }
+        Ok(Exit::Done)
+    }
+
+    /// What cannot be written should be known before an hour of mapping, and so should what was decided.
+    fn start(&self) -> anyhow::Result<MappingSide> {
+        writable::prepare(self.export.as_deref(), self.summary.as_deref())?;
+        let in_real_time = matches!(self.rate, Rate::Times(_));
+        let recorder = match &self.record {
+            Some(path) => Some(Recorder::create(
                 path,
                 &self.config.vehicle.name,
-                matches!(self.rate, Rate::Times(_)),
-            )
-        });
+                in_real_time,
+            )?),
+            None => None,
+        };
+        if !self.quiet {
+            for event in &self.events {
+                writeln!(io::stderr(), "{}: {}", event.kind, event.message)?;
+            }
+        }
         // The summary says what streaming would have cost, which nobody else needs to know.
         let encode = self.summary.is_some();
-        let mut mapping = Mapping {
+        Ok(MappingSide {
             pipeline: Pipeline::new(self.config, self.placer.clone(), BootId([0; 16]), encode)?,
-            recorder: recorder.transpose()?,
+            recorder,
             trajectory: Trajectory::new(),
             progress: Progress::new(self.quiet),
             clock: DataClock::default(),
             started: Monotonic::now(),
-        };
-        let end = if self.config.mapping.threads > 1 {
-            map_in_two_threads(source, self.rate, interrupt, &mut mapping)?
-        } else {
-            let mut taken = Ok(());
-            let end = feed(source, self.rate, interrupt, |batch| {
-                taken = mapping.take(batch);
-                taken.is_ok()
-            });
-            taken?;
-            end
-        };
-        let trajectory = &mut mapping.trajectory;
-        mapping.pipeline.finish(|scan| trajectory.add(scan))?;
-        mapping.progress.finish();
-        self.leave_behind(mapping, &end, is_set(interrupt), out)?;
-        end.result?;
-        if is_set(interrupt) {
-            Err(Interrupted.into())
-        } else {
-            Ok(Exit::Done)
-        }
+            streams: Vec::new(),
+        })
     }
 
+    /// Writes all outputs that can be written; the first failure is returned.
     fn leave_behind(
         &self,
-        mapping: Mapping,
+        side: MappingSide,
         end: &SourceEnd,
         interrupted: bool,
         out: &mut dyn Write,
-    ) -> anyhow::Result<()> {
-        if let Some(recorder) = mapping.recorder {
-            recorder.finish()?;
-        }
-        let wall_s = mapping.started.elapsed().as_secs_f64();
-        let files = match &self.export {
-            Some(dir) => outputs::export(dir, &mapping.pipeline, &mapping.trajectory, &self.title)?,
-            None => Vec::new(),
-        };
-        let mut summary = outputs::summary(&mapping.pipeline);
+    ) -> anyhow::Result<Summary> {
+        let wall_s = side.started.elapsed().as_secs_f64();
+        let mut summary = outputs::summary(&side.pipeline);
         summary.recording.clone_from(&self.source);
         summary.vehicle.clone_from(&self.config.vehicle.name);
-        summary.set_times(mapping.clock.elapsed.as_secs_f64(), wall_s);
+        summary.set_times(side.clock.elapsed().as_secs_f64(), wall_s);
         summary.events.clone_from(&self.events);
         summary.add_source_end(end, interrupted);
-        if let Some(path) = &self.summary {
+
+        let recorded = side.recorder.map_or(Ok(()), |recorder| {
+            summary.add_not_recorded(recorder.not_written());
+            recorder.finish()
+        });
+        let exported = self.export.as_ref().map_or(Ok(Vec::new()), |dir| {
+            outputs::export(dir, &side.pipeline, &side.trajectory, &self.title)
+        });
+        let summarised = self.summary.as_ref().map_or(Ok(()), |path| {
             summary
                 .write(path)
-                .with_context(|| format!("{}: cannot write the summary", path.display()))?;
-        }
+                .with_context(|| format!("{}: cannot write the summary", path.display()))
+        });
         if !self.quiet {
-            outputs::tell(&summary, &files, out)?;
+            outputs::tell(&summary, exported.as_deref().unwrap_or_default(), out)?;
         }
-        Ok(())
+        recorded?;
+        exported?;
+        summarised?;
+        Ok(summary)
     }
 }
 
@@ -137,90 +158,35 @@ fn map_in_two_threads(
     source: &mut dyn Source,
     rate: Rate,
     interrupt: &AtomicBool,
-    mapping: &mut Mapping,
-) -> anyhow::Result<SourceEnd> {
+    side: &mut MappingSide,
+) -> anyhow::Result<(SourceEnd, anyhow::Result<()>)> {
     std::thread::scope(|scope| {
         let (sender, receiver) = sync_channel::<Batch>(BATCHES);
         let feeding =
             scope.spawn(move || feed(source, rate, interrupt, |batch| sender.send(batch).is_ok()));
-        let taken = receiver.iter().try_for_each(|batch| mapping.take(batch));
+        let taken = receiver.iter().try_for_each(|batch| side.take(batch));
         // Or a feeder that waits for room would wait for ever.
         drop(receiver);
         let end = feeding
             .join()
-            .map_err(|_panic| anyhow::anyhow!("the reading thread failed"))?;
-        taken.map(|()| end)
+            .map_err(|_panic| anyhow!("the reading thread failed"))?;
+        Ok((end, taken))
     })
 }
 
-/// The pipeline's side of a run.
-struct Mapping {
-    pipeline: Pipeline,
-    recorder: Option<Recorder>,
-    trajectory: Trajectory,
-    progress: Progress,
-    clock: DataClock,
-    started: Monotonic,
-}
-
-impl Mapping {
-    fn take(&mut self, batch: Batch) -> anyhow::Result<()> {
-        for item in batch.items {
-            let trajectory = &mut self.trajectory;
-            let mapped = |scan: &PosedScan| trajectory.add(scan);
-            match item {
-                Ordered::Measurement(measurement) => {
-                    if let Some(recorder) = &mut self.recorder
-                        && let Some(stream) = batch.streams.get(usize::from(measurement.stream.0))
-                    {
-                        recorder.write(stream, &measurement)?;
-                    }
-                    if !matches!(
-                        measurement.data,
-                        MeasurementData::Transform {
-                            is_static: true,
-                            ..
-                        }
-                    ) {
-                        self.clock.see(measurement.stamp);
-                    }
-                    self.pipeline.push(measurement, mapped)?;
-                }
-                Ordered::ClockReset { .. } => {
-                    self.clock.reset();
-                    self.pipeline.reset_clock(mapped)?;
-                }
-            }
-        }
-        let scans = self.pipeline.report().scans_mapped;
-        let figures = ProgressFigures {
-            data_s: self.clock.elapsed.as_secs_f64(),
-            wall_s: self.started.elapsed().as_secs_f64(),
-            scans,
-            drops: batch.lost + self.pipeline.placer().counts().dropped_scans.total(),
-        };
-        self.progress.update(batch.position, &figures);
-        Ok(())
-    }
-}
-
-/// Time of the data that has passed, over clocks that start anew.
-#[derive(Debug, Default)]
-struct DataClock {
-    newest: Option<RobotTime>,
-    elapsed: RobotDuration,
-}
-
-impl DataClock {
-    fn see(&mut self, stamp: RobotTime) {
-        let newest = *self.newest.get_or_insert(stamp);
-        if stamp > newest {
-            self.elapsed = self.elapsed + stamp.since(newest);
-            self.newest = Some(stamp);
-        }
-    }
-
-    fn reset(&mut self) {
-        self.newest = None;
+fn nothing_mapped(summary: &Summary) -> anyhow::Error {
+    let scans = &summary.scans;
+    let reasons: Vec<_> = scans
+        .dropped
+        .iter()
+        .map(|(reason, n)| format!("{n} {reason}"))
+        .collect();
+    match scans.came_in {
+        0 => anyhow!("{}: no scan came in, so there is no map", summary.recording),
+        n => anyhow!(
+            "{}: none of its {n} scans could be mapped ({}); `robot-edge info` says what it holds",
+            summary.recording,
+            reasons.join(", ")
+        ),
     }
 }

@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::sync::atomic::AtomicBool;
 
+use super::outputs::SETUP;
 use super::placing::{main_laser, placer_settings};
 use super::run::Run;
 use super::source::Simulated;
@@ -10,7 +11,7 @@ use crate::cli::Simulate;
 use crate::config::{self, Config};
 use crate::exit::{Exit, UsageError};
 use crate::localization::config::PoseSource;
-use crate::localization::placer::PoseOrigin;
+use crate::localization::placer::{MountOrigin, PoseOrigin};
 use crate::simulation::{SimulatedSource, SimulationOptions, World};
 use crate::summary::Event;
 
@@ -48,7 +49,7 @@ pub(super) fn simulate(
         quiet,
         events: vec![Event {
             stamp_s: None,
-            kind: "vehicle".to_owned(),
+            kind: SETUP.to_owned(),
             message: format!(
                 "{vehicle}, in world {} with seed {}",
                 world.name(),
@@ -63,7 +64,8 @@ pub(super) fn simulate(
 fn pose_origin(config: &Config) -> Result<PoseOrigin, UsageError> {
     let fixed_frame = config.localization.fixed_frame.as_deref().unwrap_or("odom");
     match config.localization.source {
-        PoseSource::Auto | PoseSource::Tf => Ok(PoseOrigin::Tf { fixed_frame: fixed_frame.into() }),
+        PoseSource::Auto | PoseSource::Tf => Ok(PoseOrigin::Tf {
+            mount: MountOrigin::Tree, fixed_frame: fixed_frame.into() }),
         PoseSource::Odometry => Ok(PoseOrigin::Odometry),
         PoseSource::Static => Ok(PoseOrigin::Static),
         PoseSource::Log => Err(UsageError(

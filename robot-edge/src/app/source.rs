@@ -1,5 +1,6 @@
 //! Recordings and simulated worlds as one kind of source.
 
+use super::data_clock::DataClock;
 use crate::drops::DropCounts;
 use crate::measurement::{Measurement, MeasurementData, Stream};
 use crate::recording::stamp_order::{Ordered, StampOrder};
@@ -7,142 +8,216 @@ use crate::recording::{Position, RecordingError, RecordingReader};
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::simulation::SimulatedSource;
 
+/// What a source yields.
+#[derive(Debug)]
+pub(super) enum Item {
+    /// To be mapped when it is due.
+    Due(Ordered),
+    /// To be mapped at once: what holds for all time, and poses from before the part that is replayed.
+    AtOnce(Measurement),
+    /// Not to be mapped, for `--record` only.
+    Aside(Measurement),
+}
+
+/// What a source lost.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Lost {
+    /// By reason.
+    pub(super) counts: DropCounts,
+    /// Scans among those that came too late to be put in order.
+    pub(super) late_scans: u64,
+    /// The first losses in words.
+    pub(super) notes: Vec<String>,
+}
+
 /// Yields measurements in stamp order.
 pub(super) trait Source: Send {
     /// The next item; `None` at the end.
-    fn next(&mut self) -> Result<Option<Ordered>, RecordingError>;
+    fn next(&mut self) -> Result<Option<Item>, RecordingError>;
 
-    /// The streams met so far.
-    fn streams(&self) -> Vec<Stream>;
+    /// The streams met so far, from number `from` on.
+    fn streams_from(&self, from: usize) -> Vec<Stream>;
 
     /// How far reading has come; `None` where there is no end to come to.
     fn position(&self) -> Option<Position>;
 
-    /// What the source itself lost, by reason, and the first of it in words.
-    fn losses(&self) -> (DropCounts, Vec<String>);
+    /// How much was lost so far.
+    fn lost_total(&self) -> u64;
+
+    /// What was lost so far.
+    fn lost(&self) -> Lost;
 }
+
+type Open = Box<dyn Fn() -> Result<Box<dyn RecordingReader>, RecordingError> + Send>;
 
 /// A part of a recording, or all of it, once or over and over.
 pub(super) struct Replayed {
-    open: Box<dyn Fn() -> Result<Box<dyn RecordingReader>, RecordingError> + Send>,
+    open: Open,
+    what: Replay,
     reader: Box<dyn RecordingReader>,
     order: StampOrder,
-    part: Part,
-    repeat: bool,
-    first: Option<RobotTime>,
-    /// What earlier rounds of a repeated replay lost.
-    lost_before: DropCounts,
+    /// Runs from the first scan of the round.
+    clock: DataClock,
+    newest: RobotTime,
+    earlier_rounds: Lost,
 }
 
-/// Which part of a recording is replayed, counted from its first scan.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Part {
-    /// Scans before this are passed over.
+/// What is replayed.
+#[derive(Clone, Debug)]
+pub(super) struct Replay {
+    /// Names of the streams that are mapped.
+    pub(super) streams: Vec<String>,
+    /// Whether scans are placed by the poses that the log gives them.
+    pub(super) own_poses: bool,
+    /// Scans before this are passed over, counted from the first.
     pub(super) start: RobotDuration,
     /// The replay ends this long behind its start.
     pub(super) duration: Option<RobotDuration>,
+    /// Begin again at the end.
+    pub(super) repeat: bool,
 }
 
 impl Replayed {
-    pub(super) fn new(
-        open: impl Fn() -> Result<Box<dyn RecordingReader>, RecordingError> + Send + 'static,
-        part: Part,
-        repeat: bool,
-    ) -> Result<Self, RecordingError> {
+    pub(super) fn new(open: Open, what: Replay) -> Result<Self, RecordingError> {
         Ok(Self {
             reader: open()?,
-            open: Box::new(open),
+            open,
+            what,
             order: StampOrder::default(),
-            part,
-            repeat,
-            first: None,
-            lost_before: DropCounts::default(),
+            clock: DataClock::default(),
+            newest: RobotTime::MIN,
+            earlier_rounds: Lost::default(),
         })
     }
 
-    /// Begins again at the beginning: the clock of the data jumps back.
-    fn rewind(&mut self, from: RobotTime, to: RobotTime) -> Result<Ordered, RecordingError> {
-        self.lost_before.merge(self.reader.losses());
-        self.lost_before.merge(self.order.drops());
-        self.reader = (self.open)()?;
-        self.order = StampOrder::default();
-        Ok(Ordered::ClockReset { from, to })
+    fn is_mapped(&self, measurement: &Measurement) -> bool {
+        let stream = self.reader.streams().get(usize::from(measurement.stream.0));
+        stream.is_some_and(|summary| self.what.streams.contains(&summary.stream.name))
     }
 
-    /// Whether a measurement belongs to the part that is replayed. Poses before it are needed for its
-    /// first scans.
-    fn place_in_part(&mut self, measurement: &Measurement) -> Place {
+    /// What to do with a measurement: `None` if it lies before the part that is replayed.
+    fn sort(&mut self, measurement: Measurement) -> Option<Sorted> {
+        if measurement.is_timeless() {
+            return Some(Sorted::Item(Item::AtOnce(measurement)));
+        }
+        self.newest = self.newest.max(measurement.stamp);
         let is_scan = matches!(measurement.data, MeasurementData::Scan { .. });
-        if is_scan {
-            self.first.get_or_insert(measurement.stamp);
+        if !is_scan && !self.clock.has_started() {
+            return Some(Sorted::Item(self.pose(measurement, RobotDuration::ZERO)));
         }
-        let Some(first) = self.first else {
-            return Place::Within;
-        };
-        let since_start = measurement.stamp.since(first + self.part.start);
+        let elapsed = self.clock.see(measurement.stamp);
         if self
-            .part
+            .what
             .duration
-            .is_some_and(|duration| since_start > duration)
+            .is_some_and(|duration| elapsed > self.what.start + duration)
         {
-            Place::Behind
-        } else if is_scan && since_start < RobotDuration::ZERO {
-            Place::Before
+            Some(Sorted::BehindTheEnd)
+        } else if !is_scan {
+            Some(Sorted::Item(self.pose(measurement, elapsed)))
+        } else if elapsed < self.what.start {
+            None
         } else {
-            Place::Within
+            Some(Sorted::Item(Item::Due(Ordered::Measurement(measurement))))
         }
+    }
+
+    /// Poses before the start are needed for the first scans, but nobody waits for them.
+    fn pose(&self, measurement: Measurement, elapsed: RobotDuration) -> Item {
+        if elapsed < self.what.start {
+            Item::AtOnce(measurement)
+        } else {
+            Item::Due(Ordered::Measurement(measurement))
+        }
+    }
+
+    /// Begins again at the beginning, unless the round had no scan to show.
+    fn next_round(&mut self) -> Result<Option<Item>, RecordingError> {
+        if !self.what.repeat || self.clock.elapsed() < self.what.start || !self.clock.has_started()
+        {
+            return Ok(None);
+        }
+        let from = self.newest;
+        self.earlier_rounds = self.lost();
+        self.reader = (self.open)()?;
+        self.order = StampOrder::default();
+        self.clock = DataClock::default();
+        self.newest = RobotTime::MIN;
+        Ok(Some(Item::Due(Ordered::ClockReset {
+            from,
+            to: RobotTime::MIN,
+        })))
     }
 }
 
-enum Place {
-    Before,
-    Within,
-    Behind,
+enum Sorted {
+    Item(Item),
+    BehindTheEnd,
 }
 
 impl Source for Replayed {
-    fn next(&mut self) -> Result<Option<Ordered>, RecordingError> {
-        let mut newest = None;
+    fn next(&mut self) -> Result<Option<Item>, RecordingError> {
         loop {
-            let reader = &mut self.reader;
-            let item = self.order.next_from(|| reader.next_measurement())?;
-            let place = match &item {
-                Some(Ordered::Measurement(measurement)) => {
-                    newest = Some(measurement.stamp);
-                    self.place_in_part(measurement)
+            if let Some(ordered) = self.order.pop() {
+                match ordered {
+                    Ordered::Measurement(measurement) => match self.sort(measurement) {
+                        Some(Sorted::Item(item)) => return Ok(Some(item)),
+                        Some(Sorted::BehindTheEnd) => return self.next_round(),
+                        None => continue,
+                    },
+                    reset @ Ordered::ClockReset { .. } => {
+                        self.clock.reset();
+                        self.newest = RobotTime::MIN;
+                        return Ok(Some(Item::Due(reset)));
+                    }
                 }
-                Some(Ordered::ClockReset { .. }) => Place::Within,
-                None => Place::Behind,
-            };
-            match (place, self.first) {
-                (Place::Before, _) => {}
-                (Place::Within, _) => return Ok(item),
-                // A recording without a single scan would turn for ever.
-                (Place::Behind, Some(first)) if self.repeat => {
-                    return self.rewind(newest.unwrap_or(first), first).map(Some);
+            }
+            match self.reader.next_measurement()? {
+                Some(measurement) if !self.is_mapped(&measurement) => {
+                    return Ok(Some(Item::Aside(measurement)));
                 }
-                (Place::Behind, _) => return Ok(None),
+                Some(mut measurement) => {
+                    if let MeasurementData::Scan { own_pose, .. } = &mut measurement.data
+                        && !self.what.own_poses
+                    {
+                        *own_pose = None;
+                    }
+                    self.order.push(measurement);
+                }
+                None => {
+                    self.order.finish();
+                    match self.order.pop() {
+                        Some(ordered) => self.order.put_back(ordered),
+                        None => return self.next_round(),
+                    }
+                }
             }
         }
     }
 
-    fn streams(&self) -> Vec<Stream> {
-        self.reader
-            .streams()
-            .iter()
-            .map(|summary| summary.stream.clone())
-            .collect()
+    fn streams_from(&self, from: usize) -> Vec<Stream> {
+        let streams = self.reader.streams().iter().skip(from);
+        streams.map(|summary| summary.stream.clone()).collect()
     }
 
     fn position(&self) -> Option<Position> {
-        (!self.repeat).then(|| self.reader.position())
+        (!self.what.repeat).then(|| self.reader.position())
     }
 
-    fn losses(&self) -> (DropCounts, Vec<String>) {
-        let mut losses = self.lost_before.clone();
-        losses.merge(self.reader.losses());
-        losses.merge(self.order.drops());
-        (losses, self.reader.loss_notes().to_vec())
+    fn lost_total(&self) -> u64 {
+        self.earlier_rounds.counts.total()
+            + self.reader.losses().total()
+            + self.order.drops().total()
+    }
+
+    fn lost(&self) -> Lost {
+        let mut lost = self.earlier_rounds.clone();
+        lost.counts.merge(self.reader.losses());
+        lost.counts.merge(self.order.drops());
+        lost.late_scans += self.order.late_scans();
+        if lost.notes.is_empty() {
+            lost.notes = self.reader.loss_notes().to_vec();
+        }
+        lost
     }
 }
 
@@ -150,19 +225,29 @@ impl Source for Replayed {
 pub(super) struct Simulated(pub(super) SimulatedSource);
 
 impl Source for Simulated {
-    fn next(&mut self) -> Result<Option<Ordered>, RecordingError> {
-        Ok(self.0.next_measurement().map(Ordered::Measurement))
+    fn next(&mut self) -> Result<Option<Item>, RecordingError> {
+        Ok(self.0.next_measurement().map(|measurement| {
+            if measurement.is_timeless() {
+                Item::AtOnce(measurement)
+            } else {
+                Item::Due(Ordered::Measurement(measurement))
+            }
+        }))
     }
 
-    fn streams(&self) -> Vec<Stream> {
-        self.0.streams().to_vec()
+    fn streams_from(&self, from: usize) -> Vec<Stream> {
+        self.0.streams().iter().skip(from).cloned().collect()
     }
 
     fn position(&self) -> Option<Position> {
         None
     }
 
-    fn losses(&self) -> (DropCounts, Vec<String>) {
-        (DropCounts::default(), Vec::new())
+    fn lost_total(&self) -> u64 {
+        0
+    }
+
+    fn lost(&self) -> Lost {
+        Lost::default()
     }
 }

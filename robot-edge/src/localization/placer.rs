@@ -21,11 +21,22 @@ pub enum PoseOrigin {
     Tf {
         /// Frame of the map.
         fixed_frame: FrameId,
+        /// Where the laser sits on the vehicle.
+        mount: MountOrigin,
     },
     /// Odometry messages.
     Odometry,
     /// The vehicle stands still at the origin.
     Static,
+}
+
+/// Who says where the laser sits on the vehicle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MountOrigin {
+    /// The transform tree, which reaches the laser's own frame.
+    Tree,
+    /// The configuration; the tree reaches the vehicle only.
+    Configured,
 }
 
 /// All that placing needs to know.
@@ -107,10 +118,12 @@ impl BeamPlacer {
 
     /// Takes one measurement; appends every scan that can be placed now to `out`.
     pub fn push(&mut self, measurement: Measurement, out: &mut Vec<PosedScan>) {
+        if !measurement.is_timeless() {
+            self.newest = self.newest.max(measurement.stamp);
+        }
         let Measurement {
             stamp, frame, data, ..
         } = measurement;
-        self.newest = self.newest.max(stamp);
         match data {
             MeasurementData::Scan { scan, own_pose } => {
                 self.take_scan(stamp, frame, scan, own_pose, out);
@@ -284,24 +297,35 @@ impl BeamPlacer {
 
 fn fixed_frame(origin: &PoseOrigin) -> &str {
     match origin {
-        PoseOrigin::Tf { fixed_frame } => fixed_frame,
+        PoseOrigin::Tf { fixed_frame, .. } => fixed_frame,
         PoseOrigin::Odometry | PoseOrigin::Log | PoseOrigin::Static => ODOMETRY_FRAME,
     }
 }
 
-/// The way from the sensor to the map; where the tree stops at the vehicle, the configured mounting is the
-/// second part: `fixed_from_sensor = path · mount`.
+/// The way from the sensor to the map: `fixed_from_sensor = path · mount`, where the mounting is the identity
+/// if the tree reaches the sensor.
 fn sensor_path<'a>(
     tree: &'a TransformBuffer,
     fixed_frame: &str,
     sensor_frame: &FrameId,
     settings: &PlacerSettings,
 ) -> Option<(Path<'a>, Pose)> {
-    if let Some(path) = tree.path(fixed_frame, sensor_frame) {
-        return Some((path, Pose::identity()));
+    match settings.origin {
+        PoseOrigin::Tf {
+            mount: MountOrigin::Tree,
+            ..
+        } => Some((tree.path(fixed_frame, sensor_frame)?, Pose::identity())),
+        PoseOrigin::Tf {
+            mount: MountOrigin::Configured,
+            ..
+        }
+        | PoseOrigin::Odometry
+        | PoseOrigin::Log
+        | PoseOrigin::Static => {
+            let path = tree.path(fixed_frame, &settings.base_frame)?;
+            Some((path, settings.sensor.base_from_sensor))
+        }
     }
-    let path = tree.path(fixed_frame, &settings.base_frame)?;
-    Some((path, settings.sensor.base_from_sensor))
 }
 
 #[cfg(test)]

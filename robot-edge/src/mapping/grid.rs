@@ -149,18 +149,24 @@ impl<T: Copy> TiledGrid<T> {
         changed
     }
 
-    /// Removes the tiles farthest from `centre` (a tile) until at most `limit` are left; says how many.
+    /// Where there are more than `limit` tiles, removes those farthest from `centre` (a tile) until 31/32 of
+    /// the limit are left, so that not every call has to; says how many.
     ///
     /// Call it after [`TiledGrid::take_changed`], or changes are lost with the tiles.
     pub fn evict_farthest(&mut self, centre: TileIndex, limit: usize) -> usize {
-        let excess = self.tiles.len().saturating_sub(limit);
+        let kept = limit - limit / 32;
+        let excess = if self.tiles.len() > limit {
+            self.tiles.len() - kept
+        } else {
+            0
+        };
         if excess > 0 {
             self.tiles.sort_by_key(|tile| {
                 let along = |a: i32, b: i32| i64::from(a) - i64::from(b);
                 let (dx, dy) = (along(tile.index.x, centre.x), along(tile.index.y, centre.y));
                 (dx * dx + dy * dy, tile.index)
             });
-            self.tiles.truncate(limit);
+            self.tiles.truncate(kept);
             self.slots = self
                 .tiles
                 .iter()

@@ -70,14 +70,21 @@ impl LogOddsUpdate {
     #[inline]
     pub fn apply(&self, cells: &mut [i16], marks: &[u8]) {
         const UNKNOWN: i16 = i16::MIN;
+        // Taken out, or the compiler chooses between two places in memory, cell by cell.
+        let Self {
+            free,
+            occupied,
+            min,
+            max,
+        } = *self;
         for (cell, &mark) in cells.iter_mut().zip(marks) {
             let before = if *cell == UNKNOWN { 0 } else { *cell };
             let evidence = if mark == mark::OCCUPIED {
-                self.occupied
+                occupied
             } else {
-                self.free
+                free
             };
-            let after = before.saturating_add(evidence).clamp(self.min, self.max);
+            let after = before.saturating_add(evidence).clamp(min, max);
             *cell = if mark == mark::NONE { *cell } else { after };
         }
     }

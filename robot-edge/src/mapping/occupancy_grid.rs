@@ -71,8 +71,11 @@ impl OccupancyGrid {
             }
         }
         let (grid, update) = (&mut self.grid, &self.update);
-        self.marks.drain(|tile, row, marks| {
-            update.apply(&mut grid.touch(tile)[row * TILE_EDGE..][..TILE_EDGE], marks);
+        self.marks.drain(|tile, rows| {
+            let cells = grid.touch(tile);
+            rows.for_each(|row, marks| {
+                update.apply(&mut cells[row * TILE_EDGE..][..TILE_EDGE], marks);
+            });
         });
         report
     }
@@ -144,6 +147,12 @@ impl OccupancyGrid {
     /// Memory of the cells, bytes.
     pub fn bytes(&self) -> usize {
         self.grid.bytes()
+    }
+
+    /// Memory of what is only needed while a scan is added, bytes; it grows to the largest scan's.
+    pub fn scratch_bytes(&self) -> usize {
+        let beam_bytes = size_of::<(FixedPoint, FixedPoint, BeamOutcome)>();
+        self.marks.bytes() + self.beams.capacity() * beam_bytes
     }
 }
 

@@ -21,7 +21,30 @@ pub struct ScanMarks {
     tiles_high: usize,
     marks: Vec<u8>,
     touched_blocks: Vec<u8>,
-    touched_tiles: Vec<bool>,
+    touched_tiles: Vec<u8>,
+}
+
+/// What a scan marked in one tile.
+#[derive(Debug)]
+pub struct TouchedRows<'a> {
+    /// From the tile's first block on, as are the next.
+    marks: &'a mut [u8],
+    touched_blocks: &'a mut [u8],
+    blocks_a_row: usize,
+}
+
+impl TouchedRows<'_> {
+    /// Hands out the rows of the tile that hold marks, as `(row in tile, marks)`, and clears them.
+    pub fn for_each(self, mut each: impl FnMut(usize, &[u8])) {
+        for row in 0..TILE_EDGE {
+            let block = row * self.blocks_a_row;
+            if std::mem::take(&mut self.touched_blocks[block]) != 0 {
+                let marks = &mut self.marks[block * BLOCK..][..BLOCK];
+                each(row, marks);
+                marks.fill(mark::NONE);
+            }
+        }
+    }
 }
 
 impl ScanMarks {
@@ -69,24 +92,11 @@ impl ScanMarks {
         self.touched_blocks[place / BLOCK] = 1;
     }
 
-    /// Hands out every touched block once, tile by tile, and clears it: `(tile, row in tile, marks)`.
-    pub fn drain(&mut self, mut each: impl FnMut(TileIndex, usize, &[u8])) {
-        self.touched_tiles.clear();
-        self.touched_tiles
-            .resize(self.tiles_wide * self.tiles_high, false);
-        let rows = self
-            .touched_blocks
-            .chunks_exact(self.tiles_wide)
-            .take(self.tiles_high * TILE_EDGE);
-        for (y, row) in rows.enumerate() {
-            let tiles =
-                &mut self.touched_tiles[y / TILE_EDGE * self.tiles_wide..][..self.tiles_wide];
-            for (tile, &block) in tiles.iter_mut().zip(row) {
-                *tile |= block != 0;
-            }
-        }
+    /// Hands out every touched tile once, and clears the marks.
+    pub fn drain(&mut self, mut each: impl FnMut(TileIndex, TouchedRows<'_>)) {
+        self.find_touched_tiles();
         for slot in 0..self.touched_tiles.len() {
-            if !self.touched_tiles[slot] {
+            if self.touched_tiles[slot] == 0 {
                 continue;
             }
             let (tile_x, tile_y) = (slot % self.tiles_wide, slot / self.tiles_wide);
@@ -94,12 +104,28 @@ impl ScanMarks {
                 x: self.lowest_tile.0.wrapping_add_unsigned(tile_x as u32),
                 y: self.lowest_tile.1.wrapping_add_unsigned(tile_y as u32),
             };
-            for row in 0..TILE_EDGE {
-                let block = (tile_y * TILE_EDGE + row) * self.tiles_wide + tile_x;
-                if std::mem::take(&mut self.touched_blocks[block]) != 0 {
-                    let marks = &mut self.marks[block * BLOCK..][..BLOCK];
-                    each(index, row, marks);
-                    marks.fill(mark::NONE);
+            let first_block = tile_y * TILE_EDGE * self.tiles_wide + tile_x;
+            let rows = TouchedRows {
+                marks: &mut self.marks[first_block * BLOCK..],
+                touched_blocks: &mut self.touched_blocks[first_block..],
+                blocks_a_row: self.tiles_wide,
+            };
+            each(index, rows);
+        }
+    }
+
+    fn find_touched_tiles(&mut self) {
+        self.touched_tiles.clear();
+        self.touched_tiles
+            .resize(self.tiles_wide * self.tiles_high, 0);
+        let rows_of_tiles = self
+            .touched_blocks
+            .chunks_exact(self.tiles_wide * TILE_EDGE);
+        let tiles = self.touched_tiles.chunks_exact_mut(self.tiles_wide);
+        for (tiles, blocks) in tiles.zip(rows_of_tiles) {
+            for row in blocks.chunks_exact(self.tiles_wide) {
+                for (tile, &block) in tiles.iter_mut().zip(row) {
+                    *tile |= block;
                 }
             }
         }
@@ -126,14 +152,16 @@ mod tests {
 
     fn drained(marks: &mut ScanMarks) -> BTreeMap<(i32, i32), u8> {
         let mut cells = BTreeMap::new();
-        marks.drain(|tile, row, block| {
-            for (column, &mark) in block.iter().enumerate().filter(|(_, mark)| **mark != 0) {
-                let cell = (
-                    (tile.x * 64).wrapping_add_unsigned(column as u32),
-                    (tile.y * 64).wrapping_add_unsigned(row as u32),
-                );
-                assert_eq!(cells.insert(cell, mark), None, "{cell:?} handed out twice");
-            }
+        marks.drain(|tile, rows| {
+            rows.for_each(|row, block| {
+                for (column, &mark) in block.iter().enumerate().filter(|(_, mark)| **mark != 0) {
+                    let cell = (
+                        (tile.x * 64).wrapping_add_unsigned(column as u32),
+                        (tile.y * 64).wrapping_add_unsigned(row as u32),
+                    );
+                    assert_eq!(cells.insert(cell, mark), None, "{cell:?} handed out twice");
+                }
+            });
         });
         cells
     }

@@ -87,8 +87,27 @@ impl fmt::Display for Format {
 /// # Errors
 /// Where the file cannot be opened, its format is unknown or its version unsupported.
 pub fn open(path: &Path, selection: Selection) -> Result<Box<dyn RecordingReader>, RecordingError> {
+    open_surveyed(path, selection, None)
+}
+
+/// Opens a recording whose survey found out from which range on its laser sees nothing although its messages
+/// do not say so ([`super::survey::scans::ScanSurvey::unsaid_miss_from_m`]): CARMEN's.
+///
+/// # Errors
+/// Those of [`open`].
+pub fn open_surveyed(
+    path: &Path,
+    selection: Selection,
+    unsaid_miss_from_m: Option<f32>,
+) -> Result<Box<dyn RecordingReader>, RecordingError> {
     Ok(match Format::of(path)? {
-        Format::Carmen => Box::new(CarmenReader::open(path, selection)?),
+        Format::Carmen => {
+            let reader = CarmenReader::open(path, selection)?;
+            Box::new(match unsaid_miss_from_m {
+                Some(range_m) => reader.with_laser_range_max_m(range_m),
+                None => reader,
+            })
+        }
         Format::Rosbag => Box::new(RosbagReader::open(path, selection)?),
         Format::Mcap => Box::new(McapReader::open(path, selection)?),
     })

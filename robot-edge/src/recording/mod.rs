@@ -23,7 +23,7 @@ pub mod stamp_order;
 pub mod survey;
 pub mod writer;
 
-pub use format::{Format, open};
+pub use format::{Format, open, open_surveyed};
 
 /// Why a recording cannot be read at all. Damage inside a readable file is counted, not an error.
 #[derive(Debug, thiserror::Error)]

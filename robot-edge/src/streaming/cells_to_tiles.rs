@@ -3,27 +3,30 @@
 use protocol::layer::{LayerId, UNKNOWN};
 use protocol::tile::{TileCells, TileKey};
 
-use crate::mapping::grid::{GridTile, TileIndex};
+use crate::mapping::grid::{GridTile, TILE_EDGE, TileIndex};
 use crate::mapping::log_odds::LogOdds;
+
+/// Values of 16 bits.
+const LOG_ODDS_VALUES: usize = 1 << 16;
 
 /// Turns cells of the mapping core into the codes that are published.
 #[derive(Clone, Debug)]
 pub struct CellCoder {
     /// Code of every log-odds value, indexed by its bits.
-    occupancy: Box<[u16]>,
+    occupancy: Box<[u16; LOG_ODDS_VALUES]>,
 }
 
 impl CellCoder {
     /// Builds the table: 65,536 logistic functions once, instead of one per cell and publication.
     pub fn new() -> Self {
         let quantisation = LayerId::Occupancy.quantisation();
-        let code = |bits: u16| {
-            let probability = LogOdds::from_steps(bits.cast_signed()).probability();
-            probability.map_or(UNKNOWN, |p| quantisation.encode(p as f32))
-        };
-        Self {
-            occupancy: (0..=u16::MAX).map(code).collect(),
+        let mut occupancy = Box::new([UNKNOWN; LOG_ODDS_VALUES]);
+        for (code, bits) in occupancy.iter_mut().zip(0..=u16::MAX) {
+            if let Some(p) = LogOdds::from_steps(bits.cast_signed()).probability() {
+                *code = quantisation.encode(p as f32);
+            }
         }
+        Self { occupancy }
     }
 
     /// The codes of a tile of the occupancy grid.
@@ -42,12 +45,14 @@ impl Default for CellCoder {
     }
 }
 
+// Tiles of the mapping core and of the wire are the same squares.
+const _: () = assert!(TILE_EDGE == protocol::tile::TILE_SIDE);
+
 /// Keeps what `before` knows where `cells` know nothing.
 pub fn keep_known(cells: &mut TileCells, before: &TileCells) {
     for (code, &old) in cells.codes_mut().iter_mut().zip(before.codes()) {
-        if *code == UNKNOWN {
-            *code = old;
-        }
+        // Always stored, so that the compiler makes vectors of it.
+        *code = if *code == UNKNOWN { old } else { *code };
     }
 }
 

@@ -38,6 +38,7 @@ fn settings(origin: PoseOrigin) -> PlacerSettings {
 fn tf() -> PoseOrigin {
     PoseOrigin::Tf {
         fixed_frame: "odom".into(),
+        mount: MountOrigin::Configured,
     }
 }
 
@@ -258,6 +259,31 @@ fn a_time_offset_moves_the_scan_along_the_track() {
         odometry(1.4, 4.0),
     ];
     assert_eq!(run(late, input).0, [[4.0]]);
+}
+
+#[test]
+fn a_static_transform_of_another_clock_hurries_nothing() {
+    let mount = |secs| {
+        let data = MeasurementData::Transform {
+            child: "laser".into(),
+            parent_from_child: planar(0.5, 0.0, 0.0),
+            is_static: true,
+        };
+        measurement(secs, "base_link", data)
+    };
+    let mut settings = settings(tf());
+    settings.origin = PoseOrigin::Tf {
+        fixed_frame: "odom".into(),
+        mount: MountOrigin::Tree,
+    };
+    // The mounting comes late, stamped by the wall clock: the scan waits for it and for its pose.
+    let input = vec![
+        pose(1.0, 0.0),
+        scan(1.0, 0.1, &[2.0, 2.0]),
+        mount(1e9),
+        pose(1.4, 4.0),
+    ];
+    assert_eq!(run(settings, input).0, [[2.5, 3.5]]);
 }
 
 #[test]

@@ -115,7 +115,7 @@ fn the_memory_limit_keeps_what_is_near() {
     }
     assert_eq!(
         (grid.grid().tiles().len(), grid.bytes(), evicted),
-        (122, 122 * 8192, 400 - 122)
+        (120, 120 * 8192, 400 - 120)
     );
     assert_eq!(p(&grid, 399 * 64 + 15, 10), Some(0.6));
 }

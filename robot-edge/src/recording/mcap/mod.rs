@@ -228,12 +228,8 @@ impl McapReader {
     }
 
     fn take_channel(&mut self, channel: &record::Channel<'_>) -> Result<(), Malformed> {
-        if self.channels.contains_key(&channel.id) {
+        if self.channels.contains_key(&channel.id) || self.channels.len() >= MAX_STREAMS {
             return Ok(());
-        }
-        let index = u16::try_from(self.streams.len()).ok().ok_or(Malformed)?;
-        if usize::from(index) >= MAX_STREAMS {
-            return Err(Malformed);
         }
         let type_name = self
             .schemas
@@ -256,18 +252,32 @@ impl McapReader {
             name: channel.topic.to_owned(),
             type_name: ros::ros1_type_name(type_name),
         };
-        self.streams.push(StreamSummary {
-            stream,
-            understood: reading.is_some(),
-            messages: 0,
-            first: None,
-            last: None,
-        });
+        // Merged files and restarted drivers have several channels of one topic.
+        let known = self
+            .streams
+            .iter()
+            .position(|summary| summary.stream == stream);
+        let index = known.unwrap_or(self.streams.len());
+        let id = StreamId(
+            u16::try_from(index)
+                .ok()
+                .filter(|_| index < MAX_STREAMS)
+                .ok_or(Malformed)?,
+        );
+        if known.is_none() {
+            self.streams.push(StreamSummary {
+                stream,
+                understood: reading.is_some(),
+                messages: 0,
+                first: None,
+                last: None,
+            });
+        }
         let reading = reading.filter(|_| self.selection.contains(channel.topic));
         self.channels.insert(
             channel.id,
             Channel {
-                stream: StreamId(index),
+                stream: id,
                 reading,
             },
         );
@@ -346,9 +356,11 @@ impl McapReader {
     fn check_statistics(&mut self) {
         let read: u64 = self.streams.iter().map(|summary| summary.messages).sum();
         match record::message_count(self.framing.body()) {
-            Ok(written) if read < written && self.losses.counts().total() == 0 => self.losses.add(DropReason::Damaged, || {
-                format!("{read} messages were read of the {written} that were written")
-            }),
+            Ok(written) if read < written && self.losses.counts().total() == 0 => {
+                self.losses.add(DropReason::Damaged, || {
+                    format!("{read} messages were read of the {written} that were written")
+                })
+            }
             Ok(_) | Err(Malformed) => {}
         }
     }

@@ -57,6 +57,7 @@ pub struct StampOrder {
     epoch: Epoch,
     arrivals: u64,
     drops: DropCounts,
+    late_scans: u64,
 }
 
 /// What one clock has shown so far.
@@ -111,6 +112,7 @@ impl StampOrder {
             epoch: Epoch::default(),
             arrivals: 0,
             drops: DropCounts::default(),
+            late_scans: 0,
         }
     }
 
@@ -137,7 +139,7 @@ impl StampOrder {
 
     /// Takes the next measurement in file order.
     pub fn push(&mut self, measurement: Measurement) {
-        if needs_no_order(&measurement.data) {
+        if needs_no_order(&measurement) {
             self.out.push_back(Ordered::Measurement(measurement));
             return;
         }
@@ -152,6 +154,11 @@ impl StampOrder {
     /// The next item that is ready.
     pub fn pop(&mut self) -> Option<Ordered> {
         self.out.pop_front()
+    }
+
+    /// Gives back the item that [`StampOrder::pop`] gave last.
+    pub fn put_back(&mut self, item: Ordered) {
+        self.out.push_front(item);
     }
 
     /// The source has ended: nothing waits any longer.
@@ -169,7 +176,9 @@ impl StampOrder {
                 self.insert(suspect.arrival, suspect.measurement);
             }
         } else {
-            self.drops.add_many(DropReason::Late, back.len() as u64);
+            for suspect in back {
+                self.drop_late(&suspect.measurement);
+            }
         }
         self.release_all();
     }
@@ -177,6 +186,16 @@ impl StampOrder {
     /// What was dropped so far.
     pub const fn drops(&self) -> &DropCounts {
         &self.drops
+    }
+
+    /// Scans among what was dropped as late.
+    pub const fn late_scans(&self) -> u64 {
+        self.late_scans
+    }
+
+    fn drop_late(&mut self, measurement: &Measurement) {
+        self.drops.add(DropReason::Late);
+        self.late_scans += u64::from(matches!(measurement.data, MeasurementData::Scan { .. }));
     }
 
     fn source_of(&self, measurement: &Measurement) -> Source {
@@ -233,7 +252,7 @@ impl StampOrder {
                     }
                     return self.judge(source, arrival, measurement);
                 }
-                (Step::Back, false) => self.drops.add(DropReason::Late),
+                (Step::Back, false) => self.drop_late(&suspect.measurement),
                 // It keeps its place in the order but does not move the clock.
                 (Step::Ahead | Step::Usual, _) => self.insert(suspect.arrival, suspect.measurement),
             }
@@ -275,7 +294,7 @@ impl StampOrder {
 
     fn insert(&mut self, arrival: u64, measurement: Measurement) {
         if self.epoch.left.is_some_and(|left| measurement.stamp < left) {
-            self.drops.add(DropReason::Late);
+            self.drop_late(&measurement);
             return;
         }
         self.waiting.insert(arrival, measurement);
@@ -334,17 +353,15 @@ const fn moves_clock(source: &Source) -> bool {
 }
 
 /// What no other measurement's time has a bearing on.
-const fn needs_no_order(data: &MeasurementData) -> bool {
-    matches!(
-        data,
-        MeasurementData::Transform {
-            is_static: true,
-            ..
-        } | MeasurementData::Scan {
+const fn needs_no_order(measurement: &Measurement) -> bool {
+    let brings_its_pose = matches!(
+        measurement.data,
+        MeasurementData::Scan {
             own_pose: Some(_),
             ..
         }
-    )
+    );
+    measurement.is_timeless() || brings_its_pose
 }
 
 #[cfg(test)]

@@ -161,12 +161,7 @@ impl Survey {
             }
             MeasurementData::Transform {
                 child, is_static, ..
-            } => {
-                self.frames.add(frame, child, *stamp, *is_static);
-                if *is_static {
-                    return;
-                }
-            }
+            } => self.frames.add(frame, child, *stamp, *is_static),
             MeasurementData::Odometry { child, .. } => self.add_odometry(*stream, frame, child),
             MeasurementData::Imu(_)
             | MeasurementData::Joints(_)
@@ -174,7 +169,9 @@ impl Survey {
             | MeasurementData::Twist(_)
             | MeasurementData::PointCloud(_) => {}
         }
-        self.stamps[index].add(*stamp);
+        if !measurement.is_timeless() {
+            self.stamps[index].add(*stamp);
+        }
     }
 
     fn scan_survey(

@@ -1,0 +1,55 @@
+//! What mapping costs on recordings: tables of time, memory and bytes. Nothing passes or fails by them.
+//!
+//! ```sh
+//! cargo bench -p robot-edge                   # everything, about a minute and a half
+//! cargo bench -p robot-edge -- occupancy      # or only: reading, occupancy, tiles, replay
+//! ```
+//!
+//! `recordings/rooms.mcap` is always measured; recordings of others where they are found, in
+//! `$FORESHORE_DATA` or `../shared/data` beside the workspace. What is missing is said.
+
+#![expect(clippy::print_stdout, reason = "a bench reports on standard output")]
+
+mod occupancy;
+mod placed;
+mod reading;
+mod recordings;
+mod replay;
+mod rounds;
+mod tiles;
+
+use std::env;
+
+/// Sides of a cell that are compared, metres.
+const CELLS_M: [f64; 2] = [0.10, 0.05];
+
+fn main() -> anyhow::Result<()> {
+    let arguments: Vec<String> = env::args().skip(1).collect();
+    // `cargo test --benches` runs this too, unoptimised.
+    if !arguments.iter().any(|argument| argument == "--bench") {
+        println!("nothing is measured: run it with `cargo bench`");
+        return Ok(());
+    }
+    let wanted: Vec<&str> = arguments
+        .iter()
+        .map(String::as_str)
+        .filter(|argument| !argument.starts_with("--"))
+        .collect();
+    println!(
+        "one thread, processor time; median of {} rounds (least … greatest)",
+        rounds::ROUNDS
+    );
+    let parts: [(&str, fn() -> anyhow::Result<()>); 4] = [
+        ("reading", reading::print),
+        ("occupancy", occupancy::print),
+        ("tiles", tiles::print),
+        ("replay", replay::print),
+    ];
+    for (name, print) in parts {
+        if wanted.is_empty() || wanted.contains(&name) {
+            println!();
+            print()?;
+        }
+    }
+    Ok(())
+}

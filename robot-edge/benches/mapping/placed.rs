@@ -1,0 +1,125 @@
+//! A recording as the pipeline sees it: measurements in stamp order, and posed scans.
+
+use std::path::Path;
+
+use anyhow::Context as _;
+use robot_edge::config::{self, Config};
+use robot_edge::localization::beam_projection::{Footprint, SensorSettings};
+use robot_edge::localization::beam_range::ZeroRange;
+use robot_edge::localization::placer::{BeamPlacer, MountOrigin, PlacerSettings, PoseOrigin};
+use robot_edge::localization::pose_track::Reach;
+use robot_edge::mapping::posed_scan::{BeamOutcome, PosedScan};
+use robot_edge::measurement::Measurement;
+use robot_edge::pose::Pose;
+use robot_edge::recording::stamp_order::{Ordered, StampOrder};
+use robot_edge::recording::survey::Survey;
+use robot_edge::recording::{self, Selection};
+use robot_edge::robot_time::RobotDuration;
+
+/// What `replay` would hand to its placer, in memory.
+pub(crate) struct Prepared {
+    measurements: Vec<Measurement>,
+    settings: PlacerSettings,
+}
+
+/// The configuration that `replay` takes where a recording names no vehicle, with cells of `cell_m`.
+pub(crate) fn generic2d(cell_m: f64) -> anyhow::Result<Config> {
+    let mut config = config::load("generic2d", &[])?;
+    config.mapping.occupancy.cell_m = cell_m;
+    Ok(config)
+}
+
+impl Prepared {
+    /// Reads the only laser of the recording at `path` and the poses for it.
+    pub(crate) fn read(path: &Path) -> anyhow::Result<Self> {
+        let survey = Survey::of(path)?;
+        let scans = survey.scans.first().context("no scans")?;
+        let laser = &survey
+            .stream(scans.stream)
+            .context("no stream")?
+            .stream
+            .name;
+        let (origin, selection) = if scans.has_own_poses {
+            (PoseOrigin::Log, Selection::Named(vec![laser.clone()]))
+        } else {
+            let fixed_frame = "odom".into();
+            (
+                PoseOrigin::Tf {
+                    fixed_frame,
+                    mount: MountOrigin::Tree,
+                },
+                Selection::All,
+            )
+        };
+        let mut reader = recording::open(path, selection)?;
+        let mut order = StampOrder::default();
+        let mut measurements = Vec::new();
+        while let Some(item) = order.next_from(|| reader.next_measurement())? {
+            match item {
+                Ordered::Measurement(measurement) => measurements.push(measurement),
+                Ordered::ClockReset { .. } => anyhow::bail!("its clock goes back"),
+            }
+        }
+        let config = generic2d(0.1)?;
+        let (seconds, from) = (RobotDuration::from_secs_f64, &config.localization);
+        let settings = PlacerSettings {
+            origin,
+            base_frame: from.base_frame.as_str().into(),
+            reach: Reach {
+                max_gap: seconds(from.max_gap_s),
+                max_extrapolation: seconds(from.max_extrapolation_s),
+            },
+            keep: seconds(from.buffer_s),
+            wait: seconds(from.wait_s),
+            max_waiting: from.max_waiting_scans,
+            sensor: SensorSettings {
+                range_min_m: None,
+                range_max_m: scans.unsaid_miss_from_m(),
+                zero: ZeroRange::Invalid,
+                time_offset: RobotDuration::ZERO,
+                base_from_sensor: Pose::identity(),
+            },
+            footprint: Footprint {
+                length_m: config.vehicle.length_m,
+                width_m: config.vehicle.width_m,
+            },
+        };
+        Ok(Self {
+            measurements,
+            settings,
+        })
+    }
+
+    /// The measurements, to be consumed by [`place`].
+    pub(crate) fn measurements(&self) -> Vec<Measurement> {
+        self.measurements.clone()
+    }
+
+    /// A placer that has seen nothing.
+    pub(crate) fn placer(&self) -> BeamPlacer {
+        BeamPlacer::new(self.settings.clone())
+    }
+
+    /// All scans, placed.
+    pub(crate) fn posed_scans(&self) -> Vec<PosedScan> {
+        place(self.placer(), self.measurements())
+    }
+}
+
+/// Places every scan.
+pub(crate) fn place(mut placer: BeamPlacer, measurements: Vec<Measurement>) -> Vec<PosedScan> {
+    let mut scans = Vec::new();
+    for measurement in measurements {
+        placer.push(measurement, &mut scans);
+    }
+    placer.finish(&mut scans);
+    scans
+}
+
+/// The beams of `scans` that mark cells: hits, as the preset lets a miss say nothing.
+pub(crate) fn hits(scans: &[PosedScan]) -> usize {
+    let beams = scans.iter().flat_map(|scan| &scan.beams);
+    beams
+        .filter(|beam| beam.outcome == BeamOutcome::Hit)
+        .count()
+}

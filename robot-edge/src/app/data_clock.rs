@@ -1,0 +1,56 @@
+//! Time of the data that has passed, over clocks that start anew.
+
+use crate::robot_time::{RobotDuration, RobotTime};
+
+/// Adds up the steps of stamps; steps back count for nothing.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct DataClock {
+    newest: Option<RobotTime>,
+    elapsed: RobotDuration,
+}
+
+impl DataClock {
+    /// Data with this stamp came; returns the time passed since the first.
+    pub(super) fn see(&mut self, stamp: RobotTime) -> RobotDuration {
+        let newest = *self.newest.get_or_insert(stamp);
+        if stamp > newest {
+            self.elapsed = self.elapsed + stamp.since(newest);
+            self.newest = Some(stamp);
+        }
+        self.elapsed
+    }
+
+    /// The clock of the data starts anew; the time that has passed stays.
+    pub(super) const fn reset(&mut self) {
+        self.newest = None;
+    }
+
+    /// Whether any data came.
+    pub(super) const fn has_started(&self) -> bool {
+        self.newest.is_some()
+    }
+
+    /// The time passed since the first data.
+    pub(super) const fn elapsed(&self) -> RobotDuration {
+        self.elapsed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_adds_up_over_clocks() {
+        let at = |ms: i64| RobotTime::from_nanos(ms * 1_000_000);
+        let mut clock = DataClock::default();
+        for ms in [500_000, 500_100, 500_050, 500_200] {
+            clock.see(at(ms));
+        }
+        clock.reset();
+        for ms in [0, 100] {
+            clock.see(at(ms));
+        }
+        assert_eq!(clock.elapsed(), RobotDuration::from_millis(300));
+    }
+}

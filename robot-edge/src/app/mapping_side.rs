@@ -1,0 +1,78 @@
+//! The pipeline's side of a run: takes batches, records, maps, shows progress.
+
+use super::data_clock::DataClock;
+use super::feed::Batch;
+use super::outputs::Trajectory;
+use super::recorder::Recorder;
+use super::source::Item;
+use crate::clock::Monotonic;
+use crate::mapping::posed_scan::PosedScan;
+use crate::measurement::{Measurement, Stream};
+use crate::pipeline::Pipeline;
+use crate::progress::{Progress, ProgressFigures};
+use crate::recording::stamp_order::Ordered;
+
+/// What takes the batches of a source.
+pub(super) struct MappingSide {
+    pub(super) pipeline: Pipeline,
+    pub(super) recorder: Option<Recorder>,
+    pub(super) trajectory: Trajectory,
+    pub(super) progress: Progress,
+    pub(super) clock: DataClock,
+    pub(super) started: Monotonic,
+    /// The source's streams, by number.
+    pub(super) streams: Vec<Stream>,
+}
+
+impl MappingSide {
+    /// Records and maps a batch.
+    ///
+    /// # Errors
+    /// Where the recording cannot be written or publishing stopped.
+    pub(super) fn take(&mut self, batch: Batch) -> anyhow::Result<()> {
+        self.streams.extend(batch.new_streams);
+        for item in batch.items {
+            let trajectory = &mut self.trajectory;
+            let mapped = |scan: &PosedScan| trajectory.add(scan);
+            match item {
+                Item::Due(Ordered::Measurement(measurement)) => {
+                    record(&mut self.recorder, &self.streams, &measurement)?;
+                    self.clock.see(measurement.stamp);
+                    self.pipeline.push(measurement, mapped)?;
+                }
+                Item::Due(Ordered::ClockReset { from, .. }) => {
+                    tracing::info!(%from, "the clock of the data started anew");
+                    self.clock.reset();
+                    self.pipeline.reset_clock(mapped)?;
+                }
+                Item::AtOnce(measurement) => {
+                    record(&mut self.recorder, &self.streams, &measurement)?;
+                    self.pipeline.push(measurement, mapped)?;
+                }
+                Item::Aside(measurement) => {
+                    record(&mut self.recorder, &self.streams, &measurement)?;
+                }
+            }
+        }
+        let figures = ProgressFigures {
+            data_s: self.clock.elapsed().as_secs_f64(),
+            wall_s: self.started.elapsed().as_secs_f64(),
+            scans: self.pipeline.report().scans_mapped,
+            drops: batch.lost + self.pipeline.placer().counts().dropped_scans.total(),
+        };
+        self.progress.update(batch.position, &figures);
+        Ok(())
+    }
+}
+
+fn record(
+    recorder: &mut Option<Recorder>,
+    streams: &[Stream],
+    measurement: &Measurement,
+) -> anyhow::Result<()> {
+    let stream = streams.get(usize::from(measurement.stream.0));
+    if let (Some(recorder), Some(stream)) = (recorder, stream) {
+        recorder.write(stream, measurement)?;
+    }
+    Ok(())
+}
