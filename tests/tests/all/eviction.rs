@@ -1,0 +1,138 @@
+//! What leaves the mapping memory to keep its limit stays in the tile store: one truth.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use protocol::layer::{LayerId, UNKNOWN};
+use protocol::tile::{TileCells, TileKey};
+use robot_edge::pipeline::Pipeline;
+use robot_edge::simulation::{SimulationOptions, World};
+use robot_edge::streaming::cells_to_tiles;
+
+use crate::simulated_run::{measurements, pipeline, vehicle_config};
+
+const LIMIT_MB: u32 = 1;
+const TILE_BYTES: usize = 64 * 64 * size_of::<i16>();
+/// Through the corridor, the first room, the second and back to where the first tiles were evicted.
+const DURATION_S: f64 = 116.0;
+
+/// The tiles in the mapping memory.
+fn held(pipeline: &Pipeline) -> BTreeSet<TileKey> {
+    let tiles = pipeline.mapper().occupancy().grid().tiles();
+    tiles
+        .map(|tile| cells_to_tiles::key(LayerId::Occupancy, tile.index))
+        .collect()
+}
+
+/// The published tiles.
+fn published(pipeline: &Pipeline) -> BTreeMap<TileKey, &TileCells> {
+    let tiles = pipeline.publisher().store().tiles(LayerId::Occupancy);
+    tiles
+        .map(|(key, stored)| (key, stored.cells().unwrap()))
+        .collect()
+}
+
+fn revisions(pipeline: &Pipeline) -> BTreeMap<TileKey, u64> {
+    let tiles = pipeline.publisher().store().tiles(LayerId::Occupancy);
+    tiles
+        .map(|(key, stored)| (key, stored.revision()))
+        .collect()
+}
+
+/// What happened to the tiles of a pipeline, seen from outside after each publication.
+#[derive(Default)]
+struct Watch {
+    publications: u64,
+    held: BTreeSet<TileKey>,
+    revisions: BTreeMap<TileKey, u64>,
+    evicted: BTreeSet<TileKey>,
+    /// Evicted, and touched again later: they began blank in the mapping memory.
+    seen_again: BTreeSet<TileKey>,
+    evictions: u64,
+}
+
+impl Watch {
+    fn look(&mut self, pipeline: &Pipeline) {
+        let publications = pipeline.report().stages.publish.runs();
+        if publications == self.publications {
+            return;
+        }
+        assert_eq!(publications, self.publications + 1, "each is looked at");
+        self.publications = publications;
+        let bytes = pipeline.mapper().occupancy().bytes();
+        assert!(bytes <= LIMIT_MB as usize * 1_000_000, "{bytes}");
+        let (held, revisions) = (held(pipeline), revisions(pipeline));
+        for (&key, &revision) in &revisions {
+            let touched = self.revisions.get(&key) != Some(&revision);
+            let is_held = held.contains(&key);
+            if self.evicted.contains(&key) && (touched || is_held) {
+                self.seen_again.insert(key);
+            }
+            if (self.held.contains(&key) || touched) && !is_held {
+                self.evicted.insert(key);
+                self.evictions += 1;
+            }
+        }
+        (self.held, self.revisions) = (held, revisions);
+    }
+}
+
+#[test]
+fn evicted_tiles_stay_published_as_they_were() {
+    let world = World::load("rooms").unwrap();
+    let options = SimulationOptions {
+        seed: 1,
+        duration_s: Some(DURATION_S),
+        ..SimulationOptions::default()
+    };
+    let cell = "mapping.occupancy.cell_m=0.02";
+    let limit = format!("mapping.occupancy.memory_limit_mb={LIMIT_MB}");
+    let mut limited = pipeline(&vehicle_config(&world, &[cell, &limit]));
+    let mut unlimited = pipeline(&vehicle_config(&world, &[cell]));
+    let mut watch = Watch::default();
+    for measurement in measurements(&world, options) {
+        limited.push(measurement.clone(), |_| ()).unwrap();
+        unlimited.push(measurement, |_| ()).unwrap();
+        watch.look(&limited);
+    }
+    for pipeline in [&mut limited, &mut unlimited] {
+        pipeline.finish(|_| ()).unwrap();
+    }
+    watch.look(&limited);
+
+    assert_eq!(
+        limited.publisher().traffic().evicted_from_mapping,
+        watch.evictions
+    );
+    assert_eq!(unlimited.publisher().traffic().evicted_from_mapping, 0);
+    assert_eq!(limited.publisher().store().counters().tiles_evicted, 0);
+    assert!(
+        watch.evicted.len() > 50 && watch.seen_again.len() > 5,
+        "{} {}",
+        watch.evicted.len(),
+        watch.seen_again.len()
+    );
+    assert!(unlimited.mapper().occupancy().bytes() > watch.held.len() * TILE_BYTES);
+
+    let (ours, all) = (published(&limited), published(&unlimited));
+    assert!(ours.keys().eq(all.keys()));
+    let mut untouched = 0;
+    for (key, cells) in ours {
+        let known = |cells: &TileCells| cells.codes().map(|code| code != UNKNOWN);
+        assert_eq!(
+            known(cells),
+            known(all[&key]),
+            "{key}: cells were forgotten"
+        );
+        if !watch.seen_again.contains(&key) {
+            assert_eq!(cells, all[&key], "{key}");
+            untouched += usize::from(watch.evicted.contains(&key));
+        }
+    }
+    println!(
+        "{} evictions of {} tiles, {} seen again, {untouched} not",
+        watch.evictions,
+        watch.evicted.len(),
+        watch.seen_again.len()
+    );
+    assert!(untouched > 20, "{untouched}");
+}

@@ -1,0 +1,16 @@
+//! Edge and console together, and what the source may not contain.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::print_stdout,
+    reason = "all of it is tests, helpers included, which clippy.toml's leave for tests does not see"
+)]
+
+mod layering;
+
+mod simulated_run;
+
+mod determinism;
+mod eviction;
+mod experiments;
