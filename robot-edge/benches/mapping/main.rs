@@ -8,10 +8,7 @@
 //! `recordings/rooms.mcap` is always measured; recordings of others where they are found, in
 //! `$FORESHORE_DATA` or `../shared/data` beside the workspace. What is missing is said.
 
-#![expect(
-    clippy::print_stdout,
-    reason = "a bench reports on standard output"
-)]
+#![expect(clippy::print_stdout, reason = "a bench reports on standard output")]
 
 mod occupancy;
 mod placed;

@@ -79,4 +79,14 @@ mod tests {
         assert_eq!(codes.codes()[..6], [126, 6, 76, 151, 246, 0]);
         assert_eq!(key(LayerId::Occupancy, index).first_cell(), (-192, 448));
     }
+
+    #[test]
+    fn what_was_known_stays_where_nothing_newer_is() {
+        let mut cells = TileCells::from_fn(|x, y| if y == 0 { x as u16 % 3 } else { UNKNOWN });
+        let before = TileCells::from_fn(|_, y| if y < 2 { 7 } else { UNKNOWN });
+        keep_known(&mut cells, &before);
+        assert_eq!(cells.codes()[..4], [7, 1, 2, 7]);
+        assert_eq!(cells.codes()[64..67], [7, 7, 7]);
+        assert_eq!(cells.known(), 128);
+    }
 }
