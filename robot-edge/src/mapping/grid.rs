@@ -6,6 +6,8 @@ use nalgebra::Point2;
 
 /// Cells along the edge of a tile.
 pub const TILE_EDGE: usize = 64;
+/// [`TILE_EDGE`] for cell and tile indices, which are signed.
+pub const TILE_EDGE_CELLS: i32 = 64;
 /// Cells of a tile.
 pub const TILE_CELLS: usize = TILE_EDGE * TILE_EDGE;
 
@@ -53,7 +55,7 @@ impl CellIndex {
 
     /// The tile it lies in and its place there, row by row.
     pub const fn split(self) -> (TileIndex, usize) {
-        let edge = TILE_EDGE as i32;
+        let edge = TILE_EDGE_CELLS;
         let place = self.y.rem_euclid(edge) * edge + self.x.rem_euclid(edge);
         (
             TileIndex {

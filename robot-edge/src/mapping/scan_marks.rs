@@ -3,11 +3,11 @@
 //! A window over the scan's extent holds one byte per cell. Walking a beam only stores; deciding is left
 //! to one pass over the blocks of 64 cells that were touched.
 
-use super::grid::{TILE_EDGE, TileIndex};
+use super::grid::{TILE_EDGE, TILE_EDGE_CELLS, TileIndex};
 use super::log_odds::mark;
 use super::ray::{FixedPoint, RayWalk};
 
-/// Longest beam along x or y, cells: with it the window stays below 64 MiB.
+/// Longest beam along x or y, cells: with it the window stays below 70 MB.
 pub const MAX_BEAM_CELLS: u32 = 4000;
 
 /// Cells of a block: one row of a tile, one cache line of marks.
@@ -24,8 +24,9 @@ pub struct ScanMarks {
     touched_tiles: Vec<u8>,
 }
 
-/// What a scan marked in one tile.
+/// What a scan marked in one tile, which stays marked until it is handed out.
 #[derive(Debug)]
+#[must_use = "marks that stay are taken for those of the next scan"]
 pub struct TouchedRows<'a> {
     /// From the tile's first block on, as are the next.
     marks: &'a mut [u8],
@@ -50,7 +51,7 @@ impl TouchedRows<'_> {
 impl ScanMarks {
     /// Lays the window over the cells `lowest` to `highest`, both included.
     pub fn lay_over(&mut self, lowest: (i32, i32), highest: (i32, i32)) {
-        let edge = TILE_EDGE as i32;
+        let edge = TILE_EDGE_CELLS;
         let tile = |cell: (i32, i32)| (cell.0.div_euclid(edge), cell.1.div_euclid(edge));
         let (first, last) = (tile(lowest), tile(highest));
         self.lowest_tile = first;
@@ -68,7 +69,7 @@ impl ScanMarks {
         let walk = RayWalk::new(start, end);
         let row = self.tiles_wide * TILE_EDGE;
         let along_x = walk.step_x as isize;
-        let along_y = walk.step_y as isize * row as isize;
+        let along_y = walk.step_y as isize * row.cast_signed();
         let mut place = self.place(start.cell());
         let mut error = walk.error;
         for _ in 0..walk.steps + u32::from(whole) {
@@ -101,8 +102,8 @@ impl ScanMarks {
             }
             let (tile_x, tile_y) = (slot % self.tiles_wide, slot / self.tiles_wide);
             let index = TileIndex {
-                x: self.lowest_tile.0 + tile_x as i32,
-                y: self.lowest_tile.1 + tile_y as i32,
+                x: self.lowest_tile.0.wrapping_add_unsigned(tile_x as u32),
+                y: self.lowest_tile.1.wrapping_add_unsigned(tile_y as u32),
             };
             let first_block = tile_y * TILE_EDGE * self.tiles_wide + tile_x;
             let rows = TouchedRows {
@@ -137,7 +138,7 @@ impl ScanMarks {
     }
 
     fn place(&self, cell: (i32, i32)) -> usize {
-        let edge = TILE_EDGE as i32;
+        let edge = TILE_EDGE_CELLS;
         let x = (cell.0 - self.lowest_tile.0 * edge) as usize;
         let y = (cell.1 - self.lowest_tile.1 * edge) as usize;
         y * self.tiles_wide * TILE_EDGE + x
@@ -155,7 +156,10 @@ mod tests {
         marks.drain(|tile, rows| {
             rows.for_each(|row, block| {
                 for (column, &mark) in block.iter().enumerate().filter(|(_, mark)| **mark != 0) {
-                    let cell = (tile.x * 64 + column as i32, tile.y * 64 + row as i32);
+                    let cell = (
+                        (tile.x * 64).wrapping_add_unsigned(column as u32),
+                        (tile.y * 64).wrapping_add_unsigned(row as u32),
+                    );
                     assert_eq!(cells.insert(cell, mark), None, "{cell:?} handed out twice");
                 }
             });

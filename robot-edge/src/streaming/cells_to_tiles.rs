@@ -6,34 +6,31 @@ use protocol::tile::{TileCells, TileKey};
 use crate::mapping::grid::{GridTile, TileIndex};
 use crate::mapping::log_odds::LogOdds;
 
-/// Values of 16 bits.
-const LOG_ODDS_VALUES: usize = 1 << 16;
-
 /// Turns cells of the mapping core into the codes that are published.
 #[derive(Clone, Debug)]
 pub struct CellCoder {
     /// Code of every log-odds value, indexed by its bits.
-    occupancy: Box<[u16; LOG_ODDS_VALUES]>,
+    occupancy: Box<[u16]>,
 }
 
 impl CellCoder {
     /// Builds the table: 65,536 logistic functions once, instead of one per cell and publication.
     pub fn new() -> Self {
         let quantisation = LayerId::Occupancy.quantisation();
-        let mut occupancy = Box::new([UNKNOWN; LOG_ODDS_VALUES]);
-        for (code, bits) in occupancy.iter_mut().zip(0..=u16::MAX) {
-            if let Some(p) = LogOdds::from_steps(bits as i16).probability() {
-                *code = quantisation.encode(p as f32);
-            }
+        let code = |bits: u16| {
+            let probability = LogOdds::from_steps(bits.cast_signed()).probability();
+            probability.map_or(UNKNOWN, |p| quantisation.encode(p as f32))
+        };
+        Self {
+            occupancy: (0..=u16::MAX).map(code).collect(),
         }
-        Self { occupancy }
     }
 
     /// The codes of a tile of the occupancy grid.
     pub fn occupancy(&self, tile: &GridTile<i16>) -> TileCells {
         let mut cells = TileCells::unknown();
         for (code, &steps) in cells.codes_mut().iter_mut().zip(tile.cells.iter()) {
-            *code = self.occupancy[usize::from(steps as u16)];
+            *code = self.occupancy[usize::from(steps.cast_unsigned())];
         }
         cells
     }

@@ -8,7 +8,10 @@ use crate::mapping::posed_scan::PosedBeam;
 use crate::pose::Pose;
 use crate::robot_time::RobotTime;
 
-fn scan(beams: &[((f64, f64), (f64, f64), BeamOutcome)]) -> PosedScan {
+/// Where a beam starts, where it ends, and what came back.
+type Beam = ((f64, f64), (f64, f64), BeamOutcome);
+
+fn scan(beams: &[Beam]) -> PosedScan {
     let point = |(x, y)| Point3::new(x, y, 0.0);
     PosedScan {
         stamp: RobotTime::from_nanos(0),
@@ -119,7 +122,7 @@ fn the_memory_limit_keeps_what_is_near() {
 
 /// The same rules, cell by cell on a map of floats: the reference the fast grid is held against.
 fn reference(scans: &[PosedScan], cell_m: f64) -> BTreeMap<(i32, i32), f64> {
-    let logit = |p: f64| (p / (1.0 - p)).ln();
+    let logit = |p: f64| libm::log(p / (1.0 - p));
     let mut cells = BTreeMap::new();
     for scan in scans {
         let mut marks = BTreeMap::new();
