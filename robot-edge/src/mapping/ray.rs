@@ -20,7 +20,7 @@ impl FixedPoint {
     pub fn from_metres(x_m: f64, y_m: f64, cell_m: f64) -> Option<Self> {
         let (x, y) = (x_m / cell_m, y_m / cell_m);
         let fits = |cells: f64| cells.abs() < MAX_CELL; // false for NaN
-        let fixed = |cells: f64| libm::floor(cells * FRACTION as f64) as i64;
+        let fixed = |cells: f64| rounded_down(cells * FRACTION as f64);
         (fits(x) && fits(y)).then(|| Self {
             x: fixed(x),
             y: fixed(y),
@@ -34,6 +34,12 @@ impl FixedPoint {
             (self.y >> FRACTION_BITS) as i32,
         )
     }
+}
+
+/// `value`, which fits, as a whole number towards −∞; in line, where `floor` is a call for each coordinate.
+fn rounded_down(value: f64) -> i64 {
+    let towards_zero = value as i64;
+    towards_zero - i64::from(value < towards_zero as f64)
 }
 
 /// A walk from cell to cell along a segment. Each step crosses one edge, so diagonals are never skipped;
@@ -122,6 +128,13 @@ mod tests {
         assert_eq!(walk((0.2, 0.9), (0.9, 0.2)), [(0, 0)]);
         assert_eq!(walk((0.5, 0.5), (-1.5, 0.5)), [(0, 0), (-1, 0), (-2, 0)]);
         assert_eq!(walk((0.1, 0.8), (0.9, 1.9)), [(0, 0), (0, 1)]);
+    }
+
+    #[test]
+    fn points_are_rounded_down_on_both_sides_of_zero() {
+        for value in [-2.0, -1.75, -1.0, -1e-9, -0.0, 0.0, 0.25, 1.0, 1.75] {
+            assert_eq!(rounded_down(value), libm::floor(value) as i64, "{value}");
+        }
     }
 
     #[test]

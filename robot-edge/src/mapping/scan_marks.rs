@@ -24,8 +24,9 @@ pub struct ScanMarks {
     touched_tiles: Vec<u8>,
 }
 
-/// What a scan marked in one tile.
+/// What a scan marked in one tile, which stays marked until it is handed out.
 #[derive(Debug)]
+#[must_use = "marks that stay are taken for those of the next scan"]
 pub struct TouchedRows<'a> {
     /// From the tile's first block on, as are the next.
     marks: &'a mut [u8],

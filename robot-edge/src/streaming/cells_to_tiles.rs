@@ -6,27 +6,24 @@ use protocol::tile::{TileCells, TileKey};
 use crate::mapping::grid::{GridTile, TILE_EDGE, TileIndex};
 use crate::mapping::log_odds::LogOdds;
 
-/// Values of 16 bits.
-const LOG_ODDS_VALUES: usize = 1 << 16;
-
 /// Turns cells of the mapping core into the codes that are published.
 #[derive(Clone, Debug)]
 pub struct CellCoder {
     /// Code of every log-odds value, indexed by its bits.
-    occupancy: Box<[u16; LOG_ODDS_VALUES]>,
+    occupancy: Box<[u16]>,
 }
 
 impl CellCoder {
     /// Builds the table: 65,536 logistic functions once, instead of one per cell and publication.
     pub fn new() -> Self {
         let quantisation = LayerId::Occupancy.quantisation();
-        let mut occupancy = Box::new([UNKNOWN; LOG_ODDS_VALUES]);
-        for (code, bits) in occupancy.iter_mut().zip(0..=u16::MAX) {
-            if let Some(p) = LogOdds::from_steps(bits.cast_signed()).probability() {
-                *code = quantisation.encode(p as f32);
-            }
+        let code = |bits: u16| {
+            let probability = LogOdds::from_steps(bits.cast_signed()).probability();
+            probability.map_or(UNKNOWN, |p| quantisation.encode(p as f32))
+        };
+        Self {
+            occupancy: (0..=u16::MAX).map(code).collect(),
         }
-        Self { occupancy }
     }
 
     /// The codes of a tile of the occupancy grid.
@@ -81,5 +78,15 @@ mod tests {
         let codes = CellCoder::new().occupancy(grid.get(index).unwrap());
         assert_eq!(codes.codes()[..6], [126, 6, 76, 151, 246, 0]);
         assert_eq!(key(LayerId::Occupancy, index).first_cell(), (-192, 448));
+    }
+
+    #[test]
+    fn what_was_known_stays_where_nothing_newer_is() {
+        let mut cells = TileCells::from_fn(|x, y| if y == 0 { x as u16 % 3 } else { UNKNOWN });
+        let before = TileCells::from_fn(|_, y| if y < 2 { 7 } else { UNKNOWN });
+        keep_known(&mut cells, &before);
+        assert_eq!(cells.codes()[..4], [7, 1, 2, 7]);
+        assert_eq!(cells.codes()[64..67], [7, 7, 7]);
+        assert_eq!(cells.known(), 128);
     }
 }
