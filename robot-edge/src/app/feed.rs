@@ -43,7 +43,7 @@ pub(super) fn feed(
     let mut hand = Hand {
         items: Vec::with_capacity(BATCH),
         streams: 0,
-        hand_over,
+        take: hand_over,
     };
     let result = feed_all(source, &mut pacer, interrupt, &mut hand);
     // Whoever took items up to now takes the last ones too, or has its own reason not to.
@@ -92,7 +92,7 @@ struct Hand<F> {
     items: Vec<Item>,
     /// Streams that were handed over.
     streams: usize,
-    hand_over: F,
+    take: F,
 }
 
 impl<F: FnMut(Batch) -> bool> Hand<F> {
@@ -103,7 +103,7 @@ impl<F: FnMut(Batch) -> bool> Hand<F> {
         }
         let new_streams = source.streams_from(self.streams);
         self.streams += new_streams.len();
-        (self.hand_over)(Batch {
+        (self.take)(Batch {
             items: std::mem::replace(&mut self.items, Vec::with_capacity(BATCH)),
             new_streams,
             position: source.position(),

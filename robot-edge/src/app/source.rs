@@ -1,5 +1,7 @@
 //! Recordings and simulated worlds as one kind of source.
 
+use std::ops::ControlFlow;
+
 use super::data_clock::DataClock;
 use crate::drops::DropCounts;
 use crate::measurement::{Measurement, MeasurementData, Stream};
@@ -95,15 +97,16 @@ impl Replayed {
         stream.is_some_and(|summary| self.what.streams.contains(&summary.stream.name))
     }
 
-    /// What to do with a measurement: `None` if it lies before the part that is replayed.
-    fn sort(&mut self, measurement: Measurement) -> Option<Sorted> {
+    /// What becomes of a measurement: nothing if it lies before the part that is replayed; the end of the
+    /// round if it lies behind it.
+    fn sort(&mut self, measurement: Measurement) -> ControlFlow<(), Option<Item>> {
         if measurement.is_timeless() {
-            return Some(Sorted::Item(Item::AtOnce(measurement)));
+            return ControlFlow::Continue(Some(Item::AtOnce(measurement)));
         }
         self.newest = self.newest.max(measurement.stamp);
         let is_scan = matches!(measurement.data, MeasurementData::Scan { .. });
         if !is_scan && !self.clock.has_started() {
-            return Some(Sorted::Item(self.pose(measurement, RobotDuration::ZERO)));
+            return ControlFlow::Continue(Some(self.pose(measurement, RobotDuration::ZERO)));
         }
         let elapsed = self.clock.see(measurement.stamp);
         if self
@@ -111,13 +114,13 @@ impl Replayed {
             .duration
             .is_some_and(|duration| elapsed > self.what.start + duration)
         {
-            Some(Sorted::BehindTheEnd)
+            ControlFlow::Break(())
         } else if !is_scan {
-            Some(Sorted::Item(self.pose(measurement, elapsed)))
+            ControlFlow::Continue(Some(self.pose(measurement, elapsed)))
         } else if elapsed < self.what.start {
-            None
+            ControlFlow::Continue(None)
         } else {
-            Some(Sorted::Item(Item::Due(Ordered::Measurement(measurement))))
+            ControlFlow::Continue(Some(Item::Due(Ordered::Measurement(measurement))))
         }
     }
 
@@ -149,20 +152,15 @@ impl Replayed {
     }
 }
 
-enum Sorted {
-    Item(Item),
-    BehindTheEnd,
-}
-
 impl Source for Replayed {
     fn next(&mut self) -> Result<Option<Item>, RecordingError> {
         loop {
             if let Some(ordered) = self.order.pop() {
                 match ordered {
                     Ordered::Measurement(measurement) => match self.sort(measurement) {
-                        Some(Sorted::Item(item)) => return Ok(Some(item)),
-                        Some(Sorted::BehindTheEnd) => return self.next_round(),
-                        None => continue,
+                        ControlFlow::Continue(Some(item)) => return Ok(Some(item)),
+                        ControlFlow::Break(()) => return self.next_round(),
+                        ControlFlow::Continue(None) => continue,
                     },
                     reset @ Ordered::ClockReset { .. } => {
                         self.clock.reset();

@@ -359,7 +359,7 @@ impl McapReader {
             Ok(written) if read < written && self.losses.counts().total() == 0 => {
                 self.losses.add(DropReason::Damaged, || {
                     format!("{read} messages were read of the {written} that were written")
-                })
+                });
             }
             Ok(_) | Err(Malformed) => {}
         }
