@@ -130,6 +130,11 @@ impl Pacer {
         due.since(now)
     }
 
+    /// The data's clock starts anew: the next data is due at once.
+    pub const fn restart(&mut self) {
+        self.anchor = None;
+    }
+
     /// What was passed over so far.
     pub const fn skipped(&self) -> Skipped {
         self.skipped
@@ -218,6 +223,17 @@ mod tests {
             Duration::from_millis(100)
         );
         assert_eq!(pacer.skipped().lags, 1);
+    }
+
+    #[test]
+    fn a_clock_that_starts_anew_is_followed_from_its_first_stamp() {
+        let mut pacer = Pacer::new(Rate::Times(1.0));
+        let now = Monotonic::from_nanos(0);
+        pacer.wait(at(1000), now);
+        pacer.restart();
+        assert_eq!(pacer.wait(at(400), now), Duration::ZERO);
+        assert_eq!(pacer.wait(at(500), now), Duration::from_millis(100));
+        assert_eq!(pacer.skipped(), Skipped::default());
     }
 
     #[test]

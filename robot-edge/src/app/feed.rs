@@ -2,14 +2,16 @@
 
 use std::sync::atomic::AtomicBool;
 
+use super::data_clock::{DataClock, is_timed};
 use super::is_set;
 use super::source::Source;
-use crate::clock::{self, Monotonic};
+use crate::clock::{Monotonic, sleep_until};
 use crate::drops::DropCounts;
 use crate::measurement::Stream;
 use crate::pacer::{Pacer, Rate, Skipped};
 use crate::recording::stamp_order::Ordered;
 use crate::recording::{Position, RecordingError};
+use crate::robot_time::RobotDuration;
 
 /// Items in a batch: a channel's locks cost more than an item does.
 const BATCH: usize = 64;
@@ -23,6 +25,8 @@ pub(super) struct Batch {
     pub(super) position: Option<Position>,
     /// What the source has lost so far.
     pub(super) lost: u64,
+    /// Time of the data that has passed.
+    pub(super) elapsed: RobotDuration,
 }
 
 /// How a source ended.
@@ -31,6 +35,8 @@ pub(super) struct SourceEnd {
     /// The first losses in words.
     pub(super) notes: Vec<String>,
     pub(super) skipped: Skipped,
+    /// Time of the data that has passed.
+    pub(super) elapsed: RobotDuration,
     pub(super) result: Result<(), RecordingError>,
 }
 
@@ -43,13 +49,15 @@ pub(super) fn feed(
     mut hand_over: impl FnMut(Batch) -> bool,
 ) -> SourceEnd {
     let mut pacer = Pacer::new(rate);
+    let mut clock = DataClock::default();
     let mut items = Vec::with_capacity(BATCH);
-    let mut send = |items: &mut Vec<Ordered>, source: &dyn Source| {
+    let mut send = |items: &mut Vec<Ordered>, source: &dyn Source, clock: &DataClock| {
         let batch = Batch {
             items: std::mem::replace(items, Vec::with_capacity(BATCH)),
             streams: source.streams(),
             position: source.position(),
             lost: source.losses().0.total(),
+            elapsed: clock.elapsed(),
         };
         hand_over(batch)
     };
@@ -59,19 +67,32 @@ pub(super) fn feed(
         }
         match source.next() {
             Ok(Some(item)) => {
-                if let Ordered::Measurement(measurement) = &item {
-                    let now = Monotonic::now();
-                    let wait = pacer.wait(measurement.stamp, now);
-                    // What is due already must not wait for what is not.
-                    if !wait.is_zero() && !items.is_empty() && !send(&mut items, source) {
-                        break Ok(());
+                match &item {
+                    Ordered::Measurement(measurement)
+                        if is_timed(measurement) && source.has_begun() =>
+                    {
+                        let now = Monotonic::now();
+                        let wait = pacer.wait(measurement.stamp, now);
+                        // What is due already must not wait for what is not.
+                        if !wait.is_zero()
+                            && !items.is_empty()
+                            && !send(&mut items, source, &clock)
+                        {
+                            break Ok(());
+                        }
+                        if !sleep_until(now + wait, || is_set(interrupt)) {
+                            break Ok(());
+                        }
+                        clock.see(measurement.stamp);
                     }
-                    if !clock::sleep_until(now + wait, || is_set(interrupt)) {
-                        break Ok(());
+                    Ordered::Measurement(_) => {}
+                    Ordered::ClockReset { .. } => {
+                        pacer.restart();
+                        clock.reset();
                     }
                 }
                 items.push(item);
-                if items.len() >= BATCH && !send(&mut items, source) {
+                if items.len() >= BATCH && !send(&mut items, source, &clock) {
                     break Ok(());
                 }
             }
@@ -80,13 +101,14 @@ pub(super) fn feed(
         }
     };
     if !items.is_empty() {
-        send(&mut items, source);
+        send(&mut items, source, &clock);
     }
     let (losses, notes) = source.losses();
     SourceEnd {
         losses,
         notes,
         skipped: pacer.skipped(),
+        elapsed: clock.elapsed(),
         result,
     }
 }

@@ -1,5 +1,6 @@
 //! The program: what each command sets up, and the threads and channels between the parts.
 
+mod data_clock;
 mod feed;
 mod outputs;
 mod placing;

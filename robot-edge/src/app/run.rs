@@ -18,12 +18,10 @@ use crate::config::Config;
 use crate::exit::{Exit, Interrupted};
 use crate::localization::placer::PlacerSettings;
 use crate::mapping::posed_scan::PosedScan;
-use crate::measurement::MeasurementData;
 use crate::pacer::Rate;
 use crate::pipeline::Pipeline;
 use crate::progress::{Progress, ProgressFigures};
 use crate::recording::stamp_order::Ordered;
-use crate::robot_time::{RobotDuration, RobotTime};
 use crate::summary::Event;
 
 /// What a run is made of.
@@ -74,7 +72,6 @@ impl Run<'_> {
             recorder: recorder.transpose()?,
             trajectory: Trajectory::new(),
             progress: Progress::new(self.quiet),
-            clock: DataClock::default(),
             started: Monotonic::now(),
         };
         let end = if self.config.mapping.threads > 1 {
@@ -118,7 +115,7 @@ impl Run<'_> {
         let mut summary = outputs::summary(&mapping.pipeline);
         summary.recording.clone_from(&self.source);
         summary.vehicle.clone_from(&self.config.vehicle.name);
-        summary.set_times(mapping.clock.elapsed.as_secs_f64(), wall_s);
+        summary.set_times(end.elapsed.as_secs_f64(), wall_s);
         summary.events.clone_from(&self.events);
         summary.add_source_end(end, interrupted);
         if let Some(path) = &self.summary {
@@ -159,7 +156,6 @@ struct Mapping {
     recorder: Option<Recorder>,
     trajectory: Trajectory,
     progress: Progress,
-    clock: DataClock,
     started: Monotonic,
 }
 
@@ -175,52 +171,21 @@ impl Mapping {
                     {
                         recorder.write(stream, &measurement)?;
                     }
-                    if !matches!(
-                        measurement.data,
-                        MeasurementData::Transform {
-                            is_static: true,
-                            ..
-                        }
-                    ) {
-                        self.clock.see(measurement.stamp);
-                    }
                     self.pipeline.push(measurement, mapped)?;
                 }
                 Ordered::ClockReset { .. } => {
-                    self.clock.reset();
                     self.pipeline.reset_clock(mapped)?;
                 }
             }
         }
         let scans = self.pipeline.report().scans_mapped;
         let figures = ProgressFigures {
-            data_s: self.clock.elapsed.as_secs_f64(),
+            data_s: batch.elapsed.as_secs_f64(),
             wall_s: self.started.elapsed().as_secs_f64(),
             scans,
             drops: batch.lost + self.pipeline.placer().counts().dropped_scans.total(),
         };
         self.progress.update(batch.position, &figures);
         Ok(())
-    }
-}
-
-/// Time of the data that has passed, over clocks that start anew.
-#[derive(Debug, Default)]
-struct DataClock {
-    newest: Option<RobotTime>,
-    elapsed: RobotDuration,
-}
-
-impl DataClock {
-    fn see(&mut self, stamp: RobotTime) {
-        let newest = *self.newest.get_or_insert(stamp);
-        if stamp > newest {
-            self.elapsed = self.elapsed + stamp.since(newest);
-            self.newest = Some(stamp);
-        }
-    }
-
-    fn reset(&mut self) {
-        self.newest = None;
     }
 }

@@ -15,6 +15,10 @@ pub(super) trait Source: Send {
     /// The streams met so far.
     fn streams(&self) -> Vec<Stream>;
 
+    /// Whether the item that was yielded last is of the part that is asked for. What comes before is needed
+    /// for its poses, but nobody waits for it.
+    fn has_begun(&self) -> bool;
+
     /// How far reading has come; `None` where there is no end to come to.
     fn position(&self) -> Option<Position>;
 
@@ -30,6 +34,7 @@ pub(super) struct Replayed {
     part: Part,
     repeat: bool,
     first: Option<RobotTime>,
+    has_begun: bool,
     /// What earlier rounds of a repeated replay lost.
     lost_before: DropCounts,
 }
@@ -56,6 +61,7 @@ impl Replayed {
             part,
             repeat,
             first: None,
+            has_begun: part.begins_at_once(),
             lost_before: DropCounts::default(),
         })
     }
@@ -66,6 +72,7 @@ impl Replayed {
         self.lost_before.merge(self.order.drops());
         self.reader = (self.open)()?;
         self.order = StampOrder::default();
+        self.has_begun = self.part.begins_at_once();
         Ok(Ordered::ClockReset { from, to })
     }
 
@@ -80,6 +87,7 @@ impl Replayed {
             return Place::Within;
         };
         let since_start = measurement.stamp.since(first + self.part.start);
+        self.has_begun |= since_start >= RobotDuration::ZERO;
         if self
             .part
             .duration
@@ -91,6 +99,13 @@ impl Replayed {
         } else {
             Place::Within
         }
+    }
+}
+
+impl Part {
+    /// Whether it begins with the first measurement, of whatever kind.
+    fn begins_at_once(self) -> bool {
+        self.start == RobotDuration::ZERO
     }
 }
 
@@ -134,6 +149,10 @@ impl Source for Replayed {
             .collect()
     }
 
+    fn has_begun(&self) -> bool {
+        self.has_begun
+    }
+
     fn position(&self) -> Option<Position> {
         (!self.repeat).then(|| self.reader.position())
     }
@@ -156,6 +175,10 @@ impl Source for Simulated {
 
     fn streams(&self) -> Vec<Stream> {
         self.0.streams().to_vec()
+    }
+
+    fn has_begun(&self) -> bool {
+        true
     }
 
     fn position(&self) -> Option<Position> {
