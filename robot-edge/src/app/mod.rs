@@ -10,6 +10,7 @@ mod replay;
 mod run;
 mod simulate;
 mod source;
+mod writable;
 
 use std::io::Write;
 use std::sync::Arc;
@@ -17,10 +18,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context as _;
 
-use crate::cli::{Cli, Command};
+use crate::cli::{Cli, Command, Recover};
 use crate::config::presets;
-use crate::exit::Exit;
-use crate::recording::mcap::recover::recover;
+use crate::exit::{Exit, UsageError};
+use crate::recording::Format;
+use crate::recording::mcap::recover::{RecoverError, recover};
 use crate::recording::survey::Survey;
 use crate::vehicle_commands;
 
@@ -37,29 +39,7 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
             write!(out, "{}", Survey::of(&command.recording)?)?;
             Ok(Exit::Done)
         }
-        Command::Recover(command) => {
-            let report = recover(&command.recording, &command.out)?;
-            for note in &report.notes {
-                writeln!(out, "{note}")?;
-            }
-            let lost: Vec<_> = report
-                .losses
-                .iter()
-                .map(|(why, n)| format!("{n} × {why}"))
-                .collect();
-            let lost = if lost.is_empty() {
-                "nothing".to_owned()
-            } else {
-                lost.join(", ")
-            };
-            writeln!(
-                out,
-                "{}: {} messages saved, lost: {lost}",
-                command.out.display(),
-                report.messages
-            )?;
-            Ok(Exit::Done)
-        }
+        Command::Recover(command) => salvage(command, out),
         Command::Vehicles(command) => {
             match &command.name {
                 Some(name) => vehicle_commands::print(&presets::get(name)?, out)?,
@@ -73,6 +53,51 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
             Ok(Exit::Done)
         }
     }
+}
+
+fn salvage(command: &Recover, out: &mut dyn Write) -> anyhow::Result<Exit> {
+    let (damaged, saved) = (&command.recording, &command.out);
+    let format = Format::of(damaged)?;
+    if format != Format::Mcap {
+        return Err(UsageError(format!(
+            "{}: this is a {format}, and recover writes MCAP from MCAP. `robot-edge replay` reads what is \
+             left of it as it is, and with --record {} writes that as MCAP",
+            damaged.display(),
+            saved.display()
+        ))
+        .into());
+    }
+    if saved.symlink_metadata().is_ok() {
+        return Err(UsageError(format!(
+            "{}: exists already and is not written over: give another name",
+            saved.display()
+        ))
+        .into());
+    }
+    let report = recover(damaged, saved).map_err(|err| match err {
+        RecoverError::Recording(err) => anyhow::Error::from(err),
+        err @ RecoverError::Write { .. } => err.into(),
+    })?;
+    for note in &report.notes {
+        writeln!(out, "{note}")?;
+    }
+    let lost: Vec<_> = report
+        .losses
+        .iter()
+        .map(|(why, n)| format!("{n} × {why}"))
+        .collect();
+    let lost = if lost.is_empty() {
+        "nothing".to_owned()
+    } else {
+        lost.join(", ")
+    };
+    writeln!(
+        out,
+        "{}: {} messages saved, lost: {lost}",
+        saved.display(),
+        report.messages
+    )?;
+    Ok(Exit::Done)
 }
 
 /// Is set at the first Ctrl-C (or termination request), so that the run ends cleanly; the second one ends

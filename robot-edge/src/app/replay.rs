@@ -8,9 +8,10 @@ use super::placing::{main_laser, placer_settings};
 use super::plan::plan;
 use super::run::Run;
 use super::source::{Part, Replayed};
+use super::writable;
 use crate::cli::Replay;
 use crate::config;
-use crate::exit::Exit;
+use crate::exit::{Exit, UsageError};
 use crate::recording;
 use crate::recording::survey::Survey;
 use crate::robot_time::RobotDuration;
@@ -30,6 +31,7 @@ pub(super) fn replay(
     if let Some(vehicle) = &options.vehicle {
         config::load(vehicle, &options.overrides())?;
     }
+    writable::spare(&command.recording, options)?;
     let survey = Survey::of(&command.recording)?;
     nothing_could_be_read(&survey)?;
     let (vehicle, why) = match (&options.vehicle, &survey.vehicle) {
@@ -42,6 +44,7 @@ pub(super) fn replay(
     };
     let config = config::load(vehicle, &options.overrides())?;
     let laser = main_laser(&config)?;
+    start_is_within(&survey, command.start_s)?;
     let plan = plan(&survey, laser.topic.as_deref(), &config.localization)?;
 
     let mut placer = placer_settings(&config, laser, plan.origin.clone());
@@ -78,6 +81,17 @@ pub(super) fn replay(
         interrupt,
         out,
     )
+}
+
+fn start_is_within(survey: &Survey, start_s: f64) -> Result<(), UsageError> {
+    let length_s = survey.duration().as_secs_f64();
+    if survey.is_complete() && !survey.scans.is_empty() && start_s > length_s {
+        return Err(UsageError(format!(
+            "{}: --start {start_s} is behind its end: its last scan is {length_s:.1} s behind its first",
+            survey.path.display()
+        )));
+    }
+    Ok(())
 }
 
 /// Heads the pictures.

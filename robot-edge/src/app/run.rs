@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::sync_channel;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use protocol::tile::BootId;
 
 use super::feed::{Batch, SourceEnd, feed};
@@ -13,6 +13,7 @@ use super::is_set;
 use super::outputs::{self, Trajectory};
 use super::recorder::Recorder;
 use super::source::Source;
+use super::writable;
 use crate::clock::Monotonic;
 use crate::config::Config;
 use crate::exit::{Exit, Interrupted};
@@ -22,7 +23,7 @@ use crate::pacer::Rate;
 use crate::pipeline::Pipeline;
 use crate::progress::{Progress, ProgressFigures};
 use crate::recording::stamp_order::Ordered;
-use crate::summary::Event;
+use crate::summary::{Event, Summary};
 
 /// What a run is made of.
 pub(super) struct Run<'a> {
@@ -52,12 +53,7 @@ impl Run<'_> {
         interrupt: &AtomicBool,
         out: &mut dyn Write,
     ) -> anyhow::Result<Exit> {
-        // What cannot be written should be known before an hour of mapping.
-        if let Some(dir) = &self.export {
-            std::fs::create_dir_all(dir).with_context(|| {
-                format!("{}: cannot make the folder to export to", dir.display())
-            })?;
-        }
+        writable::prepare(self.export.as_deref(), self.summary.as_deref())?;
         let recorder = self.record.as_ref().map(|path| {
             Recorder::create(
                 path,
@@ -74,7 +70,7 @@ impl Run<'_> {
             progress: Progress::new(self.quiet),
             started: Monotonic::now(),
         };
-        let end = if self.config.mapping.threads > 1 {
+        let (end, taken) = if self.config.mapping.threads > 1 {
             map_in_two_threads(source, self.rate, interrupt, &mut mapping)?
         } else {
             let mut taken = Ok(());
@@ -82,19 +78,43 @@ impl Run<'_> {
                 taken = mapping.take(batch);
                 taken.is_ok()
             });
-            taken?;
-            end
+            (end, taken)
         };
         let trajectory = &mut mapping.trajectory;
         mapping.pipeline.finish(|scan| trajectory.add(scan))?;
         mapping.progress.finish();
-        self.leave_behind(mapping, &end, is_set(interrupt), out)?;
+        // Whatever ended the run, what was mapped until then is not lost.
+        let summary = self.leave_behind(mapping, &end, is_set(interrupt), out);
+        taken?;
+        let summary = summary?;
         end.result?;
         if is_set(interrupt) {
-            Err(Interrupted.into())
-        } else {
-            Ok(Exit::Done)
+            return Err(Interrupted.into());
         }
+        self.is_mapped(&summary)?;
+        Ok(Exit::Done)
+    }
+
+    /// An empty map is no success that a script should go on with.
+    fn is_mapped(&self, summary: &Summary) -> anyhow::Result<()> {
+        let scans = &summary.scans;
+        if scans.mapped > 0 {
+            return Ok(());
+        }
+        if scans.came_in == 0 {
+            bail!("{}: not one scan came in, so there is no map", self.source);
+        }
+        let reasons: Vec<_> = scans
+            .dropped
+            .iter()
+            .map(|(reason, n)| format!("{n} {reason}"))
+            .collect();
+        bail!(
+            "{}: none of its {} scans could be mapped (dropped: {})",
+            self.source,
+            scans.came_in,
+            reasons.join(", ")
+        )
     }
 
     fn leave_behind(
@@ -103,14 +123,14 @@ impl Run<'_> {
         end: &SourceEnd,
         interrupted: bool,
         out: &mut dyn Write,
-    ) -> anyhow::Result<()> {
-        if let Some(recorder) = mapping.recorder {
-            recorder.finish()?;
-        }
+    ) -> anyhow::Result<Summary> {
+        // Each is written though another cannot be; the first error is told.
+        let recorded = mapping.recorder.map_or(Ok(()), Recorder::finish);
         let wall_s = mapping.started.elapsed().as_secs_f64();
-        let files = match &self.export {
-            Some(dir) => outputs::export(dir, &mapping.pipeline, &mapping.trajectory, &self.title)?,
-            None => Vec::new(),
+        let (pipeline, trajectory) = (&mapping.pipeline, &mapping.trajectory);
+        let exported = match &self.export {
+            Some(dir) => outputs::export(dir, pipeline, trajectory, &self.title),
+            None => Ok(Vec::new()),
         };
         let mut summary = outputs::summary(&mapping.pipeline);
         summary.recording.clone_from(&self.source);
@@ -118,15 +138,19 @@ impl Run<'_> {
         summary.set_times(end.elapsed.as_secs_f64(), wall_s);
         summary.events.clone_from(&self.events);
         summary.add_source_end(end, interrupted);
-        if let Some(path) = &self.summary {
-            summary
+        let summarised = match &self.summary {
+            Some(path) => summary
                 .write(path)
-                .with_context(|| format!("{}: cannot write the summary", path.display()))?;
-        }
+                .with_context(|| format!("{}: cannot write the summary", path.display())),
+            None => Ok(()),
+        };
+        recorded?;
+        let files = exported?;
+        summarised?;
         if !self.quiet {
             outputs::tell(&summary, &files, out)?;
         }
-        Ok(())
+        Ok(summary)
     }
 }
 
@@ -135,7 +159,7 @@ fn map_in_two_threads(
     rate: Rate,
     interrupt: &AtomicBool,
     mapping: &mut Mapping,
-) -> anyhow::Result<SourceEnd> {
+) -> anyhow::Result<(SourceEnd, anyhow::Result<()>)> {
     std::thread::scope(|scope| {
         let (sender, receiver) = sync_channel::<Batch>(BATCHES);
         let feeding =
@@ -146,7 +170,7 @@ fn map_in_two_threads(
         let end = feeding
             .join()
             .map_err(|_panic| anyhow::anyhow!("the reading thread failed"))?;
-        taken.map(|()| end)
+        Ok((end, taken))
     })
 }
 
