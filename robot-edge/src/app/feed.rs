@@ -34,6 +34,7 @@ pub(super) struct SourceEnd {
     pub(super) losses: DropCounts,
     /// The first losses in words.
     pub(super) notes: Vec<String>,
+    pub(super) stamp_repairs: u64,
     pub(super) skipped: Skipped,
     /// Time of the data that has passed.
     pub(super) elapsed: RobotDuration,
@@ -74,9 +75,7 @@ pub(super) fn feed(
                         let now = Monotonic::now();
                         let wait = pacer.wait(measurement.stamp, now);
                         // What is due already must not wait for what is not.
-                        if !wait.is_zero()
-                            && !items.is_empty()
-                            && !send(&mut items, source, &clock)
+                        if !wait.is_zero() && !items.is_empty() && !send(&mut items, source, &clock)
                         {
                             break Ok(());
                         }
@@ -107,6 +106,7 @@ pub(super) fn feed(
     SourceEnd {
         losses,
         notes,
+        stamp_repairs: source.stamp_repairs(),
         skipped: pacer.skipped(),
         elapsed: clock.elapsed(),
         result,

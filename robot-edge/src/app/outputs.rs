@@ -127,8 +127,17 @@ impl Summary {
         for (reason, n) in end.losses.iter() {
             event("loss", format!("the recording lost {n} × {reason}"));
         }
+        if end.stamp_repairs > 0 {
+            event(
+                "stamps",
+                format!(
+                    "{} that contradicted the order of their messages were changed to fit it",
+                    end.stamp_repairs
+                ),
+            );
+        }
         for note in &end.notes {
-            event("loss", note.clone());
+            event("fault", note.clone());
         }
         let skipped = end.skipped;
         if skipped.gaps + skipped.steps_back > 0 {

@@ -24,6 +24,9 @@ pub(super) trait Source: Send {
 
     /// What the source itself lost, by reason, and the first of it in words.
     fn losses(&self) -> (DropCounts, Vec<String>);
+
+    /// Stamps that contradicted the order of their stream and were changed to fit it.
+    fn stamp_repairs(&self) -> u64;
 }
 
 /// A part of a recording, or all of it, once or over and over.
@@ -37,6 +40,8 @@ pub(super) struct Replayed {
     has_begun: bool,
     /// What earlier rounds of a repeated replay lost.
     lost_before: DropCounts,
+    /// The stamps they changed.
+    repairs_before: u64,
 }
 
 /// Which part of a recording is replayed, counted from its first scan.
@@ -63,6 +68,7 @@ impl Replayed {
             first: None,
             has_begun: part.begins_at_once(),
             lost_before: DropCounts::default(),
+            repairs_before: 0,
         })
     }
 
@@ -70,6 +76,7 @@ impl Replayed {
     fn rewind(&mut self, from: RobotTime, to: RobotTime) -> Result<Ordered, RecordingError> {
         self.lost_before.merge(self.reader.losses());
         self.lost_before.merge(self.order.drops());
+        self.repairs_before += self.reader.stamp_repairs();
         self.reader = (self.open)()?;
         self.order = StampOrder::default();
         self.has_begun = self.part.begins_at_once();
@@ -163,6 +170,10 @@ impl Source for Replayed {
         losses.merge(self.order.drops());
         (losses, self.reader.loss_notes().to_vec())
     }
+
+    fn stamp_repairs(&self) -> u64 {
+        self.repairs_before + self.reader.stamp_repairs()
+    }
 }
 
 /// A simulated run.
@@ -187,5 +198,9 @@ impl Source for Simulated {
 
     fn losses(&self) -> (DropCounts, Vec<String>) {
         (DropCounts::default(), Vec::new())
+    }
+
+    fn stamp_repairs(&self) -> u64 {
+        0
     }
 }

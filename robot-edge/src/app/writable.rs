@@ -14,7 +14,10 @@ use crate::exit::UsageError;
 /// # Errors
 /// Where one is.
 pub(super) fn spare(recording: &Path, options: &MappingOptions) -> Result<(), UsageError> {
-    for (option, output) in [("--record", &options.record), ("--summary", &options.summary)] {
+    for (option, output) in [
+        ("--record", &options.record),
+        ("--summary", &options.summary),
+    ] {
         if let Some(output) = output
             && is_same_file(recording, output)
         {
