@@ -2,6 +2,7 @@
 
 use std::sync::atomic::AtomicBool;
 
+use super::data_clock::{DataClock, is_timed};
 use super::is_set;
 use super::source::{Item, Lost, Source};
 use crate::clock::{self, Monotonic};
@@ -9,6 +10,7 @@ use crate::measurement::Stream;
 use crate::pacer::{Pacer, Rate, Skipped};
 use crate::recording::stamp_order::Ordered;
 use crate::recording::{Position, RecordingError};
+use crate::robot_time::RobotDuration;
 
 /// Items in a batch: a channel's locks cost more than an item does.
 const BATCH: usize = 64;
@@ -22,12 +24,16 @@ pub(super) struct Batch {
     pub(super) position: Option<Position>,
     /// How much the source has lost so far.
     pub(super) lost: u64,
+    /// Time of the data that has passed.
+    pub(super) elapsed: RobotDuration,
 }
 
 /// How a source ended.
 pub(super) struct SourceEnd {
     pub(super) lost: Lost,
     pub(super) skipped: Skipped,
+    /// Time of the data that has passed.
+    pub(super) elapsed: RobotDuration,
     pub(super) result: Result<(), RecordingError>,
 }
 
@@ -51,6 +57,7 @@ pub(super) fn feed(
     SourceEnd {
         lost: source.lost(),
         skipped: pacer.skipped(),
+        elapsed: clock.elapsed(),
         result,
     }
 }

@@ -126,21 +126,65 @@ fn choose_origin(
     let tf = || from_tree(survey, scan, localization);
     let log = || scan.has_own_poses.then_some(PoseOrigin::Log);
     let odometry = || (!survey.odometry.is_empty()).then_some(PoseOrigin::Odometry);
-    let (found, wanted) = match localization.source {
-        PoseSource::Auto => (log().or_else(tf).or_else(odometry), "auto"),
-        PoseSource::Log => (log(), "log"),
-        PoseSource::Tf => (tf(), "tf"),
-        PoseSource::Odometry => (odometry(), "odometry"),
-        PoseSource::Static => (Some(PoseOrigin::Static), "static"),
+    let found = match localization.source {
+        PoseSource::Auto => log().or_else(tf).or_else(odometry),
+        PoseSource::Log => log(),
+        PoseSource::Tf => tf(),
+        PoseSource::Odometry => odometry(),
+        PoseSource::Static => Some(PoseOrigin::Static),
     };
-    found.ok_or_else(|| {
-        let path = survey.path.display();
-        UsageError(format!(
-            "{path}: nothing in it says where the laser was (localization.source = {wanted:?}): {}. If the \
-             vehicle stood still, map it with --set localization.source=static",
-            what_poses_there_are(survey, scan)
-        ))
-    })
+    let wants_frame = matches!(localization.source, PoseSource::Auto | PoseSource::Tf);
+    if let Some(wanted) = &localization.fixed_frame
+        && wants_frame
+        && found != Some(PoseOrigin::Log)
+        && !has_fixed_frame(survey, found.as_ref(), wanted)
+    {
+        return Err(UsageError(format!(
+            "{}: no frame {wanted:?} in which the laser moves (localization.fixed_frame): {}",
+            survey.path.display(),
+            what_poses_there_are(survey)
+        )));
+    }
+    found.ok_or_else(|| nothing_says_where(survey, scan, localization.source))
+}
+
+/// Transforms were followed up to that frame, or there are only odometry messages, which call theirs so.
+fn has_fixed_frame(survey: &Survey, found: Option<&PoseOrigin>, wanted: &str) -> bool {
+    match found {
+        Some(PoseOrigin::Odometry) => survey
+            .odometry
+            .iter()
+            .any(|odometry| *odometry.parent == *wanted),
+        Some(PoseOrigin::Log | PoseOrigin::Tf { .. } | PoseOrigin::Static) => true,
+        None => false,
+    }
+}
+
+fn nothing_says_where(survey: &Survey, scan: &ScanSurvey, source: PoseSource) -> UsageError {
+    let path = survey.path.display();
+    let there_is = what_poses_there_are(survey);
+    let (wanted, lacks) = match source {
+        PoseSource::Log => ("log", "its scans bring no poses of their own"),
+        PoseSource::Tf => ("tf", "no transforms lead up to a frame in which it moves"),
+        PoseSource::Odometry => ("odometry", "there is no odometry"),
+        PoseSource::Auto | PoseSource::Static => {
+            let leads = match survey.frames.edges().next() {
+                Some(_) => format!(
+                    ", and none leads from {} up to a frame in which it moves",
+                    scan.frame
+                ),
+                None => String::new(),
+            };
+            return UsageError(format!(
+                "{path}: nothing in it says where the laser was: {there_is}{leads}. If the vehicle stood \
+                 still, map it with --set localization.source=static"
+            ));
+        }
+    };
+    UsageError(format!(
+        "{path}: nothing in it says where the laser was, as localization.source = {wanted:?} wants it: \
+         {lacks}; {there_is}. --set localization.source=auto takes what there is"
+    ))
 }
 
 /// The frame that stands still above the laser (or above the vehicle that carries it), if something moves
@@ -201,21 +245,31 @@ fn choose_odometry(survey: &Survey) -> Result<String, UsageError> {
     })
 }
 
-fn what_poses_there_are(survey: &Survey, scan: &ScanSurvey) -> String {
+fn what_poses_there_are(survey: &Survey) -> String {
     let edges: Vec<_> = survey
         .frames
         .edges()
         .map(|(parent, child, _)| format!("{parent} → {child}"))
         .take(8)
         .collect();
-    if edges.is_empty() {
-        "there are neither transforms nor odometry".to_owned()
-    } else {
-        format!(
-            "its transforms ({}) do not lead from {} up to a frame in which it moves, and there is no odometry",
+    let odometry: Vec<_> = survey
+        .odometry
+        .iter()
+        .filter_map(|odometry| {
+            let stream = survey.stream(odometry.stream)?;
+            Some(format!("{} in {}", stream.stream.name, odometry.parent))
+        })
+        .take(8)
+        .collect();
+    match (&edges[..], &odometry[..]) {
+        ([], []) => "there are neither transforms nor odometry".to_owned(),
+        ([], odometry) => format!("there is odometry ({})", odometry.join(", ")),
+        (edges, []) => format!("there are transforms ({}), no odometry", edges.join(", ")),
+        (edges, odometry) => format!(
+            "there are transforms ({}) and odometry ({})",
             edges.join(", "),
-            scan.frame
-        )
+            odometry.join(", ")
+        ),
     }
 }
 

@@ -98,6 +98,17 @@ fn start_is_within(survey: &Survey, start_s: f64) -> Result<(), UsageError> {
     Ok(())
 }
 
+fn start_is_within(survey: &Survey, start_s: f64) -> Result<(), UsageError> {
+    let length_s = survey.duration().as_secs_f64();
+    if survey.is_complete() && !survey.scans.is_empty() && start_s > length_s {
+        return Err(UsageError(format!(
+            "{}: --start {start_s} is behind its end: its last scan is {length_s:.1} s behind its first",
+            survey.path.display()
+        )));
+    }
+    Ok(())
+}
+
 /// Heads the pictures.
 fn file_name(path: &Path) -> String {
     path.file_name()

@@ -110,7 +110,6 @@ impl Run<'_> {
             recorder,
             trajectory: Trajectory::new(),
             progress: Progress::new(self.quiet),
-            clock: DataClock::default(),
             started: Monotonic::now(),
             streams: Vec::new(),
         })

@@ -22,7 +22,7 @@ pub(super) fn simulate(
     out: &mut dyn Write,
 ) -> anyhow::Result<Exit> {
     let options = &command.mapping;
-    let world = World::load(&command.world)?;
+    let world = World::load(&command.world).map_err(|err| UsageError(err.to_string()))?;
     let vehicle = options
         .vehicle
         .as_deref()

@@ -40,6 +40,10 @@ pub(super) trait Source: Send {
     /// The streams met so far, from number `from` on.
     fn streams_from(&self, from: usize) -> Vec<Stream>;
 
+    /// Whether the item that was yielded last is of the part that is asked for. What comes before is needed
+    /// for its poses, but nobody waits for it.
+    fn has_begun(&self) -> bool;
+
     /// How far reading has come; `None` where there is no end to come to.
     fn position(&self) -> Option<Position>;
 
@@ -197,6 +201,10 @@ impl Source for Replayed {
         streams.map(|summary| summary.stream.clone()).collect()
     }
 
+    fn has_begun(&self) -> bool {
+        self.has_begun
+    }
+
     fn position(&self) -> Option<Position> {
         (!self.what.repeat).then(|| self.reader.position())
     }
@@ -216,6 +224,10 @@ impl Source for Replayed {
             lost.notes = self.reader.loss_notes().to_vec();
         }
         lost
+    }
+
+    fn stamp_repairs(&self) -> u64 {
+        self.repairs_before + self.reader.stamp_repairs()
     }
 }
 
@@ -237,6 +249,10 @@ impl Source for Simulated {
         self.0.streams().iter().skip(from).cloned().collect()
     }
 
+    fn has_begun(&self) -> bool {
+        true
+    }
+
     fn position(&self) -> Option<Position> {
         None
     }
@@ -247,5 +263,9 @@ impl Source for Simulated {
 
     fn lost(&self) -> Lost {
         Lost::default()
+    }
+
+    fn stamp_repairs(&self) -> u64 {
+        0
     }
 }
