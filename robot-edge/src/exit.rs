@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use crate::config::ConfigError;
 use crate::recording::RecordingError;
+use crate::simulation::WorldError;
 
 /// How a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,7 +38,11 @@ impl Exit {
     pub fn of(error: &(dyn Error + 'static)) -> Self {
         let mut cause = Some(error);
         while let Some(error) = cause {
-            if error.is::<UsageError>() || error.is::<ConfigError>() || error.is::<clap::Error>() {
+            if error.is::<UsageError>()
+                || error.is::<ConfigError>()
+                || error.is::<WorldError>()
+                || error.is::<clap::Error>()
+            {
                 return Self::Usage;
             }
             if error.is::<RecordingError>() {

@@ -226,17 +226,6 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_starts_anew_is_followed_from_its_first_stamp() {
-        let mut pacer = Pacer::new(Rate::Times(1.0));
-        let now = Monotonic::from_nanos(0);
-        pacer.wait(at(1000), now);
-        pacer.restart();
-        assert_eq!(pacer.wait(at(400), now), Duration::ZERO);
-        assert_eq!(pacer.wait(at(500), now), Duration::from_millis(100));
-        assert_eq!(pacer.skipped(), Skipped::default());
-    }
-
-    #[test]
     fn rates_are_checked() {
         assert_eq!("2.5".parse(), Ok(Rate::Times(2.5)));
         assert_eq!("max".parse(), Ok(Rate::Max));

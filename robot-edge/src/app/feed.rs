@@ -2,7 +2,6 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::data_clock::{DataClock, is_timed};
 use super::is_set;
 use super::source::{Item, Lost, Source};
 use crate::clock::{self, Monotonic};
@@ -10,7 +9,6 @@ use crate::measurement::Stream;
 use crate::pacer::{Pacer, Rate, Skipped};
 use crate::recording::stamp_order::Ordered;
 use crate::recording::{Position, RecordingError};
-use crate::robot_time::RobotDuration;
 
 /// Items in a batch: a channel's locks cost more than an item does.
 const BATCH: usize = 64;
@@ -24,16 +22,12 @@ pub(super) struct Batch {
     pub(super) position: Option<Position>,
     /// How much the source has lost so far.
     pub(super) lost: u64,
-    /// Time of the data that has passed.
-    pub(super) elapsed: RobotDuration,
 }
 
 /// How a source ended.
 pub(super) struct SourceEnd {
     pub(super) lost: Lost,
     pub(super) skipped: Skipped,
-    /// Time of the data that has passed.
-    pub(super) elapsed: RobotDuration,
     pub(super) result: Result<(), RecordingError>,
 }
 
@@ -57,7 +51,6 @@ pub(super) fn feed(
     SourceEnd {
         lost: source.lost(),
         skipped: pacer.skipped(),
-        elapsed: clock.elapsed(),
         result,
     }
 }

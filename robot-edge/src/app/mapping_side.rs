@@ -43,6 +43,9 @@ impl MappingSide {
                 Item::Due(Ordered::ClockReset { from, .. }) => {
                     tracing::info!(%from, "the clock of the data started anew");
                     self.clock.reset();
+                    if let Some(recorder) = &mut self.recorder {
+                        recorder.reset_clock();
+                    }
                     self.pipeline.reset_clock(mapped)?;
                 }
                 Item::AtOnce(measurement) => {

@@ -124,6 +124,7 @@ impl Summary {
         let Lost {
             counts,
             late_scans,
+            stamp_repairs,
             notes,
         } = &end.lost;
         // They came in, but too late to be put in order.
@@ -131,10 +132,18 @@ impl Summary {
         self.scans.dropped.add_many(DropReason::Late, *late_scans);
         self.losses.clone_from(counts);
         for (reason, n) in counts.iter() {
-            self.add_event("loss", format!("{n} × {reason}"));
+            self.add_event("loss", format!("the recording lost {n} × {reason}"));
         }
         for note in notes {
-            self.add_event("loss", note.clone());
+            self.add_event("note", note.clone());
+        }
+        if *stamp_repairs > 0 {
+            self.add_event(
+                "stamps",
+                format!(
+                    "{stamp_repairs} stamps contradicted the order of the log and were changed"
+                ),
+            );
         }
         let skipped = end.skipped;
         if skipped.gaps + skipped.steps_back > 0 {
@@ -159,13 +168,10 @@ impl Summary {
         }
     }
 
-    /// Adds how many measurements a recording does not hold.
-    pub(super) fn add_not_recorded(&mut self, measurements: u64) {
-        if measurements > 0 {
-            self.add_event(
-                "loss",
-                format!("{measurements} measurements are not in the recording: clouds, or stamps before 1970"),
-            );
+    /// Adds how a recording differs from what came in.
+    pub(super) fn add_recorder_notes(&mut self, notes: Vec<String>) {
+        for note in notes {
+            self.add_event("record", note);
         }
     }
 

@@ -7,6 +7,7 @@ use crate::clock::Monotonic;
 use crate::measurement::{Measurement, MeasurementData, OwnPose, Stream};
 use crate::recording::writer::{McapWriter, WriteError};
 use crate::robot_time::{RobotDuration, RobotTime};
+use crate::scan::Scan;
 
 /// A crash of a live run loses no more than this.
 const FLUSH_PERIOD: Duration = Duration::from_secs(1);
@@ -14,26 +15,32 @@ const FLUSH_PERIOD: Duration = Duration::from_secs(1);
 /// Writes measurements as they come.
 pub(super) struct Recorder {
     writer: McapWriter,
-    /// Stamp of the last scan that brought its own pose.
-    last_own_pose: Option<RobotTime>,
-    /// Measurements whose stamps MCAP cannot hold.
-    unrecordable: u64,
     /// Only runs in real time are flushed by the clock, so that others give the same file every time.
     flushed_at: Option<Monotonic>,
+    /// Added to all stamps; decided by the earliest where a survey knows it, else by the first.
+    later: Option<RobotDuration>,
+    /// Stamp of the last scan that brought its own pose.
+    own_pose_at: Option<RobotTime>,
+    set_apart: u64,
+    /// Measurements whose stamps lie before 1970 even so.
+    unrecordable: u64,
 }
 
 impl Recorder {
+    /// `earliest` is the first stamp to come, where it is known beforehand.
     pub(super) fn create(
         path: &Path,
         vehicle: &str,
         in_real_time: bool,
+        earliest: Option<RobotTime>,
     ) -> Result<Self, WriteError> {
-        let writer = McapWriter::create(path, Some(vehicle))?;
         Ok(Self {
-            writer,
-            last_own_pose: None,
-            unrecordable: 0,
+            writer: McapWriter::create(path, Some(vehicle))?,
             flushed_at: in_real_time.then(Monotonic::now),
+            later: earliest.map(up_to_1970),
+            own_pose_at: None,
+            set_apart: 0,
+            unrecordable: 0,
         })
     }
 
@@ -42,21 +49,7 @@ impl Recorder {
         stream: &Stream,
         measurement: &Measurement,
     ) -> Result<(), WriteError> {
-        let written = match &measurement.data {
-            MeasurementData::Scan {
-                own_pose: Some(pose),
-                ..
-            } => self.write_with_own_pose(stream, measurement, pose),
-            MeasurementData::Scan { own_pose: None, .. }
-            | MeasurementData::Transform { .. }
-            | MeasurementData::Odometry { .. }
-            | MeasurementData::Imu(_)
-            | MeasurementData::Joints(_)
-            | MeasurementData::Fix(_)
-            | MeasurementData::Twist(_)
-            | MeasurementData::PointCloud(_) => self.writer.write(&ros_stream(stream), measurement),
-        };
-        match written {
+        match self.write_moved(&ros_stream(stream), measurement) {
             // One stamp that MCAP cannot hold must not end a drive.
             Err(WriteError::Stamp { .. }) => self.unrecordable += 1,
             written => written?,
@@ -70,18 +63,93 @@ impl Recorder {
         Ok(())
     }
 
-    /// A `LaserScan` has no place for the pose that a log gives to its own scan: transforms have. Scans of
-    /// one stamp would share one pose there, so each gets a stamp of its own.
-    fn write_with_own_pose(
+    fn write_moved(
         &mut self,
         stream: &Stream,
-        scan: &Measurement,
+        measurement: &Measurement,
+    ) -> Result<(), WriteError> {
+        let stamp = measurement.stamp;
+        let later = *self.later.get_or_insert_with(|| up_to_1970(stamp));
+        if let MeasurementData::Scan {
+            scan,
+            own_pose: Some(pose),
+        } = &measurement.data
+        {
+            return self.write_posed(stream, measurement, stamp + later, scan, pose);
+        }
+        if later == RobotDuration::ZERO {
+            return self.writer.write(stream, measurement);
+        }
+        let moved = Measurement {
+            stamp: stamp + later,
+            ..measurement.clone()
+        };
+        self.writer.write(stream, &moved)
+    }
+
+    /// The data's clock starts anew.
+    pub(super) const fn reset_clock(&mut self) {
+        self.own_pose_at = None;
+    }
+
+    /// How the recording differs from what came in, in words.
+    pub(super) fn notes(&self) -> Vec<String> {
+        let later_s = self.later.map_or(0.0, RobotDuration::as_secs_f64);
+        let later = (later_s > 0.0).then(|| {
+            format!(
+                "all stamps are {later_s} s later in the recording: MCAP has no times before 1970"
+            )
+        });
+        let set_apart = (self.set_apart > 0).then(|| {
+            format!(
+                "{} scans with the stamp of the scan before are 1 ns behind it in the recording, so that each \
+                 keeps its pose",
+                self.set_apart
+            )
+        });
+        let missing = self.writer.not_written() + self.unrecordable;
+        let missing = (missing > 0).then(|| {
+            format!(
+                "{missing} measurements are not in the recording: clouds, or stamps before 1970"
+            )
+        });
+        [later, set_apart, missing].into_iter().flatten().collect()
+    }
+
+    pub(super) fn finish(self) -> Result<(), WriteError> {
+        self.writer.finish()
+    }
+
+    /// Of two transforms with one stamp only the later one holds, but CARMEN's scans bring their own poses
+    /// also where they share a stamp (csail: 404 of 406).
+    fn set_apart(&mut self, stamp: RobotTime) -> RobotTime {
+        let apart = match self.own_pose_at {
+            Some(before) if stamp <= before => {
+                self.set_apart += 1;
+                before + RobotDuration::from_nanos(1)
+            }
+            Some(_) | None => stamp,
+        };
+        self.own_pose_at = Some(apart);
+        apart
+    }
+
+    /// A `LaserScan` has no place for the pose that a log gives to its own scan: transforms have.
+    fn write_posed(
+        &mut self,
+        stream: &Stream,
+        measurement: &Measurement,
+        stamp: RobotTime,
+        scan: &Scan,
         pose: &OwnPose,
     ) -> Result<(), WriteError> {
-        let next = self
-            .last_own_pose
-            .map_or(RobotTime::MIN, |last| last + RobotDuration::from_nanos(1));
-        let stamp = scan.stamp.max(next);
+        let stamp = self.set_apart(stamp);
+        let measured = |frame: &str, data| Measurement {
+            stamp,
+            stream: measurement.stream,
+            frame: frame.into(),
+            data,
+        };
         let tf = Stream {
             name: "/tf".into(),
             type_name: "tf2_msgs/TFMessage".into(),
@@ -89,40 +157,33 @@ impl Recorder {
         let base_from_sensor = pose.odom_from_base.inverse() * pose.odom_from_sensor;
         for (parent, child, parent_from_child) in [
             ("odom", "base_link", pose.odom_from_base),
-            ("base_link", &*scan.frame, base_from_sensor),
+            ("base_link", &*measurement.frame, base_from_sensor),
         ] {
-            let child = child.into();
             let data = MeasurementData::Transform {
-                child,
+                child: child.into(),
                 parent_from_child,
                 is_static: false,
             };
-            let transform = Measurement {
-                stamp,
-                frame: parent.into(),
-                data,
-                stream: scan.stream,
-            };
-            self.writer.write(&tf, &transform)?;
+            self.writer.write(&tf, &measured(parent, data))?;
         }
-        self.last_own_pose = Some(stamp);
-        self.writer.write(
-            &ros_stream(stream),
-            &Measurement {
-                stamp,
-                ..scan.clone()
-            },
-        )
+        let data = MeasurementData::Scan {
+            scan: scan.clone(),
+            own_pose: None,
+        };
+        self.writer
+            .write(stream, &measured(&measurement.frame, data))
     }
+}
 
-    /// Measurements that the recording does not hold: clouds, and stamps before 1970.
-    pub(super) const fn not_written(&self) -> u64 {
-        self.writer.not_written() + self.unrecordable
-    }
-
-    pub(super) fn finish(self) -> Result<(), WriteError> {
-        self.writer.finish()
-    }
+/// What is added to a first stamp before 1970: whole seconds, so that fractions stay readable.
+fn up_to_1970(first: RobotTime) -> RobotDuration {
+    const SECOND: u64 = 1_000_000_000;
+    let before = if first.as_nanos() < 0 {
+        first.as_nanos().unsigned_abs().div_ceil(SECOND) * SECOND
+    } else {
+        0
+    };
+    RobotDuration::from_nanos(i64::try_from(before).unwrap_or(i64::MAX))
 }
 
 /// CARMEN's message names become topics.

@@ -68,6 +68,7 @@ pub(super) fn replay(
         export: options.export.clone(),
         summary: options.summary.clone(),
         quiet,
+        earliest: survey.stamps.iter().filter_map(|stamps| stamps.first).min(),
         events: events.collect(),
     };
     let what = source::Replay {
@@ -85,17 +86,6 @@ pub(super) fn replay(
     let path = command.recording.clone();
     let open = move || recording::open_surveyed(&path, selection.clone(), plan.unsaid_miss_from_m);
     run.go(&mut Replayed::new(Box::new(open), what)?, interrupt, out)
-}
-
-fn start_is_within(survey: &Survey, start_s: f64) -> Result<(), UsageError> {
-    let length_s = survey.duration().as_secs_f64();
-    if survey.is_complete() && !survey.scans.is_empty() && start_s > length_s {
-        return Err(UsageError(format!(
-            "{}: --start {start_s} is behind its end: its last scan is {length_s:.1} s behind its first",
-            survey.path.display()
-        )));
-    }
-    Ok(())
 }
 
 fn start_is_within(survey: &Survey, start_s: f64) -> Result<(), UsageError> {

@@ -23,6 +23,7 @@ use crate::localization::placer::PlacerSettings;
 use crate::pacer::Rate;
 use crate::pipeline::Pipeline;
 use crate::progress::Progress;
+use crate::robot_time::RobotTime;
 use crate::summary::{Event, Summary};
 
 /// What a run is made of.
@@ -38,6 +39,8 @@ pub(super) struct Run<'a> {
     pub(super) export: Option<PathBuf>,
     pub(super) summary: Option<PathBuf>,
     pub(super) quiet: bool,
+    /// The earliest stamp of the data, where it is known.
+    pub(super) earliest: Option<RobotTime>,
     /// What was decided before the run.
     pub(super) events: Vec<Event>,
 }
@@ -91,11 +94,15 @@ impl Run<'_> {
         writable::prepare(self.export.as_deref(), self.summary.as_deref())?;
         let in_real_time = matches!(self.rate, Rate::Times(_));
         let recorder = match &self.record {
-            Some(path) => Some(Recorder::create(
-                path,
-                &self.config.vehicle.name,
-                in_real_time,
-            )?),
+            Some(path) => {
+                let vehicle = &self.config.vehicle.name;
+                Some(Recorder::create(
+                    path,
+                    vehicle,
+                    in_real_time,
+                    self.earliest,
+                )?)
+            }
             None => None,
         };
         if !self.quiet {
@@ -110,6 +117,7 @@ impl Run<'_> {
             recorder,
             trajectory: Trajectory::new(),
             progress: Progress::new(self.quiet),
+            clock: DataClock::default(),
             started: Monotonic::now(),
             streams: Vec::new(),
         })
@@ -132,7 +140,7 @@ impl Run<'_> {
         summary.add_source_end(end, interrupted);
 
         let recorded = side.recorder.map_or(Ok(()), |recorder| {
-            summary.add_not_recorded(recorder.not_written());
+            summary.add_recorder_notes(recorder.notes());
             recorder.finish()
         });
         let exported = self.export.as_ref().map_or(Ok(Vec::new()), |dir| {

@@ -22,7 +22,7 @@ pub(super) fn simulate(
     out: &mut dyn Write,
 ) -> anyhow::Result<Exit> {
     let options = &command.mapping;
-    let world = World::load(&command.world).map_err(|err| UsageError(err.to_string()))?;
+    let world = World::load(&command.world)?;
     let vehicle = options
         .vehicle
         .as_deref()
@@ -47,6 +47,7 @@ pub(super) fn simulate(
         export: options.export.clone(),
         summary: options.summary.clone(),
         quiet,
+        earliest: None,
         events: vec![Event {
             stamp_s: None,
             kind: SETUP.to_owned(),

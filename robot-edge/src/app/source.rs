@@ -1,5 +1,6 @@
 //! Recordings and simulated worlds as one kind of source.
 
+use std::collections::VecDeque;
 use std::ops::ControlFlow;
 
 use super::data_clock::DataClock;
@@ -28,6 +29,8 @@ pub(super) struct Lost {
     pub(super) counts: DropCounts,
     /// Scans among those that came too late to be put in order.
     pub(super) late_scans: u64,
+    /// Stamps that contradicted the order of their stream and were changed.
+    pub(super) stamp_repairs: u64,
     /// The first losses in words.
     pub(super) notes: Vec<String>,
 }
@@ -39,10 +42,6 @@ pub(super) trait Source: Send {
 
     /// The streams met so far, from number `from` on.
     fn streams_from(&self, from: usize) -> Vec<Stream>;
-
-    /// Whether the item that was yielded last is of the part that is asked for. What comes before is needed
-    /// for its poses, but nobody waits for it.
-    fn has_begun(&self) -> bool;
 
     /// How far reading has come; `None` where there is no end to come to.
     fn position(&self) -> Option<Position>;
@@ -62,11 +61,18 @@ pub(super) struct Replayed {
     what: Replay,
     reader: Box<dyn RecordingReader>,
     order: StampOrder,
+    /// What is not mapped waits here for what is, so that a recording of both stays in order.
+    asides: VecDeque<Measurement>,
+    /// Mapped, and next behind the asides that go before it.
+    held: Option<Item>,
     /// Runs from the first scan of the round.
     clock: DataClock,
     newest: RobotTime,
     earlier_rounds: Lost,
 }
+
+/// Asides that wait at most; beyond that the first goes ahead of its turn.
+const MAX_ASIDES: usize = 10_000;
 
 /// What is replayed.
 #[derive(Clone, Debug)]
@@ -90,6 +96,8 @@ impl Replayed {
             open,
             what,
             order: StampOrder::default(),
+            asides: VecDeque::new(),
+            held: None,
             clock: DataClock::default(),
             newest: RobotTime::MIN,
             earlier_rounds: Lost::default(),
@@ -156,8 +164,9 @@ impl Replayed {
     }
 }
 
-impl Source for Replayed {
-    fn next(&mut self) -> Result<Option<Item>, RecordingError> {
+impl Replayed {
+    /// The next item that is mapped; asides that are met on the way are put aside.
+    fn next_mapped(&mut self) -> Result<Option<Item>, RecordingError> {
         loop {
             if let Some(ordered) = self.order.pop() {
                 match ordered {
@@ -174,8 +183,14 @@ impl Source for Replayed {
                 }
             }
             match self.reader.next_measurement()? {
+                // Of what is not mapped, nothing before the part belongs into a recording of it.
+                Some(measurement)
+                    if !self.is_mapped(&measurement) && self.clock.elapsed() < self.what.start => {}
                 Some(measurement) if !self.is_mapped(&measurement) => {
-                    return Ok(Some(Item::Aside(measurement)));
+                    self.asides.push_back(measurement);
+                    if self.asides.len() > MAX_ASIDES {
+                        return Ok(self.asides.pop_front().map(Item::Aside));
+                    }
                 }
                 Some(mut measurement) => {
                     if let MeasurementData::Scan { own_pose, .. } = &mut measurement.data
@@ -195,14 +210,29 @@ impl Source for Replayed {
             }
         }
     }
+}
+
+impl Source for Replayed {
+    fn next(&mut self) -> Result<Option<Item>, RecordingError> {
+        if self.held.is_none() {
+            self.held = self.next_mapped()?;
+        }
+        let turn = match &self.held {
+            Some(Item::Due(Ordered::Measurement(measurement))) => measurement.stamp,
+            // What holds for all time goes first; a clock that starts anew and the end, last.
+            Some(Item::AtOnce(_) | Item::Aside(_)) => RobotTime::MIN,
+            Some(Item::Due(Ordered::ClockReset { .. })) | None => RobotTime::MAX,
+        };
+        let is_their_turn = |aside: &Measurement| aside.stamp <= turn;
+        if self.asides.front().is_some_and(is_their_turn) {
+            return Ok(self.asides.pop_front().map(Item::Aside));
+        }
+        Ok(self.held.take())
+    }
 
     fn streams_from(&self, from: usize) -> Vec<Stream> {
         let streams = self.reader.streams().iter().skip(from);
         streams.map(|summary| summary.stream.clone()).collect()
-    }
-
-    fn has_begun(&self) -> bool {
-        self.has_begun
     }
 
     fn position(&self) -> Option<Position> {
@@ -220,14 +250,11 @@ impl Source for Replayed {
         lost.counts.merge(self.reader.losses());
         lost.counts.merge(self.order.drops());
         lost.late_scans += self.order.late_scans();
+        lost.stamp_repairs += self.reader.stamp_repairs();
         if lost.notes.is_empty() {
             lost.notes = self.reader.loss_notes().to_vec();
         }
         lost
-    }
-
-    fn stamp_repairs(&self) -> u64 {
-        self.repairs_before + self.reader.stamp_repairs()
     }
 }
 
@@ -249,10 +276,6 @@ impl Source for Simulated {
         self.0.streams().iter().skip(from).cloned().collect()
     }
 
-    fn has_begun(&self) -> bool {
-        true
-    }
-
     fn position(&self) -> Option<Position> {
         None
     }
@@ -263,9 +286,5 @@ impl Source for Simulated {
 
     fn lost(&self) -> Lost {
         Lost::default()
-    }
-
-    fn stamp_repairs(&self) -> u64 {
-        0
     }
 }

@@ -141,9 +141,12 @@ impl McapReader {
             Some(Frame::Damaged { offset, bytes }) => self.losses.add(DropReason::Damaged, || {
                 format!("byte {offset}: {bytes} bytes are no records; reading went on behind them")
             }),
-            Some(Frame::CutOff { offset }) => self.losses.add(DropReason::CutOff, || {
-                format!("byte {offset}: the file ends in the middle of a record")
-            }),
+            Some(Frame::CutOff { offset }) => {
+                self.losses.add(DropReason::CutOff, || {
+                    format!("byte {offset}: the file ends in the middle of a record")
+                });
+                return Ok(false);
+            }
             None => {
                 self.lose_end();
                 return Ok(false);

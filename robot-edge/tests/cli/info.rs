@@ -1,0 +1,211 @@
+//! `info`: the facts of a recording, as lines that people and scripts read.
+
+use std::path::Path;
+
+use crate::process::{robot_edge, rooms, run};
+use crate::shared_data::shared_data;
+
+fn info(path: &Path) -> String {
+    let page = run(robot_edge("info").arg(path)).succeeds();
+    assert_eq!(page.stderr, "");
+    page.stdout.replace(path.to_str().unwrap(), "FILE")
+}
+
+/// The page holds these lines, in this order; others may stand between them.
+#[track_caller]
+fn check(path: &Path, lines: &[&str]) {
+    let page = info(path);
+    let mut rest = page.lines();
+    for line in lines {
+        assert!(
+            rest.any(|found| found.split_whitespace().eq(line.split_whitespace())),
+            "{}: no line {line:?} (in this order) in\n{page}",
+            path.display()
+        );
+    }
+}
+
+#[test]
+fn the_page_of_the_projects_own_clip() {
+    assert_eq!(
+        info(&rooms()),
+        "FILE
+  MCAP, 2.8 MB
+  1 min 55 s, from 946684800.000 to 946684915.800
+  vehicle: pioneer
+
+  topic       type                   messages  rate
+  /tf_static  tf2_msgs/TFMessage            1  -
+  /tf         tf2_msgs/TFMessage         5798  50.0 Hz
+  /odom       nav_msgs/Odometry          5798  50.0 Hz
+  /scan       sensor_msgs/LaserScan      1159  10.0 Hz
+
+range sensors
+  /scan: 1159 scans of 683 beams in frame laser
+    -119.9° to 119.9° in steps of 0.352°, beams 97.7 µs apart
+    ranges 0.02 to 5.6 m; the greatest is 5.5998816 m, 14 times
+
+frames
+  /odom: base_link in odom, 5798 poses
+  odom
+    base_link (5798 transforms in 1 min 55 s)
+      laser (static)
+
+faults
+  none
+
+can it be mapped?
+  transforms lead from laser to odom
+  robot-edge replay FILE
+"
+    );
+}
+
+#[test]
+fn carmen_logs() {
+    let Some(folder) = shared_data("carmen") else {
+        return;
+    };
+    let check = |name: &str, lines: &[&str]| check(&folder.join(name), lines);
+    let mappable = ["every scan brings its pose", "robot-edge replay FILE"];
+    let [own_poses, command] = mappable;
+    check(
+        "intel-corrected.log",
+        &[
+            "CARMEN log, 1.7 MB",
+            "44 min 10 s, from 32.907 to 2683.770",
+            "ODOM carmen/ODOM 14541 5.65 Hz",
+            "FLASER carmen/FLASER 910 0.298 Hz",
+            "FLASER: 910 scans of 180 beams in frame laser",
+            "-90.0° to 89.0° in steps of 1.000°, beams 0.0 µs apart",
+            "ranges 0 to 80 m; the greatest is 81.83 m, 4172 times",
+            "stamps that contradicted the order of their lines, changed to fit it: 2516",
+            own_poses,
+            command,
+        ],
+    );
+    check(
+        "aces-corrected.log",
+        &[
+            "FLASER: 440 scans of 180 beams in frame laser",
+            "from 50 m on they repeat: what this laser says where it sees nothing",
+            own_poses,
+        ],
+    );
+    check(
+        "csail-corrected.log",
+        &[
+            "FLASER: 406 scans of 361 beams in frame laser",
+            "-90.0° to 90.0° in steps of 0.500°, beams 0.0 µs apart",
+            "FLASER: of 406 stamps 404 repeat the one before, 0 go back",
+            own_poses,
+        ],
+    );
+    check(
+        "belgioioso-corrected.log",
+        &[
+            "FLASER: 395 scans of 361 beams in frame laser",
+            "FLASER: of 395 stamps 394 repeat the one before, 0 go back",
+            own_poses,
+        ],
+    );
+    check(
+        "infinite-corridor-corrected.log",
+        &[
+            "FLASER carmen/FLASER 1941 -",
+            "from 51.01 m on they repeat: what this laser says where it sees nothing",
+            "FLASER: of 1941 stamps 1940 repeat the one before, 0 go back",
+            own_poses,
+        ],
+    );
+    check(
+        "aces.clf",
+        &[
+            "22 min 45 s, from 70.290 to 1435.810",
+            "FLASER: 7374 scans of 180 beams in frame laser",
+            "none",
+            own_poses,
+        ],
+    );
+    check(
+        "fr-clinic_robotlaser.clf",
+        &[
+            "1 h 20 min 20 s, from 1232658478.161 to 1232663298.321",
+            "ROBOTLASER1: 6917 scans of 180 to 181 beams in frame laser",
+            own_poses,
+        ],
+    );
+}
+
+#[test]
+fn ros_1_bags() {
+    let Some(folder) = shared_data("rosbag1") else {
+        return;
+    };
+    let check = |name: &str, lines: &[&str]| check(&folder.join(name), lines);
+    let no_poses = "no: nothing says where the sensor was. There is neither odometry nor a";
+    let handheld = [
+        "/scan sensor_msgs/LaserScan 360 10.00 Hz",
+        "/scan: 360 scans of 681 beams in frame laser",
+        "ranges 0.02 to 5.6 m; the greatest is 5.468 m, 2 times",
+    ];
+    check(
+        "urg04lx_handheld.bag",
+        &[&["ROS 1 bag, 1.0 MB"], &handheld[..], &["none", no_poses]].concat(),
+    );
+    let damage = [
+        "damaged lines, records or chunks, passed over: 2",
+        "byte 792650: an index whose length contradicts its number of entries",
+        no_poses,
+    ];
+    check("damaged_index.bag", &[&handheld[..], &damage].concat());
+    check(
+        "two_lasers.bag",
+        &[
+            "/rear_scan: 330 scans of 726 beams in frame rear_scanner",
+            "/front_scan: 331 scans of 726 beams in frame front_scanner",
+            no_poses,
+            "(of its range sensors, --topic laser=NAME chooses one)",
+        ],
+    );
+    check(
+        "lms1xx_with_tf.bag",
+        &[
+            "/rosout rosgraph_msgs/Log 35 not read: no sensor data that is understood",
+            "/sick_lms_1xx/scan sensor_msgs/LaserScan 89 50.0 Hz",
+            "/sick_lms_1xx/scan: 89 scans of 541 beams in frame cloud",
+            "radar (17 transforms in 1.6 s)",
+            "messages not as their type says, and clouds without order: 336",
+            no_poses,
+        ],
+    );
+    run(robot_edge("info").arg(folder.join("version_1.2.bag")))
+        .refuses(3, &["version 1.2", "rosbag fix"]);
+}
+
+#[test]
+fn mcap_files() {
+    let Some(folder) = shared_data("mcap") else {
+        return;
+    };
+    check(
+        &folder.join("turtlebot_tf_odom.mcap"),
+        &[
+            "MCAP, 505.4 kB",
+            "/odom nav_msgs/Odometry 2639 27.8 Hz",
+            "odom (921 transforms in 96.6 s)",
+            "base_link (2639 transforms in 96.7 s)",
+            "rplidar_link (static)",
+            "no: there is no planar range sensor in it",
+        ],
+    );
+    check(
+        &folder.join("intel_corrected.mcap"),
+        &[
+            "44 min 10 s, from 1600000000.000 to 1600002650.863",
+            "/scan: 910 scans of 180 beams in frame laser",
+            "transforms lead from laser to odom",
+            "robot-edge replay FILE",
+        ],
+    );
+}

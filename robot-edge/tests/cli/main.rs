@@ -1,0 +1,18 @@
+//! The program as its users run it: real processes over real files, judged by exit code, words and maps.
+
+#![cfg(test)]
+
+mod carmen_and_mcap;
+mod determinism;
+mod exported_map;
+mod info;
+#[cfg(unix)]
+mod interrupt;
+mod outputs;
+mod own_clip;
+mod process;
+mod record;
+mod recordings_of_others;
+mod recover;
+mod shared_data;
+mod usage;

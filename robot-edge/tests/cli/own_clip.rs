@@ -1,0 +1,190 @@
+//! The project's own recording from end to end, and that it can be made again.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::json;
+
+use crate::exported_map::{OccupancyTiff, grey, read_pgm};
+use crate::process::{digest, events, read_json, robot_edge, rooms, run, summary_of};
+
+/// Every platform and every build makes this map. It changes only where placing, mapping or the world do,
+/// and then whoever changes it looks at the new map first.
+const ROOMS_DIGEST: &str = "b513a1327a0f7f8ac4215938dc685c178acf3d15692a7c486c159473dbace048";
+
+const EXPORTS: [&str; 5] = [
+    "occupancy.pgm",
+    "occupancy.png",
+    "occupancy.tif",
+    "occupancy.yaml",
+    "trajectory.tum",
+];
+
+fn names_in(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).unwrap();
+    let mut names: Vec<_> = entries
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn the_clip_becomes_maps_and_figures() {
+    let folder = tempfile::tempdir().unwrap();
+    let (maps, figures) = (folder.path().join("new/maps"), folder.path().join("s.json"));
+    let ended = run(robot_edge("replay --quiet")
+        .arg(rooms())
+        .arg("--export")
+        .arg(&maps)
+        .arg("--summary")
+        .arg(&figures))
+    .succeeds();
+    assert_eq!((ended.stdout.as_str(), ended.stderr.as_str()), ("", ""));
+    assert_eq!(names_in(&maps), EXPORTS);
+    assert_eq!(names_in(folder.path()), ["new", "s.json"]);
+
+    let summary = read_json(&figures);
+    assert_eq!(summary["recording"], rooms().to_str().unwrap());
+    assert_eq!(summary["vehicle"], "pioneer");
+    assert_eq!(
+        summary["scans"],
+        json!({"in": 1159, "mapped": 1159, "dropped": {}})
+    );
+    assert_eq!(
+        summary["beams"],
+        json!({"in": 791_597, "hits": 680_507, "misses": 107_152, "dropped": {"invalid_range": 3938}})
+    );
+    assert_eq!(digest(&summary), ROOMS_DIGEST);
+    let occupancy = &summary["layers"]["occupancy"];
+    assert_eq!(occupancy["cells_known"], 29_326);
+    assert_eq!(
+        occupancy["counts"],
+        json!({"free": 26_576, "occupied": 2526, "undecided": 224})
+    );
+    assert!(occupancy["bytes"].as_u64().unwrap() > 0);
+    assert_eq!(summary["layers"].as_object().unwrap().len(), 1);
+    assert_eq!(
+        summary.get("voxels"),
+        None,
+        "no voxels are mapped, so none are claimed"
+    );
+
+    let tiles = &summary["tiles"];
+    let number = |name: &str| tiles[name].as_u64().unwrap();
+    assert_eq!(number("raw_bytes"), number("published") * 64 * 64 * 4);
+    assert!(number("bytes") * 20 < number("raw_bytes"), "{tiles}");
+    assert!(number("published") > 100);
+
+    let real = |name: &str| summary[name].as_f64().unwrap();
+    assert!(
+        (real("duration_s") - 115.94).abs() < 1e-9,
+        "{}",
+        real("duration_s")
+    );
+    assert!(real("wall_s") > 0.0 && real("wall_s") < 60.0);
+    assert!((real("realtime_factor") * real("wall_s") - real("duration_s")).abs() < 1e-6);
+    assert!((1 << 20..100 << 20).contains(&summary["peak_rss_bytes"].as_u64().unwrap()));
+    for stage in ["place", "occupancy", "publish"] {
+        let times = &summary["stages"][stage];
+        let time = |name: &str| times[name].as_f64().unwrap();
+        assert!(
+            0.0 < time("p50_us") && time("p50_us") <= time("p99_us"),
+            "{times}"
+        );
+        assert!(time("p99_us") <= time("max_us") * 1.01, "{times}");
+    }
+    assert_eq!(
+        events(&summary),
+        [
+            "setup: pioneer (named in the recording)",
+            "setup: laser: /scan",
+            "setup: poses: transforms up to frame odom",
+        ]
+    );
+}
+
+#[test]
+fn other_tools_read_the_same_map_from_every_export() {
+    let folder = tempfile::tempdir().unwrap();
+    let summary = summary_of(
+        robot_edge("replay")
+            .arg(rooms())
+            .arg("--export")
+            .arg(folder.path()),
+    );
+
+    let tiff = OccupancyTiff::read(folder.path());
+    let (width, height, pixels) = read_pgm(&folder.path().join("occupancy.pgm"));
+    assert_eq!((tiff.width, tiff.height), (width, height));
+    let greys: Vec<u8> = tiff.values.iter().map(|&p| grey(p)).collect();
+    assert_eq!(greys, pixels);
+    let known = tiff.values.iter().filter(|p| !p.is_nan()).count() as u64;
+    assert_eq!(summary["layers"]["occupancy"]["cells_known"], known);
+    assert!(
+        tiff.values
+            .iter()
+            .all(|p| p.is_nan() || (0.02..=0.98).contains(p))
+    );
+
+    // The outer walls stand from -2.57 to 17.88 m and from -3.43 to 12.04 m; the laser sees their insides.
+    assert_eq!(tiff.cell_m.to_bits(), 0.1_f64.to_bits());
+    assert_eq!((tiff.corner, width, height), ([-25, 119], 203, 152));
+    assert_eq!(
+        fs::read_to_string(folder.path().join("occupancy.yaml")).unwrap(),
+        "image: occupancy.pgm\nmode: trinary\nresolution: 0.1\n\
+         origin: [-2.5, -3.3000000000000003, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    );
+    let picture = fs::read(folder.path().join("occupancy.png")).unwrap();
+    assert!(picture.starts_with(b"\x89PNG\r\n\x1a\n"));
+
+    let trajectory = fs::read_to_string(folder.path().join("trajectory.tum")).unwrap();
+    let poses: Vec<Vec<f64>> = trajectory
+        .lines()
+        .map(|line| {
+            line.split(' ')
+                .map(|number| number.parse().unwrap())
+                .collect()
+        })
+        .collect();
+    assert_eq!(poses.len(), 1159);
+    assert!(poses.iter().all(|pose| pose.len() == 8));
+    assert!(
+        poses.windows(2).all(|pair| pair[0][0] < pair[1][0]),
+        "stamps rise"
+    );
+    // Where the world's path begins.
+    assert_eq!(
+        poses[0],
+        [946_684_800.0, -1.4, 4.32, 0.0, 0.0, 0.0, 0.0, 1.0]
+    );
+}
+
+#[test]
+fn the_clip_can_be_made_again_byte_by_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let simulate = |name: &str| {
+        let path = folder.path().join(name);
+        let maps = folder.path().join("maps");
+        let summary = summary_of(
+            robot_edge("simulate rooms --rate max")
+                .arg("--record")
+                .arg(&path)
+                .arg("--export")
+                .arg(&maps),
+        );
+        assert_eq!(names_in(&maps), EXPORTS);
+        (digest(&summary).to_owned(), fs::read(path).unwrap())
+    };
+    let (first_digest, first) = simulate("first.mcap");
+    let (second_digest, second) = simulate("second.mcap");
+    assert_eq!(
+        (first_digest.as_str(), second_digest.as_str()),
+        (ROOMS_DIGEST, ROOMS_DIGEST)
+    );
+    assert!(first == second, "two runs record different bytes");
+    assert!(
+        first == fs::read(rooms()).unwrap(),
+        "recordings/rooms.mcap is of another program"
+    );
+}
