@@ -1,6 +1,6 @@
 //! Tables and pictures of `docs/experiments.md`.
 //!
-//! `FORESHORE_EXPERIMENTS=<folder> cargo test -p foreshore-tests --release -- --ignored --nocapture
+//! `FORESHORE_EXPERIMENTS=<absolute folder> cargo test -p foreshore-tests -- --ignored --nocapture
 //! experiments_report` prints the tables and, where the folder is given, writes the pictures to it.
 
 use std::env;
