@@ -1,6 +1,6 @@
 //! Tables and pictures of `docs/experiments.md`.
 //!
-//! `FORESHORE_EXPERIMENTS=<folder> cargo test -p foreshore-tests --release -- --ignored --nocapture
+//! `FORESHORE_EXPERIMENTS=<absolute folder> cargo test -p foreshore-tests -- --ignored --nocapture
 //! experiments_report` prints the tables and, where the folder is given, writes the pictures to it.
 
 use std::env;
@@ -54,7 +54,7 @@ fn agreement() {
         &|c| c.compared().1 as f64,
         0,
     );
-    row("undecided among them", &|c| c.undecided() as f64, 0);
+    row("undecided, not compared", &|c| c.undecided() as f64, 0);
     row("left out at edges", &|c| c.left_out() as f64, 0);
     println!();
 }
@@ -79,7 +79,7 @@ fn settings() {
     let truth = truth_of(&world);
     println!("## L1, other sensor models, seed {SEED}\n");
     println!(
-        "| settings | agreement, % | free, % | occupied, % | surface cells undecided or free |"
+        "| settings | agreement, % | free, % | occupied, % | surface cells free or undecided |"
     );
     println!("| --- | ---: | ---: | ---: | ---: |");
     let settings: [&[&str]; 4] = [
@@ -96,7 +96,7 @@ fn settings() {
         let confusion = truth.compare(pipeline.publisher().store());
         println!(
             "| {} | {:.2} | {:.2} | {:.2} | {} |",
-            settings.join(" ").replace("mapping.occupancy.", ""),
+            label(settings),
             100.0 * confusion.agreement(),
             100.0 * confusion.free_agreement(),
             100.0 * confusion.occupied_agreement(),
@@ -104,6 +104,14 @@ fn settings() {
         );
     }
     println!();
+}
+
+fn label(settings: &[&str]) -> String {
+    if settings.is_empty() {
+        "p_free=0.3 p_max=0.98 (preset)".to_owned()
+    } else {
+        settings.join(" ").replace("mapping.occupancy.", "")
+    }
 }
 
 fn reflections() {
