@@ -20,6 +20,9 @@ mod tiles;
 
 use std::env;
 
+/// Measures and prints one part.
+type Print = fn() -> anyhow::Result<()>;
+
 /// Sides of a cell that are compared, metres.
 const CELLS_M: [f64; 2] = [0.10, 0.05];
 
@@ -39,7 +42,7 @@ fn main() -> anyhow::Result<()> {
         "one thread, processor time; median of {} rounds (least … greatest)",
         rounds::ROUNDS
     );
-    let parts: [(&str, fn() -> anyhow::Result<()>); 4] = [
+    let parts: [(&str, Print); 4] = [
         ("reading", reading::print),
         ("occupancy", occupancy::print),
         ("tiles", tiles::print),
