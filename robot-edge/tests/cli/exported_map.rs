@@ -61,8 +61,8 @@ impl OccupancyTiff {
         cells.map(|(index, _)| {
             let (row, column) = (index / self.width, index % self.width);
             [
-                self.corner[0] + column as i64,
-                self.corner[1] - 1 - row as i64,
+                self.corner[0] + column.cast_signed() as i64,
+                self.corner[1] - 1 - row.cast_signed() as i64,
             ]
         })
     }

@@ -38,9 +38,8 @@ impl Running {
     fn wait_until(&mut self, what: &str, condition: impl Fn() -> bool) {
         let started = Monotonic::now();
         while !condition() {
-            if self.child().try_wait().unwrap().is_some() {
-                panic!("it ended before {what}: {:#?}", self.end());
-            }
+            let has_ended = self.child().try_wait().unwrap().is_some();
+            assert!(!has_ended, "it ended before {what}: {:#?}", self.end());
             assert!(started.elapsed() < PATIENCE, "waited too long until {what}");
             // Only so that asking takes no time from the process that is waited for.
             std::thread::sleep(Duration::from_millis(2));

@@ -6,7 +6,7 @@ use protocol::tile_store::{RootDigest, TileStore};
 use robot_edge::config::sensors::MAIN_LASER;
 use robot_edge::config::{self, Config, Override, SensorConfig};
 use robot_edge::localization::beam_projection::{Footprint, SensorSettings};
-use robot_edge::localization::placer::{PlacerSettings, PoseOrigin};
+use robot_edge::localization::placer::{MountOrigin, PlacerSettings, PoseOrigin};
 use robot_edge::localization::pose_track::Reach;
 use robot_edge::mapping::posed_scan::PosedScan;
 use robot_edge::measurement::Measurement;
@@ -100,6 +100,7 @@ fn placer_settings(config: &Config) -> PlacerSettings {
     let seconds = RobotDuration::from_secs_f64;
     PlacerSettings {
         origin: PoseOrigin::Tf {
+            mount: MountOrigin::Tree,
             fixed_frame: "odom".into(),
         },
         base_frame: localization.base_frame.as_str().into(),
