@@ -124,10 +124,10 @@ pub struct MappingOptions {
     #[arg(long = "topic", value_name = "ROLE=NAME", value_parser = Override::topic)]
     pub topics: Vec<Override>,
     /// Name of this robot: letters, digits, `_` and `-`
-    #[arg(long, value_name = "ID", value_parser = robot_id)]
+    #[arg(long, value_name = "ID", value_parser = robot_id, hide = true)]
     pub robot: Option<String>,
-    /// Do not open the network
-    #[arg(long)]
+    /// Do not open the network (there is none yet: scripts may say so already)
+    #[arg(long, hide = true)]
     pub no_network: bool,
     /// Write everything that comes in to a recording
     #[arg(long, value_name = "FILE.mcap")]

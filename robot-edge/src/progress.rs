@@ -24,7 +24,7 @@ pub struct ProgressFigures {
     pub wall_s: f64,
     /// Sweeps mapped.
     pub scans: u64,
-    /// Sweeps and beams dropped, and losses of the recording.
+    /// Sweeps dropped, and losses of the recording.
     pub drops: u64,
 }
 

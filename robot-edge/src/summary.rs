@@ -20,7 +20,7 @@ pub struct Summary {
     pub recording: String,
     /// `vehicle.name`.
     pub vehicle: String,
-    /// Time of the data, first stamp to last, seconds.
+    /// Time of the data that was mapped, over clocks that start anew, seconds.
     pub duration_s: f64,
     /// Time it took, seconds.
     pub wall_s: f64,

@@ -3,7 +3,6 @@
 use crate::exit::UsageError;
 use crate::localization::config::{LocalizationConfig, PoseSource};
 use crate::localization::placer::{MountOrigin, PoseOrigin};
-use crate::measurement::FrameId;
 use crate::recording::Format;
 use crate::recording::survey::Survey;
 use crate::recording::survey::scans::ScanSurvey;
@@ -200,44 +199,18 @@ fn from_tree(
         (base_frame, MountOrigin::Configured),
     ];
     starts.into_iter().find_map(|(start, mount)| {
-        let way = survey.frames.way_up(start);
-        let first_moving = way.iter().position(|(_, edge)| !edge.is_static)?;
-        // A laser that only moves in the vehicle says nothing of where the vehicle is.
-        let vehicle = way.iter().position(|(frame, _)| ***frame == *base_frame);
-        let still =
-            way.get(vehicle.map_or(first_moving, |vehicle| first_moving.max(vehicle + 1))..)?;
-        let find = |wanted: &str| still.iter().find(|(frame, _)| ***frame == *wanted);
-        let (fixed_frame, _) = match &localization.fixed_frame {
-            Some(wanted) => find(wanted),
-            None => find("odom")
-                .or_else(|| find("map"))
-                .or_else(|| still.last()),
-        }?;
-        Some(PoseOrigin::Tf {
-            fixed_frame: FrameId::clone(fixed_frame),
-            mount,
-        })
+        let wanted = localization.fixed_frame.as_deref();
+        let fixed_frame = survey.frames.fixed_above(start, base_frame, wanted)?;
+        Some(PoseOrigin::Tf { fixed_frame, mount })
     })
 }
 
 fn choose_odometry(survey: &Survey) -> Result<String, UsageError> {
-    let name = |index: usize| {
-        let stream = survey.stream(survey.odometry.get(index)?.stream)?;
-        Some(stream.stream.name.clone())
-    };
-    // Poses of one robot in several frames cannot be told apart here; Odometry is what REP-105 means.
-    let best = survey
-        .odometry
-        .iter()
-        .enumerate()
-        .max_by_key(|(_, odometry)| {
-            let kind = survey
-                .stream(odometry.stream)
-                .map(|stream| stream.stream.type_name.as_str());
-            (kind == Some("nav_msgs/Odometry"), odometry.count)
-        })
-        .and_then(|(index, _)| name(index));
-    best.ok_or_else(|| {
+    let stream = survey
+        .best_odometry()
+        .and_then(|odometry| survey.stream(odometry.stream));
+    let name = stream.map(|summary| summary.stream.name.clone());
+    name.ok_or_else(|| {
         UsageError(format!(
             "{}: there is no odometry in it",
             survey.path.display()

@@ -17,6 +17,9 @@ const BEGINNING_BYTES: u64 = 4096;
 /// What a machine with other work may take.
 const PATIENCE: Duration = Duration::from_secs(30);
 
+/// Between two questions: so that asking takes no time from the process that is waited for.
+const NAP: Duration = Duration::from_millis(2);
+
 /// A process that ends with the test, whatever comes.
 struct Running(Option<Child>);
 
@@ -41,8 +44,7 @@ impl Running {
             let has_ended = self.child().try_wait().unwrap().is_some();
             assert!(!has_ended, "it ended before {what}: {:#?}", self.end());
             assert!(started.elapsed() < PATIENCE, "waited too long until {what}");
-            // Only so that asking takes no time from the process that is waited for.
-            std::thread::sleep(Duration::from_millis(2));
+            std::thread::sleep(NAP);
         }
     }
 
@@ -51,8 +53,14 @@ impl Running {
         kill_process(Pid::from_raw(pid).unwrap(), signal).unwrap();
     }
 
-    /// Waits for the end.
+    /// Waits for the end; fails when patience ends before.
+    #[track_caller]
     fn end(&mut self) -> Ended {
+        let started = Monotonic::now();
+        while self.child().try_wait().unwrap().is_none() {
+            assert!(started.elapsed() < PATIENCE, "waited too long for its end");
+            std::thread::sleep(NAP);
+        }
         self.0.take().unwrap().wait_with_output().unwrap().into()
     }
 }

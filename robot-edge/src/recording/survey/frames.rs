@@ -88,6 +88,30 @@ impl FrameSurvey {
         way
     }
 
+    /// The frame above `start` in which it moves and that a map can stand still in: `wanted`, or else `odom`,
+    /// `map`, the root. The vehicle's own frame is none: a laser that only moves in the vehicle says nothing
+    /// of where the vehicle is.
+    pub fn fixed_above(
+        &self,
+        start: &str,
+        base_frame: &str,
+        wanted: Option<&str>,
+    ) -> Option<FrameId> {
+        let way = self.way_up(start);
+        let first_moving = way.iter().position(|(_, edge)| !edge.is_static)?;
+        let vehicle = way.iter().position(|(frame, _)| ***frame == *base_frame);
+        let from = vehicle.map_or(first_moving, |vehicle| first_moving.max(vehicle + 1));
+        let still = way.get(from..)?;
+        let find = |wanted: &str| still.iter().find(|(frame, _)| ***frame == *wanted);
+        let chosen = match wanted {
+            Some(wanted) => find(wanted),
+            None => find("odom")
+                .or_else(|| find("map"))
+                .or_else(|| still.last()),
+        };
+        chosen.map(|(frame, _)| FrameId::clone(frame))
+    }
+
     fn parent_of(&self, child: &str) -> Option<(&FrameId, &FrameEdge)> {
         let from: (FrameId, FrameId) = (child.into(), "".into());
         let ((found, parent), edge) = self.edges.range(from..).next()?;
@@ -135,6 +159,29 @@ mod tests {
             }
         );
         assert!(frames.way_up("elsewhere").is_empty());
+    }
+
+    #[test]
+    fn the_vehicle_is_no_frame_to_map_in() {
+        let tree = survey(&[
+            ("base_link", "laser", false),
+            ("odom", "base_link", false),
+            ("map", "odom", false),
+        ]);
+        let fixed = |frames: &FrameSurvey, start, wanted| {
+            frames
+                .fixed_above(start, "base_link", wanted)
+                .map(|frame| frame.to_string())
+        };
+        assert_eq!(fixed(&tree, "laser", None).as_deref(), Some("odom"));
+        assert_eq!(fixed(&tree, "laser", Some("map")).as_deref(), Some("map"));
+        assert_eq!(fixed(&tree, "laser", Some("base_link")), None);
+        assert_eq!(fixed(&tree, "odom", None).as_deref(), Some("map"));
+        // A mounting that a node publishes again and again: only odometry knows where the vehicle is.
+        let mount_only = survey(&[("base_link", "laser", false)]);
+        assert_eq!(fixed(&mount_only, "laser", None), None);
+        let still = survey(&[("odom", "base_link", true), ("base_link", "laser", true)]);
+        assert_eq!(fixed(&still, "laser", None), None);
     }
 
     #[test]

@@ -4,6 +4,7 @@ use std::fmt;
 
 use super::Survey;
 use super::scans::ScanSurvey;
+use crate::localization::config::LocalizationConfig;
 use crate::measurement::StreamId;
 
 /// Whether a recording can be mapped.
@@ -46,12 +47,14 @@ impl Survey {
         if scan.has_own_poses {
             return Some("every scan brings its pose".to_owned());
         }
-        let way = self.frames.way_up(&scan.frame);
-        if way.iter().any(|(_, edge)| !edge.is_static) {
-            let (root, _) = way.last()?;
-            return Some(format!("transforms lead from {} to {root}", scan.frame));
+        // As a replay decides with its default settings.
+        let base_frame = LocalizationConfig::default().base_frame;
+        for start in [&*scan.frame, &base_frame] {
+            if let Some(fixed_frame) = self.frames.fixed_above(start, &base_frame, None) {
+                return Some(format!("transforms lead from {start} to {fixed_frame}"));
+            }
         }
-        let odometry = self.odometry.iter().max_by_key(|odometry| odometry.count)?;
+        let odometry = self.best_odometry()?;
         let name = &self.stream(odometry.stream)?.stream.name;
         Some(format!(
             "{name} gives poses of {} in {}",

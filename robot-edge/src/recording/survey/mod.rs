@@ -123,6 +123,16 @@ impl Survey {
         self.streams.get(usize::from(id.0))
     }
 
+    /// The odometry to map with: `nav_msgs/Odometry` is what REP-105 means by it; else the most frequent.
+    pub fn best_odometry(&self) -> Option<&OdometrySurvey> {
+        self.odometry.iter().max_by_key(|odometry| {
+            let kind = self
+                .stream(odometry.stream)
+                .map(|summary| &*summary.stream.type_name);
+            (kind == Some("nav_msgs/Odometry"), odometry.count)
+        })
+    }
+
     /// Whether the whole file was read.
     pub const fn is_complete(&self) -> bool {
         self.position.bytes_read < MAX_SURVEYED_BYTES
