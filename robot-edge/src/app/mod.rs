@@ -4,7 +4,7 @@ mod data_clock;
 mod feed;
 mod mapping_side;
 mod outputs;
-mod placing;
+pub mod placing;
 mod plan;
 mod recorder;
 mod replay;

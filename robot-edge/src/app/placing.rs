@@ -11,7 +11,7 @@ use crate::robot_time::RobotDuration;
 ///
 /// # Errors
 /// Where the vehicle has none.
-pub(super) fn main_laser(config: &Config) -> Result<&LaserScanConfig, UsageError> {
+pub fn main_laser(config: &Config) -> Result<&LaserScanConfig, UsageError> {
     match config.sensors.get(MAIN_LASER) {
         Some(SensorConfig::LaserScan(laser)) => Ok(laser),
         None => Err(UsageError(format!(
@@ -23,7 +23,7 @@ pub(super) fn main_laser(config: &Config) -> Result<&LaserScanConfig, UsageError
 }
 
 /// How the main laser's beams are placed.
-pub(super) fn placer_settings(
+pub fn placer_settings(
     config: &Config,
     laser: &LaserScanConfig,
     origin: PoseOrigin,

@@ -3,11 +3,9 @@
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
 use protocol::tile_store::{RootDigest, TileStore};
-use robot_edge::config::sensors::MAIN_LASER;
-use robot_edge::config::{self, Config, Override, SensorConfig};
-use robot_edge::localization::beam_projection::{Footprint, SensorSettings};
+use robot_edge::app::placing;
+use robot_edge::config::{self, Config, Override};
 use robot_edge::localization::placer::{MountOrigin, PlacerSettings, PoseOrigin};
-use robot_edge::localization::pose_track::Reach;
 use robot_edge::mapping::posed_scan::PosedScan;
 use robot_edge::measurement::Measurement;
 use robot_edge::pipeline::Pipeline;
@@ -93,34 +91,9 @@ pub(crate) fn digest(pipeline: &Pipeline) -> RootDigest {
 }
 
 fn placer_settings(config: &Config) -> PlacerSettings {
-    let Some(SensorConfig::LaserScan(laser)) = config.sensors.get(MAIN_LASER) else {
-        panic!("{} has no laser", config.vehicle.name);
+    let origin = PoseOrigin::Tf {
+        fixed_frame: "odom".into(),
+        mount: MountOrigin::Tree,
     };
-    let localization = &config.localization;
-    let seconds = RobotDuration::from_secs_f64;
-    PlacerSettings {
-        origin: PoseOrigin::Tf {
-            mount: MountOrigin::Tree,
-            fixed_frame: "odom".into(),
-        },
-        base_frame: localization.base_frame.as_str().into(),
-        reach: Reach {
-            max_gap: seconds(localization.max_gap_s),
-            max_extrapolation: seconds(localization.max_extrapolation_s),
-        },
-        keep: seconds(localization.buffer_s),
-        wait: seconds(localization.wait_s),
-        max_waiting: localization.max_waiting_scans,
-        sensor: SensorSettings {
-            range_min_m: laser.range_min_m.map(|range_m| range_m as f32),
-            range_max_m: laser.range_max_m.map(|range_m| range_m as f32),
-            zero: laser.zero,
-            time_offset: seconds(laser.time_offset_s),
-            base_from_sensor: laser.mount.base_from_sensor(),
-        },
-        footprint: Footprint {
-            length_m: config.vehicle.length_m,
-            width_m: config.vehicle.width_m,
-        },
-    }
+    placing::placer_settings(config, placing::main_laser(config).unwrap(), origin)
 }
