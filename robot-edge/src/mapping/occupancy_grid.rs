@@ -1,4 +1,4 @@
-//! 2D Bayesian occupancy grid from a horizontal laser ([LRF]; `algorithms.md` §2), without bounds.
+//! 2D Bayesian occupancy grid from a horizontal laser (\[LRF\]; `algorithms.md` §2), without bounds.
 
 use nalgebra::Point3;
 

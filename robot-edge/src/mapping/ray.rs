@@ -45,7 +45,7 @@ fn rounded_down(value: f64) -> i64 {
 /// A walk from cell to cell along a segment. Each step crosses one edge, so diagonals are never skipped;
 /// where the segment passes exactly through a corner, one of the two cells beside it is included.
 ///
-/// Bresenham's idea with every crossed cell ([LRF] §2): the sign of `error` says whether the next edge to
+/// Bresenham's idea with every crossed cell (\[LRF\] §2): the sign of `error` says whether the next edge to
 /// be crossed is a vertical or a horizontal one. All in whole numbers, so there is nothing to accumulate.
 #[derive(Clone, Copy, Debug)]
 pub struct RayWalk {
