@@ -96,6 +96,12 @@ impl Survey {
                     "  no: nothing says where the sensor was. There is neither odometry nor a"
                 )?;
                 writeln!(f, "  moving transform above {}", self.frames_of_scans())?;
+                let file = shell_quoted(&self.path.display().to_string());
+                writeln!(f, "  if the vehicle stood still:")?;
+                writeln!(
+                    f,
+                    "  robot-edge replay {file} --set localization.source=static"
+                )?;
                 if self.scans.len() > 1 {
                     writeln!(
                         f,
