@@ -2,10 +2,14 @@
 //!
 //! Read in this order: a [`layer`] says what a map cell means; a [`tile`] carries 64×64 cells of one
 //! layer; the [`tile_store`] holds every tile ever published, on either side; a [`mosaic`] joins tiles
-//! into one raster; an [`export`] writes a raster to a file.
+//! into one raster; an [`export`] writes a raster to a file. [`keys`], [`wire`] and [`message`] say how all
+//! of it crosses the network.
 
 pub mod export;
+pub mod keys;
 pub mod layer;
+pub mod message;
 pub mod mosaic;
 pub mod tile;
 pub mod tile_store;
+pub mod wire;

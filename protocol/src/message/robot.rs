@@ -1,0 +1,83 @@
+//! What a robot says of itself.
+
+use serde::{Deserialize, Serialize};
+
+use crate::layer::LayerId;
+
+/// `info`: who the robot is and what it maps. Rarely changes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Info {
+    /// Name of the vehicle's configuration.
+    pub vehicle: String,
+    /// What it replays or simulates; empty on a real vehicle.
+    pub source: String,
+    /// Extent along x and y, metres, centred on `base_link`.
+    pub footprint_m: [f32; 2],
+    /// Greatest speed, m/s, and turn rate, rad/s.
+    pub limits: [f32; 2],
+    /// The layers it maps.
+    pub layers: Vec<LayerInfo>,
+}
+
+/// One layer of [`Info`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LayerInfo {
+    /// Which.
+    pub layer: LayerId,
+    /// Side of a cell, metres.
+    pub cell_m: f64,
+}
+
+/// `pose`: where the vehicle is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Pose {
+    /// Position of `base_link` in `odom`, metres.
+    pub position_m: [f64; 3],
+    /// Orientation: x, y, z, w.
+    pub quaternion_xyzw: [f32; 4],
+}
+
+/// `status`: how the robot is doing.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Status {
+    /// Time of the data since the run began, nanoseconds.
+    pub data_time_ns: i64,
+    /// Scans that came in.
+    pub scans_in: u64,
+    /// Scans that are in the map.
+    pub scans_mapped: u64,
+    /// What was dropped, by reason: scans, beams, and losses of the source.
+    pub drops: Vec<Reason>,
+    /// Tiles published, and their bytes.
+    pub tiles: [u64; 2],
+    /// Tiles that wait for their turn.
+    pub tiles_waiting: u32,
+    /// Consoles that look at the robot.
+    pub consoles: u16,
+    /// Messages that made no sense and were refused.
+    pub refused: u64,
+    /// The source has ended: nothing new will come.
+    pub has_ended: bool,
+}
+
+/// A count and what it counts.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Reason {
+    /// The reason's name, as in `--summary`.
+    pub name: String,
+    /// How often.
+    pub count: u64,
+}
+
+/// `event`: something happened.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Event {
+    /// What, in one word.
+    pub kind: String,
+    /// What, in a sentence.
+    pub message: String,
+}
+
+/// `ping`'s answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Pong;
