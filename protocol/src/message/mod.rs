@@ -8,3 +8,6 @@ pub use map::{
     View,
 };
 pub use robot::{Event, Info, LayerInfo, Pong, Pose, Reason, Status};
+
+#[cfg(test)]
+mod tests;
