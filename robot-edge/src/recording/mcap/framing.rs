@@ -3,10 +3,8 @@
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 
+use super::magic::MAGIC;
 use super::record::{least_length, op};
-
-/// `\x89MCAP0\r\n`, at both ends of a file.
-pub(super) const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 
 /// Longest record that is read whole; others are passed over (attachments may be as long as they like).
 pub(super) const MAX_RECORD_BYTES: u64 = 64 << 20;

@@ -8,9 +8,10 @@ use std::path::{Path, PathBuf};
 use mcap::WriteOptions;
 use mcap::records::MessageHeader;
 
+use super::chunk;
 use super::framing::{Frame, Framing};
+use super::magic::open_checked;
 use super::record::{self, Malformed, op};
-use super::{chunk, open_checked};
 use crate::drops::{DropCounts, DropReason};
 use crate::recording::RecordingError;
 use crate::recording::loss_log::LossLog;

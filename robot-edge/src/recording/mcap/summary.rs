@@ -4,7 +4,7 @@
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 
-use super::framing::MAGIC;
+use super::magic::MAGIC;
 use super::record::{self, op};
 
 /// Larger summaries are not read: they hold indexes of files of hundreds of gigabytes.

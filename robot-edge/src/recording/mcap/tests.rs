@@ -2,6 +2,9 @@ use std::fs;
 
 use serde_json::Value;
 
+use std::fs::File;
+
+use super::magic::MAGIC;
 use super::*;
 use crate::measurement::MeasurementData;
 use crate::recording::shared_data::shared_data;
