@@ -65,6 +65,8 @@ pub(super) struct Replayed {
     asides: VecDeque<Measurement>,
     /// Mapped, and next behind the asides that go before it.
     held: Option<Item>,
+    /// Nothing that is mapped comes any more.
+    is_over: bool,
     /// Runs from the first scan of the round.
     clock: DataClock,
     newest: RobotTime,
@@ -98,6 +100,7 @@ impl Replayed {
             order: StampOrder::default(),
             asides: VecDeque::new(),
             held: None,
+            is_over: false,
             clock: DataClock::default(),
             newest: RobotTime::MIN,
             earlier_rounds: Lost::default(),
@@ -162,19 +165,23 @@ impl Replayed {
             to: RobotTime::MIN,
         })))
     }
-}
 
-impl Replayed {
     /// The next item that is mapped; asides that are met on the way are put aside.
     fn next_mapped(&mut self) -> Result<Option<Item>, RecordingError> {
         loop {
             if let Some(ordered) = self.order.pop() {
                 match ordered {
-                    Ordered::Measurement(measurement) => match self.sort(measurement) {
-                        ControlFlow::Continue(Some(item)) => return Ok(Some(item)),
-                        ControlFlow::Break(()) => return self.next_round(),
-                        ControlFlow::Continue(None) => continue,
-                    },
+                    Ordered::Measurement(measurement) => {
+                        let stamp = measurement.stamp;
+                        match self.sort(measurement) {
+                            ControlFlow::Continue(Some(item)) => return Ok(Some(item)),
+                            ControlFlow::Continue(None) => continue,
+                            ControlFlow::Break(()) => {
+                                self.asides.retain(|aside| aside.stamp < stamp);
+                                return self.next_round();
+                            }
+                        }
+                    }
                     reset @ Ordered::ClockReset { .. } => {
                         self.clock.reset();
                         self.newest = RobotTime::MIN;
@@ -183,9 +190,6 @@ impl Replayed {
                 }
             }
             match self.reader.next_measurement()? {
-                // Of what is not mapped, nothing before the part belongs into a recording of it.
-                Some(measurement)
-                    if !self.is_mapped(&measurement) && self.clock.elapsed() < self.what.start => {}
                 Some(measurement) if !self.is_mapped(&measurement) => {
                     self.asides.push_back(measurement);
                     if self.asides.len() > MAX_ASIDES {
@@ -214,18 +218,24 @@ impl Replayed {
 
 impl Source for Replayed {
     fn next(&mut self) -> Result<Option<Item>, RecordingError> {
-        if self.held.is_none() {
+        if self.held.is_none() && !self.is_over {
             self.held = self.next_mapped()?;
+            self.is_over = self.held.is_none();
         }
         let turn = match &self.held {
             Some(Item::Due(Ordered::Measurement(measurement))) => measurement.stamp,
+            Some(Item::AtOnce(pose)) if !pose.is_timeless() => pose.stamp,
             // What holds for all time goes first; a clock that starts anew and the end, last.
             Some(Item::AtOnce(_) | Item::Aside(_)) => RobotTime::MIN,
             Some(Item::Due(Ordered::ClockReset { .. })) | None => RobotTime::MAX,
         };
         let is_their_turn = |aside: &Measurement| aside.stamp <= turn;
-        if self.asides.front().is_some_and(is_their_turn) {
-            return Ok(self.asides.pop_front().map(Item::Aside));
+        while self.asides.front().is_some_and(is_their_turn) {
+            let aside = self.asides.pop_front().map(Item::Aside);
+            // What lies before the part does not belong into a recording of it.
+            if self.clock.elapsed() >= self.what.start {
+                return Ok(aside);
+            }
         }
         Ok(self.held.take())
     }

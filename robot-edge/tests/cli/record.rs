@@ -116,3 +116,23 @@ fn a_recording_of_a_recording_maps_the_same() {
     assert_eq!(first["vehicle"], second["vehicle"]);
     assert!(fs::read(place("1.mcap")).unwrap() == fs::read(place("2.mcap")).unwrap());
 }
+
+#[test]
+fn a_recording_of_a_part_holds_that_part_of_everything() {
+    let folder = tempfile::tempdir().unwrap();
+    let part = folder.path().join("part.mcap");
+    let mut replay = robot_edge("replay --start 10 --duration 5 --record");
+    summary_of(replay.arg(&part).arg(rooms()));
+    let page = run(robot_edge("info").arg(&part)).succeeds().stdout;
+    let messages = |topic: &str| -> u64 {
+        let line = page
+            .lines()
+            .find(|line| line.trim_start().starts_with(topic))
+            .unwrap();
+        line.split_whitespace().nth(2).unwrap().parse().unwrap()
+    };
+    assert_eq!(messages("/scan"), 51);
+    // 50 a second, not mapped; transforms from before the part place its first scans.
+    assert!((250..=252).contains(&messages("/odom")), "{page}");
+    assert_eq!(messages("/tf "), 751);
+}
