@@ -22,6 +22,20 @@ pub struct RobotId(String);
 #[error("{0:?} is no robot name: it must be 1 to 64 letters, digits, `_` or `-`")]
 pub struct InvalidName(pub String);
 
+impl RobotId {
+    /// A name made of bytes, in hexadecimal: what a console session calls itself.
+    pub fn from_bytes(bytes: [u8; 16]) -> Self {
+        Self(format!("{:032x}", u128::from_be_bytes(bytes)))
+    }
+}
+
+impl Default for RobotId {
+    /// `robot`.
+    fn default() -> Self {
+        Self("robot".to_owned())
+    }
+}
+
 impl FromStr for RobotId {
     type Err = InvalidName;
 

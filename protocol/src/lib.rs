@@ -3,7 +3,7 @@
 //! Read in this order: a [`layer`] says what a map cell means; a [`tile`] carries 64×64 cells of one
 //! layer; the [`tile_store`] holds every tile ever published, on either side; a [`mosaic`] joins tiles
 //! into one raster; an [`export`] writes a raster to a file. [`keys`], [`wire`] and [`message`] say how all
-//! of it crosses the network.
+//! of it crosses the network, and `SPEC.md` says it for other languages.
 
 pub mod export;
 pub mod keys;

@@ -1,4 +1,4 @@
-//! Messages as bytes: a header and a body in postcard, within limits.
+//! Messages as bytes: a header and a body in postcard, within limits. `SPEC.md` tells of every byte.
 //!
 //! `protocol` comes first, as a fixed two bytes, so that every version of this program can tell that another
 //! one speaks. Enums are append-only; a body that grows does so in a new protocol version.
@@ -19,9 +19,9 @@ pub const MAX_MESSAGE_BYTES: usize = 64 * 1024;
 pub struct Header {
     /// The run of the program that sent it.
     pub boot: BootId,
-    /// Rises by one with every message of a sender on one key.
+    /// Counts the messages of the sender over all its keys, so that one key sees gaps.
     pub seq: u64,
-    /// Stamp of the data it tells of, nanoseconds on the robot's sensor clock.
+    /// Stamp of the data it tells of, nanoseconds on the robot's sensor clock; 0 where it tells of none.
     pub robot_time_ns: i64,
 }
 

@@ -22,7 +22,7 @@ pub struct LayerHead {
     pub epoch: u32,
     /// The greatest revision in it.
     pub head_revision: u64,
-    /// Tiles in it.
+    /// Tiles in it with at least one known cell.
     pub tiles: u32,
     /// Digest of all its cells.
     pub root: RootDigest,
@@ -63,24 +63,24 @@ pub struct TilesReply {
     pub following: u32,
 }
 
-/// Asks `map/<layer>/digests` for the digests of tiles newer than a revision.
+/// Asks `map/<layer>/digests` for the digests of tiles newer than a revision, oldest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DigestsRequest {
     /// 0 for all.
     pub newer_than: u64,
 }
 
-/// The answer: several of these where one message cannot hold them.
+/// The answer, in one message: a page of the list.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Digests {
     /// How often the layer was erased.
     pub epoch: u32,
     /// The greatest revision in it.
     pub head_revision: u64,
-    /// Tiles that know at least one cell.
+    /// The tiles asked for, by rising revision, tombstones (with the digest of unknown cells) among them.
     pub tiles: Vec<TileSummary>,
-    /// Replies that follow this one.
-    pub following: u32,
+    /// Newer ones that did not fit: to be asked for with the last revision listed.
+    pub more: u32,
 }
 
 /// A tile in [`Digests`].
@@ -99,10 +99,12 @@ pub struct TileSummary {
 /// `view/<session>`: what a console looks at, twice a second.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct View {
-    /// The rectangle on its screen: lowest and greatest x and y in `odom`, metres.
+    /// The rectangle on its screen in `odom`, metres: lowest x, lowest y, greatest x, greatest y.
     pub rectangle_m: [f32; 4],
     /// The layers it wants, bit `i` for the layer with wire number `i`.
     pub layers: u32,
     /// The newest revision it holds.
     pub revision: u64,
+    /// Whether it holds, of these layers, just what the robot announced last.
+    pub is_in_step: bool,
 }

@@ -35,6 +35,10 @@ pub struct Pose {
     pub position_m: [f64; 3],
     /// Orientation: x, y, z, w.
     pub quaternion_xyzw: [f32; 4],
+    /// Speed along the vehicle's x axis, m/s: positive forward.
+    pub speed_mps: f32,
+    /// Turn rate about the vehicle's z axis, rad/s: positive to the left.
+    pub turn_rate_radps: f32,
 }
 
 /// `status`: how the robot is doing.
@@ -48,7 +52,7 @@ pub struct Status {
     pub scans_mapped: u64,
     /// What was dropped, by reason: scans, beams, and losses of the source.
     pub drops: Vec<Reason>,
-    /// Tiles published, and their bytes.
+    /// Messages with tiles that were pushed, and their bytes.
     pub tiles: [u64; 2],
     /// Tiles that wait for their turn.
     pub tiles_waiting: u32,

@@ -91,11 +91,13 @@ fn every_message_survives_the_wire() {
         epoch: 0,
         head_revision: 9,
         tiles: vec![summary; 3],
-        following: 0,
+        more: 0,
     });
     body(&Pose {
         position_m: [1.0, -2.0, 0.5],
         quaternion_xyzw: [0.0, 0.0, 0.6, 0.8],
+        speed_mps: -0.5,
+        turn_rate_radps: 0.25,
     });
     body(&Event {
         kind: "jump".to_owned(),
@@ -124,6 +126,7 @@ fn every_message_survives_the_wire() {
         rectangle_m: [-1e6, -1e6, 1e6, 1e6],
         layers: u32::MAX,
         revision: u64::MAX,
+        is_in_step: true,
     };
     assert!(BEHIND_HEADER + body(&view).len() <= 256);
 }

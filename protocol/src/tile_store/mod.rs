@@ -74,12 +74,17 @@ impl TileStore {
     /// An empty store of run `boot` that keeps its tiles within `store_mb` megabytes (10⁶ bytes, at least
     /// 1). Its layers come by [`set_grid`](Self::set_grid).
     pub fn new(boot: BootId, store_mb: u32) -> Self {
+        Self::within_bytes(boot, (store_mb.max(1) as usize).saturating_mul(1_000_000))
+    }
+
+    /// As [`new`](Self::new), with the limit in bytes; of fewer than 8320 not one tile is kept.
+    pub fn within_bytes(boot: BootId, limit_bytes: usize) -> Self {
         Self {
             boot,
             last_revision: 0,
             layers: BTreeMap::new(),
             focus_m: [0.0; 2],
-            limit_bytes: (store_mb.max(1) as usize).saturating_mul(1_000_000),
+            limit_bytes,
             tiles_held: 0,
             tombstones: 0,
             counters: StoreCounters::default(),

@@ -1,8 +1,9 @@
 //! The receiving side: a console's store.
 
+use super::stored_tile::Content;
 use super::{StoreError, TileStore};
 use crate::layer::LayerId;
-use crate::tile::{BootId, Tile};
+use crate::tile::{BootId, Tile, TileKey};
 
 /// Earlier boots remembered.
 const RETIRED_BOOTS_MAX: usize = 16;
@@ -59,6 +60,22 @@ impl TileStore {
         self.insert(key, stored);
         let _evicted = self.evict_beyond_limit(false);
         Ok(Applied::Stored)
+    }
+
+    /// Drops the entry of a tile that the publisher does not hold any more.
+    pub fn forget(&mut self, key: TileKey) {
+        let Some(held) = self.layers.get_mut(&key.layer) else {
+            return;
+        };
+        match held
+            .tiles
+            .remove(&(key.tx, key.ty))
+            .map(|gone| gone.content)
+        {
+            Some(Content::Cells(_)) => self.tiles_held -= 1,
+            Some(Content::Blank | Content::Evicted) => self.tombstones -= 1,
+            None => {}
+        }
     }
 
     /// Follows the publisher to run `boot`, emptying the store if that is a new one; false where `boot` is

@@ -32,6 +32,25 @@ fn publish(store: &mut TileStore, key: TileKey, cells: TileCells) -> u64 {
 }
 
 #[test]
+fn a_store_too_small_for_a_tile_keeps_none() {
+    for limit_bytes in [0, 127, 128, 8319] {
+        let mut store = TileStore::within_bytes(BOOT, limit_bytes);
+        let layer = LayerId::Occupancy;
+        store.set_grid(LayerGrid { layer, cell_m: 0.1 }).unwrap();
+        let here = key(layer, 0, 0);
+        let published = store.publish(here, filled(6)).unwrap();
+        let itself = Publication::Published {
+            revision: 1,
+            evicted: vec![here],
+        };
+        assert_eq!(published, itself);
+        assert_eq!(store.tile_count(layer), 0);
+        assert!(store.bytes_held() <= limit_bytes);
+        assert_eq!(store.head_revision(layer), 2);
+    }
+}
+
+#[test]
 fn revisions_count_changes_over_all_layers() {
     let mut store = store();
     let (a, b) = (

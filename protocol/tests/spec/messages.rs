@@ -1,0 +1,187 @@
+//! Messages: the bytes of every example, and that no message and no field is missing.
+
+use std::collections::BTreeSet;
+use std::fmt::Debug;
+use std::path::Path;
+
+use protocol::message::{
+    Digests, DigestsRequest, Event, Info, MapHead, Pong, Pose, Status, TileBand, TilesReply,
+    TilesRequest, View,
+};
+use protocol::tile::BootId;
+use protocol::wire::{Header, WireError, decode, encode};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use super::document::{blocks_of, hex, json, table};
+
+/// Checks the example of a name, knowing its type.
+type Check = fn(&str);
+
+const EXAMPLES: [(&str, Check); 13] = [
+    ("Info", check::<Info>),
+    ("Pong", check::<Pong>),
+    ("Pose", check::<Pose>),
+    ("Status", check::<Status>),
+    ("Event", check::<Event>),
+    ("MapHead", check::<MapHead>),
+    ("View", check::<View>),
+    ("TileBand", check::<TileBand>),
+    ("DigestsRequest", check::<DigestsRequest>),
+    ("Digests", check::<Digests>),
+    ("TilesRequest.NewerThan", check::<TilesRequest>),
+    ("TilesRequest.These", check::<TilesRequest>),
+    ("TilesReply", check::<TilesReply>),
+];
+
+/// What is in messages and is none itself.
+const PARTS: [&str; 4] = ["LayerInfo", "Reason", "LayerHead", "TileSummary"];
+
+#[test]
+fn examples_are_what_is_encoded_and_decoded() {
+    for (name, check) in EXAMPLES {
+        check(name);
+    }
+}
+
+fn check<T: Serialize + DeserializeOwned + PartialEq + Debug>(name: &str) {
+    let stated = json(name);
+    let golden = hex(name);
+    let stated_header = &stated["header"];
+    let header = Header {
+        boot: BootId(serde_json::from_value(stated_header["boot"].clone()).unwrap()),
+        seq: stated_header["seq"].as_u64().unwrap(),
+        robot_time_ns: stated_header["robot_time_ns"].as_i64().unwrap(),
+    };
+    // By way of text: a `Value` would keep `f32`s as `f64`s, with other digits.
+    let body: T = serde_json::from_str(&stated["body"].to_string()).unwrap();
+    let told: Value = serde_json::from_str(&serde_json::to_string(&body).unwrap()).unwrap();
+    assert_eq!(told, stated["body"], "{name} does not state every field");
+
+    assert_eq!(
+        encode(&header, &body).as_deref(),
+        Ok(&*golden),
+        "{name} encodes to other bytes"
+    );
+    assert_eq!(decode::<T>(&golden), Ok((header, body)), "{name}");
+    let mut longer = golden.clone();
+    longer.push(0);
+    for malformed in [&golden[..golden.len() - 1], &longer] {
+        assert_eq!(
+            decode::<T>(malformed),
+            Err(WireError::Malformed),
+            "{name} is exactly its bytes"
+        );
+    }
+}
+
+#[test]
+fn every_message_and_variant_has_an_example() {
+    let documented: BTreeSet<&str> = blocks_of("json").into_iter().collect();
+    let checked: BTreeSet<&str> = EXAMPLES.iter().map(|(name, _)| *name).collect();
+    let unchecked: Vec<_> = documented.difference(&checked).collect();
+    assert_eq!(
+        unchecked,
+        [&"symbols"],
+        "examples that no test knows (symbols are in tiles.rs)"
+    );
+
+    for declared in declarations() {
+        let Declaration {
+            name,
+            is_enum,
+            members,
+        } = &declared;
+        if PARTS.contains(&name.as_str()) {
+            continue;
+        }
+        if *is_enum {
+            for variant in members {
+                let example = format!("{name}.{variant}");
+                assert!(checked.contains(&*example), "{example} has no example");
+            }
+        } else {
+            assert!(checked.contains(&**name), "{name} has no example");
+        }
+    }
+}
+
+#[test]
+fn every_field_and_variant_is_documented_in_order() {
+    for Declaration {
+        name,
+        is_enum,
+        members,
+    } in declarations()
+    {
+        let level = if PARTS.contains(&&*name) {
+            "####"
+        } else {
+            "###"
+        };
+        let rows = table(&format!("{level} `{name}`"));
+        let column = usize::from(is_enum);
+        let documented: Vec<&str> = rows
+            .iter()
+            .map(|row| row[column].trim_matches('`'))
+            .collect();
+        assert_eq!(documented, members, "the table of {name}");
+        if is_enum {
+            for (number, row) in rows.iter().enumerate() {
+                assert_eq!(row[0], number.to_string(), "{name}: {row:?}");
+            }
+        }
+    }
+}
+
+/// A public type out of `src/message/`.
+struct Declaration {
+    name: String,
+    is_enum: bool,
+    /// Fields or variants.
+    members: Vec<String>,
+}
+
+/// Every public type there, read from the sources: one that is added must be documented.
+fn declarations() -> Vec<Declaration> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/message");
+    let mut declarations: Vec<Declaration> = Vec::new();
+    let mut files: Vec<_> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| !path.ends_with("tests.rs"))
+        .collect();
+    files.sort();
+    for file in files {
+        for line in std::fs::read_to_string(file).unwrap().lines() {
+            let is_enum = line.starts_with("pub enum ");
+            if let Some(rest) = line
+                .strip_prefix("pub struct ")
+                .or_else(|| line.strip_prefix("pub enum "))
+            {
+                declarations.push(Declaration {
+                    name: identifier(rest),
+                    is_enum,
+                    members: Vec::new(),
+                });
+            } else if let Some(member) = line.strip_prefix("    ")
+                && let Some(declaration) = declarations.last_mut()
+            {
+                if let Some(field) = member.strip_prefix("pub ") {
+                    declaration.members.push(identifier(field));
+                } else if declaration.is_enum && member.starts_with(char::is_uppercase) {
+                    declaration.members.push(identifier(member));
+                }
+            }
+        }
+    }
+    assert!(declarations.len() > 12, "found only {}", declarations.len());
+    declarations
+}
+
+fn identifier(text: &str) -> String {
+    text.chars()
+        .take_while(|&character| character.is_alphanumeric() || character == '_')
+        .collect()
+}

@@ -1,0 +1,91 @@
+//! Keys, layers, the header and the limits.
+
+use protocol::keys::{RobotId, Topic, all_tiles, every_robot_alive, view_of};
+use protocol::layer::{LayerId, LayerKind};
+use protocol::tile::TileKey;
+use protocol::tile::codec::MAX_BAND_BYTES;
+use protocol::wire::{MAX_MESSAGE_BYTES, PROTOCOL};
+
+use super::document::{SPEC, table};
+
+#[test]
+fn keys() {
+    let robot: RobotId = "scout-1".parse().unwrap();
+    let layer = LayerId::Elevation;
+    let tile = TileKey {
+        layer,
+        tx: -3,
+        ty: 12,
+    };
+    let mut expected: Vec<String> = [
+        Topic::Alive,
+        Topic::Info,
+        Topic::Ping,
+        Topic::Pose,
+        Topic::Status,
+        Topic::Event,
+        Topic::MapHead,
+        Topic::View,
+        Topic::Tile(tile),
+        Topic::Digests(layer),
+        Topic::Tiles(layer),
+    ]
+    .map(|topic| topic.key(&robot))
+    .to_vec();
+    expected[7] = view_of(&robot, &"SESSION".parse().unwrap());
+    let rows = table("## 2. Keys");
+    let documented: Vec<&str> = rows.iter().map(|row| row[0].trim_matches('`')).collect();
+    assert_eq!(documented, expected);
+
+    for key in [all_tiles(&"ROBOT".parse().unwrap()), every_robot_alive()] {
+        assert!(SPEC.contains(&format!("`{key}`")), "{key}");
+    }
+}
+
+#[test]
+fn layers_their_numbers_and_codes() {
+    let rows = table("## 5. Layers and cells");
+    assert_eq!(rows.len(), LayerId::ALL.len());
+    for (row, layer) in rows.iter().zip(LayerId::ALL) {
+        assert_eq!(row[0], (layer as u8).to_string());
+        assert_eq!(row[1], format!("`{layer}`"));
+        let greatest: u16 = row[2].parse().unwrap();
+        assert!(layer.quantisation().is_code(greatest), "{layer}");
+        let beyond = greatest.checked_add(1);
+        assert!(
+            beyond.is_none_or(|code| !layer.quantisation().is_code(code)),
+            "{layer}"
+        );
+        let meaning = match layer.kind() {
+            LayerKind::Classes => layer
+                .classes()
+                .iter()
+                .zip(1..)
+                .map(|(class, code)| format!("{code} {}", class.name))
+                .collect::<Vec<_>>()
+                .join(", "),
+            LayerKind::Continuous => {
+                let value = |code| f64::from(layer.quantisation().decode(code).unwrap());
+                let per_unit = (1.0 / (value(2) - value(1))).round();
+                let zero = 1.0 - (value(1) * per_unit).round();
+                format!("`(c − {zero}) / {per_unit}`")
+            }
+        };
+        assert!(row[3].contains(&meaning), "{layer}: {meaning}");
+    }
+}
+
+#[test]
+fn version_and_limits() {
+    assert!(SPEC.starts_with(&format!("# The wire of Foreshore, protocol {PROTOCOL}\n")));
+    for limit in [
+        format!("| message, header included | {MAX_MESSAGE_BYTES} bytes |"),
+        format!("| band | {MAX_BAND_BYTES} bytes |"),
+    ] {
+        assert!(SPEC.contains(&limit), "{limit}");
+    }
+    let longest = "a".repeat(64).parse::<RobotId>();
+    let too_long = "a".repeat(65).parse::<RobotId>();
+    assert!(longest.is_ok() && too_long.is_err());
+    assert!(SPEC.contains("| name of a robot or console | 64 characters |"));
+}
