@@ -7,6 +7,8 @@ use clap::builder::NonEmptyStringValueParser;
 use clap::{ArgAction, Args, CommandFactory as _, Parser, Subcommand};
 use clap_complete::Shell;
 
+use protocol::keys::RobotId;
+
 use crate::config::Override;
 use crate::pacer::Rate;
 
@@ -42,8 +44,9 @@ impl Verbosity {
     pub const fn log_filter(self) -> &'static str {
         match (self.quiet, self.verbose) {
             (true, _) => "error",
-            (false, 0) => "warn",
-            (false, 1) => "info",
+            // Zenoh warns of settings that are meant.
+            (false, 0) => "warn,zenoh=error",
+            (false, 1) => "info,zenoh=warn",
             (false, 2) => "debug",
             (false, _) => "trace",
         }
@@ -124,11 +127,11 @@ pub struct MappingOptions {
     #[arg(long = "topic", value_name = "ROLE=NAME", value_parser = Override::topic)]
     pub topics: Vec<Override>,
     /// Name of this robot: letters, digits, `_` and `-`
-    #[arg(long, value_name = "ID", value_parser = robot_id, hide = true)]
-    pub robot: Option<String>,
-    /// Do not open the network (there is none yet: scripts may say so already)
-    #[arg(long, hide = true)]
-    pub no_network: bool,
+    #[arg(long, value_name = "ID")]
+    pub robot: Option<RobotId>,
+    /// How consoles reach it.
+    #[command(flatten)]
+    pub network: NetworkOptions,
     /// Write everything that comes in to a recording
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
@@ -138,6 +141,30 @@ pub struct MappingOptions {
     /// Write figures of the run at the end
     #[arg(long, value_name = "FILE.json")]
     pub summary: Option<PathBuf>,
+}
+
+/// How consoles reach the robot.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
+pub struct NetworkOptions {
+    /// Listen here for consoles: `tcp/HOST:PORT`, tiles at the next port [default: this machine only, port
+    /// 7447]; may be repeated
+    #[arg(long, value_name = "ENDPOINT")]
+    pub listen: Vec<String>,
+    /// Connect to a Zenoh router here; may be repeated
+    #[arg(long, value_name = "ENDPOINT")]
+    pub connect: Vec<String>,
+    /// Let anybody who reaches the listener watch: there is no encryption and no proof of who it is
+    #[arg(long)]
+    pub insecure: bool,
+    /// Zenoh configuration (JSON5) that ours is laid over [default: what `ZENOH_CONFIG` names]
+    #[arg(long, value_name = "FILE")]
+    pub zenoh_config: Option<PathBuf>,
+    /// Do not open the network
+    #[arg(long, conflicts_with_all = ["listen", "connect", "insecure", "zenoh_config", "stay"])]
+    pub no_network: bool,
+    /// Go on serving the map when the data has ended, until interrupted
+    #[arg(long)]
+    pub stay: bool,
 }
 
 impl MappingOptions {
@@ -211,16 +238,6 @@ fn finite(text: &str) -> Option<f64> {
     text.parse().ok().filter(|number: &f64| number.is_finite())
 }
 
-/// The identifier becomes one part of every key on the network, where other signs have a meaning.
-fn robot_id(text: &str) -> Result<String, String> {
-    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"_-".contains(&byte);
-    if (1..=64).contains(&text.len()) && text.bytes().all(is_plain) {
-        Ok(text.to_owned())
-    } else {
-        Err("a robot's name is 1 to 64 letters, digits, `_` or `-`".to_owned())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -252,10 +269,10 @@ mod tests {
         );
         assert_eq!(replay.recording, PathBuf::from("log.clf"));
         assert_eq!(replay.rate, Rate::Times(2.5));
-        assert!(replay.repeat && replay.mapping.no_network);
+        assert!(replay.repeat && replay.mapping.network.no_network);
         assert_eq!((replay.start_s, replay.duration_s), (1.5, Some(60.0)));
         assert_eq!(replay.mapping.vehicle.as_deref(), Some("pioneer"));
-        assert_eq!(replay.mapping.robot.as_deref(), Some("scout-1"));
+        assert_eq!(replay.mapping.robot, Some("scout-1".parse().unwrap()));
         assert_eq!(replay.mapping.overrides().len(), 3);
         assert_eq!(replay.mapping.summary, Some(PathBuf::from("s.json")));
     }
@@ -284,7 +301,10 @@ mod tests {
             ("replay a --robot a/b", "letters"),
             ("replay a --quiet -v", "cannot be used with"),
             ("simulate rooms --seed -3", "-3"),
-            ("replay a --listen tcp/0.0.0.0:1", "--listen"),
+            (
+                "replay a --no-network --listen tcp/0.0.0.0:1",
+                "cannot be used with",
+            ),
             ("recover a", "OUT"),
             ("experiments", "experiments"),
         ] {
@@ -305,8 +325,8 @@ mod tests {
     fn verbosity_chooses_the_filter() {
         for (line, filter) in [
             ("robot-edge --quiet info a", "error"),
-            ("robot-edge info a", "warn"),
-            ("robot-edge info a -v", "info"),
+            ("robot-edge info a", "warn,zenoh=error"),
+            ("robot-edge info a -v", "info,zenoh=warn"),
             ("robot-edge -vvv info a", "trace"),
         ] {
             let cli = Cli::try_parse_from(line.split_whitespace()).unwrap();

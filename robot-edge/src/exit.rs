@@ -4,6 +4,7 @@ use std::error::Error;
 use std::process::ExitCode;
 
 use crate::config::ConfigError;
+use crate::link::LinkError;
 use crate::recording::RecordingError;
 use crate::simulation::WorldError;
 
@@ -43,6 +44,9 @@ impl Exit {
                 || error.is::<WorldError>()
                 || error.is::<clap::Error>()
             {
+                return Self::Usage;
+            }
+            if let Some(LinkError::Endpoint(_) | LinkError::Config { .. }) = error.downcast_ref() {
                 return Self::Usage;
             }
             if error.is::<RecordingError>() {

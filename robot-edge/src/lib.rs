@@ -16,6 +16,7 @@ pub mod app;
 pub mod cli;
 pub mod config;
 pub mod exit;
+pub mod link;
 pub mod localization;
 pub mod mapping;
 pub mod pipeline;

@@ -160,6 +160,11 @@ impl Pipeline {
         &self.mapper
     }
 
+    /// The tiles that were published since the last call.
+    pub fn take_changed_tiles(&mut self) -> Vec<protocol::tile::TileKey> {
+        self.publisher.take_changed()
+    }
+
     /// What was published.
     pub const fn publisher(&self) -> &Publisher {
         &self.publisher

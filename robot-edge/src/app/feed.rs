@@ -28,6 +28,8 @@ pub(super) struct Batch {
 pub(super) struct SourceEnd {
     pub(super) lost: Lost,
     pub(super) skipped: Skipped,
+    /// Whether the source was read to its end, and not interrupted.
+    pub(super) is_complete: bool,
     pub(super) result: Result<(), RecordingError>,
 }
 
@@ -49,6 +51,7 @@ pub(super) fn feed(
     // Whoever took items up to now takes the last ones too, or has its own reason not to.
     hand.over(source);
     SourceEnd {
+        is_complete: result.is_ok() && !is_set(interrupt),
         lost: source.lost(),
         skipped: pacer.skipped(),
         result,

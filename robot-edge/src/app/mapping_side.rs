@@ -2,6 +2,7 @@
 
 use super::data_clock::DataClock;
 use super::feed::Batch;
+use super::network::Network;
 use super::outputs::Trajectory;
 use super::recorder::Recorder;
 use super::source::Item;
@@ -11,10 +12,12 @@ use crate::measurement::{Measurement, Stream};
 use crate::pipeline::Pipeline;
 use crate::progress::{Progress, ProgressFigures};
 use crate::recording::stamp_order::Ordered;
+use crate::streaming::publisher::PublishError;
 
 /// What takes the batches of a source.
 pub(super) struct MappingSide {
     pub(super) pipeline: Pipeline,
+    pub(super) network: Option<Network>,
     pub(super) recorder: Option<Recorder>,
     pub(super) trajectory: Trajectory,
     pub(super) progress: Progress,
@@ -33,7 +36,13 @@ impl MappingSide {
         self.streams.extend(batch.new_streams);
         for item in batch.items {
             let trajectory = &mut self.trajectory;
-            let mapped = |scan: &PosedScan| trajectory.add(scan);
+            let network = self.network.as_ref();
+            let mapped = |scan: &PosedScan| {
+                trajectory.add(scan);
+                if let Some(network) = network {
+                    network.moved(scan);
+                }
+            };
             match item {
                 Item::Due(Ordered::Measurement(measurement)) => {
                     record(&mut self.recorder, &self.streams, &measurement)?;
@@ -57,6 +66,7 @@ impl MappingSide {
                 }
             }
         }
+        self.tell_network(batch.lost);
         let figures = ProgressFigures {
             data_s: self.clock.elapsed().as_secs_f64(),
             wall_s: self.started.elapsed().as_secs_f64(),
@@ -65,6 +75,31 @@ impl MappingSide {
         };
         self.progress.update(batch.position, &figures);
         Ok(())
+    }
+
+    /// The data has ended: maps what still waits.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub(super) fn finish(&mut self, lost: u64) -> Result<(), PublishError> {
+        let trajectory = &mut self.trajectory;
+        let network = self.network.as_ref();
+        let finished = self.pipeline.finish(|scan| {
+            trajectory.add(scan);
+            if let Some(network) = network {
+                network.moved(scan);
+            }
+        });
+        self.tell_network(lost);
+        self.progress.finish();
+        finished
+    }
+
+    fn tell_network(&mut self, lost: u64) {
+        match &self.network {
+            Some(network) => network.update(&mut self.pipeline, &self.clock, lost),
+            None => drop(self.pipeline.take_changed_tiles()),
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 mod data_clock;
 mod feed;
 mod mapping_side;
+mod network;
 mod outputs;
 pub mod placing;
 mod plan;
@@ -32,10 +33,25 @@ use crate::vehicle_commands;
 /// # Errors
 /// What went wrong, in words for the person who typed the command; [`Exit::of`] gives the exit code.
 pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
+    match &cli.command {
+        Command::Replay(_) | Command::Simulate(_) => run_until(cli, &*interrupt_flag()?, out),
+        Command::Info(_)
+        | Command::Recover(_)
+        | Command::Vehicles(_)
+        | Command::Check(_)
+        | Command::Completions(_) => run_until(cli, &AtomicBool::new(false), out),
+    }
+}
+
+/// As [`run`], but ends cleanly when `interrupt` is set, and not at Ctrl-C: for programs that run a robot inside.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_until(cli: &Cli, interrupt: &AtomicBool, out: &mut dyn Write) -> anyhow::Result<Exit> {
     let quiet = cli.verbosity.quiet;
     match &cli.command {
-        Command::Replay(command) => replay::replay(command, quiet, &*interrupt_flag()?, out),
-        Command::Simulate(command) => simulate::simulate(command, quiet, &*interrupt_flag()?, out),
+        Command::Replay(command) => replay::replay(command, quiet, interrupt, out),
+        Command::Simulate(command) => simulate::simulate(command, quiet, interrupt, out),
         Command::Info(command) => {
             write!(out, "{}", Survey::of(&command.recording)?)?;
             Ok(Exit::Done)
@@ -103,7 +119,10 @@ fn salvage(command: &Recover, out: &mut dyn Write) -> anyhow::Result<Exit> {
 
 /// Is set at the first Ctrl-C (or termination request), so that the run ends cleanly; the second one ends
 /// the process at once.
-fn interrupt_flag() -> anyhow::Result<Arc<AtomicBool>> {
+///
+/// # Errors
+/// Where the operating system refuses.
+pub fn interrupt_flag() -> anyhow::Result<Arc<AtomicBool>> {
     let flag = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         let code = i32::from(Exit::Interrupted.code());

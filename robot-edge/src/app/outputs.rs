@@ -6,6 +6,7 @@ use std::path::Path;
 
 use protocol::export::{ExportError, StampedPose, Trinary, export_all, write_trajectory};
 use protocol::layer::LayerId;
+use protocol::tile_store::TileStore;
 
 use super::feed::SourceEnd;
 use super::source::Lost;
@@ -68,7 +69,7 @@ pub(super) fn export(
     trajectory: &Trajectory,
     title: &str,
 ) -> Result<Vec<String>, ExportError> {
-    let maps = export_all(dir, pipeline.publisher().store(), title);
+    let maps = export_all(dir, &pipeline.publisher().store(), title);
     let path = dir.join("trajectory.tum");
     write_trajectory(&path, trajectory.poses.iter().copied())?;
     let files = maps?.files.into_iter().chain([path]);
@@ -253,7 +254,7 @@ fn layers(pipeline: &Pipeline) -> BTreeMap<String, LayerFigures> {
             let layer = grid.layer;
             let figures = LayerFigures {
                 cells_known: store.cells_known(layer),
-                counts: counts(pipeline, layer),
+                counts: counts(&store, layer),
                 digest: store
                     .root_digest(layer)
                     .map(|digest| digest.to_string())
@@ -266,8 +267,7 @@ fn layers(pipeline: &Pipeline) -> BTreeMap<String, LayerFigures> {
 }
 
 /// Cells by class; for occupancy the three that Nav2's `map_server` tells apart.
-fn counts(pipeline: &Pipeline, layer: LayerId) -> BTreeMap<String, u64> {
-    let store = pipeline.publisher().store();
+fn counts(store: &TileStore, layer: LayerId) -> BTreeMap<String, u64> {
     if layer == LayerId::Occupancy {
         let mut counts = BTreeMap::new();
         let quantisation = layer.quantisation();

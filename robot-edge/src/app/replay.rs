@@ -4,6 +4,7 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
+use super::network::NetworkPlan;
 use super::outputs::SETUP;
 use super::placing::{main_laser, placer_settings};
 use super::plan::plan;
@@ -64,6 +65,7 @@ pub(super) fn replay(
         config: &config,
         placer: placer_settings(&config, laser, plan.origin.clone()),
         rate: command.rate,
+        network: NetworkPlan::new(&options.network, options.robot.as_ref(), &config)?,
         record: options.record.clone(),
         export: options.export.clone(),
         summary: options.summary.clone(),

@@ -12,6 +12,7 @@ use super::data_clock::DataClock;
 use super::feed::{Batch, SourceEnd, feed};
 use super::is_set;
 use super::mapping_side::MappingSide;
+use super::network::{self, Network, NetworkPlan};
 use super::outputs::{self, Trajectory};
 use super::recorder::Recorder;
 use super::source::Source;
@@ -19,6 +20,7 @@ use super::writable;
 use crate::clock::Monotonic;
 use crate::config::Config;
 use crate::exit::{Exit, Interrupted};
+use crate::link::random_id;
 use crate::localization::placer::PlacerSettings;
 use crate::pacer::Rate;
 use crate::pipeline::Pipeline;
@@ -35,6 +37,8 @@ pub(super) struct Run<'a> {
     pub(super) config: &'a Config,
     pub(super) placer: PlacerSettings,
     pub(super) rate: Rate,
+    /// How it is on the network, if at all.
+    pub(super) network: Option<NetworkPlan>,
     pub(super) record: Option<PathBuf>,
     pub(super) export: Option<PathBuf>,
     pub(super) summary: Option<PathBuf>,
@@ -71,11 +75,19 @@ impl Run<'_> {
             });
             (end, taken)
         };
-        let trajectory = &mut side.trajectory;
-        let finished = side.pipeline.finish(|scan| trajectory.add(scan));
-        side.progress.finish();
-        let interrupted = is_set(interrupt);
-        let left = self.leave_behind(side, &end, interrupted, out);
+        let finished = side.finish(end.lost.counts.total());
+        let wall_s = side.started.elapsed().as_secs_f64();
+        let went_well = taken.is_ok() && finished.is_ok() && end.result.is_ok();
+        if let Some(network) = &side.network
+            && went_well
+        {
+            let revision = network::head_revision(&side.pipeline);
+            network.take_leave(revision, self.quiet, || is_set(interrupt));
+        }
+        // Whoever served the map until Ctrl-C asked for nothing else.
+        let stayed = self.network.as_ref().is_some_and(NetworkPlan::stays) && end.is_complete;
+        let interrupted = is_set(interrupt) && !stayed;
+        let left = self.leave_behind(side, &end, wall_s, interrupted, out);
         taken?;
         finished?;
         end.result?;
@@ -112,8 +124,22 @@ impl Run<'_> {
         }
         // The summary says what streaming would have cost, which nobody else needs to know.
         let encode = self.summary.is_some();
+        let boot = BootId(random_id()?);
+        let pipeline = Pipeline::new(self.config, self.placer.clone(), boot, encode)?;
+        let network = match &self.network {
+            Some(plan) => {
+                Network::open(plan, self.config, &self.title, boot, &pipeline, self.quiet)?
+            }
+            None => None,
+        };
+        for event in &self.events {
+            if let Some(network) = &network {
+                network.tell(&event.kind, &event.message);
+            }
+        }
         Ok(MappingSide {
-            pipeline: Pipeline::new(self.config, self.placer.clone(), BootId([0; 16]), encode)?,
+            pipeline,
+            network,
             recorder,
             trajectory: Trajectory::new(),
             progress: Progress::new(self.quiet),
@@ -128,10 +154,10 @@ impl Run<'_> {
         &self,
         side: MappingSide,
         end: &SourceEnd,
+        wall_s: f64,
         interrupted: bool,
         out: &mut dyn Write,
     ) -> anyhow::Result<Summary> {
-        let wall_s = side.started.elapsed().as_secs_f64();
         let mut summary = outputs::summary(&side.pipeline);
         summary.recording.clone_from(&self.source);
         summary.vehicle.clone_from(&self.config.vehicle.name);

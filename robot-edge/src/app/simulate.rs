@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::sync::atomic::AtomicBool;
 
+use super::network::NetworkPlan;
 use super::outputs::SETUP;
 use super::placing::{main_laser, placer_settings};
 use super::run::Run;
@@ -43,6 +44,7 @@ pub(super) fn simulate(
         placer: placer_settings(&config, main_laser(&config)?, pose_origin(&config)?),
         config: &config,
         rate: command.rate,
+        network: NetworkPlan::new(&options.network, options.robot.as_ref(), &config)?,
         record: options.record.clone(),
         export: options.export.clone(),
         summary: options.summary.clone(),

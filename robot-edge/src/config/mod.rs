@@ -29,6 +29,7 @@ pub use overrides::Override;
 pub use sensors::{LaserScanConfig, Mount, SensorConfig};
 pub use vehicle::VehicleConfig;
 
+use crate::link::config::LinkConfig;
 use crate::localization::config::LocalizationConfig;
 use crate::mapping::config::MappingConfig;
 use crate::streaming::config::StreamingConfig;
@@ -47,6 +48,8 @@ pub struct Config {
     pub mapping: MappingConfig,
     /// Tiles.
     pub streaming: StreamingConfig,
+    /// Network.
+    pub link: LinkConfig,
 }
 
 impl Default for Config {
@@ -59,6 +62,7 @@ impl Default for Config {
             localization: LocalizationConfig::default(),
             mapping: MappingConfig::default(),
             streaming: StreamingConfig::default(),
+            link: LinkConfig::default(),
         }
     }
 }

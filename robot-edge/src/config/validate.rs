@@ -5,6 +5,8 @@ use super::error::Fault;
 use super::layer::quoted;
 use super::sensors::{LaserScanConfig, SensorConfig};
 use super::{Config, VehicleConfig};
+use crate::link::config::LinkConfig;
+use crate::link::endpoints::bulk_endpoint;
 use crate::localization::config::LocalizationConfig;
 use crate::mapping::config::MappingConfig;
 use crate::mapping::occupancy_config::OccupancyConfig;
@@ -38,7 +40,27 @@ impl Config {
         localization(&mut checks, &self.localization);
         mapping(&mut checks, &self.mapping);
         streaming(&mut checks, &self.streaming);
+        link(&mut checks, &self.link);
         checks.into_faults()
+    }
+}
+
+fn link(checks: &mut Checks, link: &LinkConfig) {
+    let endpoints = [
+        ("link.listen", link.listen.as_ref()),
+        ("link.connect", link.connect.as_ref()),
+    ];
+    for (key, endpoint) in endpoints {
+        if let Some(endpoint) = endpoint
+            && bulk_endpoint(endpoint).is_err()
+        {
+            checks.fault(
+                key,
+                quoted(endpoint),
+                "control is at this port and tiles at the next",
+                "\"tcp/HOST:PORT\" with a port from 1 to 65534".to_owned(),
+            );
+        }
     }
 }
 

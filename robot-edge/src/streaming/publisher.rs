@@ -1,5 +1,7 @@
 //! Changed map cells go into the tile store: what is published *is* what is exported.
 
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
 use protocol::layer::LayerId;
 use protocol::tile::codec::Encoder;
 use protocol::tile::{BootId, TILE_CELLS, TileCells, TileKey};
@@ -10,7 +12,10 @@ use crate::mapping::Mapper;
 
 /// Publishes the changes of a mapper.
 pub struct Publisher {
-    store: TileStore,
+    /// Shared with whoever answers consoles; held for one tile at a time.
+    store: Arc<Mutex<TileStore>>,
+    /// Published since [`Publisher::take_changed`].
+    changed: Vec<TileKey>,
     coder: CellCoder,
     encoder: Option<Encoder>,
     traffic: TileTraffic,
@@ -58,7 +63,8 @@ impl Publisher {
         })?;
         let encoder = if encode { Some(Encoder::new()?) } else { None };
         Ok(Self {
-            store,
+            store: Arc::new(Mutex::new(store)),
+            changed: Vec::new(),
             coder: CellCoder::new(),
             encoder,
             traffic: TileTraffic::default(),
@@ -68,7 +74,7 @@ impl Publisher {
     /// Publishes every tile that changed since the last call, then keeps the mapper's memory limits.
     pub fn publish(&mut self, mapper: &mut Mapper) -> Result<(), PublishError> {
         let vehicle = mapper.vehicle_in_odom();
-        self.store.set_focus([vehicle.x, vehicle.y]);
+        self.store().set_focus([vehicle.x, vehicle.y]);
         for index in mapper.take_changed_occupancy() {
             if let Some(tile) = mapper.occupancy().grid().get(index) {
                 let cells = self.coder.occupancy(tile);
@@ -80,35 +86,41 @@ impl Publisher {
     }
 
     fn publish_tile(&mut self, key: TileKey, mut cells: TileCells) -> Result<(), PublishError> {
+        let mut store = self.store.lock().unwrap_or_else(PoisonError::into_inner);
         // A tile that was evicted from the mapping memory and seen again starts blank there, but what was
         // published stays true until something newer is known.
-        if let Some(before) = self.store.get(key).and_then(|stored| stored.cells()) {
+        if let Some(before) = store.get(key).and_then(|stored| stored.cells()) {
             keep_known(&mut cells, before);
         }
-        match self.store.publish(key, cells)? {
-            Publication::Unchanged => {}
-            Publication::Published { .. } => {
-                self.traffic.published += 1;
-                self.traffic.raw_bytes += 4 * TILE_CELLS as u64;
-                self.traffic.bytes += self.encoded_bytes(key);
+        if let Publication::Published { evicted, .. } = store.publish(key, cells)? {
+            self.traffic.published += 1;
+            self.traffic.raw_bytes += 4 * TILE_CELLS as u64;
+            if let (Some(encoder), Some(cells)) = (
+                &mut self.encoder,
+                store.get(key).and_then(|stored| stored.cells()),
+            ) {
+                let bands = encoder.encode(cells);
+                self.traffic.bytes += bands.iter().map(|band| band.len() as u64).sum::<u64>();
             }
+            self.changed.push(key);
+            self.changed.extend(evicted);
         }
         Ok(())
     }
 
-    fn encoded_bytes(&mut self, key: TileKey) -> u64 {
-        let cells = self.store.get(key).and_then(|stored| stored.cells());
-        let bands = self
-            .encoder
-            .as_mut()
-            .zip(cells)
-            .map(|(encoder, cells)| encoder.encode(cells));
-        bands.iter().flatten().map(|band| band.len() as u64).sum()
+    /// The store, for as long as the guard is held.
+    pub fn store(&self) -> MutexGuard<'_, TileStore> {
+        self.store.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The store.
-    pub const fn store(&self) -> &TileStore {
-        &self.store
+    /// The store, to be shared with the link.
+    pub fn shared_store(&self) -> Arc<Mutex<TileStore>> {
+        Arc::clone(&self.store)
+    }
+
+    /// The tiles that changed since the last call, in the order of publication.
+    pub fn take_changed(&mut self) -> Vec<TileKey> {
+        std::mem::take(&mut self.changed)
     }
 
     /// What publishing amounted to so far.

@@ -121,7 +121,12 @@ fn a_full_disk_under_the_recording_does_not_cost_the_maps() {
         let mut command = std::process::Command::new("sh");
         command
             .args(["-c", "trap '' XFSZ; ulimit -f 1000; exec \"$0\" \"$@\""])
-            .args([env!("CARGO_BIN_EXE_robot-edge"), "replay", "--set"])
+            .args([
+                env!("CARGO_BIN_EXE_robot-edge"),
+                "replay",
+                "--no-network",
+                "--set",
+            ])
             .arg(format!("mapping.threads={threads}"))
             .arg(rooms())
             .arg("--record")

@@ -15,7 +15,15 @@ pub(crate) fn robot_edge(words: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_robot-edge"));
     command
         .args(words.split_whitespace())
-        .env_remove("RUST_LOG");
+        .env_remove("RUST_LOG")
+        .env_remove("ZENOH_CONFIG");
+    // Tests run side by side, and there is one default port.
+    if ["replay", "simulate"]
+        .iter()
+        .any(|maps| words.starts_with(maps))
+    {
+        command.arg("--no-network");
+    }
     command
 }
 

@@ -5,7 +5,7 @@ use std::io;
 
 use protocol::tile_store::RootDigest;
 use robot_edge::app;
-use robot_edge::cli::{Cli, Command, MappingOptions, Simulate, Verbosity};
+use robot_edge::cli::{Cli, Command, MappingOptions, NetworkOptions, Simulate, Verbosity};
 use robot_edge::exit::Exit;
 use robot_edge::measurement::{Measurement, MeasurementData};
 use robot_edge::pacer::Rate;
@@ -116,7 +116,10 @@ fn digest_of_simulate(seed: u64, setting: &str) -> String {
                 settings: vec![setting.parse().unwrap()],
                 topics: Vec::new(),
                 robot: None,
-                no_network: true,
+                network: NetworkOptions {
+                    no_network: true,
+                    ..NetworkOptions::default()
+                },
                 record: None,
                 export: None,
                 summary: Some(summary.clone()),

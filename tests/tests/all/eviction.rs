@@ -21,15 +21,17 @@ fn held(pipeline: &Pipeline) -> BTreeSet<TileKey> {
 }
 
 /// The published tiles.
-fn published(pipeline: &Pipeline) -> BTreeMap<TileKey, &TileCells> {
-    let tiles = pipeline.publisher().store().tiles(LayerId::Occupancy);
+fn published(pipeline: &Pipeline) -> BTreeMap<TileKey, TileCells> {
+    let store = pipeline.publisher().store();
+    let tiles = store.tiles(LayerId::Occupancy);
     tiles
-        .map(|(key, stored)| (key, stored.cells().unwrap()))
+        .map(|(key, stored)| (key, stored.cells().unwrap().clone()))
         .collect()
 }
 
 fn revisions(pipeline: &Pipeline) -> BTreeMap<TileKey, u64> {
-    let tiles = pipeline.publisher().store().tiles(LayerId::Occupancy);
+    let store = pipeline.publisher().store();
+    let tiles = store.tiles(LayerId::Occupancy);
     tiles
         .map(|(key, stored)| (key, stored.revision()))
         .collect()
@@ -104,7 +106,7 @@ fn check(cell_m: f64, duration_s: f64) -> (Watch, u64) {
     assert!(ours.keys().eq(all.keys()));
     for (key, cells) in ours {
         let known = |cells: &TileCells| cells.codes().map(|code| code != UNKNOWN);
-        assert_eq!(known(cells), known(all[&key]), "{key}: what was known");
+        assert_eq!(known(&cells), known(&all[&key]), "{key}: what was known");
         if !watch.seen_again.contains(&key) {
             assert_eq!(cells, all[&key], "{key}: what was said of it");
         }

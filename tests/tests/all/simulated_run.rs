@@ -1,5 +1,7 @@
 //! A simulated world through the edge's own pipeline, at library level.
 
+use std::sync::MutexGuard;
+
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
 use protocol::tile_store::{RootDigest, TileStore};
@@ -60,7 +62,7 @@ impl SimulatedRun {
     }
 
     /// What is published so far: at most `streaming.publish_period_s` behind the map.
-    pub(crate) fn store(&self) -> &TileStore {
+    pub(crate) fn store(&self) -> MutexGuard<'_, TileStore> {
         self.pipeline.publisher().store()
     }
 }

@@ -30,14 +30,16 @@ impl Erosion {
         let (mut scans, mut last_occupied) = (Vec::new(), HashMap::new());
         for second in 1..=run.duration_s() as u32 {
             run.advance_with(f64::from(second), |scan| scans.push(scan.clone()));
+            let store = run.store();
             let occupied = truth
-                .known_cells(run.store())
+                .known_cells(&store)
                 .filter(|cell| cell.map == Trinary::Occupied);
             last_occupied.extend(occupied.map(|cell| (cell.index, scans.len())));
         }
         let pipeline = run.finish();
+        let store = pipeline.publisher().store();
         let (undone, never): (Vec<_>, Vec<_>) = truth
-            .known_cells(pipeline.publisher().store())
+            .known_cells(&store)
             .filter(|cell| cell.asked == Asked::Occupied && cell.map != Trinary::Occupied)
             .map(|cell| (cell.index, last_occupied.get(&cell.index)))
             .partition(|(_, last)| last.is_some());

@@ -19,7 +19,7 @@ const OCCUPIED_AGREEMENT_MIN: f64 = 0.935;
 pub(super) fn confusion(truth: &Truth, seed: u64) -> Confusion {
     let pipeline = run(&rooms_without_reflections(), seed).finish();
     assert_eq!(pipeline.report().scans_mapped, 1159);
-    truth.compare(pipeline.publisher().store())
+    truth.compare(&pipeline.publisher().store())
 }
 
 fn check(truth: &Truth, seed: u64) {

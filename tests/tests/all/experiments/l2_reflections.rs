@@ -50,10 +50,10 @@ impl Course {
         let mut samples = Vec::new();
         for at_s in (1..=counts).map(|count| f64::from(count) * PERIOD_S) {
             run.advance_to(at_s);
-            samples.push((at_s, errors(run.store(), truth, &mirror)));
+            samples.push((at_s, errors(&run.store(), truth, &mirror)));
         }
         let pipeline = run.finish();
-        samples.push((end_s, errors(pipeline.publisher().store(), truth, &mirror)));
+        samples.push((end_s, errors(&pipeline.publisher().store(), truth, &mirror)));
         Self { samples }
     }
 

@@ -93,7 +93,7 @@ fn settings() {
     ];
     for settings in settings {
         let pipeline = run_with(&world, SEED, settings).finish();
-        let confusion = truth.compare(pipeline.publisher().store());
+        let confusion = truth.compare(&pipeline.publisher().store());
         println!(
             "| {} | {:.2} | {:.2} | {:.2} | {} |",
             label(settings),
@@ -177,7 +177,7 @@ fn pictures(folder: &PathBuf) {
     for (name, world, until_s) in worlds {
         let mut run = run(&world, SEED);
         run.advance_to(until_s);
-        error_map::write(&folder.join(format!("{name}.png")), &truth, run.store());
+        error_map::write(&folder.join(format!("{name}.png")), &truth, &run.store());
     }
 }
 

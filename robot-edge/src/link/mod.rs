@@ -1,0 +1,39 @@
+//! The vehicle on the network: Zenoh sessions on one side, the tile store and plain state on the other.
+//!
+//! Zenoh brings its own runtime; the link itself is four blocking threads (state, tiles, small answers, tiles asked for), none of
+//! which mapping ever waits for.
+
+use std::path::PathBuf;
+
+pub mod config;
+pub mod edge;
+pub mod endpoints;
+mod error;
+pub mod sessions;
+pub mod shared;
+
+mod outgoing;
+mod queries;
+mod streams;
+mod views;
+
+pub use error::LinkError;
+
+/// 16 bytes that nobody has had before: the identity of one run of a program.
+///
+/// # Errors
+/// Where the operating system has no random numbers to give.
+pub fn random_id() -> Result<[u8; 16], LinkError> {
+    let mut bytes = [0; 16];
+    getrandom::fill(&mut bytes).map_err(LinkError::NoRandomness)?;
+    Ok(bytes)
+}
+
+/// The Zenoh configuration to use: what the command line names, else what `ZENOH_CONFIG` does.
+pub fn zenoh_config_file(option: Option<PathBuf>) -> Option<PathBuf> {
+    option.or_else(|| {
+        std::env::var_os("ZENOH_CONFIG")
+            .filter(|path| !path.is_empty())
+            .map(PathBuf::from)
+    })
+}

@@ -1,0 +1,97 @@
+//! Answers to questions: who the robot is, which tiles there are, the tiles themselves.
+
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::Duration;
+
+use protocol::keys::Topic;
+use protocol::message::{Info, Pong};
+use protocol::tile::codec::Encoder;
+use protocol::wire;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use zenoh::Wait;
+use zenoh::query::Query;
+
+use super::edge::{Context, payload};
+use super::outgoing::Outgoing;
+use crate::streaming::answers;
+
+/// Longest wait before it is asked whether the link closes.
+const NAP: Duration = Duration::from_millis(100);
+
+/// Answers one question after another until the link closes.
+pub(super) fn serve(
+    context: &Context,
+    out: &Outgoing,
+    info: &Info,
+    mut encoder: Encoder,
+    waiting: &Receiver<Query>,
+) {
+    while !context.shared.is_closing() {
+        let query = match waiting.recv_timeout(NAP) {
+            Ok(query) => query,
+            Err(RecvTimeoutError::Timeout) => continue,
+            Err(RecvTimeoutError::Disconnected) => return,
+        };
+        let replies = answer(context, out, info, &mut encoder, &query);
+        if replies.is_none() {
+            context.shared.refuse();
+        }
+        for reply in replies.into_iter().flatten() {
+            let key = query.key_expr().clone();
+            if let Err(why) = query.reply(key, reply).wait() {
+                tracing::debug!(%why, "whoever asked is gone");
+                break;
+            }
+        }
+    }
+}
+
+/// The messages that answer `query`; `None` where it makes no sense.
+fn answer(
+    context: &Context,
+    out: &Outgoing,
+    info: &Info,
+    encoder: &mut Encoder,
+    query: &Query,
+) -> Option<Vec<Vec<u8>>> {
+    let store = &context.store;
+    let (_, topic) = Topic::parse(query.key_expr().as_str())?;
+    let stamp_ns = context.shared.stamp_ns();
+    Some(match topic {
+        Topic::Info => messages(out, stamp_ns, &[info]),
+        Topic::Ping => messages(out, stamp_ns, &[Pong]),
+        Topic::Tiles(layer) => {
+            let near_m = context.shared.position_m().unwrap_or_default();
+            messages(
+                out,
+                stamp_ns,
+                &answers::tiles(store, encoder, layer, &request(query)?, near_m),
+            )
+        }
+        Topic::Digests(layer) => messages(
+            out,
+            stamp_ns,
+            &[answers::digests(store, layer, request(query)?)],
+        ),
+        Topic::Alive
+        | Topic::Pose
+        | Topic::Status
+        | Topic::Event
+        | Topic::MapHead
+        | Topic::View
+        | Topic::Tile(_) => return None,
+    })
+}
+
+fn messages<T: Serialize>(out: &Outgoing, stamp_ns: i64, bodies: &[T]) -> Vec<Vec<u8>> {
+    bodies
+        .iter()
+        .filter_map(|body| out.message(stamp_ns, body))
+        .collect()
+}
+
+fn request<T: DeserializeOwned>(query: &Query) -> Option<T> {
+    let bytes = payload(query.payload()?)?;
+    wire::decode(&bytes).ok().map(|(_, request)| request)
+}

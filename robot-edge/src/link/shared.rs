@@ -1,0 +1,264 @@
+//! What mapping hands to the link: the latest of everything, under locks that are held for microseconds.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use protocol::message::{Event, Pose, Status, View};
+use protocol::tile::TileKey;
+
+use crate::clock::Monotonic;
+use crate::robot_time::RobotTime;
+use crate::streaming::outbox::Outbox;
+
+/// Events that wait to be told at most; the oldest goes.
+const MAX_EVENTS: usize = 256;
+/// Consoles whose views are remembered.
+const MAX_VIEWS: usize = 64;
+/// A console that has not said what it looks at for this long is gone.
+const VIEW_LIFETIME: Duration = Duration::from_secs(3);
+
+/// The state that mapping and link share.
+#[derive(Debug, Default)]
+pub struct Shared {
+    pose: Mutex<Option<(RobotTime, Pose)>>,
+    status: Mutex<Status>,
+    events: Mutex<VecDeque<Event>>,
+    outbox: Mutex<Outbox>,
+    views: Mutex<BTreeMap<String, (View, Monotonic)>>,
+    refused: AtomicU64,
+    /// Tiles, or halves of tiles, that were pushed, and the bytes of their messages.
+    pushed: [AtomicU64; 2],
+    /// The map is another than was announced.
+    has_news: AtomicBool,
+    /// Status and head are wanted at once.
+    is_called: AtomicBool,
+    has_ended: AtomicBool,
+    is_closing: AtomicBool,
+}
+
+/// A panic elsewhere must not take the link with it: what it guards is replaced as a whole.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Shared {
+    /// Where the vehicle is now. Its speeds are those between the last pose and this one.
+    pub fn set_pose(&self, stamp: RobotTime, pose: Pose) {
+        let mut last = lock(&self.pose);
+        *last = Some((stamp, with_speeds(*last, stamp, pose)));
+    }
+
+    /// The last pose and its stamp.
+    pub fn pose(&self) -> Option<(RobotTime, Pose)> {
+        *lock(&self.pose)
+    }
+
+    /// Where the vehicle is, metres in `odom`.
+    pub fn position_m(&self) -> Option<[f64; 2]> {
+        self.pose()
+            .map(|(_, pose)| [pose.position_m[0], pose.position_m[1]])
+    }
+
+    /// The stamp of the newest pose, nanoseconds; 0 before the first.
+    pub fn stamp_ns(&self) -> i64 {
+        self.pose().map_or(0, |(stamp, _)| stamp.as_nanos())
+    }
+
+    /// How mapping is doing; what the link itself counts is added when it is sent.
+    pub fn set_status(&self, status: Status) {
+        *lock(&self.status) = status;
+    }
+
+    /// The last status, with the link's own figures.
+    pub fn status(&self, now: Monotonic) -> Status {
+        let mut status = lock(&self.status).clone();
+        status.tiles_waiting = u32::try_from(lock(&self.outbox).len()).unwrap_or(u32::MAX);
+        status.consoles = u16::try_from(self.views(now).len()).unwrap_or(u16::MAX);
+        status.tiles = [0, 1].map(|i: usize| self.pushed[i].load(Ordering::Relaxed));
+        status.refused = self.refused.load(Ordering::Relaxed);
+        status.has_ended = self.has_ended.load(Ordering::Relaxed);
+        status
+    }
+
+    /// Something happened that consoles should know.
+    pub fn tell(&self, event: Event) {
+        let mut events = lock(&self.events);
+        if events.len() >= MAX_EVENTS {
+            events.pop_front();
+        }
+        events.push_back(event);
+    }
+
+    /// The events that were not told yet.
+    pub fn take_events(&self) -> Vec<Event> {
+        lock(&self.events).drain(..).collect()
+    }
+
+    /// These tiles changed in the store.
+    pub fn tiles_changed(&self, keys: impl IntoIterator<Item = TileKey>) {
+        let mut outbox = lock(&self.outbox);
+        keys.into_iter().for_each(|key| outbox.add(key));
+    }
+
+    /// The tiles that wait to be pushed.
+    pub fn outbox(&self) -> MutexGuard<'_, Outbox> {
+        lock(&self.outbox)
+    }
+
+    /// A console said what it looks at. One that is new hears at once what the map is.
+    pub fn set_view(&self, session: String, view: View, now: Monotonic) {
+        let mut views = lock(&self.views);
+        views.retain(|_, (_, at)| now.since(*at) < VIEW_LIFETIME);
+        if !views.contains_key(&session) {
+            if views.len() >= MAX_VIEWS {
+                return self.refuse();
+            }
+            self.is_called.store(true, Ordering::Relaxed);
+        }
+        views.insert(session, (view, now));
+    }
+
+    /// What the consoles that are there look at.
+    pub fn views(&self, now: Monotonic) -> Vec<View> {
+        let views = lock(&self.views);
+        let fresh = views
+            .values()
+            .filter(|(_, at)| now.since(*at) < VIEW_LIFETIME);
+        fresh.map(|(view, _)| view.clone()).collect()
+    }
+
+    /// Whether status and head are wanted at once, since the last call.
+    pub fn take_call(&self) -> bool {
+        self.is_called.swap(false, Ordering::Relaxed)
+    }
+
+    /// Everything that changed has been pushed.
+    pub fn tell_news(&self) {
+        self.has_news.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether there is news since the last call.
+    pub fn take_news(&self) -> bool {
+        self.has_news.swap(false, Ordering::Relaxed)
+    }
+
+    /// Whether every console that is there holds all that was published up to `revision`.
+    pub fn everybody_has(&self, revision: u64, now: Monotonic) -> bool {
+        let views = self.views(now);
+        views
+            .iter()
+            .all(|view| view.is_in_step && view.revision >= revision)
+    }
+
+    /// Counts a message with a tile that was pushed.
+    pub fn pushed(&self, bytes: usize) {
+        self.pushed[0].fetch_add(1, Ordering::Relaxed);
+        self.pushed[1].fetch_add(bytes as u64, Ordering::Relaxed);
+    }
+
+    /// Counts a message that made no sense.
+    pub fn refuse(&self) {
+        self.refused.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Nothing new will come.
+    pub fn end(&self) {
+        self.has_ended.store(true, Ordering::Relaxed);
+        self.is_called.store(true, Ordering::Relaxed);
+    }
+
+    /// Asks the link's threads to end.
+    pub fn close(&self) {
+        self.is_closing.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether the link's threads are to end.
+    pub fn is_closing(&self) -> bool {
+        self.is_closing.load(Ordering::Relaxed)
+    }
+}
+
+/// `pose` with the speeds that lead to it from the one before; those of a pose repeated stay, and those across
+/// a gap of more than a second are unknown, so zero.
+fn with_speeds(last: Option<(RobotTime, Pose)>, stamp: RobotTime, mut pose: Pose) -> Pose {
+    let Some((before, last)) = last else {
+        return pose;
+    };
+    let elapsed_s = stamp.since(before).as_secs_f64();
+    if elapsed_s == 0.0 {
+        (pose.speed_mps, pose.turn_rate_radps) = (last.speed_mps, last.turn_rate_radps);
+        return pose;
+    }
+    if !(0.0..=1.0).contains(&elapsed_s) {
+        return pose;
+    }
+    let [dx, dy, _]: [f64; 3] = std::array::from_fn(|i| pose.position_m[i] - last.position_m[i]);
+    let (sin, cos) = libm::sincos(yaw_rad(&last));
+    let turn_rad = yaw_rad(&pose) - yaw_rad(&last);
+    let turn_rad = libm::remainder(turn_rad, std::f64::consts::TAU);
+    pose.speed_mps = ((dx * cos + dy * sin) / elapsed_s) as f32;
+    pose.turn_rate_radps = (turn_rad / elapsed_s) as f32;
+    pose
+}
+
+fn yaw_rad(pose: &Pose) -> f64 {
+    let [x, y, z, w] = pose.quaternion_xyzw.map(f64::from);
+    libm::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn speeds_are_those_between_poses_in_the_vehicles_frame() {
+        let shared = Shared::default();
+        let half = std::f32::consts::FRAC_1_SQRT_2;
+        let pose = |y: f64, z: f32, w: f32| Pose {
+            position_m: [0.0, y, 0.0],
+            quaternion_xyzw: [0.0, 0.0, z, w],
+            speed_mps: 0.0,
+            turn_rate_radps: 0.0,
+        };
+        let speeds = |ms: i64, pose: Pose| {
+            shared.set_pose(RobotTime::from_nanos(ms * 1_000_000), pose);
+            let (_, pose) = shared.pose().unwrap();
+            [pose.speed_mps, pose.turn_rate_radps].map(|speed| (speed * 100.0).round() as i32)
+        };
+        // It looks along y, drives backwards along it, then turns to look along x.
+        assert_eq!(speeds(0, pose(0.0, half, half)), [0, 0]);
+        assert_eq!(speeds(500, pose(-1.0, half, half)), [-200, 0]);
+        assert_eq!(speeds(500, pose(-1.0, half, half)), [-200, 0]);
+        assert_eq!(speeds(1_000, pose(-1.0, 0.0, 1.0)), [0, -314]);
+        assert_eq!(speeds(9_000, pose(-50.0, 0.0, 1.0)), [0, 0], "across a gap");
+    }
+
+    #[test]
+    fn a_console_that_is_gone_is_not_waited_for() {
+        let shared = Shared::default();
+        let at = |s: u64| Monotonic::from_nanos(s * 1_000_000_000);
+        let view = |revision, is_in_step| View {
+            rectangle_m: [0.0; 4],
+            layers: 1,
+            revision,
+            is_in_step,
+        };
+        assert!(shared.everybody_has(9, at(0)));
+        shared.set_view("a".to_owned(), view(9, true), at(0));
+        shared.set_view("b".to_owned(), view(9, false), at(1));
+        assert!(!shared.everybody_has(9, at(1)));
+        shared.set_view("b".to_owned(), view(8, true), at(2));
+        assert!(!shared.everybody_has(9, at(2)));
+        shared.set_view("b".to_owned(), view(9, true), at(3));
+        assert!(shared.everybody_has(9, at(2)));
+        shared.set_view("b".to_owned(), view(1, true), at(4));
+        assert!(shared.everybody_has(9, at(8)), "both are gone");
+        for n in 0..100 {
+            shared.set_view(format!("c{n}"), view(1, true), at(8));
+        }
+        assert_eq!(shared.views(at(8)).len(), MAX_VIEWS);
+        assert_eq!(shared.status(at(8)).refused, 100 - MAX_VIEWS as u64);
+    }
+}
