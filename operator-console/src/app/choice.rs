@@ -1,0 +1,95 @@
+//! Which robot to show without being asked.
+
+use std::time::Duration;
+
+use protocol::keys::RobotId;
+use robot_edge::clock::Monotonic;
+
+use crate::link::FoundRobot;
+
+/// Robots that are there answer within this of each other; before, one alone may be the first of several.
+const SETTLED_AFTER: Duration = Duration::from_millis(600);
+
+/// Waits for the robot to be shown.
+#[derive(Clone, Debug, Default)]
+pub(super) struct RobotChoice {
+    /// The robot that the command line asks for.
+    named: Option<RobotId>,
+    first_found: Option<Monotonic>,
+}
+
+impl RobotChoice {
+    pub(super) const fn new(named: Option<RobotId>) -> Self {
+        Self {
+            named,
+            first_found: None,
+        }
+    }
+
+    pub(super) const fn named(&self) -> Option<&RobotId> {
+        self.named.as_ref()
+    }
+
+    /// The robot to connect to now, if none is shown: the named one, or the only one.
+    pub(super) fn choose<'a>(
+        &mut self,
+        found: &'a [FoundRobot],
+        now: Monotonic,
+    ) -> Option<&'a FoundRobot> {
+        let first = found.first()?;
+        let first_found = *self.first_found.get_or_insert(now);
+        if let Some(named) = &self.named {
+            return found.iter().find(|robot| robot.robot == *named);
+        }
+        let is_only = found.iter().all(|other| other.robot == first.robot);
+        (is_only && now.since(first_found) >= SETTLED_AFTER).then_some(first)
+    }
+
+    /// When to look again although nothing new is found.
+    pub(super) fn look_again_after(&self, now: Monotonic) -> Option<Duration> {
+        let since = now.since(self.first_found?);
+        SETTLED_AFTER.checked_sub(since)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(robot: &str) -> FoundRobot {
+        FoundRobot {
+            robot: robot.parse().unwrap(),
+            endpoint: format!("tcp/{robot}:7447"),
+        }
+    }
+
+    const fn at(ms: u64) -> Monotonic {
+        Monotonic::from_nanos(ms * 1_000_000)
+    }
+
+    #[test]
+    fn the_only_robot_is_chosen_once_others_had_time_to_answer() {
+        let mut choice = RobotChoice::default();
+        let robots = [found("a"), found("b")];
+        assert_eq!(choice.choose(&[], at(0)), None);
+        assert_eq!(choice.choose(&robots[..1], at(100)), None);
+        assert_eq!(
+            choice.look_again_after(at(500)),
+            Some(Duration::from_millis(200))
+        );
+        assert_eq!(choice.choose(&robots[..1], at(700)), Some(&robots[0]));
+        assert_eq!(
+            choice.choose(&robots, at(700)),
+            None,
+            "the operator must choose"
+        );
+    }
+
+    #[test]
+    fn the_named_robot_is_chosen_at_once_and_no_other() {
+        let mut choice = RobotChoice::new(Some("b".parse().unwrap()));
+        let robots = [found("a"), found("b")];
+        assert_eq!(choice.choose(&robots[..1], at(5_000)), None);
+        assert_eq!(choice.choose(&robots, at(5_000)), Some(&robots[1]));
+    }
+}

@@ -1,0 +1,502 @@
+use std::time::Duration;
+
+use eframe::egui::accesskit::Role;
+use eframe::egui::{Key, pos2, vec2};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use protocol::keys::{RobotId, Topic};
+use protocol::layer::LayerId;
+use protocol::message::{
+    Digests, Event, Info, LayerHead, LayerInfo, MapHead, Pose, Reason, Status, TileBand,
+    TileSummary,
+};
+use protocol::tile::codec::Encoder;
+use protocol::tile::{BootId, TileCells, TileKey};
+use protocol::tile_store::{LayerGrid, TileStore};
+use protocol::wire::{self, Header};
+use serde::Serialize;
+
+use super::*;
+use crate::command::Look;
+use crate::link::FoundRobot;
+use crate::map_view::Sight;
+use crate::model::{Incoming, ModelSettings, Outgoing, RequestId};
+
+const BOOT: BootId = BootId([9; 16]);
+const LAYER: LayerId = LayerId::Occupancy;
+
+fn name() -> RobotId {
+    "scout-1".parse().unwrap()
+}
+
+const fn at(ms: u64) -> Monotonic {
+    Monotonic::from_nanos(ms * 1_000_000)
+}
+
+/// A robot whose map is `store`, and a console that hears what the test lets it hear.
+struct Rig {
+    screen: Screen,
+    model: Option<ConsoleModel>,
+    link: LinkSight,
+    robots: RobotsData,
+    now: Monotonic,
+    store: TileStore,
+    commands: Vec<Command>,
+    theme_is_set: bool,
+}
+
+impl Rig {
+    fn new() -> Self {
+        let mut store = TileStore::new(BOOT, 10);
+        for layer in [LAYER, LayerId::Elevation] {
+            store.set_grid(LayerGrid { layer, cell_m: 0.1 }).unwrap();
+        }
+        Self {
+            screen: Screen::default(),
+            model: None,
+            link: LinkSight::default(),
+            robots: RobotsData::new(&[], None, None, None),
+            now: at(1_000),
+            store,
+            commands: Vec::new(),
+            theme_is_set: false,
+        }
+    }
+
+    /// A robot is chosen, and nothing is heard of it.
+    fn with_robot() -> Self {
+        let settings = ModelSettings {
+            robot: name(),
+            session: BootId([1; 16]),
+            store_mb: 10,
+            layers: [LAYER].into(),
+        };
+        Self {
+            model: Some(ConsoleModel::new(settings).unwrap()),
+            robots: RobotsData::new(&[], Some(&name()), None, None),
+            ..Self::new()
+        }
+    }
+
+    /// A robot that is heard and has announced its map.
+    fn live() -> Self {
+        let mut rig = Self::with_robot();
+        let layer = |layer| LayerInfo { layer, cell_m: 0.1 };
+        let info = Info {
+            vehicle: "rover".to_owned(),
+            source: "world rooms".to_owned(),
+            footprint_m: [0.6, 0.4],
+            limits: [1.0, 1.0],
+            layers: vec![layer(LAYER), layer(LayerId::Elevation)],
+        };
+        rig.announce();
+        rig.answer(RequestId(900), Topic::Info, &info);
+        rig.announce();
+        rig.say(
+            Topic::Pose,
+            &Pose {
+                position_m: [1.0, -2.5, 0.0],
+                quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
+                speed_mps: 0.55,
+                turn_rate_radps: 0.0,
+            },
+        );
+        rig
+    }
+
+    fn put(&mut self, tx: i32, ty: i32, code: u16) -> TileKey {
+        let key = TileKey {
+            layer: LAYER,
+            tx,
+            ty,
+        };
+        let cells = TileCells::from_fn(|_, _| code);
+        drop(self.store.publish(key, cells).unwrap());
+        key
+    }
+
+    fn push(&mut self, key: TileKey) {
+        let tile = self.store.tile(key).unwrap();
+        for rows in Encoder::new().unwrap().encode(&tile.cells) {
+            let band = TileBand {
+                epoch: tile.epoch,
+                revision: tile.revision,
+                digest: tile.digest,
+                rows,
+            };
+            self.say(Topic::Tile(key), &band);
+        }
+    }
+
+    fn announce(&mut self) {
+        let head = |layer| LayerHead {
+            layer,
+            epoch: 0,
+            head_revision: self.store.head_revision(layer),
+            tiles: self.store.tile_count(layer) as u32,
+            root: self.store.root_digest(layer).unwrap(),
+        };
+        let layers = vec![head(LAYER), head(LayerId::Elevation)];
+        self.say(Topic::MapHead, &MapHead { layers });
+    }
+
+    fn say<T: Serialize>(&mut self, topic: Topic, body: &T) {
+        let incoming = Incoming::Sample {
+            key: topic.key(&name()),
+            payload: payload(body),
+        };
+        self.apply(incoming);
+    }
+
+    fn answer<T: Serialize>(&mut self, request: RequestId, topic: Topic, body: &T) {
+        let incoming = Incoming::Reply {
+            request,
+            key: topic.key(&name()),
+            payload: payload(body),
+        };
+        self.apply(incoming);
+    }
+
+    fn apply(&mut self, incoming: Incoming) {
+        let now = self.now;
+        let model = self.model.as_mut().unwrap();
+        model.apply(incoming, now);
+    }
+
+    /// What the console asks now.
+    fn outgoing(&mut self) -> Vec<Outgoing> {
+        let now = self.now;
+        self.model.as_mut().unwrap().outgoing(now)
+    }
+
+    fn window(self) -> Harness<'static, Self> {
+        let mut harness = Harness::builder()
+            .with_size(vec2(1280.0, 800.0))
+            .build_ui_state(
+                |ui, rig: &mut Self| {
+                    if !rig.theme_is_set {
+                        crate::theme::set(ui.ctx());
+                        rig.theme_is_set = true;
+                    }
+                    let robot = rig.model.as_mut().map(|model| (model, &rig.link));
+                    let commands = rig.screen.show(ui, &rig.robots, robot, rig.now);
+                    rig.commands.extend(commands);
+                },
+                self,
+            );
+        harness.run_steps(4);
+        harness
+    }
+}
+
+fn payload<T: Serialize>(body: &T) -> Vec<u8> {
+    let header = Header {
+        boot: BOOT,
+        seq: 1,
+        robot_time_ns: 0,
+    };
+    wire::encode(&header, body).unwrap()
+}
+
+fn check(harness: &Harness<'_, Rig>, labels: &[&str], absent: &[&str]) {
+    for label in labels {
+        let found = harness.query_all_by_label_contains(label).next();
+        assert!(found.is_some(), "{label:?} is not on the screen");
+    }
+    for label in absent {
+        let found = harness.query_all_by_label_contains(label).next();
+        assert!(found.is_none(), "{label:?} is on the screen");
+    }
+}
+
+#[test]
+fn without_a_robot_the_screen_says_how_to_get_one() {
+    let rig = Rig::new();
+    check(
+        &rig.window(),
+        &[
+            "Looking for robots",
+            "No robot found. Start one with `robot-edge simulate rooms`, or type an address.",
+        ],
+        &["Live", "In step", "Whole map"],
+    );
+}
+
+#[test]
+fn a_robot_that_has_not_spoken_is_waited_for() {
+    let mut rig = Rig::with_robot();
+    check(
+        &rig.window(),
+        &["scout-1", "Waiting", "Connecting to scout-1.", "No map yet"],
+        &["Live", "Not live"],
+    );
+    rig = Rig::with_robot();
+    rig.link.is_connected = true;
+    check(
+        &rig.window(),
+        &["Connected. Waiting for scout-1 to speak."],
+        &["Live"],
+    );
+    rig = Rig::with_robot();
+    rig.link.problem = Some("nobody listens at tcp/10.0.0.5:7447".to_owned());
+    check(&rig.window(), &["nobody listens at tcp/10.0.0.5:7447"], &[]);
+}
+
+#[test]
+fn a_live_robot_in_step_is_shown_with_its_figures() {
+    let mut rig = Rig::live();
+    let key = rig.put(0, 0, 251);
+    rig.push(key);
+    rig.announce();
+    rig.outgoing();
+    let status = Status {
+        scans_in: 1_200,
+        scans_mapped: 1_190,
+        drops: vec![Reason {
+            name: "no_pose".to_owned(),
+            count: 10,
+        }],
+        ..Status::default()
+    };
+    rig.say(Topic::Status, &status);
+    let event = Event {
+        kind: "jump".to_owned(),
+        message: "The pose jumped 3 m".to_owned(),
+    };
+    rig.say(Topic::Event, &event);
+    let mut window = rig.window();
+    check(
+        &window,
+        &[
+            "Live",
+            "In step",
+            "0.0 s old",
+            "rover",
+            "world rooms",
+            "x 1.00  y −2.50 m",
+            "0.55 m/s",
+            "1\u{2009}190 of 1\u{2009}200 mapped",
+            "1 tile, cells of 0.1 m",
+            "Probability of being occupied",
+            "Occupancy",
+            "Elevation",
+        ],
+        &["Not live", "Silent", "missing"],
+    );
+    window.get_by_label("Losses").click();
+    window.get_by_label("Events (1)").click();
+    window.run_steps(30);
+    check(
+        &window,
+        &["no pose", "jump, 0.0 s ago", "The pose jumped 3 m"],
+        &[],
+    );
+}
+
+#[test]
+fn a_map_that_is_behind_says_how_many_tiles_are_missing() {
+    let mut rig = Rig::live();
+    rig.outgoing();
+    let keys = [rig.put(0, 0, 251), rig.put(1, 0, 1), rig.put(-1, 0, 1)];
+    rig.announce();
+    for ms in (1_000..9_000).step_by(500) {
+        rig.now = at(ms);
+        rig.announce();
+        let list = rig
+            .outgoing()
+            .into_iter()
+            .find_map(|outgoing| match outgoing {
+                Outgoing::Get { request, key, .. } if key.ends_with("/digests") => Some(request),
+                Outgoing::Get { .. } | Outgoing::Put { .. } => None,
+            });
+        if let Some(request) = list {
+            let tiles = keys.map(|key| {
+                let stored = rig.store.get(key).unwrap();
+                TileSummary {
+                    tx: key.tx,
+                    ty: key.ty,
+                    revision: stored.revision(),
+                    digest: stored.digest(),
+                }
+            });
+            let digests = Digests {
+                epoch: 0,
+                head_revision: 3,
+                tiles: tiles.to_vec(),
+                more: 0,
+            };
+            rig.answer(request, Topic::Digests(LAYER), &digests);
+            break;
+        }
+    }
+    check(&rig.window(), &["Live", "3 tiles missing"], &["In step"]);
+}
+
+#[test]
+fn a_silent_robot_is_never_taken_for_a_live_one() {
+    let mut rig = Rig::live();
+    let key = rig.put(0, 0, 251);
+    rig.push(key);
+    rig.announce();
+    rig.outgoing();
+    rig.now = at(13_000);
+    check(
+        &rig.window(),
+        &[
+            "Silent",
+            "Not live: nothing heard for 12 s",
+            "Map and position are as they were then.",
+            "Was in step when last heard",
+            "As of 12 s ago",
+            "12 s old",
+            "scout-1 does not answer.",
+        ],
+        &["Live"],
+    );
+}
+
+#[test]
+fn an_old_position_is_said_to_be_old_although_the_robot_is_heard() {
+    let mut rig = Rig::live();
+    rig.now = at(6_000);
+    rig.announce();
+    check(
+        &rig.window(),
+        &["Live", "Position is 5.0 s old"],
+        &["Not live"],
+    );
+}
+
+#[test]
+fn buttons_keys_and_hands_move_the_map() {
+    let mut window = Rig::live().window();
+    assert_eq!(window.state().screen.map_view().sight(), Sight::Whole);
+    window.get_by_label("Follow").click();
+    window.run_steps(2);
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    assert_eq!(asked, [Command::Look(Look::Follow(true))]);
+    window
+        .state_mut()
+        .screen
+        .map_view_mut()
+        .look(Look::Follow(true));
+    window.run_steps(2);
+    let seen = |window: &Harness<'_, Rig>| window.state().screen.map_view().visible_m();
+    let [low_x, low_y, high_x, high_y] = seen(&window);
+    assert!((0.5 * (low_x + high_x) - 1.0).abs() < 1e-6);
+    assert!((0.5 * (low_y + high_y) + 2.5).abs() < 1e-6);
+
+    window.drag_at(pos2(700.0, 400.0));
+    window.run_steps(1);
+    window.hover_at(pos2(800.0, 400.0));
+    window.run_steps(1);
+    window.drop_at(pos2(800.0, 400.0));
+    window.run_steps(1);
+    assert_eq!(window.state().screen.map_view().sight(), Sight::Free);
+    assert!(seen(&window)[0] < low_x - 0.5, "{:?}", seen(&window));
+
+    for (key, look) in [
+        (Key::F, Look::Whole),
+        (Key::V, Look::Follow(true)),
+        (Key::Plus, Look::In),
+        (Key::Minus, Look::Out),
+    ] {
+        window.key_press(key);
+        window.run_steps(1);
+        let asked = std::mem::take(&mut window.state_mut().commands);
+        assert_eq!(asked, [Command::Look(look)], "{key:?}");
+    }
+}
+
+#[test]
+fn the_map_says_what_is_under_the_pointer() {
+    let mut rig = Rig::live();
+    let key = rig.put(0, 0, 226);
+    rig.push(key);
+    let mut window = rig.window();
+    check(&window, &["Point at the map to read it"], &[]);
+    let [low_x, _, high_x, _] = window.state().screen.map_view().visible_m();
+    window.state_mut().now = at(4_000);
+    // Somewhere in the middle of the tile, which is 6.4 m wide, and of the map.
+    window.hover_at(pos2(790.0, 360.0));
+    window.run_steps(2);
+    check(&window, &["P(occupied) 0.90  ·  changed 3.0 s ago"], &[]);
+    assert!(low_x < 0.0 && high_x > 6.4);
+    window.remove_cursor();
+    window.run_steps(1);
+    check(&window, &["Point at the map to read it"], &[]);
+}
+
+#[test]
+fn the_operator_chooses_robots_addresses_and_layers() {
+    let found = |robot: &str| FoundRobot {
+        robot: robot.parse().unwrap(),
+        endpoint: format!("tcp/{robot}:7447"),
+    };
+    let mut rig = Rig::live();
+    rig.robots = RobotsData::new(
+        &[found("scout-1"), found("boat-7")],
+        Some(&name()),
+        None,
+        None,
+    );
+    let mut window = rig.window();
+    window.get_by_label("boat-7").click();
+    window.run_steps(2);
+    window.get_by_label("Elevation").click();
+    window.run_steps(2);
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    assert_eq!(
+        asked,
+        [
+            Command::Connect(found("boat-7")),
+            Command::ShowLayer(LayerId::Elevation)
+        ]
+    );
+    let entry = window.get_by_role(Role::TextInput);
+    entry.focus();
+    entry.type_text("10.0.0.5");
+    window.run_steps(2);
+    window.get_by_label("Add").click();
+    window.run_steps(2);
+    check(&window, &["for example tcp/192.168.1.20:7447"], &[]);
+    let entry = window.get_by_role(Role::TextInput);
+    entry.focus();
+    entry.type_text(":7447");
+    window.run_steps(2);
+    window.get_by_label("Add").click();
+    window.run_steps(2);
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    assert_eq!(asked, [Command::AddAddress("tcp/10.0.0.5:7447".to_owned())]);
+}
+
+#[test]
+fn another_robot_begins_with_an_empty_map() {
+    let mut rig = Rig::live();
+    let key = rig.put(0, 0, 251);
+    rig.push(key);
+    let mut window = rig.window();
+    check(&window, &["1 tile, cells of 0.1 m"], &[]);
+    let is_fitted =
+        |window: &Harness<'_, Rig>| window.state().screen.map_view().sight() == Sight::Whole;
+    window
+        .state_mut()
+        .screen
+        .map_view_mut()
+        .look(Look::Follow(false));
+    assert!(!is_fitted(&window));
+    let next = Rig::with_robot();
+    window.state_mut().model = next.model;
+    window.state_mut().screen.map_view_mut().forget();
+    window.run_steps(2);
+    check(&window, &["Waiting", "Not described yet"], &["1 tile"]);
+    assert!(is_fitted(&window));
+    // Once its animations are over, nothing wakes the window but the ages it shows.
+    window.run_steps(60);
+    let delay = window
+        .output()
+        .viewport_output
+        .values()
+        .map(|output| output.repaint_delay);
+    assert!(delay.min().unwrap() >= Duration::from_millis(100));
+}

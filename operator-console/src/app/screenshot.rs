@@ -1,0 +1,132 @@
+//! A picture of the window, taken once.
+
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use anyhow::{Context as _, anyhow};
+use eframe::egui::{ColorImage, Context, ScreenshotCallback, ViewportCommand};
+use robot_edge::clock::Monotonic;
+
+/// A window that does not give its picture in this time never will.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// What came of it; `None` while nothing has.
+pub type Outcome = Arc<Mutex<Option<anyhow::Result<()>>>>;
+
+/// Takes the picture when its time has come, and closes the window.
+pub struct Screenshot {
+    path: PathBuf,
+    due: Monotonic,
+    frames: u64,
+    asked: Option<Monotonic>,
+    outcome: Outcome,
+}
+
+impl Screenshot {
+    /// A picture of the window `after` this long, to `path`.
+    pub fn new(path: PathBuf, after: Duration, outcome: Outcome) -> Self {
+        Self {
+            path,
+            due: Monotonic::now() + after,
+            frames: 0,
+            asked: None,
+            outcome,
+        }
+    }
+
+    /// To be called every frame.
+    pub(super) fn step(&mut self, ctx: &Context, now: Monotonic) {
+        self.frames += 1;
+        if let Some(asked) = self.asked {
+            let is_over = settled(&self.outcome) || now.since(asked) > PATIENCE;
+            if is_over {
+                ctx.send_viewport_cmd(ViewportCommand::Close);
+            }
+            ctx.request_repaint_after(Duration::from_millis(20));
+            return;
+        }
+        let rest = self.due.since(now);
+        if !rest.is_zero() || self.frames < 2 {
+            ctx.request_repaint_after(rest.max(Duration::from_millis(1)));
+            return;
+        }
+        self.asked = Some(now);
+        let (path, outcome) = (self.path.clone(), Arc::clone(&self.outcome));
+        let callback = ScreenshotCallback::new(move |image| {
+            let saved = save(&path, &image)
+                .with_context(|| format!("the picture was not saved to {}", path.display()));
+            *outcome.lock().unwrap_or_else(PoisonError::into_inner) = Some(saved);
+        });
+        ctx.send_viewport_cmd(ViewportCommand::Screenshot(callback));
+        ctx.request_repaint();
+    }
+}
+
+fn settled(outcome: &Outcome) -> bool {
+    outcome
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .is_some()
+}
+
+/// What came of the picture once the window is gone.
+///
+/// # Errors
+/// Where there is none.
+pub fn result_of(outcome: &Outcome) -> anyhow::Result<()> {
+    let outcome = outcome
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .take();
+    outcome.unwrap_or_else(|| {
+        Err(anyhow!(
+            "no picture was taken: the window was closed before, or gave none"
+        ))
+    })
+}
+
+fn save(path: &Path, image: &ColorImage) -> anyhow::Result<()> {
+    let file = BufWriter::new(File::create(path)?);
+    let mut encoder = png::Encoder::new(file, image.width() as u32, image.height() as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    let mut writer = encoder.write_header()?;
+    let rgb: Vec<u8> = image
+        .pixels
+        .iter()
+        .flat_map(|pixel| [pixel.r(), pixel.g(), pixel.b()])
+        .collect();
+    writer.write_image_data(&rgb)?;
+    writer.finish()?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use eframe::egui::Color32;
+
+    use super::*;
+
+    #[test]
+    fn a_picture_is_saved_or_the_reason_said() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("window.png");
+        let mut image = ColorImage::filled([3, 2], Color32::BLUE);
+        image.pixels[4] = Color32::RED;
+        save(&path, &image).unwrap();
+        let decoder = png::Decoder::new(std::io::BufReader::new(File::open(&path).unwrap()));
+        let mut reader = decoder.read_info().unwrap();
+        let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut rgb).unwrap();
+        assert_eq!((reader.info().width, reader.info().height), (3, 2));
+        assert_eq!(rgb[9..18], [0, 0, 255, 255, 0, 0, 0, 0, 255]);
+
+        let nowhere = dir.path().join("none/window.png");
+        assert!(save(&nowhere, &image).is_err());
+        let outcome = Outcome::default();
+        assert!(result_of(&outcome).is_err(), "the window was closed");
+    }
+}

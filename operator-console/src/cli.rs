@@ -1,0 +1,111 @@
+//! The command line. Names are a contract with scripts; what does not work yet is not offered.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::builder::NonEmptyStringValueParser;
+use clap::{ArgAction, Parser};
+use protocol::keys::RobotId;
+
+const EXIT_CODES: &str = "\
+Exit codes: 0 done; 1 it failed while running; 2 wrong usage or configuration; 130 interrupted.";
+
+/// Shows what a robot maps, live.
+///
+/// Without options it looks for robots on the network and lists them.
+#[derive(Clone, Debug, PartialEq, Parser)]
+#[command(name = "operator-console", version, after_help = EXIT_CODES)]
+pub struct Cli {
+    /// Ask here for robots: `tcp/HOST:PORT` of a robot or router; may be repeated
+    #[arg(long, value_name = "ENDPOINT")]
+    pub connect: Vec<String>,
+    /// Watch this robot
+    #[arg(long, value_name = "ID")]
+    pub robot: Option<RobotId>,
+    /// Start a simulated robot and connect to it: nothing else to set up
+    #[arg(long, value_name = "WORLD", num_args = 0..=1, default_missing_value = "rooms",
+          conflicts_with_all = ["connect", "robot"], value_parser = NonEmptyStringValueParser::new())]
+    pub demo: Option<String>,
+    /// No window: wait until the map is in step, write the exports, end
+    #[arg(long, requires = "export")]
+    pub headless: bool,
+    /// Where to write the maps (with --headless)
+    #[arg(long, value_name = "DIR", requires = "headless")]
+    pub export: Option<PathBuf>,
+    /// Watch for this long first, seconds, or until the robot's data ends (with --headless)
+    #[arg(long = "for", value_name = "S", requires = "headless", value_parser = seconds, allow_negative_numbers = true)]
+    pub watch_for: Option<Duration>,
+    /// Give up where the map is not in step this long after that, seconds (with --headless)
+    #[arg(long, value_name = "S", default_value = "60", requires = "headless", value_parser = seconds, allow_negative_numbers = true)]
+    pub timeout: Duration,
+    /// Save a picture of the window and end
+    #[arg(
+        long,
+        value_name = "FILE.png",
+        requires = "after",
+        conflicts_with = "headless"
+    )]
+    pub screenshot: Option<PathBuf>,
+    /// Seconds from the start to the picture
+    #[arg(long, value_name = "S", requires = "screenshot", value_parser = seconds, allow_negative_numbers = true)]
+    pub after: Option<Duration>,
+    /// Zenoh configuration (JSON5) that ours is laid over [default: what `ZENOH_CONFIG` names]
+    #[arg(long, value_name = "FILE")]
+    pub zenoh_config: Option<PathBuf>,
+    /// Say nothing but errors
+    #[arg(long, short)]
+    pub quiet: bool,
+    /// Say more; twice, still more (`RUST_LOG` overrides)
+    #[arg(long, short, action = ArgAction::Count, conflicts_with = "quiet")]
+    pub verbose: u8,
+}
+
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds = text
+        .parse()
+        .ok()
+        .filter(|seconds: &f64| seconds.is_finite() && *seconds >= 0.0);
+    seconds
+        .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
+        .ok_or_else(|| "seconds are a number, 0 or more".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory as _;
+
+    use super::*;
+
+    fn parse(line: &str) -> Result<Cli, clap::Error> {
+        Cli::try_parse_from(std::iter::once("operator-console").chain(line.split_whitespace()))
+    }
+
+    #[test]
+    fn options_are_those_of_the_contract() {
+        Cli::command().debug_assert();
+        assert_eq!(parse("--demo").unwrap().demo.as_deref(), Some("rooms"));
+        assert_eq!(parse("--demo hall").unwrap().demo.as_deref(), Some("hall"));
+        let headless =
+            parse("--headless --export maps --for 2.5 --connect tcp/a:1 --robot scout-1").unwrap();
+        assert_eq!(headless.watch_for, Some(Duration::from_millis(2500)));
+        assert_eq!(headless.connect, ["tcp/a:1"]);
+        let picture = parse("--screenshot a.png --after 3").unwrap();
+        assert_eq!(picture.after, Some(Duration::from_secs(3)));
+    }
+
+    #[test]
+    fn wrong_usage_says_what_is_allowed() {
+        for (line, says) in [
+            ("--headless", "--export"),
+            ("--export maps", "--headless"),
+            ("--robot a/b", "letters"),
+            ("--headless --export a --for -1", "0 or more"),
+            ("--screenshot a.png", "--after"),
+            ("--demo --connect tcp/a:1", "cannot be used with"),
+        ] {
+            let error = parse(line).unwrap_err();
+            assert_eq!(error.exit_code(), 2, "{line}");
+            assert!(error.to_string().contains(says), "{line}: {error}");
+        }
+    }
+}

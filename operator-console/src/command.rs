@@ -1,0 +1,35 @@
+//! What the operator asks of the program. Panels and map only say what is wanted; the app does it.
+
+use protocol::layer::{LayerId, Scheme};
+
+use crate::link::FoundRobot;
+
+/// A wish of the operator.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// Show this robot instead of any other.
+    Connect(FoundRobot),
+    /// Ask this address for robots, too. It is a control endpoint.
+    AddAddress(String),
+    /// Show another layer.
+    ShowLayer(LayerId),
+    /// Show the layer in other colours.
+    ShowScheme(Scheme),
+    /// Spread the colours over the values of the map.
+    FitColors,
+    /// Look elsewhere.
+    Look(Look),
+}
+
+/// How to look at the map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Look {
+    /// Keep the whole map in sight.
+    Whole,
+    /// Keep the vehicle in the middle, or no longer.
+    Follow(bool),
+    /// Closer.
+    In,
+    /// Farther.
+    Out,
+}

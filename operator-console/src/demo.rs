@@ -1,0 +1,97 @@
+//! `--demo`: a simulated robot in this process, reached over the network like any other.
+
+use std::io;
+use std::net::TcpListener;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::thread::{self, JoinHandle};
+
+use anyhow::{Context as _, anyhow};
+use clap::Parser as _;
+use protocol::keys::RobotId;
+use robot_edge::cli::Cli;
+
+/// What the simulated robot is called.
+const NAME: &str = "demo";
+
+/// A simulated robot. Dropping it ends the simulation.
+pub struct Demo {
+    /// Its name.
+    pub robot: RobotId,
+    /// Where it is.
+    pub endpoint: String,
+    is_over: Arc<AtomicBool>,
+    failed: Receiver<anyhow::Error>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Demo {
+    /// Starts a robot in `world` (a name or a file), on a port of this machine that is free.
+    ///
+    /// # Errors
+    /// Where no port is free. A world that does not exist is told by [`Demo::failure`].
+    pub fn start(world: &str) -> anyhow::Result<Self> {
+        let endpoint = free_endpoint().context("no port is free for the simulated robot")?;
+        let cli = Cli::try_parse_from([
+            "robot-edge",
+            "simulate",
+            world,
+            "--robot",
+            NAME,
+            "--listen",
+            &endpoint,
+            "--stay",
+            "--quiet",
+        ])?;
+        let is_over = Arc::new(AtomicBool::new(false));
+        let (sender, failed) = sync_channel(1);
+        let thread = thread::spawn({
+            let is_over = Arc::clone(&is_over);
+            move || {
+                let ended = robot_edge::app::run_until(&cli, &is_over, &mut io::sink());
+                if let Err(why) = ended
+                    && !is_over.load(Ordering::Relaxed)
+                {
+                    // The channel has room for the one failure there can be.
+                    drop(sender.try_send(why));
+                }
+            }
+        });
+        Ok(Self {
+            robot: NAME.parse()?,
+            endpoint,
+            is_over,
+            failed,
+            thread: Some(thread),
+        })
+    }
+
+    /// Why there is no simulation any more.
+    pub fn failure(&self) -> Option<anyhow::Error> {
+        self.failed.try_recv().ok()
+    }
+}
+
+impl Drop for Demo {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the simulation failed");
+        }
+    }
+}
+
+/// Two ports of this machine, one after the other, that nobody listens on.
+fn free_endpoint() -> anyhow::Result<String> {
+    for _attempt in 0..100 {
+        let control = TcpListener::bind(("127.0.0.1", 0))?;
+        let port = control.local_addr()?.port();
+        if port < u16::MAX && TcpListener::bind(("127.0.0.1", port + 1)).is_ok() {
+            return Ok(format!("tcp/127.0.0.1:{port}"));
+        }
+    }
+    Err(anyhow!("no two neighbouring ports are free"))
+}

@@ -1,0 +1,249 @@
+//! No window: joins, waits until the map is in step, writes the exports.
+
+use std::collections::BTreeSet;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use anyhow::{Context as _, anyhow};
+use protocol::export::{export_all, write_trajectory};
+use protocol::keys::RobotId;
+use protocol::layer::LayerId;
+use protocol::tile::BootId;
+use robot_edge::clock::{self, Monotonic};
+use robot_edge::exit::{Exit, Interrupted, UsageError};
+use robot_edge::link::sessions::Endpoints;
+use robot_edge::link::{random_id, zenoh_config_file};
+
+use crate::link::{Discovery, FoundRobot, RobotSession};
+use crate::milestones::Milestones;
+use crate::model::{ConsoleModel, ModelSettings};
+
+/// Between two looks at the model.
+const LOOK: Duration = Duration::from_millis(20);
+/// Most memory for tiles, megabytes: twice what a robot holds by default.
+pub const STORE_MB: u32 = 512;
+
+/// What to watch and where to write it.
+#[derive(Clone, Debug)]
+pub struct Headless {
+    /// Addresses to ask; where there are none the network is searched.
+    pub connect: Vec<String>,
+    /// Which robot; else the only one there is.
+    pub robot: Option<RobotId>,
+    /// A Zenoh configuration.
+    pub zenoh_config: Option<PathBuf>,
+    /// Where to write.
+    pub export: PathBuf,
+    /// How long to watch, if not until the first time in step.
+    pub watch_for: Option<Duration>,
+    /// How long to wait for a robot and until the map is in step, beyond `watch_for`, both from the start.
+    pub timeout: Duration,
+    /// Say nothing.
+    pub quiet: bool,
+}
+
+/// Watches and exports. Whatever keeps the map from being in step, what came is written.
+///
+/// # Errors
+/// Where there is no robot, several and none was named, the map is not in step in time, or a file cannot be
+/// written.
+pub fn run(
+    settings: &Headless,
+    is_interrupted: impl Fn() -> bool,
+    out: &mut dyn Write,
+) -> anyhow::Result<Exit> {
+    let started = Monotonic::now();
+    let robot = find(settings, &is_interrupted)?;
+    let discovered = Monotonic::now();
+    if !settings.quiet {
+        writeln!(io::stderr(), "robot {} at {}", robot.robot, robot.endpoint)?;
+    }
+    let model = ModelSettings {
+        robot: robot.robot,
+        session: BootId(random_id()?),
+        store_mb: STORE_MB,
+        layers: LayerId::ALL.into_iter().collect(),
+    };
+    let endpoints = Endpoints {
+        connect: vec![robot.endpoint],
+        zenoh_config: zenoh_config_file(settings.zenoh_config.clone()),
+        ..Endpoints::default()
+    };
+    let session = RobotSession::open(model, &endpoints, || {}).context("cannot watch")?;
+
+    let mut milestones = Milestones::new(discovered);
+    let mut was_in_step = false;
+    let watched = watch(settings, &is_interrupted, started, || {
+        let model = session.model();
+        let is_in_step = model.is_in_step(Monotonic::now());
+        milestones.look(&model, is_in_step);
+        if is_in_step != was_in_step {
+            tracing::info!(is_in_step, "step");
+            was_in_step = is_in_step;
+        }
+        let has_ended = model.has_ended();
+        // A robot that has ended and is gone will not announce its map again.
+        (
+            is_in_step || (has_ended && model.map().is_in_step()),
+            has_ended,
+        )
+    });
+    let model = session.model();
+    let files = export(&model, &settings.export)?;
+    if !settings.quiet {
+        milestones.tell(&model, out)?;
+        tell(&model, &files, out)?;
+    }
+    match watched {
+        Watched::InStep => Ok(Exit::Done),
+        Watched::Interrupted => Err(Interrupted.into()),
+        Watched::TimedOut => {
+            let missing: usize = model.map().steps().map(|step| step.missing).sum();
+            let why = session
+                .problem()
+                .map(|why| format!(" ({why})"))
+                .unwrap_or_default();
+            Err(anyhow!(
+                "the map is not in step with the robot's after {:.0} s{why}: {missing} tiles are known to be missing; \
+                 what came is in {}",
+                started.elapsed().as_secs_f64(),
+                settings.export.display()
+            ))
+        }
+    }
+}
+
+enum Watched {
+    InStep,
+    TimedOut,
+    Interrupted,
+}
+
+fn watch(
+    settings: &Headless,
+    is_interrupted: &impl Fn() -> bool,
+    started: Monotonic,
+    mut look: impl FnMut() -> (bool, bool),
+) -> Watched {
+    let watch_for = settings.watch_for.unwrap_or(Duration::ZERO);
+    loop {
+        let (is_in_step, has_ended) = look();
+        let elapsed = started.elapsed();
+        if is_in_step && (elapsed >= watch_for || has_ended) {
+            return Watched::InStep;
+        }
+        if elapsed >= watch_for.saturating_add(settings.timeout) {
+            return Watched::TimedOut;
+        }
+        if !clock::sleep_until(Monotonic::now() + LOOK, is_interrupted) {
+            return Watched::Interrupted;
+        }
+    }
+}
+
+/// The robot that is meant: the one that is named, or the only one.
+fn find(settings: &Headless, is_interrupted: &impl Fn() -> bool) -> anyhow::Result<FoundRobot> {
+    // A named robot at one address needs no asking: the link waits for it.
+    if let (Some(robot), [endpoint]) = (&settings.robot, &settings.connect[..]) {
+        return Ok(FoundRobot {
+            robot: robot.clone(),
+            endpoint: endpoint.clone(),
+        });
+    }
+    let zenoh_config = zenoh_config_file(settings.zenoh_config.clone());
+    let discovery = Discovery::start(
+        settings.connect.clone(),
+        settings.connect.is_empty(),
+        zenoh_config,
+        || {},
+    );
+    let deadline = Monotonic::now() + settings.timeout;
+    let mut found = Vec::new();
+    let is_found = |found: &[FoundRobot]| match &settings.robot {
+        Some(robot) => found.iter().any(|found| found.robot == *robot),
+        None => !found.is_empty(),
+    };
+    while !is_found(&found) {
+        if deadline.since(Monotonic::now()).is_zero() {
+            return Err(nobody(settings, &found, discovery.problem().as_deref()));
+        }
+        if !clock::sleep_until(Monotonic::now() + LOOK, is_interrupted) {
+            return Err(Interrupted.into());
+        }
+        found = discovery.found();
+    }
+    match &settings.robot {
+        Some(robot) => found.retain(|found| found.robot == *robot),
+        None if found.len() > 1 => {
+            let names: Vec<_> = found.iter().map(|found| found.robot.to_string()).collect();
+            return Err(UsageError(format!(
+                "there are several robots ({}): name one with --robot",
+                names.join(", ")
+            ))
+            .into());
+        }
+        None => {}
+    }
+    found.into_iter().next().ok_or_else(|| anyhow!("no robot"))
+}
+
+fn nobody(settings: &Headless, found: &[FoundRobot], problem: Option<&str>) -> anyhow::Error {
+    let names: BTreeSet<_> = found.iter().map(|found| found.robot.to_string()).collect();
+    let there_is = match names.len() {
+        0 => "no robot".to_owned(),
+        _ => format!("only {}", names.into_iter().collect::<Vec<_>>().join(", ")),
+    };
+    let place = match &settings.connect[..] {
+        [] => "on the local network".to_owned(),
+        addresses => format!("at {}", addresses.join(", ")),
+    };
+    let problem = problem
+        .map(|problem| format!(" ({problem})"))
+        .unwrap_or_default();
+    anyhow!(
+        "there is {there_is} {place}{problem}; start one with `robot-edge`, or name its address with --connect"
+    )
+}
+
+/// Writes what the model holds; says which files.
+///
+/// # Errors
+/// Where a file cannot be written.
+pub fn export(model: &ConsoleModel, dir: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    std::fs::create_dir_all(dir).with_context(|| format!("{}: cannot be made", dir.display()))?;
+    let title = model
+        .info()
+        .map(|info| info.source.as_str())
+        .unwrap_or_default();
+    let mut files = export_all(dir, model.map().store(), title)?.files;
+    let trajectory = dir.join("trajectory.tum");
+    write_trajectory(&trajectory, model.vehicle().poses().iter().copied())?;
+    files.push(trajectory);
+    Ok(files)
+}
+
+fn tell(model: &ConsoleModel, files: &[PathBuf], out: &mut dyn Write) -> io::Result<()> {
+    let (bytes, messages) = model.connection().totals();
+    writeln!(out, "{messages} messages of {bytes} bytes")?;
+    for (why, count) in model.refusals().iter() {
+        writeln!(out, "refused: {count} × {}", why.name())?;
+    }
+    let store = model.map().store();
+    for grid in store.grids() {
+        let digest = store
+            .root_digest(grid.layer)
+            .map(|digest| digest.to_string());
+        writeln!(
+            out,
+            "{}: {} cells known, digest {}",
+            grid.layer,
+            store.cells_known(grid.layer),
+            digest.unwrap_or_default()
+        )?;
+    }
+    for file in files {
+        writeln!(out, "{}", file.display())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,18 @@
+//! The operator's side: one robot's maps as they grow, over a link that may be bad.
+//!
+//! The link brings bytes, the [model] makes a robot of them, and the window or the headless command
+//! reads that. Everything the program does is here; `main.rs` only starts it.
+
+pub mod app;
+pub mod cli;
+pub mod command;
+pub mod demo;
+pub mod headless;
+pub mod link;
+pub mod map_view;
+mod milestones;
+pub mod model;
+pub mod panels;
+pub mod run;
+pub mod theme;
+pub mod window;

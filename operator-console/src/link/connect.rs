@@ -1,0 +1,315 @@
+//! The two sessions to a robot: opened in the background, kept open, used without ever waiting.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::Duration;
+
+use protocol::keys::{self, RobotId, Topic};
+use protocol::wire::MAX_MESSAGE_BYTES;
+use robot_edge::clock::{self, Monotonic};
+use robot_edge::link::LinkError;
+use robot_edge::link::endpoints::Channel;
+use robot_edge::link::sessions::{self, Endpoints, RETRY_PERIOD, Side};
+use zenoh::bytes::ZBytes;
+use zenoh::handlers::CallbackDrop;
+use zenoh::key_expr::KeyExpr;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::{ConsolidationMode, Reply};
+use zenoh::sample::{Sample, SampleKind};
+use zenoh::{Session, Wait};
+
+use super::lock;
+use crate::model::{Incoming, Outgoing, RequestId};
+
+/// Questions and views that wait to be sent at most.
+const MAX_OUTGOING: usize = 64;
+/// An answer that takes longer is asked for again. A slow link needs its time; one that was cut is noticed by the
+/// model.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// The sessions to one robot.
+pub(super) struct Connections {
+    state: Arc<State>,
+    outgoing: SyncSender<Outgoing>,
+}
+
+struct State {
+    robot: RobotId,
+    incoming: SyncSender<Incoming>,
+    control: Mutex<Option<Session>>,
+    bulk: Mutex<Option<Session>>,
+    problem: Mutex<Option<String>>,
+    overrun: AtomicU64,
+    oversized: AtomicU64,
+    is_closing: AtomicBool,
+}
+
+impl Connections {
+    /// Begins to open both sessions.
+    pub(super) fn start(
+        robot: RobotId,
+        endpoints: &Endpoints,
+        incoming: SyncSender<Incoming>,
+    ) -> Self {
+        let state = Arc::new(State {
+            robot,
+            incoming,
+            control: Mutex::default(),
+            bulk: Mutex::default(),
+            problem: Mutex::default(),
+            overrun: AtomicU64::new(0),
+            oversized: AtomicU64::new(0),
+            is_closing: AtomicBool::new(false),
+        });
+        for channel in [Channel::Control, Channel::Bulk] {
+            let (state, endpoints) = (Arc::clone(&state), endpoints.clone());
+            thread::spawn(move || keep_opening(&state, channel, &endpoints));
+        }
+        let (outgoing, to_send) = sync_channel(MAX_OUTGOING);
+        thread::spawn({
+            let state = Arc::clone(&state);
+            move || send_all(&state, &to_send)
+        });
+        Self { state, outgoing }
+    }
+
+    /// Sends or asks; what cannot even wait to be sent counts as not answered.
+    pub(super) fn send(&self, outgoing: Outgoing) {
+        if let Err(TrySendError::Full(outgoing) | TrySendError::Disconnected(outgoing)) =
+            self.outgoing.try_send(outgoing)
+        {
+            self.state.not_asked(&outgoing);
+        }
+    }
+
+    pub(super) fn is_connected(&self) -> bool {
+        lock(&self.state.control).is_some() && lock(&self.state.bulk).is_some()
+    }
+
+    pub(super) fn problem(&self) -> Option<String> {
+        lock(&self.state.problem).clone()
+    }
+
+    /// What was lost since the last call.
+    pub(super) fn take_lost(&self) -> Option<Incoming> {
+        let overrun = self.state.overrun.swap(0, Ordering::Relaxed);
+        let oversized = self.state.oversized.swap(0, Ordering::Relaxed);
+        (overrun + oversized > 0).then_some(Incoming::Lost { overrun, oversized })
+    }
+
+    /// Closes both sessions in the background.
+    pub(super) fn close(&self) {
+        self.state.is_closing.store(true, Ordering::Relaxed);
+        let sessions = [
+            lock(&self.state.control).take(),
+            lock(&self.state.bulk).take(),
+        ];
+        thread::spawn(move || {
+            for session in sessions.into_iter().flatten() {
+                if let Err(why) = session.close().wait() {
+                    tracing::debug!(%why, "a session did not close");
+                }
+            }
+        });
+    }
+}
+
+impl State {
+    fn session(&self, channel: Channel) -> &Mutex<Option<Session>> {
+        match channel {
+            Channel::Control => &self.control,
+            Channel::Bulk => &self.bulk,
+        }
+    }
+
+    fn is_closing(&self) -> bool {
+        self.is_closing.load(Ordering::Relaxed)
+    }
+
+    fn hand_over(&self, incoming: Incoming) {
+        match self.incoming.try_send(incoming) {
+            Ok(()) => {}
+            Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
+                self.overrun.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+    }
+
+    /// The bytes of a message, if they are not too many to be one.
+    fn bytes(&self, payload: &ZBytes) -> Option<Vec<u8>> {
+        if payload.len() > MAX_MESSAGE_BYTES {
+            self.oversized.fetch_add(1, Ordering::Relaxed);
+            return None;
+        }
+        Some(payload.to_bytes().into_owned())
+    }
+
+    fn take_sample(&self, sample: &Sample) {
+        if let Some(payload) = self.bytes(sample.payload()) {
+            let key = sample.key_expr().as_str().to_owned();
+            self.hand_over(Incoming::Sample { key, payload });
+        }
+    }
+
+    fn not_asked(&self, outgoing: &Outgoing) {
+        match outgoing {
+            Outgoing::Get { request, .. } => self.hand_over(Incoming::Ended { request: *request }),
+            // The next view follows in half a second.
+            Outgoing::Put { .. } => {}
+        }
+    }
+}
+
+fn keep_opening(state: &Arc<State>, channel: Channel, endpoints: &Endpoints) {
+    while !state.is_closing() {
+        match sessions::open(Side::Console, channel, endpoints)
+            .and_then(|session| subscribe(state, channel, session))
+        {
+            Ok(session) => {
+                let mut slot = lock(state.session(channel));
+                // It may have been closed meanwhile, and nobody would close this one.
+                if state.is_closing() {
+                    drop(slot);
+                    if let Err(why) = session.close().wait() {
+                        tracing::debug!(%why, "a session did not close");
+                    }
+                    return;
+                }
+                *slot = Some(session);
+                drop(slot);
+                *lock(&state.problem) = None;
+                return;
+            }
+            Err(why) => {
+                tracing::debug!(%why, "not connected yet");
+                *lock(&state.problem) = Some(in_words(&why, endpoints));
+            }
+        }
+        clock::sleep_until(Monotonic::now() + RETRY_PERIOD, || state.is_closing());
+    }
+}
+
+fn in_words(why: &LinkError, endpoints: &Endpoints) -> String {
+    match why {
+        LinkError::Open { .. } => format!(
+            "nobody answers at {}; trying again",
+            endpoints.connect.join(", ")
+        ),
+        LinkError::Endpoint(_)
+        | LinkError::Config { .. }
+        | LinkError::Setting { .. }
+        | LinkError::Declare { .. }
+        | LinkError::NoRandomness(_)
+        | LinkError::Encoder(_) => why.to_string(),
+    }
+}
+
+fn subscribe(state: &Arc<State>, channel: Channel, session: Session) -> Result<Session, LinkError> {
+    let robot = &state.robot;
+    let keys = match channel {
+        Channel::Control => [Topic::Pose, Topic::Status, Topic::Event, Topic::MapHead]
+            .map(|topic| topic.key(robot))
+            .to_vec(),
+        Channel::Bulk => vec![keys::all_tiles(robot)],
+    };
+    for key in keys {
+        let state = Arc::clone(state);
+        session
+            .declare_subscriber(key.clone())
+            .callback(move |sample| state.take_sample(&sample))
+            .background()
+            .wait()
+            .map_err(|why| LinkError::Declare { what: key, why })?;
+    }
+    if channel == Channel::Control {
+        let key = Topic::Alive.key(robot);
+        let state = Arc::clone(state);
+        session
+            .liveliness()
+            .declare_subscriber(key.clone())
+            .history(true)
+            .callback(move |token| {
+                state.hand_over(Incoming::Presence(token.kind() == SampleKind::Put));
+            })
+            .background()
+            .wait()
+            .map_err(|why| LinkError::Declare { what: key, why })?;
+    }
+    Ok(session)
+}
+
+fn send_all(state: &Arc<State>, outgoing: &Receiver<Outgoing>) {
+    for outgoing in outgoing {
+        if state.is_closing() {
+            return;
+        }
+        if let Err(why) = send(state, &outgoing) {
+            tracing::debug!(%why, "not sent");
+            state.not_asked(&outgoing);
+        }
+    }
+}
+
+fn send(state: &Arc<State>, outgoing: &Outgoing) -> Result<(), zenoh::Error> {
+    match outgoing {
+        Outgoing::Put { key, payload } => {
+            let Some(session) = lock(&state.control).clone() else {
+                return Ok(());
+            };
+            session
+                .put(key.clone(), payload.clone())
+                .congestion_control(CongestionControl::Drop)
+                .priority(Priority::InteractiveHigh)
+                .wait()
+        }
+        Outgoing::Get {
+            request,
+            key,
+            payload,
+            is_bulk,
+        } => {
+            let channel = if *is_bulk {
+                Channel::Bulk
+            } else {
+                Channel::Control
+            };
+            let Some(session) = lock(state.session(channel)).clone() else {
+                state.not_asked(outgoing);
+                return Ok(());
+            };
+            let (request, on_reply, on_end) = (*request, Arc::clone(state), Arc::clone(state));
+            session
+                .get(KeyExpr::try_from(key.clone())?)
+                .payload(payload.clone())
+                // Every reply to one question has the same key: none replaces another.
+                .consolidation(ConsolidationMode::None)
+                .congestion_control(CongestionControl::Drop)
+                .timeout(ANSWER_TIMEOUT)
+                .with(CallbackDrop {
+                    callback: move |reply: Reply| take_reply(&on_reply, request, &reply),
+                    drop: move || on_end.hand_over(Incoming::Ended { request }),
+                })
+                .wait()
+        }
+    }
+}
+
+fn take_reply(state: &State, request: RequestId, reply: &Reply) {
+    match reply.result() {
+        Ok(sample) => {
+            if let Some(payload) = state.bytes(sample.payload()) {
+                let key = sample.key_expr().as_str().to_owned();
+                state.hand_over(Incoming::Reply {
+                    request,
+                    key,
+                    payload,
+                });
+            }
+        }
+        Err(why) => {
+            tracing::debug!(why = %String::from_utf8_lossy(&why.payload().to_bytes()), "no answer");
+        }
+    }
+}

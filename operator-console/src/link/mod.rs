@@ -1,0 +1,150 @@
+//! One robot over the network, and the model that it feeds.
+//!
+//! Zenoh's threads put what arrives into a bounded queue; one thread of ours empties it into the model, sends
+//! what the model wants, and wakes whoever draws, but only when there is something new to see. So a frozen
+//! window holds up neither, and a robot that stands still costs no frames.
+
+mod connect;
+mod discovery;
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+use std::{io, mem};
+
+use robot_edge::clock::Monotonic;
+use robot_edge::link::sessions::Endpoints;
+
+use crate::model::{ConsoleModel, Incoming, ModelSettings};
+use connect::Connections;
+
+pub use discovery::{Discovery, FoundRobot};
+
+/// Messages that wait for the model at most; what comes beyond is dropped and counted, and what of it mattered
+/// is asked for again.
+const MAX_WAITING: usize = 4096;
+/// Messages taken into the model before somebody else may look at it.
+const BATCH: usize = 64;
+/// What the model wants to send is asked for this often.
+const TICK: Duration = Duration::from_millis(20);
+/// Between two calls of `wake`.
+const WAKE_PERIOD: Duration = Duration::from_millis(33);
+
+/// A robot that is watched. Dropping it ends that.
+pub struct RobotSession {
+    model: Arc<Mutex<ConsoleModel>>,
+    connections: Arc<Connections>,
+    is_closing: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl RobotSession {
+    /// Begins to connect to the robot, again and again until it answers, and returns at once. `wake` is called
+    /// when there is something new to draw.
+    ///
+    /// # Errors
+    /// Where zstd cannot be set up.
+    pub fn open(
+        settings: ModelSettings,
+        endpoints: &Endpoints,
+        wake: impl Fn() + Send + 'static,
+    ) -> io::Result<Self> {
+        let (sender, received) = sync_channel(MAX_WAITING);
+        let robot = settings.robot.clone();
+        let model = Arc::new(Mutex::new(ConsoleModel::new(settings)?));
+        let connections = Arc::new(Connections::start(robot, endpoints, sender));
+        let is_closing = Arc::new(AtomicBool::new(false));
+        let thread = thread::spawn({
+            let (model, connections, is_closing) = (
+                Arc::clone(&model),
+                Arc::clone(&connections),
+                Arc::clone(&is_closing),
+            );
+            move || run(&model, &connections, &received, &is_closing, wake)
+        });
+        Ok(Self {
+            model,
+            connections,
+            is_closing,
+            thread: Some(thread),
+        })
+    }
+
+    /// The robot as it is known; the link waits while the guard is held.
+    pub fn model(&self) -> MutexGuard<'_, ConsoleModel> {
+        lock(&self.model)
+    }
+
+    /// Whether both sessions are open. They stay so, and reconnect by themselves, when the link is cut.
+    pub fn is_connected(&self) -> bool {
+        self.connections.is_connected()
+    }
+
+    /// Why there is no connection, in words.
+    pub fn problem(&self) -> Option<String> {
+        self.connections.problem()
+    }
+}
+
+impl Drop for RobotSession {
+    fn drop(&mut self) {
+        self.is_closing.store(true, Ordering::Relaxed);
+        // Sessions that close wait for the network; a window does not wait for them.
+        self.connections.close();
+        if let Some(thread) = mem::take(&mut self.thread)
+            && thread.join().is_err()
+        {
+            tracing::error!("the link's thread failed");
+        }
+    }
+}
+
+/// A panic elsewhere must not take the link with it: the model holds together after every message.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn run(
+    model: &Mutex<ConsoleModel>,
+    connections: &Connections,
+    received: &Receiver<Incoming>,
+    is_closing: &AtomicBool,
+    wake: impl Fn(),
+) {
+    let mut seen = None;
+    let mut woken = Monotonic::default();
+    let mut next_tick = Monotonic::now();
+    while !is_closing.load(Ordering::Relaxed) {
+        let first = match received.recv_timeout(next_tick.since(Monotonic::now())) {
+            Ok(first) => Some(first),
+            Err(RecvTimeoutError::Timeout) => None,
+            Err(RecvTimeoutError::Disconnected) => return,
+        };
+        let now = Monotonic::now();
+        let mut guard = lock(model);
+        for incoming in first.into_iter().chain(received.try_iter().take(BATCH)) {
+            guard.apply(incoming, now);
+        }
+        if let Some(lost) = connections.take_lost() {
+            guard.apply(lost, now);
+        }
+        let is_connected = connections.is_connected();
+        let outgoing = if is_connected {
+            guard.outgoing(now)
+        } else {
+            Vec::new()
+        };
+        let changes = Some((guard.changes(), is_connected, connections.problem()));
+        drop(guard);
+        for outgoing in outgoing {
+            connections.send(outgoing);
+        }
+        if changes != seen && now.since(woken) >= WAKE_PERIOD {
+            (seen, woken) = (changes, now);
+            wake();
+        }
+        next_tick = now + TICK;
+    }
+}

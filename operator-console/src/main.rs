@@ -1,0 +1,41 @@
+//! `operator-console`: see `operator-console --help`.
+
+use std::io::{self, Write as _};
+use std::process::ExitCode;
+
+use clap::Parser as _;
+use operator_console::cli::Cli;
+use operator_console::run::run;
+use robot_edge::exit::{Exit, Interrupted};
+use tracing_subscriber::EnvFilter;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let level = match (cli.quiet, cli.verbose) {
+        (true, _) => "error",
+        // Zenoh warns of settings that are meant.
+        (false, 0) => "warn,zenoh=error",
+        (false, 1) => "info,zenoh=warn",
+        (false, 2) => "debug",
+        (false, _) => "trace",
+    };
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(level));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(io::stderr)
+        .init();
+
+    let mut out = io::stdout().lock();
+    let exit = match run(&cli, &mut out) {
+        Ok(exit) => exit,
+        Err(err) => {
+            if err.downcast_ref::<Interrupted>().is_none() {
+                // Nothing is left to be done where even standard error fails.
+                drop(writeln!(io::stderr(), "operator-console: {err:#}"));
+            }
+            Exit::of(err.as_ref())
+        }
+    };
+    drop(out.flush());
+    exit.into()
+}

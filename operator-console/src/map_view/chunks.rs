@@ -1,0 +1,195 @@
+//! How tiles are gathered into textures: 512×512 texels each, finer or coarser with the magnification.
+//!
+//! On level 0 a texel is a cell and a chunk 8×8 tiles; on level `l` a texel is 2ˡ × 2ˡ cells. So a screen
+//! shows about as many chunks however far out it is, and none of its texels is smaller than a pixel: what a
+//! coarser texel shows is chosen here, not left to a filter in which walls of one cell come and go.
+
+use eframe::egui::{Color32, ColorImage};
+use protocol::tile::{TILE_SIDE, TileCells};
+
+/// Texels along one side of a chunk.
+pub(super) const CHUNK_TEXELS: usize = 512;
+/// Cells along one side of a tile, for indices.
+pub(super) const TILE_CELLS: i64 = 64;
+const _: () = assert!(TILE_CELLS as usize == TILE_SIDE);
+/// On the coarsest level a tile is one texel.
+const MAX_LEVEL: u8 = 6;
+
+/// How coarse.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Level(u8);
+
+/// A chunk: level, column and row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct ChunkKey {
+    pub(super) level: Level,
+    pub(super) x: i64,
+    pub(super) y: i64,
+}
+
+impl Level {
+    /// Every level, the finest first.
+    pub(super) fn all() -> impl Iterator<Item = Self> {
+        (0..=MAX_LEVEL).map(Self)
+    }
+
+    /// The finest level whose texels are at least a pixel.
+    pub(super) fn for_scale(pixels_per_cell: f64) -> Self {
+        Self::all()
+            .find(|level| pixels_per_cell * level.cells_per_texel() as f64 >= 1.0)
+            .unwrap_or(Self(MAX_LEVEL))
+    }
+
+    /// Cells along one side of a texel.
+    pub(super) const fn cells_per_texel(self) -> usize {
+        1 << self.0
+    }
+
+    /// Texels along one side of a tile.
+    pub(super) const fn tile_texels(self) -> usize {
+        TILE_SIDE >> self.0
+    }
+
+    /// Tiles along one side of a chunk.
+    pub(super) const fn tiles_per_chunk(self) -> i64 {
+        8 << self.0
+    }
+}
+
+impl ChunkKey {
+    /// The chunk that holds a tile.
+    pub(super) fn of_tile(level: Level, (tx, ty): (i64, i64)) -> Self {
+        Self {
+            level,
+            x: tx.div_euclid(level.tiles_per_chunk()),
+            y: ty.div_euclid(level.tiles_per_chunk()),
+        }
+    }
+
+    /// Its tile with the lowest x and y.
+    pub(super) const fn first_tile(self) -> (i64, i64) {
+        let side = self.level.tiles_per_chunk();
+        (self.x * side, self.y * side)
+    }
+
+    /// Where a tile of this chunk begins in its image: column and row from the upper left.
+    pub(super) fn texel_of(self, (tx, ty): (i32, i32)) -> [usize; 2] {
+        let side = self.level.tiles_per_chunk();
+        let column = i64::from(tx).rem_euclid(side) as usize;
+        let row = (side - 1 - i64::from(ty).rem_euclid(side)) as usize;
+        [column, row].map(|tile| tile * self.level.tile_texels())
+    }
+
+    /// Lowest and greatest x and y, metres.
+    pub(super) fn edges_m(self, cell_m: f64) -> [f64; 4] {
+        let side_m = (CHUNK_TEXELS * self.level.cells_per_texel()) as f64 * cell_m;
+        let (x, y) = (self.x as f64, self.y as f64);
+        // Neighbours work out their common edge from the same numbers, so no gap opens between them.
+        [
+            x * side_m,
+            y * side_m,
+            (x + 1.0) * side_m,
+            (y + 1.0) * side_m,
+        ]
+    }
+}
+
+/// A tile as texels, the greatest y in the first row. A texel shows the highest code of its cells, so that
+/// walls stay visible, as in exported pictures; `colors` has a colour for every code.
+pub(super) fn tile_image(cells: &TileCells, level: Level, colors: &[Color32]) -> ColorImage {
+    let (texels, step) = (level.tile_texels(), level.cells_per_texel());
+    let mut highest = vec![0_u16; texels * texels];
+    for row in 0..TILE_SIDE {
+        let from_top = texels - 1 - row / step;
+        let texel_row = &mut highest[from_top * texels..][..texels];
+        for (texel, codes) in texel_row.iter_mut().zip(cells.row(row).chunks_exact(step)) {
+            *texel = codes.iter().copied().fold(*texel, u16::max);
+        }
+    }
+    let color = |code: u16| colors.get(usize::from(code)).copied().unwrap_or_default();
+    ColorImage::new([texels; 2], highest.into_iter().map(color).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chunk(level: u8, tile: (i64, i64)) -> ChunkKey {
+        ChunkKey::of_tile(Level(level), tile)
+    }
+
+    #[test]
+    fn tiles_left_of_and_below_the_origin_are_in_negative_chunks() {
+        let at = |level, tile| {
+            let chunk = chunk(level, tile);
+            (chunk.x, chunk.y)
+        };
+        assert_eq!(at(0, (0, 7)), (0, 0));
+        assert_eq!(at(0, (-1, 8)), (-1, 1));
+        assert_eq!(at(0, (-8, -9)), (-1, -2));
+        assert_eq!(at(1, (-16, 15)), (-1, 0));
+        assert_eq!(at(6, (511, -512)), (0, -1));
+        assert_eq!(chunk(1, (-1, -17)).first_tile(), (-16, -32));
+    }
+
+    #[test]
+    fn a_tile_lies_in_its_own_part_of_the_image_upside_down() {
+        let texel = |level, (tx, ty): (i32, i32)| {
+            chunk(level, (i64::from(tx), i64::from(ty))).texel_of((tx, ty))
+        };
+        assert_eq!(texel(0, (0, 0)), [0, 448]);
+        assert_eq!(texel(0, (7, 7)), [448, 0]);
+        assert_eq!(texel(0, (-1, -8)), [448, 448]);
+        assert_eq!(texel(1, (1, 0)), [32, 480]);
+        assert_eq!(texel(6, (-1, -1)), [511, 0]);
+    }
+
+    #[test]
+    fn a_chunk_has_the_edges_of_its_tiles() {
+        for level in Level::all() {
+            let key = ChunkKey { level, x: -2, y: 1 };
+            let (tx, ty) = key.first_tile();
+            let side_m = TILE_SIDE as f64 * 0.25;
+            let [low_x, low_y, high_x, high_y] = key.edges_m(0.25);
+            let tiles = level.tiles_per_chunk();
+            // Exact: a quarter of a metre and powers of two.
+            let edges = [low_x, low_y, high_x, high_y].map(f64::to_bits);
+            let expected = [tx, ty, tx + tiles, ty + tiles].map(|tile| tile as f64 * side_m);
+            assert_eq!(edges, expected.map(f64::to_bits));
+            assert_eq!(tiles as usize * level.tile_texels(), CHUNK_TEXELS);
+        }
+    }
+
+    #[test]
+    fn texels_are_never_smaller_than_a_pixel_while_there_are_levels() {
+        for (pixels_per_cell, level) in [
+            (30.0, 0),
+            (1.0, 0),
+            (0.99, 1),
+            (0.5, 1),
+            (0.1, 4),
+            (0.02, 6),
+            (1e-9, 6),
+        ] {
+            assert_eq!(Level::for_scale(pixels_per_cell), Level(level));
+        }
+    }
+
+    #[test]
+    fn a_wall_of_one_cell_is_there_on_every_level() {
+        let cells = TileCells::from_fn(|x, y| if (x, y) == (9, 60) { 2 } else { 1 });
+        let colors = [Color32::TRANSPARENT, Color32::WHITE, Color32::BLACK];
+        for level in Level::all() {
+            let image = tile_image(&cells, level, &colors);
+            let black: Vec<_> = image
+                .pixels
+                .iter()
+                .enumerate()
+                .filter(|(_, color)| **color == Color32::BLACK)
+                .map(|(at, _)| [at % image.width(), at / image.width()])
+                .collect();
+            let step = level.cells_per_texel();
+            assert_eq!(black, [[9 / step, 3 / step]], "{level:?}");
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! Which tiles of the shown layer know anything, and where in them: what there is to draw and to fit.
+
+use std::collections::BTreeMap;
+
+use protocol::layer::{LayerId, UNKNOWN};
+use protocol::tile::{TILE_SIDE, TileCells, TileKey};
+use protocol::tile_store::TileStore;
+
+use super::chunks::TILE_CELLS;
+
+/// Columns and rows of a tile between which its known cells lie, both ends included.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct KnownBox {
+    columns: [u8; 2],
+    rows: [u8; 2],
+}
+
+/// The known tiles of one layer.
+#[derive(Clone, Debug, Default)]
+pub(super) struct KnownTiles {
+    boxes: BTreeMap<(i32, i32), KnownBox>,
+    /// Lowest and greatest x and y of known cells, in cells; `None` where it must be worked out again.
+    bounds_cells: Option<[i64; 4]>,
+}
+
+impl KnownTiles {
+    /// All of a layer.
+    pub(super) fn of_layer(store: &TileStore, layer: LayerId) -> Self {
+        let mut known = Self::default();
+        for (key, _) in store.tiles(layer) {
+            known.update(store, key);
+        }
+        known
+    }
+
+    /// Looks at one tile again.
+    pub(super) fn update(&mut self, store: &TileStore, key: TileKey) {
+        let cells = store.get(key).and_then(|stored| stored.cells());
+        let known = cells.and_then(KnownBox::of);
+        let at = (key.tx, key.ty);
+        let before = match known {
+            Some(known) => self.boxes.insert(at, known),
+            None => self.boxes.remove(&at),
+        };
+        if before != known {
+            self.bounds_cells = None;
+        }
+    }
+
+    /// How many there are.
+    pub(super) fn len(&self) -> usize {
+        self.boxes.len()
+    }
+
+    /// The known tiles in a square of `side` × `side` tiles whose lowest tile is `(tx, ty)`.
+    pub(super) fn in_square(
+        &self,
+        (tx, ty): (i64, i64),
+        side: i64,
+    ) -> impl Iterator<Item = (i32, i32)> {
+        let clamp = |tile: i64| tile.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32;
+        let rows = ty..ty + side;
+        self.boxes
+            .range((clamp(tx), i32::MIN)..=(clamp(tx + side - 1), i32::MAX))
+            .map(|(at, _)| *at)
+            .filter(move |(_, row)| rows.contains(&i64::from(*row)))
+    }
+
+    /// Lowest and greatest x and y of what is known, in cells (the greatest ends exclusive).
+    pub(super) fn bounds_cells(&mut self) -> Option<[i64; 4]> {
+        if self.bounds_cells.is_none() {
+            self.bounds_cells = self
+                .boxes
+                .iter()
+                .map(|(&(tx, ty), known)| {
+                    let (x, y) = (i64::from(tx) * TILE_CELLS, i64::from(ty) * TILE_CELLS);
+                    let [left, right] = known.columns.map(i64::from);
+                    let [bottom, top] = known.rows.map(i64::from);
+                    [x + left, y + bottom, x + right + 1, y + top + 1]
+                })
+                .reduce(|a, b| {
+                    [
+                        a[0].min(b[0]),
+                        a[1].min(b[1]),
+                        a[2].max(b[2]),
+                        a[3].max(b[3]),
+                    ]
+                });
+        }
+        self.bounds_cells
+    }
+}
+
+impl KnownBox {
+    fn of(cells: &TileCells) -> Option<Self> {
+        let mut known: Option<Self> = None;
+        for row in 0..TILE_SIDE {
+            let codes = cells.row(row);
+            let is_known = |code: &u16| *code != UNKNOWN;
+            let (Some(left), Some(right)) = (
+                codes.iter().position(is_known),
+                codes.iter().rposition(is_known),
+            ) else {
+                continue;
+            };
+            let (left, right, row) = (left as u8, right as u8, row as u8);
+            let so_far = known.get_or_insert(Self {
+                columns: [left, right],
+                rows: [row, row],
+            });
+            so_far.columns[0] = so_far.columns[0].min(left);
+            so_far.columns[1] = so_far.columns[1].max(right);
+            so_far.rows[1] = row;
+        }
+        known
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::tile::BootId;
+    use protocol::tile_store::LayerGrid;
+
+    use super::*;
+
+    const LAYER: LayerId = LayerId::Occupancy;
+
+    fn key(tx: i32, ty: i32) -> TileKey {
+        TileKey {
+            layer: LAYER,
+            tx,
+            ty,
+        }
+    }
+
+    fn publish(store: &mut TileStore, key: TileKey, known: &[(usize, usize)]) {
+        let cells = TileCells::from_fn(|x, y| u16::from(known.contains(&(x, y))));
+        drop(store.publish(key, cells).unwrap());
+    }
+
+    #[test]
+    fn bounds_are_those_of_known_cells_and_follow_changes() {
+        let mut store = TileStore::new(BootId([1; 16]), 10);
+        store
+            .set_grid(LayerGrid {
+                layer: LAYER,
+                cell_m: 0.1,
+            })
+            .unwrap();
+        publish(&mut store, key(-1, 0), &[(60, 5), (62, 3)]);
+        publish(&mut store, key(2, 1), &[(0, 0)]);
+        let mut known = KnownTiles::of_layer(&store, LAYER);
+        assert_eq!(known.bounds_cells(), Some([-4, 3, 129, 65]));
+        publish(&mut store, key(2, 1), &[]);
+        known.update(&store, key(2, 1));
+        assert_eq!(known.bounds_cells(), Some([-4, 3, -1, 6]));
+        publish(&mut store, key(-1, 0), &[]);
+        known.update(&store, key(-1, 0));
+        assert_eq!(known.len(), 0);
+        assert_eq!(known.bounds_cells(), None);
+    }
+
+    #[test]
+    fn squares_hold_their_tiles_on_both_sides_of_the_origin() {
+        let mut store = TileStore::new(BootId([1; 16]), 10);
+        store
+            .set_grid(LayerGrid {
+                layer: LAYER,
+                cell_m: 0.1,
+            })
+            .unwrap();
+        for (tx, ty) in [
+            (-9, 0),
+            (-8, -8),
+            (-1, -1),
+            (-1, 0),
+            (0, -1),
+            (7, 7),
+            (8, 0),
+        ] {
+            publish(&mut store, key(tx, ty), &[(1, 1)]);
+        }
+        let known = KnownTiles::of_layer(&store, LAYER);
+        let square = |at| known.in_square(at, 8).collect::<Vec<_>>();
+        assert_eq!(square((-8, -8)), [(-8, -8), (-1, -1)]);
+        assert_eq!(square((0, 0)), [(7, 7)]);
+        assert_eq!(square((-16, 0)), [(-9, 0)]);
+        assert_eq!(square((1 << 40, 0)), []);
+    }
+}

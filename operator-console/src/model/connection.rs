@@ -1,0 +1,181 @@
+//! How well the link does: round trip, age of the newest data, bytes that arrive.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use robot_edge::clock::Monotonic;
+
+use super::incoming::RequestId;
+
+/// Over which the rate is measured.
+const RATE_WINDOW: Duration = Duration::from_secs(2);
+const PING_PERIOD: Duration = Duration::from_secs(1);
+/// An answer that takes longer is not waited for.
+const PING_TIMEOUT: Duration = Duration::from_secs(5);
+/// Without any message for this long, the robot is not heard.
+pub const SILENT_AFTER: Duration = Duration::from_millis(1500);
+
+/// What the link is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LinkState {
+    /// No message has come yet.
+    Waiting,
+    /// Messages come.
+    Live,
+    /// Messages came, but not lately.
+    Silent,
+}
+
+/// Measures the link from what arrives.
+#[derive(Clone, Debug, Default)]
+pub struct Connection {
+    last_message: Option<Monotonic>,
+    round_trip: Option<Duration>,
+    pings: VecDeque<(RequestId, Monotonic)>,
+    last_ping: Option<Monotonic>,
+    /// Arrivals within the window, in slices of a tenth of it.
+    arrivals: VecDeque<(Monotonic, usize)>,
+    bytes: u64,
+    messages: u64,
+    is_present: Option<bool>,
+}
+
+impl Connection {
+    /// The state at `now`.
+    pub fn state(&self, now: Monotonic) -> LinkState {
+        match self.last_message {
+            None => LinkState::Waiting,
+            Some(at) if now.since(at) <= SILENT_AFTER => LinkState::Live,
+            Some(_) => LinkState::Silent,
+        }
+    }
+
+    /// Time since the newest message; `None` before the first.
+    pub fn age(&self, now: Monotonic) -> Option<Duration> {
+        self.last_message.map(|at| now.since(at))
+    }
+
+    /// The last round trip that was measured, while the robot answers.
+    pub const fn round_trip(&self) -> Option<Duration> {
+        self.round_trip
+    }
+
+    /// Payload that arrives, kilobits (10³ bits) per second over the last 2 s.
+    pub fn kbps(&self, now: Monotonic) -> f64 {
+        let recent = self
+            .arrivals
+            .iter()
+            .filter(|(at, _)| now.since(*at) < RATE_WINDOW);
+        let bytes: usize = recent.map(|(_, bytes)| bytes).sum();
+        bytes as f64 * 8e-3 / RATE_WINDOW.as_secs_f64()
+    }
+
+    /// Payload bytes and messages that arrived in all.
+    pub const fn totals(&self) -> (u64, u64) {
+        (self.bytes, self.messages)
+    }
+
+    /// Whether the robot's presence token is there; `None` while nothing is known of it. For display only.
+    pub const fn is_present(&self) -> Option<bool> {
+        self.is_present
+    }
+
+    pub(super) fn arrived(&mut self, bytes: usize, now: Monotonic) {
+        self.bytes += bytes as u64;
+        self.messages += 1;
+        let slice = RATE_WINDOW / 10;
+        match self.arrivals.back_mut() {
+            Some((at, sum)) if now.since(*at) < slice => *sum += bytes,
+            Some(_) | None => self.arrivals.push_back((now, bytes)),
+        }
+        while self
+            .arrivals
+            .front()
+            .is_some_and(|(at, _)| now.since(*at) >= RATE_WINDOW)
+        {
+            self.arrivals.pop_front();
+        }
+    }
+
+    /// A message of the robot made sense.
+    pub(super) fn heard(&mut self, now: Monotonic) {
+        self.last_message = Some(now);
+    }
+
+    pub(super) fn set_present(&mut self, is_present: bool) {
+        self.is_present = Some(is_present);
+    }
+
+    /// Whether it is time to ask for a round trip.
+    pub(super) fn is_ping_due(&mut self, now: Monotonic) -> bool {
+        if self
+            .pings
+            .front()
+            .is_some_and(|(_, at)| now.since(*at) >= PING_TIMEOUT)
+        {
+            self.pings.pop_front();
+            self.round_trip = None;
+        }
+        self.last_ping.is_none_or(|at| now.since(at) >= PING_PERIOD)
+    }
+
+    pub(super) fn pinged(&mut self, request: RequestId, now: Monotonic) {
+        self.last_ping = Some(now);
+        self.pings.push_back((request, now));
+    }
+
+    /// An answer came; true if it was to a ping.
+    pub(super) fn ponged(&mut self, request: RequestId, now: Monotonic) -> bool {
+        let Some(index) = self.pings.iter().position(|(asked, _)| *asked == request) else {
+            return false;
+        };
+        if let Some((_, at)) = self.pings.remove(index) {
+            self.round_trip = Some(now.since(at));
+        }
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const fn at(ms: u64) -> Monotonic {
+        Monotonic::from_nanos(ms * 1_000_000)
+    }
+
+    #[test]
+    fn rates_are_those_of_the_last_seconds() {
+        let mut link = Connection::default();
+        for ms in (0..10_000).step_by(50) {
+            link.arrived(100, at(ms));
+        }
+        // 2000 bytes a second.
+        assert!(
+            (link.kbps(at(9_999)) - 16.0).abs() < 1.7,
+            "{}",
+            link.kbps(at(9_999))
+        );
+        assert!(link.kbps(at(20_000)) < f64::EPSILON);
+        assert!(link.arrivals.len() <= 11);
+        assert_eq!(link.totals(), (20_000, 200));
+    }
+
+    #[test]
+    fn silence_and_round_trips_are_seen() {
+        let mut link = Connection::default();
+        assert_eq!(link.state(at(0)), LinkState::Waiting);
+        link.heard(at(100));
+        assert_eq!(link.state(at(1_600)), LinkState::Live);
+        assert_eq!(link.state(at(1_601)), LinkState::Silent);
+        assert!(link.is_ping_due(at(0)));
+        link.pinged(RequestId(1), at(0));
+        assert!(!link.is_ping_due(at(900)));
+        assert!(!link.ponged(RequestId(2), at(50)));
+        assert!(link.ponged(RequestId(1), at(70)));
+        assert_eq!(link.round_trip(), Some(Duration::from_millis(70)));
+        link.pinged(RequestId(3), at(1_000));
+        assert!(link.is_ping_due(at(6_000)));
+        assert_eq!(link.round_trip(), None, "nobody answers any more");
+    }
+}

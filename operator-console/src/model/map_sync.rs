@@ -1,0 +1,498 @@
+//! The map as this console holds it, and what it does to be in step with the robot's.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io;
+use std::time::Duration;
+
+use protocol::layer::LayerId;
+use protocol::message::{
+    Digests, DigestsRequest, Info, LayerHead, MapHead, TileBand, TilesReply, TilesRequest,
+};
+use protocol::tile::codec::DecodeError;
+use protocol::tile::{BootId, TileCells, TileDigest, TileKey};
+use protocol::tile_store::{Applied, LayerGrid, RootDigest, StoreError, TileStore};
+use robot_edge::clock::Monotonic;
+
+use super::incoming::RequestId;
+use super::layer_sync::{LayerSync, Question, SILENCE};
+use super::refusals::Refusal;
+use super::tile_intake::TileIntake;
+
+/// Questions for tiles that may be open at once; with the size of an answer, 32 KiB are outstanding at most.
+const MAX_PULLS: usize = 2;
+/// Tiles in one question. What does not fit the answer is asked for again.
+const TILES_PER_PULL: usize = 24;
+/// An answer that takes longer than this, and so than the link waits for it, does not come any more.
+const ANSWER_LIFETIME: Duration = Duration::from_secs(12);
+/// Ages that are kept before those of tiles that are gone are dropped.
+const MAX_AGES: usize = 200_000;
+
+/// A question about a layer, for the link to ask.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum MapQuestion {
+    Digests(LayerId, DigestsRequest),
+    Tiles(LayerId, TilesRequest),
+}
+
+/// How far a layer is behind the robot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LayerStep {
+    /// Which layer.
+    pub layer: LayerId,
+    /// Whether the robot's last announcement and this map are the same, cell for cell.
+    pub is_equal: bool,
+    /// When they were the same last.
+    pub last_equal: Option<Monotonic>,
+    /// Tiles known to be lacking; more may be, where no list has been asked for yet.
+    pub missing: usize,
+}
+
+/// A question that is not answered yet.
+struct Asked {
+    layer: LayerId,
+    /// Asked for; empty where a list was.
+    tiles: Vec<(i32, i32)>,
+    at: Monotonic,
+}
+
+/// The map and its reconciliation.
+pub struct MapSync {
+    store: TileStore,
+    intake: TileIntake,
+    /// What the robot announced last, and when.
+    head: Option<(MapHead, Monotonic)>,
+    /// No announcement has come from the robot yet, so the store's boot is nobody's.
+    has_boot: bool,
+    layers: BTreeMap<LayerId, LayerSync>,
+    /// Own roots, while no tile has changed them.
+    roots: BTreeMap<LayerId, RootDigest>,
+    changed: BTreeSet<TileKey>,
+    changed_at: BTreeMap<TileKey, Monotonic>,
+    /// Tiles named by the lists that are arriving.
+    listed: BTreeMap<LayerId, BTreeSet<(i32, i32)>>,
+    asked: BTreeMap<RequestId, Asked>,
+    /// The digest of a tile of which nothing is known.
+    unknown: TileDigest,
+    wanted: BTreeSet<LayerId>,
+    focus_m: [f64; 2],
+}
+
+impl MapSync {
+    /// An empty map that takes `store_mb` megabytes at most.
+    ///
+    /// # Errors
+    /// Where zstd cannot be set up.
+    pub(super) fn new(store_mb: u32) -> io::Result<Self> {
+        Ok(Self {
+            store: TileStore::new(BootId([0; 16]), store_mb),
+            intake: TileIntake::new()?,
+            head: None,
+            has_boot: false,
+            layers: BTreeMap::new(),
+            roots: BTreeMap::new(),
+            changed: BTreeSet::new(),
+            changed_at: BTreeMap::new(),
+            listed: BTreeMap::new(),
+            asked: BTreeMap::new(),
+            unknown: TileCells::unknown().digest(),
+            wanted: LayerId::ALL.into_iter().collect(),
+            focus_m: [0.0; 2],
+        })
+    }
+
+    /// The tiles.
+    pub const fn store(&self) -> &TileStore {
+        &self.store
+    }
+
+    /// When the cells of a tile last changed here.
+    pub fn changed_at(&self, key: TileKey) -> Option<Monotonic> {
+        self.changed_at.get(&key).copied()
+    }
+
+    /// How far each layer that the robot announces and this console wants is behind.
+    pub fn steps(&self) -> impl Iterator<Item = LayerStep> {
+        self.layers
+            .iter()
+            .filter(|(layer, _)| self.wanted.contains(layer))
+            .map(|(layer, sync)| LayerStep {
+                layer: *layer,
+                is_equal: !sync.is_different(),
+                last_equal: sync.last_equal(),
+                missing: sync.missing(),
+            })
+    }
+
+    /// The run of the robot whose map this is, once it has announced itself.
+    pub(super) fn boot(&self) -> Option<BootId> {
+        self.has_boot.then(|| self.store.boot())
+    }
+
+    /// Whether every layer that is wanted equals the robot's last announcement.
+    pub fn is_in_step(&self) -> bool {
+        self.head.is_some() && self.steps().all(|step| step.is_equal)
+    }
+
+    /// When the robot last announced what its map is.
+    pub fn head_at(&self) -> Option<Monotonic> {
+        self.head.as_ref().map(|(_, at)| *at)
+    }
+
+    /// The tiles that changed since the last call. All of them where the map was emptied.
+    pub fn take_changed(&mut self) -> BTreeSet<TileKey> {
+        std::mem::take(&mut self.changed)
+    }
+
+    pub(super) fn set_wanted(&mut self, wanted: BTreeSet<LayerId>, focus_m: [f64; 2]) {
+        self.wanted = wanted;
+        self.focus_m = focus_m;
+        self.store.set_focus(focus_m);
+    }
+
+    /// Whether the robot announced a layer that it has not described to us.
+    pub(super) fn lacks_info(&self) -> bool {
+        let described = |layer| self.store.cell_m(layer).is_some();
+        self.head
+            .as_ref()
+            .is_some_and(|(head, _)| !head.layers.iter().all(|head| described(head.layer)))
+    }
+
+    /// The robot said what its layers are. True where that is another run than the one whose map is held.
+    pub(super) fn take_info(&mut self, info: &Info, boot: BootId) -> Result<(), StoreError> {
+        if self.has_boot && boot != self.store.boot() {
+            // Its own announcement comes first; then it is asked again.
+            return Ok(());
+        }
+        for layer in &info.layers {
+            let held_m = self.store.cell_m(layer.layer);
+            if held_m.is_some_and(|held_m| held_m.to_bits() != layer.cell_m.to_bits()) {
+                self.empty_layer(layer.layer);
+            }
+            self.store.set_grid(LayerGrid {
+                layer: layer.layer,
+                cell_m: layer.cell_m,
+            })?;
+            self.roots.remove(&layer.layer);
+        }
+        Ok(())
+    }
+
+    /// The robot announced what its map is; true where it is a run that was not known.
+    pub(super) fn take_head(
+        &mut self,
+        head: MapHead,
+        boot: BootId,
+        now: Monotonic,
+    ) -> Result<bool, Refusal> {
+        let is_new = !self.has_boot || boot != self.store.boot();
+        if is_new {
+            let before: Vec<_> = LayerId::ALL
+                .into_iter()
+                .flat_map(|layer| self.store.tiles(layer))
+                .map(|(key, _)| key)
+                .collect();
+            if !self.store.adopt_boot(boot) {
+                return Err(Refusal::OtherBoot);
+            }
+            self.changed.extend(before);
+            self.has_boot = true;
+            self.layers.clear();
+            self.roots.clear();
+            self.changed_at.clear();
+            self.forget_questions();
+        }
+        let was_silent = self.head_at().is_none_or(|at| now.since(at) > SILENCE);
+        for layer in &head.layers {
+            if layer.epoch > self.store.epoch(layer.layer) {
+                self.erase_layer(layer.layer, layer.epoch);
+            }
+            let sync = self
+                .layers
+                .entry(layer.layer)
+                .or_insert_with(LayerSync::new);
+            if was_silent {
+                sync.link_was_down();
+            }
+        }
+        if was_silent {
+            self.forget_questions();
+        }
+        self.head = Some((head, now));
+        Ok(is_new)
+    }
+
+    /// A tile, or half of one, came: pushed, or in answer to `request`.
+    pub(super) fn take_band(
+        &mut self,
+        key: TileKey,
+        boot: BootId,
+        band: &TileBand,
+        request: Option<RequestId>,
+        now: Monotonic,
+    ) -> Result<(), Refusal> {
+        if !self.has_boot || boot != self.store.boot() {
+            return Err(Refusal::OtherBoot);
+        }
+        if self.store.cell_m(key.layer).is_none() {
+            return Err(Refusal::UnknownLayer);
+        }
+        let revision = band.revision;
+        let at = (key.tx, key.ty);
+        if let (Some(sync), Some(request)) = (self.layers.get_mut(&key.layer), request) {
+            sync.pulled(request);
+        }
+        let tile = self
+            .intake
+            .take(key, boot, band)
+            .map_err(|why| refusal(&why))?;
+        let Some(tile) = tile else { return Ok(()) };
+        if tile.epoch > self.store.epoch(key.layer) {
+            self.erase_layer(key.layer, tile.epoch);
+        }
+        let applied = self.store.apply(tile).map_err(|_why| Refusal::BadTile)?;
+        let sync = self.layers.entry(key.layer).or_insert_with(LayerSync::new);
+        match request {
+            Some(_) => sync.held(at, revision),
+            None => sync.pushed(at, revision, now),
+        }
+        match applied {
+            Applied::Stored => {
+                self.roots.remove(&key.layer);
+                self.changed.insert(key);
+                self.changed_at.insert(key, now);
+                if self.changed_at.len() > MAX_AGES {
+                    let store = &self.store;
+                    self.changed_at.retain(|key, _| store.get(*key).is_some());
+                }
+                Ok(())
+            }
+            Applied::OldBoot => Err(Refusal::OtherBoot),
+            Applied::OldEpoch => Err(Refusal::OldEpoch),
+            Applied::OldRevision => Err(Refusal::OldRevision),
+        }
+    }
+
+    /// A tile answered a question.
+    pub(super) fn take_reply(
+        &mut self,
+        layer: LayerId,
+        boot: BootId,
+        reply: &TilesReply,
+        request: RequestId,
+        now: Monotonic,
+    ) -> Result<(), Refusal> {
+        let key = TileKey {
+            layer,
+            tx: reply.tx,
+            ty: reply.ty,
+        };
+        self.take_band(key, boot, &reply.band, Some(request), now)
+    }
+
+    /// A part of a list of tiles answered a question.
+    pub(super) fn take_digests(
+        &mut self,
+        layer: LayerId,
+        boot: BootId,
+        digests: &Digests,
+        request: RequestId,
+    ) -> Result<(), Refusal> {
+        if !self.has_boot || boot != self.store.boot() {
+            return Err(Refusal::OtherBoot);
+        }
+        if digests.epoch != self.store.epoch(layer) {
+            return Err(Refusal::OldEpoch);
+        }
+        let Some(sync) = self.layers.get_mut(&layer) else {
+            return Err(Refusal::UnknownLayer);
+        };
+        let Some(newer_than) = sync.listed_from(request) else {
+            return Ok(());
+        };
+        let (store, unknown) = (&self.store, self.unknown);
+        let lacking = digests.tiles.iter().filter_map(|tile| {
+            let key = TileKey {
+                layer,
+                tx: tile.tx,
+                ty: tile.ty,
+            };
+            let is_lacking = match store.get(key) {
+                None => tile.digest != unknown,
+                Some(held) if held.is_evicted() => tile.revision > held.revision(),
+                Some(held) => tile.revision >= held.revision() && tile.digest != held.digest(),
+            };
+            is_lacking.then_some(((tile.tx, tile.ty), tile.revision))
+        });
+        let last = digests.tiles.last().map(|tile| tile.revision);
+        let next = last.filter(|_| digests.more > 0);
+        sync.listed(request, lacking, digests.head_revision, next);
+        let listed = self.listed.entry(layer).or_default();
+        listed.extend(digests.tiles.iter().map(|tile| (tile.tx, tile.ty)));
+        if next.is_none() {
+            let listed = std::mem::take(listed);
+            if newer_than == 0 {
+                self.forget_unlisted(layer, &listed, digests.head_revision);
+            }
+        }
+        Ok(())
+    }
+
+    /// What a list of everything does not name, the robot does not hold.
+    fn forget_unlisted(
+        &mut self,
+        layer: LayerId,
+        listed: &BTreeSet<(i32, i32)>,
+        head_revision: u64,
+    ) {
+        let gone: Vec<_> = self
+            .store
+            .tiles(layer)
+            .filter(|(key, held)| {
+                held.revision() <= head_revision && !listed.contains(&(key.tx, key.ty))
+            })
+            .map(|(key, _)| key)
+            .collect();
+        for key in gone {
+            self.store.forget(key);
+            self.roots.remove(&layer);
+            self.changed_at.remove(&key);
+            self.changed.insert(key);
+        }
+    }
+
+    /// No more replies to a question will come.
+    pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) {
+        let Some(Asked { layer, tiles, .. }) = self.asked.remove(&request) else {
+            return;
+        };
+        if let Some(sync) = self.layers.get_mut(&layer) {
+            sync.ended(request, &tiles, now);
+        }
+    }
+
+    /// Compares roots and says what to ask now.
+    pub(super) fn questions(
+        &mut self,
+        now: Monotonic,
+        mut number: impl FnMut() -> RequestId,
+    ) -> Vec<(RequestId, MapQuestion)> {
+        let Some((head, _)) = self.head.clone() else {
+            return Vec::new();
+        };
+        // The end of a question can be lost like anything else.
+        let asked = self.asked.iter();
+        let late = asked.filter(|(_, asked)| now.since(asked.at) >= ANSWER_LIFETIME);
+        for request in late.map(|(request, _)| *request).collect::<Vec<_>>() {
+            self.ended(request, now);
+        }
+        let mut questions = Vec::new();
+        let heads = head.layers;
+        for head in &heads {
+            if !self.wanted.contains(&head.layer) {
+                continue;
+            }
+            self.compare(head, now);
+            while let Some(question) = self.next_question(head.layer, now) {
+                let request = number();
+                if let Some(sync) = self.layers.get_mut(&head.layer) {
+                    sync.asked(request, &question);
+                }
+                let (tiles, question) = match question {
+                    Question::Digests { newer_than } => (
+                        Vec::new(),
+                        MapQuestion::Digests(head.layer, DigestsRequest { newer_than }),
+                    ),
+                    Question::Tiles(tiles) => (
+                        tiles.clone(),
+                        MapQuestion::Tiles(head.layer, TilesRequest::These(tiles)),
+                    ),
+                };
+                let (layer, at) = (head.layer, now);
+                self.asked.insert(request, Asked { layer, tiles, at });
+                questions.push((request, question));
+            }
+        }
+        questions
+    }
+
+    fn next_question(&self, layer: LayerId, now: Monotonic) -> Option<Question> {
+        let cell_m = self.store.cell_m(layer)?;
+        let asked = self.asked.values();
+        let pulls = asked.filter(|asked| !asked.tiles.is_empty()).count();
+        let distance = |(tx, ty)| {
+            let [x, y] = TileKey { layer, tx, ty }.center_m(cell_m);
+            let (dx, dy) = (x - self.focus_m[0], y - self.focus_m[1]);
+            dx * dx + dy * dy
+        };
+        let is_asked = |tile| {
+            let mut asked = self.asked.values();
+            asked.any(|asked| asked.layer == layer && asked.tiles.contains(&tile))
+        };
+        self.layers.get(&layer)?.question(
+            now,
+            MAX_PULLS.saturating_sub(pulls),
+            TILES_PER_PULL,
+            distance,
+            is_asked,
+        )
+    }
+
+    fn compare(&mut self, head: &LayerHead, now: Monotonic) {
+        let known = self.roots.get(&head.layer).copied();
+        let own = known.or_else(|| self.store.root_digest(head.layer));
+        self.roots.extend(own.map(|root| (head.layer, root)));
+        let Some(sync) = self.layers.get_mut(&head.layer) else {
+            return;
+        };
+        if own == Some(head.root) && head.epoch == self.store.epoch(head.layer) {
+            sync.equal(head.head_revision, now);
+        } else if own.is_some() {
+            sync.differs(now);
+        }
+    }
+
+    /// Follows the robot to another epoch of a layer.
+    fn erase_layer(&mut self, layer: LayerId, epoch: u32) {
+        let gone = self.store.tiles(layer).map(|(key, _)| key);
+        self.changed.extend(gone);
+        self.roots.remove(&layer);
+        self.store.adopt_epoch(layer, epoch);
+        self.layers.insert(layer, LayerSync::new());
+    }
+
+    /// Drops what is held of a layer whose cells turn out to be of another size.
+    fn empty_layer(&mut self, layer: LayerId) {
+        let gone: Vec<_> = self.store.tiles(layer).map(|(key, _)| key).collect();
+        for key in &gone {
+            self.store.forget(*key);
+        }
+        self.changed.extend(gone);
+        self.layers.insert(layer, LayerSync::new());
+    }
+
+    /// What was asked over a link that is gone is not answered any more.
+    fn forget_questions(&mut self) {
+        self.asked.clear();
+        self.listed.clear();
+    }
+
+    /// Halves of tiles that were given up.
+    pub fn halves_given_up(&self) -> u64 {
+        self.intake.given_up()
+    }
+}
+
+fn refusal(why: &DecodeError) -> Refusal {
+    match why {
+        DecodeError::Version(_) => Refusal::OtherProtocol,
+        DecodeError::Truncated(_)
+        | DecodeError::TooLong(_)
+        | DecodeError::Coding(_)
+        | DecodeError::Rows { .. }
+        | DecodeError::Zstd(_)
+        | DecodeError::Length { .. }
+        | DecodeError::Code(_)
+        | DecodeError::DuplicateRow(_)
+        | DecodeError::Incomplete(_) => Refusal::BadTile,
+    }
+}

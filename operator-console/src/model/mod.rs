@@ -1,0 +1,469 @@
+//! One robot as this console knows it: messages in, questions out, everything else to be read.
+//!
+//! The model owns no thread, socket or clock: whoever holds it feeds it what the link brings, asks it what to
+//! send, and draws or exports what it holds. The present is always a parameter.
+
+mod connection;
+mod incoming;
+mod layer_sync;
+mod map_sync;
+mod refusals;
+mod tile_intake;
+mod vehicle;
+
+use std::collections::{BTreeSet, VecDeque};
+use std::io;
+use std::time::Duration;
+
+use protocol::keys::{self, RobotId, Topic};
+use protocol::layer::LayerId;
+use protocol::message::{
+    Digests, Event, Info, MapHead, Pong, Pose, Status, TileBand, TilesReply, View,
+};
+use protocol::tile::BootId;
+use protocol::wire::{self, Header, WireError};
+use robot_edge::clock::Monotonic;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+pub use connection::{Connection, LinkState, SILENT_AFTER};
+pub use incoming::{Incoming, Outgoing, RequestId};
+pub use map_sync::{LayerStep, MapSync};
+pub use refusals::{Refusal, Refusals};
+pub use vehicle::Vehicle;
+
+use map_sync::MapQuestion;
+
+const VIEW_PERIOD: Duration = Duration::from_millis(500);
+/// Between two questions for who the robot is.
+const INFO_PERIOD: Duration = Duration::from_millis(500);
+const MAX_EVENTS: usize = 200;
+/// Heads come every second: without one for so long, nobody knows what the robot's map is now.
+const HEAD_LIFETIME: Duration = Duration::from_millis(2500);
+
+/// What a console is and wants.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModelSettings {
+    /// The robot.
+    pub robot: RobotId,
+    /// This run of the console: random.
+    pub session: BootId,
+    /// Most memory for tiles, megabytes (10⁶ bytes).
+    pub store_mb: u32,
+    /// The layers that are wanted.
+    pub layers: BTreeSet<LayerId>,
+}
+
+/// One robot. See the [module](self).
+pub struct ConsoleModel {
+    settings: ModelSettings,
+    map: MapSync,
+    vehicle: Vehicle,
+    connection: Connection,
+    refusals: Refusals,
+    info: Option<(Info, BootId)>,
+    status: Option<(Status, Monotonic)>,
+    /// The number of the message that first said that the robot's data has ended, and of the newest head.
+    ended_seq: Option<u64>,
+    head_seq: u64,
+    events: VecDeque<(Event, Monotonic)>,
+    rectangle_m: [f32; 4],
+    asked_info: Option<(RequestId, Monotonic)>,
+    told_view: Option<Monotonic>,
+    requests: u64,
+    seq: u64,
+    /// Counts changes that somebody may want to draw.
+    changes: u64,
+}
+
+impl ConsoleModel {
+    /// A robot of which nothing is known.
+    ///
+    /// # Errors
+    /// Where zstd cannot be set up.
+    pub fn new(settings: ModelSettings) -> io::Result<Self> {
+        let mut map = MapSync::new(settings.store_mb)?;
+        map.set_wanted(settings.layers.clone(), [0.0; 2]);
+        Ok(Self {
+            settings,
+            map,
+            vehicle: Vehicle::default(),
+            connection: Connection::default(),
+            refusals: Refusals::default(),
+            info: None,
+            status: None,
+            ended_seq: None,
+            head_seq: 0,
+            events: VecDeque::new(),
+            rectangle_m: [0.0; 4],
+            asked_info: None,
+            told_view: None,
+            requests: 0,
+            seq: 0,
+            changes: 0,
+        })
+    }
+
+    /// Which robot.
+    pub const fn robot(&self) -> &RobotId {
+        &self.settings.robot
+    }
+
+    /// The map.
+    pub const fn map(&self) -> &MapSync {
+        &self.map
+    }
+
+    /// Whether the map equals what the robot announced, and that lately.
+    pub fn is_in_step(&self, now: Monotonic) -> bool {
+        let head_at = self.map.head_at();
+        head_at.is_some_and(|at| now.since(at) <= HEAD_LIFETIME) && self.map.is_in_step()
+    }
+
+    /// The tiles that changed since the last call.
+    pub fn take_changed_tiles(&mut self) -> BTreeSet<protocol::tile::TileKey> {
+        self.map.take_changed()
+    }
+
+    /// Where it is.
+    pub const fn vehicle(&self) -> &Vehicle {
+        &self.vehicle
+    }
+
+    /// How the link does.
+    pub const fn connection(&self) -> &Connection {
+        &self.connection
+    }
+
+    /// What was not taken.
+    pub const fn refusals(&self) -> &Refusals {
+        &self.refusals
+    }
+
+    /// Who the robot is, once it has said so.
+    pub fn info(&self) -> Option<&Info> {
+        self.info.as_ref().map(|(info, _)| info)
+    }
+
+    /// How the robot is doing, and when it said so.
+    pub const fn status(&self) -> Option<&(Status, Monotonic)> {
+        self.status.as_ref()
+    }
+
+    /// What happened, oldest first, and when it was heard.
+    pub const fn events(&self) -> &VecDeque<(Event, Monotonic)> {
+        &self.events
+    }
+
+    /// Whether the robot's data has ended and its last announcement is known, so that nothing new will come.
+    pub fn has_ended(&self) -> bool {
+        self.ended_seq.is_some_and(|ended| self.head_seq > ended)
+    }
+
+    /// Rises with every change that can be seen: who draws need not draw again while it stands still.
+    pub const fn changes(&self) -> u64 {
+        self.changes
+    }
+
+    /// What is on the screen: lowest and greatest x and y in `odom`, metres, and the layers that are wanted.
+    pub fn look_at(&mut self, rectangle_m: [f32; 4], layers: BTreeSet<LayerId>) {
+        if rectangle_m.iter().all(|edge| edge.is_finite()) {
+            let [low_x, low_y, high_x, high_y] = rectangle_m.map(f64::from);
+            self.rectangle_m = rectangle_m;
+            self.map.set_wanted(
+                layers.clone(),
+                [0.5 * (low_x + high_x), 0.5 * (low_y + high_y)],
+            );
+            self.settings.layers = layers;
+        }
+    }
+
+    /// Takes what the link brought. Whatever it is, nothing panics and nothing grows without limit.
+    pub fn apply(&mut self, incoming: Incoming, now: Monotonic) {
+        let taken = match incoming {
+            Incoming::Sample { key, payload } => {
+                self.connection.arrived(payload.len(), now);
+                self.take(&key, &payload, None, now)
+            }
+            Incoming::Reply {
+                request,
+                key,
+                payload,
+            } => {
+                self.connection.arrived(payload.len(), now);
+                self.take(&key, &payload, Some(request), now)
+            }
+            Incoming::Ended { request } => {
+                self.map.ended(request, now);
+                Ok(())
+            }
+            Incoming::Lost { overrun, oversized } => {
+                self.refusals.add_many(Refusal::Overrun, overrun);
+                self.refusals.add_many(Refusal::Oversized, oversized);
+                Ok(())
+            }
+            Incoming::Presence(is_present) => {
+                self.connection.set_present(is_present);
+                self.changes += 1;
+                Ok(())
+            }
+        };
+        match taken {
+            Ok(()) => {}
+            Err(why) => {
+                tracing::debug!(why = why.name(), "a message was not taken");
+                self.refusals.add(why);
+            }
+        }
+    }
+
+    fn take(
+        &mut self,
+        key: &str,
+        payload: &[u8],
+        request: Option<RequestId>,
+        now: Monotonic,
+    ) -> Result<(), Refusal> {
+        let (robot, topic) = Topic::parse(key).ok_or(Refusal::Key)?;
+        if robot != self.settings.robot {
+            return Err(Refusal::Key);
+        }
+        match request {
+            None => self.take_pushed(topic, payload, now)?,
+            Some(request) => self.take_reply(topic, payload, request, now)?,
+        }
+        self.connection.heard(now);
+        Ok(())
+    }
+
+    fn take_pushed(&mut self, topic: Topic, payload: &[u8], now: Monotonic) -> Result<(), Refusal> {
+        match topic {
+            Topic::Pose => {
+                let (header, pose): (_, Pose) = decode(payload)?;
+                let numbers = pose
+                    .position_m
+                    .into_iter()
+                    .chain(pose.quaternion_xyzw.map(f64::from));
+                if !numbers.into_iter().all(f64::is_finite) {
+                    return Err(Refusal::Malformed);
+                }
+                self.of_this_boot(header)?;
+                self.changes += u64::from(self.vehicle.take(pose, header.robot_time_ns, now));
+            }
+            Topic::Status => {
+                let (header, status): (_, Status) = decode(payload)?;
+                self.of_this_boot(header)?;
+                if status.has_ended {
+                    self.ended_seq.get_or_insert(header.seq);
+                } else {
+                    self.ended_seq = None;
+                }
+                self.changes += u64::from(
+                    self.status
+                        .as_ref()
+                        .is_none_or(|(before, _)| *before != status),
+                );
+                self.status = Some((status, now));
+            }
+            Topic::Event => {
+                let (_, event) = decode(payload)?;
+                if self.events.len() >= MAX_EVENTS {
+                    self.events.pop_front();
+                }
+                self.events.push_back((event, now));
+                self.changes += 1;
+            }
+            Topic::MapHead => {
+                let (header, head): (_, MapHead) = decode(payload)?;
+                let seq = header.seq;
+                if self.map.take_head(head, header.boot, now)? {
+                    self.vehicle.forget();
+                    self.ended_seq = None;
+                    if self
+                        .info
+                        .as_ref()
+                        .is_some_and(|(_, boot)| *boot != header.boot)
+                    {
+                        self.info = None;
+                    }
+                }
+                self.head_seq = seq;
+            }
+            Topic::Tile(tile) => {
+                let (header, band): (_, TileBand) = decode(payload)?;
+                self.map.take_band(tile, header.boot, &band, None, now)?;
+                self.changes += 1;
+            }
+            Topic::Alive
+            | Topic::View
+            | Topic::Info
+            | Topic::Ping
+            | Topic::Tiles(_)
+            | Topic::Digests(_) => return Err(Refusal::Key),
+        }
+        Ok(())
+    }
+
+    fn take_reply(
+        &mut self,
+        topic: Topic,
+        payload: &[u8],
+        request: RequestId,
+        now: Monotonic,
+    ) -> Result<(), Refusal> {
+        match topic {
+            Topic::Tiles(layer) => {
+                let (header, reply): (_, TilesReply) = decode(payload)?;
+                self.map
+                    .take_reply(layer, header.boot, &reply, request, now)?;
+                self.changes += 1;
+            }
+            Topic::Digests(layer) => {
+                let (header, digests): (_, Digests) = decode(payload)?;
+                self.map
+                    .take_digests(layer, header.boot, &digests, request)?;
+            }
+            Topic::Info => {
+                let (header, info): (_, Info) = decode(payload)?;
+                self.map
+                    .take_info(&info, header.boot)
+                    .map_err(|_why| Refusal::Malformed)?;
+                self.info = Some((info, header.boot));
+                self.asked_info = None;
+                self.changes += 1;
+            }
+            Topic::Ping => {
+                let (_, Pong) = decode(payload)?;
+                self.connection.ponged(request, now);
+            }
+            Topic::Alive
+            | Topic::View
+            | Topic::Pose
+            | Topic::Status
+            | Topic::Event
+            | Topic::MapHead
+            | Topic::Tile(_) => return Err(Refusal::Key),
+        }
+        Ok(())
+    }
+
+    /// What the last run of the robot still had to say is not this one's.
+    fn of_this_boot(&self, header: Header) -> Result<(), Refusal> {
+        match self.map.boot() {
+            Some(boot) if boot != header.boot => Err(Refusal::OtherBoot),
+            Some(_) | None => Ok(()),
+        }
+    }
+
+    /// What to send and to ask now.
+    pub fn outgoing(&mut self, now: Monotonic) -> Vec<Outgoing> {
+        let mut outgoing = Vec::new();
+        let robot = self.settings.robot.clone();
+        if self.is_info_wanted(now) {
+            let request = self.number();
+            self.asked_info = Some((request, now));
+            outgoing.push(Outgoing::Get {
+                request,
+                key: Topic::Info.key(&robot),
+                payload: Vec::new(),
+                is_bulk: false,
+            });
+        }
+        let mut requests = self.requests;
+        let questions = self.map.questions(now, || {
+            requests += 1;
+            RequestId(requests)
+        });
+        self.requests = requests;
+        for (request, question) in questions {
+            let (topic, payload) = match question {
+                MapQuestion::Digests(layer, body) => (Topic::Digests(layer), self.message(&body)),
+                MapQuestion::Tiles(layer, body) => (Topic::Tiles(layer), self.message(&body)),
+            };
+            outgoing.extend(payload.map(|payload| Outgoing::Get {
+                request,
+                key: topic.key(&robot),
+                payload,
+                is_bulk: true,
+            }));
+        }
+        if self.told_view.is_none_or(|at| now.since(at) >= VIEW_PERIOD) {
+            self.told_view = Some(now);
+            let payload = self.message(&self.view());
+            outgoing.extend(payload.map(|payload| Outgoing::Put {
+                key: keys::view_of(&robot, &self.session_name()),
+                payload,
+            }));
+        }
+        if self.connection.is_ping_due(now) {
+            let request = self.number();
+            self.connection.pinged(request, now);
+            outgoing.push(Outgoing::Get {
+                request,
+                key: Topic::Ping.key(&robot),
+                payload: Vec::new(),
+                is_bulk: false,
+            });
+        }
+        outgoing
+    }
+
+    fn is_info_wanted(&self, now: Monotonic) -> bool {
+        let is_lacking = self.info.is_none() || self.map.lacks_info();
+        is_lacking
+            && self
+                .asked_info
+                .is_none_or(|(_, at)| now.since(at) >= INFO_PERIOD)
+    }
+
+    fn view(&self) -> View {
+        let layers = self
+            .settings
+            .layers
+            .iter()
+            .map(|layer| 1u32 << *layer as u32)
+            .sum();
+        let store = self.map.store();
+        let revision = store
+            .grids()
+            .map(|grid| store.head_revision(grid.layer))
+            .max();
+        View {
+            rectangle_m: self.rectangle_m,
+            layers,
+            revision: revision.unwrap_or(0),
+            is_in_step: self.map.is_in_step(),
+        }
+    }
+
+    /// What identifies this console in keys.
+    fn session_name(&self) -> RobotId {
+        RobotId::from_bytes(self.settings.session.0)
+    }
+
+    fn number(&mut self) -> RequestId {
+        self.requests += 1;
+        RequestId(self.requests)
+    }
+
+    fn message<T: Serialize>(&mut self, body: &T) -> Option<Vec<u8>> {
+        self.seq += 1;
+        let header = Header {
+            boot: self.settings.session,
+            seq: self.seq,
+            robot_time_ns: 0,
+        };
+        let bytes = wire::encode(&header, body);
+        bytes
+            .inspect_err(|why| tracing::error!(%why, "a message was not sent"))
+            .ok()
+    }
+}
+
+fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<(Header, T), Refusal> {
+    wire::decode(payload).map_err(|why| match why {
+        WireError::TooLong(_) => Refusal::Oversized,
+        WireError::OtherProtocol { .. } => Refusal::OtherProtocol,
+        WireError::Malformed => Refusal::Malformed,
+    })
+}

@@ -1,0 +1,74 @@
+//! Messages that were not taken, by reason.
+
+use std::collections::BTreeMap;
+
+/// Why a message was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Refusal {
+    /// Its key is none of this protocol's, or of another robot.
+    Key,
+    /// It is no message of this protocol.
+    Malformed,
+    /// It speaks another version of the protocol: update one of the two programs.
+    OtherProtocol,
+    /// Longer than any message.
+    Oversized,
+    /// The console did not keep up.
+    Overrun,
+    /// Of a run of the robot that is over, or not yet announced.
+    OtherBoot,
+    /// Of a layer that was erased since.
+    OldEpoch,
+    /// Held already, or older than what is held.
+    OldRevision,
+    /// A tile that does not decode, or whose cells are not what its digest says.
+    BadTile,
+    /// A tile of a layer that the robot has not described.
+    UnknownLayer,
+}
+
+impl Refusal {
+    /// For logs and panels.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Key => "foreign key",
+            Self::Malformed => "malformed",
+            Self::OtherProtocol => "other protocol version",
+            Self::Oversized => "oversized",
+            Self::Overrun => "console too slow",
+            Self::OtherBoot => "other boot",
+            Self::OldEpoch => "erased layer",
+            Self::OldRevision => "known already",
+            Self::BadTile => "damaged tile",
+            Self::UnknownLayer => "unknown layer",
+        }
+    }
+}
+
+/// Counts by reason.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Refusals(BTreeMap<Refusal, u64>);
+
+impl Refusals {
+    /// Counts one.
+    pub fn add(&mut self, why: Refusal) {
+        self.add_many(why, 1);
+    }
+
+    /// Counts several.
+    pub fn add_many(&mut self, why: Refusal, count: u64) {
+        if count > 0 {
+            *self.0.entry(why).or_default() += count;
+        }
+    }
+
+    /// How often `why` happened.
+    pub fn count(&self, why: Refusal) -> u64 {
+        self.0.get(&why).copied().unwrap_or(0)
+    }
+
+    /// Every reason that happened, with its count.
+    pub fn iter(&self) -> impl Iterator<Item = (Refusal, u64)> {
+        self.0.iter().map(|(why, count)| (*why, *count))
+    }
+}

@@ -1,0 +1,178 @@
+//! Messages → tiles: decodes bands and holds the first half of a tile until its second comes.
+
+use std::collections::BTreeMap;
+use std::io;
+
+use protocol::message::TileBand;
+use protocol::tile::codec::{DecodeError, Decoder, PartialTile};
+use protocol::tile::{BootId, Tile, TileKey};
+
+/// Tiles of which one half may wait for the other; beyond that the oldest half is given up.
+const MAX_HALVES: usize = 64;
+
+/// Assembles tiles.
+pub(super) struct TileIntake {
+    decoder: Decoder,
+    /// By tile, boot and revision: halves of different publications do not belong together.
+    halves: BTreeMap<(TileKey, BootId, u64), PartialTile>,
+    given_up: u64,
+}
+
+impl TileIntake {
+    pub(super) fn new() -> io::Result<Self> {
+        Ok(Self {
+            decoder: Decoder::new()?,
+            halves: BTreeMap::new(),
+            given_up: 0,
+        })
+    }
+
+    /// Takes one band; yields the tile that it completes.
+    ///
+    /// # Errors
+    /// Where the band is none, or makes a tile that its layer does not allow.
+    pub(super) fn take(
+        &mut self,
+        key: TileKey,
+        boot: BootId,
+        band: &TileBand,
+    ) -> Result<Option<Tile>, DecodeError> {
+        let whole = (key, boot, band.revision);
+        let mut partial = self
+            .halves
+            .remove(&whole)
+            .unwrap_or_else(|| PartialTile::new(key.layer));
+        if let Err(why) = self.decoder.decode_band(&band.rows, &mut partial) {
+            // The same half again, asked for twice or sent twice, is the newer of the two.
+            if !matches!(why, DecodeError::DuplicateRow(_)) {
+                // The half that is right goes on waiting.
+                self.halves.insert(whole, partial);
+                return Err(why);
+            }
+            partial = PartialTile::new(key.layer);
+            self.decoder.decode_band(&band.rows, &mut partial)?;
+        }
+        if !partial.is_complete() {
+            self.halves.insert(whole, partial);
+            self.keep_limit();
+            return Ok(None);
+        }
+        // Halves of older revisions wait for nothing any more.
+        let (first, last) = (
+            (key, BootId([0; 16]), 0),
+            (key, BootId([u8::MAX; 16]), u64::MAX),
+        );
+        let of_this_tile = self.halves.range(first..=last).map(|(half, _)| *half);
+        let void: Vec<_> = of_this_tile
+            .filter(|(_, other, revision)| *other != boot || *revision <= band.revision)
+            .collect();
+        for old in void {
+            self.halves.remove(&old);
+        }
+        Ok(Some(Tile {
+            key,
+            boot,
+            epoch: band.epoch,
+            revision: band.revision,
+            digest: band.digest,
+            cells: partial.finish()?,
+        }))
+    }
+
+    /// Halves that were given up.
+    pub(super) const fn given_up(&self) -> u64 {
+        self.given_up
+    }
+
+    fn keep_limit(&mut self) {
+        if self.halves.len() <= MAX_HALVES {
+            return;
+        }
+        let oldest = self.halves.keys().min_by_key(|(_, _, revision)| *revision);
+        if let Some(oldest) = oldest.copied() {
+            self.halves.remove(&oldest);
+            self.given_up += 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::layer::LayerId;
+    use protocol::tile::TileCells;
+    use protocol::tile::codec::Encoder;
+
+    use super::*;
+
+    const BOOT: BootId = BootId([5; 16]);
+
+    fn key(tx: i32) -> TileKey {
+        TileKey {
+            layer: LayerId::Elevation,
+            tx,
+            ty: 0,
+        }
+    }
+
+    /// Noise does not compress, so it takes two bands.
+    fn noise() -> (TileCells, Vec<TileBand>) {
+        let mut cells = TileCells::unknown();
+        let mut state = 1u32;
+        for code in cells.codes_mut() {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            *code = (state >> 17) as u16;
+        }
+        let digest = cells.digest();
+        let bands = Encoder::new().unwrap().encode(&cells);
+        assert_eq!(bands.len(), 2);
+        let band = |rows| TileBand {
+            epoch: 0,
+            revision: 7,
+            digest,
+            rows,
+        };
+        (cells, bands.into_iter().map(band).collect())
+    }
+
+    #[test]
+    fn halves_make_a_tile_in_any_order_and_repeated() {
+        let (cells, bands) = noise();
+        for order in [[0, 0, 1], [1, 1, 0]] {
+            let mut intake = TileIntake::new().unwrap();
+            assert_eq!(intake.take(key(0), BOOT, &bands[order[0]]).unwrap(), None);
+            assert_eq!(intake.take(key(0), BOOT, &bands[order[1]]).unwrap(), None);
+            let tile = intake
+                .take(key(0), BOOT, &bands[order[2]])
+                .unwrap()
+                .unwrap();
+            assert_eq!((tile.revision, tile.cells), (7, cells.clone()));
+            assert!(intake.halves.is_empty());
+        }
+    }
+
+    #[test]
+    fn halves_of_two_revisions_or_boots_do_not_mix_and_are_bounded() {
+        let (_, bands) = noise();
+        let mut intake = TileIntake::new().unwrap();
+        let newer = TileBand {
+            revision: 8,
+            ..bands[1].clone()
+        };
+        assert_eq!(intake.take(key(0), BOOT, &bands[0]).unwrap(), None);
+        assert_eq!(intake.take(key(0), BOOT, &newer).unwrap(), None);
+        assert_eq!(
+            intake.take(key(0), BootId([6; 16]), &bands[1]).unwrap(),
+            None
+        );
+        for tx in 1..=100 {
+            intake.take(key(tx), BOOT, &bands[0]).unwrap();
+        }
+        assert_eq!(intake.halves.len(), MAX_HALVES);
+        assert_eq!(intake.given_up(), 103 - MAX_HALVES as u64);
+        let garbage = TileBand {
+            rows: vec![9; 40],
+            ..newer
+        };
+        assert!(intake.take(key(0), BOOT, &garbage).is_err());
+    }
+}

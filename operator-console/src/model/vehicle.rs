@@ -1,0 +1,142 @@
+//! Where the vehicle is and was.
+
+use std::collections::VecDeque;
+
+use protocol::export::StampedPose;
+use protocol::message::Pose;
+use robot_edge::clock::Monotonic;
+
+/// The trail's newest end is this fine.
+const TRAIL_STEP_M: f64 = 0.1;
+/// Points of the trail; beyond that every second one of its older half goes.
+const MAX_TRAIL: usize = 20_000;
+/// Poses kept for the export; a longer run is thinned to every second pose, again and again.
+const MAX_POSES: usize = 500_000;
+
+/// The vehicle as the robot tells of it.
+#[derive(Clone, Debug, Default)]
+pub struct Vehicle {
+    pose: Option<(Pose, i64, Monotonic)>,
+    trail: VecDeque<[f64; 2]>,
+    poses: Vec<StampedPose>,
+    stride: u64,
+    seen: u64,
+}
+
+impl Vehicle {
+    /// The newest pose and when it arrived.
+    pub fn pose(&self) -> Option<(Pose, Monotonic)> {
+        self.pose.map(|(pose, _, at)| (pose, at))
+    }
+
+    /// Heading: the angle of the vehicle's x axis in `odom`, radians, counter-clockwise from x.
+    pub fn heading_rad(&self) -> Option<f64> {
+        self.pose.map(|(pose, _, _)| {
+            let [x, y, z, w] = pose.quaternion_xyzw.map(f64::from);
+            libm::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        })
+    }
+
+    /// Where it was, oldest first, metres in `odom`.
+    pub const fn trail(&self) -> &VecDeque<[f64; 2]> {
+        &self.trail
+    }
+
+    /// The poses that arrived, one for each stamp, oldest first.
+    pub fn poses(&self) -> &[StampedPose] {
+        &self.poses
+    }
+
+    /// Takes a pose; whether it differs from the last.
+    pub(super) fn take(&mut self, pose: Pose, stamp_ns: i64, now: Monotonic) -> bool {
+        let before = self.pose.replace((pose, stamp_ns, now));
+        if before.is_none_or(|(_, before_ns, _)| before_ns != stamp_ns) {
+            self.keep(pose, stamp_ns);
+        }
+        let [x, y, _] = pose.position_m;
+        let is_far = self.trail.back().is_none_or(|[bx, by]| {
+            let (dx, dy) = (x - bx, y - by);
+            dx * dx + dy * dy >= TRAIL_STEP_M * TRAIL_STEP_M
+        });
+        if is_far {
+            self.trail.push_back([x, y]);
+            if self.trail.len() > MAX_TRAIL {
+                self.thin_trail();
+            }
+        }
+        before.is_none_or(|(before, _, _)| before != pose)
+    }
+
+    /// Another run of the robot began: it is somewhere else now.
+    pub(super) fn forget(&mut self) {
+        *self = Self::default();
+    }
+
+    fn keep(&mut self, pose: Pose, stamp_ns: i64) {
+        let stride = self.stride.max(1);
+        if self.seen.is_multiple_of(stride) {
+            if self.poses.len() >= MAX_POSES {
+                let mut index = 0u64;
+                self.poses.retain(|_| {
+                    index += 1;
+                    index % 2 == 1
+                });
+                self.stride = stride * 2;
+            }
+            self.poses.push(StampedPose {
+                stamp_ns,
+                position_m: pose.position_m,
+                quaternion_xyzw: pose.quaternion_xyzw.map(f64::from),
+            });
+        }
+        self.seen += 1;
+    }
+
+    fn thin_trail(&mut self) {
+        let old = self.trail.len() / 2;
+        let mut index = 0;
+        self.trail.retain(|_| {
+            index += 1;
+            index > old || index % 2 == 1
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pose(x: f64, z: f32, w: f32) -> Pose {
+        Pose {
+            position_m: [x, 0.0, 0.0],
+            quaternion_xyzw: [0.0, 0.0, z, w],
+            speed_mps: 0.0,
+            turn_rate_radps: 0.0,
+        }
+    }
+
+    #[test]
+    fn the_trail_has_steps_and_a_limit_and_keeps_its_ends() {
+        let mut vehicle = Vehicle::default();
+        let now = Monotonic::default();
+        assert!(vehicle.take(pose(0.0, 0.0, 1.0), 0, now));
+        assert!(!vehicle.take(pose(0.0, 0.0, 1.0), 1, now));
+        assert!(vehicle.take(pose(0.05, 0.0, 1.0), 2, now));
+        assert_eq!((vehicle.trail().len(), vehicle.poses().len()), (1, 3));
+        for step in 1..100_000 {
+            vehicle.take(pose(f64::from(step), 0.0, 1.0), 2 + i64::from(step), now);
+        }
+        assert!(vehicle.trail().len() <= MAX_TRAIL);
+        assert_eq!(vehicle.trail().front(), Some(&[0.0, 0.0]));
+        assert_eq!(vehicle.trail().back(), Some(&[99_999.0, 0.0]));
+    }
+
+    #[test]
+    fn heading_is_the_yaw_of_the_quaternion() {
+        let mut vehicle = Vehicle::default();
+        let half = std::f32::consts::FRAC_1_SQRT_2;
+        vehicle.take(pose(0.0, half, half), 0, Monotonic::default());
+        let heading_rad = vehicle.heading_rad().unwrap();
+        assert!((heading_rad - std::f64::consts::FRAC_PI_2).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,137 @@
+//! How the link does, and whether the map is the robot's.
+
+use std::time::Duration;
+
+use eframe::egui::{RichText, Ui};
+use robot_edge::clock::Monotonic;
+
+use super::rows::{Row, row, rows_ui};
+use super::wording::{age, count};
+use crate::model::{ConsoleModel, LinkState, MapSync};
+use crate::theme::{Tone, state_ui};
+
+/// Pushed tiles are compared once a second; while they keep coming a map that was equal so lately is not
+/// behind.
+const EQUAL_ENOUGH: Duration = Duration::from_secs(5);
+
+/// What is known of the sessions.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LinkSight {
+    /// Whether they are open.
+    pub is_connected: bool,
+    /// Why not.
+    pub problem: Option<String>,
+}
+
+/// What the panel shows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ConnectionData {
+    /// How the link is.
+    pub tone: Tone,
+    /// In a word or two.
+    pub state: String,
+    /// What to do, or to wait for.
+    pub advice: Option<String>,
+    /// How the map is.
+    pub map_tone: Tone,
+    /// In a few words.
+    pub map: String,
+    /// Figures.
+    pub rows: Vec<(String, String)>,
+}
+
+impl ConnectionData {
+    /// The state at `now`.
+    pub fn new(model: &ConsoleModel, link: &LinkSight, now: Monotonic) -> Self {
+        let connection = model.connection();
+        let state = connection.state(now);
+        let robot = model.robot();
+        let (tone, word, advice) = match state {
+            LinkState::Live => (Tone::Good, "Live".to_owned(), None),
+            LinkState::Waiting => {
+                let advice = match (&link.problem, link.is_connected) {
+                    (Some(problem), _) => problem.clone(),
+                    (None, true) => format!("Connected. Waiting for {robot} to speak."),
+                    (None, false) => format!("Connecting to {robot}."),
+                };
+                (Tone::Waiting, "Waiting".to_owned(), Some(advice))
+            }
+            LinkState::Silent => {
+                let advice = match (&link.problem, connection.is_present()) {
+                    (Some(problem), _) => problem.clone(),
+                    (None, Some(false)) => {
+                        format!("{robot} is not on the network. It is joined again when it is.")
+                    }
+                    (None, Some(true) | None) => {
+                        format!("{robot} does not answer. It is joined again when it does.")
+                    }
+                };
+                (Tone::Warning, "Silent".to_owned(), Some(advice))
+            }
+        };
+        let (map_tone, map) = map_state(model.map(), state, now);
+        Self {
+            tone,
+            state: word,
+            advice,
+            map_tone,
+            map,
+            rows: rows(model, state, now),
+        }
+    }
+}
+
+fn rows(model: &ConsoleModel, state: LinkState, now: Monotonic) -> Vec<Row> {
+    let connection = model.connection();
+    let none = || "–".to_owned();
+    let round_trip = connection
+        .round_trip()
+        .filter(|_| state == LinkState::Live)
+        .map_or_else(none, |time| match time.as_millis() {
+            0 => "< 1 ms".to_owned(),
+            ms => format!("{ms} ms"),
+        });
+    let newest = connection
+        .age(now)
+        .map_or_else(none, |time| format!("{} old", age(time)));
+    vec![
+        row("Newest data", newest),
+        row("Round trip", round_trip),
+        row("Receiving", format!("{:.0} kbit/s", connection.kbps(now))),
+    ]
+}
+
+/// Whether the map is the robot's.
+fn map_state(map: &MapSync, state: LinkState, now: Monotonic) -> (Tone, String) {
+    let Some(_announced) = map.head_at() else {
+        return (Tone::Waiting, "No map yet".to_owned());
+    };
+    if state == LinkState::Silent {
+        let was = if map.is_in_step() { "Was" } else { "Was not" };
+        return (Tone::Warning, format!("{was} in step when last heard"));
+    }
+    if map.is_in_step() {
+        return (Tone::Good, "In step".to_owned());
+    }
+    let missing: usize = map.steps().map(|step| step.missing).sum();
+    if missing > 0 {
+        let tiles = if missing == 1 { "tile" } else { "tiles" };
+        let text = format!("{} {tiles} missing", count(missing as u64));
+        return (Tone::Waiting, text);
+    }
+    let last_equal = map.steps().map(|step| step.last_equal).min().flatten();
+    match last_equal.map(|at| now.since(at)) {
+        Some(since) if since < EQUAL_ENOUGH => (Tone::Good, format!("In step {} ago", age(since))),
+        Some(_) | None => (Tone::Waiting, "Behind, asking what is missing".to_owned()),
+    }
+}
+
+/// Draws the panel.
+pub fn connection_ui(ui: &mut Ui, data: &ConnectionData) {
+    state_ui(ui, data.tone, &data.state, 24.0);
+    if let Some(advice) = &data.advice {
+        ui.label(RichText::new(advice).small());
+    }
+    state_ui(ui, data.map_tone, &data.map, 16.0);
+    rows_ui(ui, "connection", &data.rows);
+}

@@ -1,0 +1,167 @@
+//! The legend: a colour scale with numbers, or classes with names. Beside the map, so that it hides nothing.
+
+use eframe::egui::{
+    Align2, Color32, Rect, RichText, Sense, Stroke, StrokeKind, TextStyle, Ui, Vec2, pos2, vec2,
+};
+use protocol::layer::{Legend, Palette, Ramp, Swatch};
+
+use crate::theme;
+
+const BAR_HEIGHT: f32 = 16.0;
+const TICK: f32 = 4.0;
+const SWATCH: Vec2 = vec2(18.0, 14.0);
+/// Between a name and the next colour.
+const GAP: f32 = 6.0;
+/// Half of the widest number stands out on either side of the bar.
+const OVERHANG: f32 = 14.0;
+const STEPS: u8 = 64;
+
+/// What the panel shows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LegendData {
+    /// The legend.
+    pub legend: Legend,
+}
+
+impl LegendData {
+    /// The legend of the colours that are shown.
+    pub fn new(palette: &Palette) -> Self {
+        Self {
+            legend: palette.legend(),
+        }
+    }
+}
+
+/// Draws the panel.
+pub fn legend_ui(ui: &mut Ui, data: &LegendData) {
+    let legend = &data.legend;
+    ui.label(RichText::new(capitalised(&legend.title)).small());
+    if let Some(ramp) = &legend.ramp {
+        ramp_ui(ui, ramp);
+    }
+    for row in rows(ui, &legend.swatches) {
+        ui.horizontal(|ui| {
+            for swatch in row {
+                swatch_ui(ui, swatch);
+                ui.add_space(GAP);
+            }
+        });
+    }
+}
+
+/// As many swatches in a row as fit it.
+fn rows<'a>(ui: &Ui, swatches: &'a [Swatch]) -> Vec<&'a [Swatch]> {
+    let font = TextStyle::Small.resolve(ui.style());
+    let width = |swatch: &Swatch| {
+        let text = capitalised(&swatch.label);
+        let text = ui
+            .painter()
+            .layout_no_wrap(text, font.clone(), Color32::BLACK);
+        SWATCH.x + text.size().x + GAP + 2.0 * ui.spacing().item_spacing.x
+    };
+    let mut rows = Vec::new();
+    let (mut first, mut taken) = (0, 0.0);
+    for (index, swatch) in swatches.iter().enumerate() {
+        let width = width(swatch);
+        if index > first && taken + width > ui.available_width() {
+            rows.push(&swatches[first..index]);
+            (first, taken) = (index, 0.0);
+        }
+        taken += width;
+    }
+    rows.push(&swatches[first..]);
+    rows
+}
+
+fn swatch_ui(ui: &mut Ui, swatch: &Swatch) {
+    let (rect, _) = ui.allocate_exact_size(SWATCH, Sense::hover());
+    let [red, green, blue, alpha] = swatch.color;
+    let color = Color32::from_rgba_unmultiplied(red, green, blue, alpha);
+    // Colours that let something through are seen on what the map lies on.
+    ui.painter()
+        .rect_filled(rect, 0.0, theme::ground(ui.visuals()));
+    ui.painter().rect_filled(rect, 0.0, color);
+    frame(ui, rect);
+    ui.label(RichText::new(capitalised(&swatch.label)).small());
+}
+
+fn ramp_ui(ui: &mut Ui, ramp: &Ramp) {
+    let font = TextStyle::Small.resolve(ui.style());
+    let height = BAR_HEIGHT + TICK + font.size + 4.0;
+    let size = vec2(ui.available_width(), height);
+    let (rect, _) = ui.allocate_exact_size(size, Sense::hover());
+    let bar =
+        Rect::from_min_size(rect.min, vec2(rect.width(), BAR_HEIGHT)).shrink2(vec2(OVERHANG, 0.0));
+    let x_of = |value: f32| {
+        let part = (value - ramp.low) / (ramp.high - ramp.low);
+        bar.left() + part.clamp(0.0, 1.0) * bar.width()
+    };
+    let step = (ramp.high - ramp.low) / f32::from(STEPS);
+    for index in 0..STEPS {
+        let low = ramp.low + step * f32::from(index);
+        let [red, green, blue, _] = ramp.color(low + 0.5 * step);
+        let slice = Rect::from_x_y_ranges(x_of(low)..=x_of(low + step), bar.y_range());
+        let color = Color32::from_rgb(red, green, blue);
+        ui.painter().rect_filled(slice, 0.0, color);
+    }
+    frame(ui, bar);
+    let ink = ui.visuals().text_color();
+    let mut free_from = f32::NEG_INFINITY;
+    for tick in &ramp.ticks {
+        let x = x_of(tick.value);
+        ui.painter()
+            .vline(x, bar.bottom()..=bar.bottom() + TICK, Stroke::new(1.0, ink));
+        let text = ui
+            .painter()
+            .layout_no_wrap(tick.label.clone(), font.clone(), ink);
+        let at = pos2(x, bar.bottom() + TICK + 1.0);
+        let place = Align2::CENTER_TOP.anchor_size(at, text.size());
+        let shift = (rect.right() - place.right()).min(0.0) + (rect.left() - place.left()).max(0.0);
+        let place = place.translate(vec2(shift, 0.0));
+        // A number that would touch the one before it is left out.
+        if place.left() > free_from {
+            free_from = place.right() + 4.0;
+            ui.painter().galley(place.min, text, ink);
+        }
+    }
+}
+
+fn frame(ui: &Ui, rect: Rect) {
+    let line = Stroke::new(1.0, ui.visuals().weak_text_color());
+    ui.painter()
+        .rect_stroke(rect, 0.0, line, StrokeKind::Outside);
+}
+
+fn capitalised(text: &str) -> String {
+    let mut chars = text.chars();
+    match chars.next() {
+        Some(first) => first.to_uppercase().chain(chars).collect(),
+        None => String::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable;
+    use protocol::layer::LayerId;
+
+    use super::*;
+
+    #[test]
+    fn every_class_and_the_unknown_are_named() {
+        for palette in LayerId::ALL.into_iter().flat_map(LayerId::palettes) {
+            let data = LegendData::new(&palette);
+            let harness = Harness::builder()
+                .with_size(vec2(280.0, 200.0))
+                .build_ui(|ui| legend_ui(ui, &data));
+            let title = capitalised(&data.legend.title);
+            assert!(harness.query_all_by_label(&title).next().is_some());
+            for swatch in &data.legend.swatches {
+                let name = capitalised(&swatch.label);
+                let place = harness.get_all_by_label(&name).last().unwrap().rect();
+                assert!(place.right() <= 280.0, "{name}: {place:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,63 @@
+//! What was dropped by the robot and what was refused here, by reason.
+
+use eframe::egui::Ui;
+
+use super::rows::{row, rows_ui};
+use super::wording::count;
+use crate::model::ConsoleModel;
+
+/// What the panel shows.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LossesData {
+    /// Reasons and counts of the robot.
+    pub robot: Vec<(String, String)>,
+    /// Reasons and counts of this console.
+    pub console: Vec<(String, String)>,
+}
+
+impl LossesData {
+    /// The counters as they are.
+    pub fn new(model: &ConsoleModel) -> Self {
+        let status = model.status().map(|(status, _)| status);
+        let drops = status.map(|status| status.drops.as_slice());
+        let refused = status.map_or(0, |status| status.refused);
+        let waiting = status.map_or(0, |status| u64::from(status.tiles_waiting));
+        let robot = drops
+            .unwrap_or_default()
+            .iter()
+            .map(|reason| (reason.name.as_str(), reason.count))
+            .chain([("refused messages", refused), ("tiles waiting", waiting)]);
+        let halves = model.map().halves_given_up();
+        let console = model
+            .refusals()
+            .iter()
+            .map(|(why, times)| (why.name(), times))
+            .chain([("incomplete tiles", halves)]);
+        Self {
+            robot: rows(robot),
+            console: rows(console),
+        }
+    }
+}
+
+fn rows<'a>(counts: impl Iterator<Item = (&'a str, u64)>) -> Vec<(String, String)> {
+    counts
+        .filter(|(_, times)| *times > 0)
+        .map(|(name, times)| row(&name.replace('_', " "), count(times)))
+        .collect()
+}
+
+/// Draws the panel.
+pub fn losses_ui(ui: &mut Ui, data: &LossesData) {
+    for (who, id, rows) in [
+        ("Dropped by the robot", "drops", &data.robot),
+        ("Not taken by this console", "refusals", &data.console),
+    ] {
+        ui.strong(who);
+        if rows.is_empty() {
+            ui.label("Nothing");
+        } else {
+            rows_ui(ui, id, rows);
+        }
+    }
+}

@@ -1,0 +1,13 @@
+//! The panels beside the map: each a pure `FooData` made from the model and a function that draws it and
+//! returns what the operator asks for.
+
+pub mod connection;
+pub mod events;
+pub mod layers;
+pub mod legend;
+pub mod losses;
+pub mod robot;
+pub mod robots;
+mod rows;
+pub mod stale;
+pub mod wording;

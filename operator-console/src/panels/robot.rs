@@ -1,0 +1,83 @@
+//! The robot: who it is, where it is, how far it has got.
+
+use eframe::egui::Ui;
+use robot_edge::clock::Monotonic;
+
+use super::rows::{Row, row, rows_ui};
+use super::stale::is_position_old;
+use super::wording::{age, count, signed};
+use crate::model::{ConsoleModel, LinkState};
+
+/// What the panel shows.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RobotData {
+    /// Names and values.
+    pub rows: Vec<(String, String)>,
+    /// Said where the values are not what they seem.
+    pub note: Option<String>,
+}
+
+impl RobotData {
+    /// The robot at `now`.
+    pub fn new(model: &ConsoleModel, now: Monotonic) -> Self {
+        let mut rows = Vec::new();
+        if let Some(info) = model.info() {
+            rows.push(row("Vehicle", info.vehicle.clone()));
+            if !info.source.is_empty() {
+                rows.push(row("Source", info.source.clone()));
+            }
+        }
+        rows.extend(pose_rows(model));
+        if let Some((status, _)) = model.status() {
+            let scans = format!(
+                "{} of {} mapped",
+                count(status.scans_mapped),
+                count(status.scans_in)
+            );
+            rows.push(row("Scans", scans));
+            rows.push(row("Consoles", status.consoles.to_string()));
+        }
+        let is_silent = model.connection().state(now) == LinkState::Silent;
+        let has_ended = model.status().is_some_and(|(status, _)| status.has_ended);
+        let note = match (is_silent, model.vehicle().pose()) {
+            (true, Some((_, at))) => Some(format!("As of {} ago", age(now.since(at)))),
+            (true, None) => Some("Nothing was heard of its position".to_owned()),
+            (false, Some((_, at))) if is_position_old(model, now) => {
+                Some(format!("Position is {} old", age(now.since(at))))
+            }
+            (false, _) => has_ended.then(|| "Its data has ended: nothing new will come".to_owned()),
+        };
+        Self { rows, note }
+    }
+}
+
+fn pose_rows(model: &ConsoleModel) -> Vec<Row> {
+    let Some((pose, _)) = model.vehicle().pose() else {
+        return Vec::new();
+    };
+    let [x, y, z] = pose.position_m.map(|m| signed(m, 2));
+    let heading_deg = model
+        .vehicle()
+        .heading_rad()
+        .unwrap_or_default()
+        .to_degrees();
+    let speed = signed(f64::from(pose.speed_mps), 2);
+    let turning = signed(f64::from(pose.turn_rate_radps).to_degrees(), 0);
+    vec![
+        row("Position", format!("x {x}  y {y} m")),
+        row("Height", format!("{z} m")),
+        row("Heading", format!("{}°", signed(heading_deg, 0))),
+        row("Speed", format!("{speed} m/s, turning {turning}°/s")),
+    ]
+}
+
+/// Draws the panel.
+pub fn robot_ui(ui: &mut Ui, data: &RobotData) {
+    if let Some(note) = &data.note {
+        ui.strong(note);
+    }
+    if data.rows.is_empty() {
+        ui.label("Nothing is known of it yet.");
+    }
+    rows_ui(ui, "robot", &data.rows);
+}

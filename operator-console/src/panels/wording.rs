@@ -1,0 +1,64 @@
+//! Numbers and times as the operator reads them.
+
+use std::time::Duration;
+
+/// A length of time, coarser the longer it is.
+pub fn age(time: Duration) -> String {
+    let secs = time.as_secs();
+    match secs {
+        0..10 => format!("{:.1} s", time.as_millis() as f64 / 1e3),
+        10..120 => format!("{secs} s"),
+        120..7200 => format!("{} min", secs / 60),
+        7200.. => format!("{} h", secs / 3600),
+    }
+}
+
+/// A number with a true minus sign, and no sign at zero.
+pub fn signed(number: f64, decimals: usize) -> String {
+    let digits = format!("{:.decimals$}", number.abs());
+    let is_zero = digits.bytes().all(|byte| matches!(byte, b'0' | b'.'));
+    if number < 0.0 && !is_zero {
+        format!("−{digits}")
+    } else {
+        digits
+    }
+}
+
+/// A count in groups of three digits.
+pub fn count(number: u64) -> String {
+    let digits = number.to_string();
+    let mut grouped = String::with_capacity(digits.len() * 4 / 3);
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
+            grouped.push('\u{2009}');
+        }
+        grouped.push(digit);
+    }
+    grouped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_as_fine_as_they_matter() {
+        let check = |ms, expected: &str| assert_eq!(age(Duration::from_millis(ms)), expected);
+        check(0, "0.0 s");
+        check(9_960, "10.0 s");
+        check(12_700, "12 s");
+        check(119_999, "119 s");
+        check(120_000, "2 min");
+        check(7_199_000, "119 min");
+        check(90_000_000, "25 h");
+    }
+
+    #[test]
+    fn numbers_have_true_signs_and_groups() {
+        assert_eq!(signed(-0.004, 2), "0.00");
+        assert_eq!(signed(-12.345, 2), "−12.35");
+        assert_eq!(signed(7.0, 1), "7.0");
+        assert_eq!(count(999), "999");
+        assert_eq!(count(1_234_567), "1\u{2009}234\u{2009}567");
+    }
+}

@@ -1,0 +1,183 @@
+//! Colours, sizes and state marks: legible from a step away, in light and dark, to every kind of colour
+//! vision. A state is never told by a colour alone: each has a shape and a word as well.
+
+use eframe::egui::{
+    Color32, Context, CornerRadius, FontFamily, FontId, Painter, Pos2, RichText, Sense, Shape,
+    Stroke, TextStyle, Theme, Ui, Visuals, pos2, vec2,
+};
+
+/// How something is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tone {
+    /// As it should be: a filled circle.
+    Good,
+    /// Not yet: a ring.
+    Waiting,
+    /// Look at this: a triangle.
+    Warning,
+}
+
+/// Sets sizes and colours for both themes; which one is shown follows the system.
+pub fn set(ctx: &Context) {
+    for theme in [Theme::Dark, Theme::Light] {
+        ctx.style_mut_of(theme, |style| {
+            let size = |style: &TextStyle| match style {
+                TextStyle::Small => 13.0,
+                TextStyle::Heading => 20.0,
+                TextStyle::Body | TextStyle::Monospace | TextStyle::Button | TextStyle::Name(_) => {
+                    15.0
+                }
+            };
+            for (name, font) in &mut style.text_styles {
+                *font = FontId::new(size(name), font.family.clone());
+            }
+            style.spacing.item_spacing = vec2(8.0, 6.0);
+            style.spacing.button_padding = vec2(8.0, 4.0);
+            style.spacing.interact_size.y = 24.0;
+            style.interaction.selectable_labels = false;
+            style.visuals = visuals(theme);
+        });
+    }
+}
+
+fn visuals(theme: Theme) -> Visuals {
+    let mut visuals = theme.default_visuals();
+    let (panel, ink, well) = match theme {
+        Theme::Dark => (0x1b_1e_23, 0xe4_e7_eb, 0x12_14_18),
+        Theme::Light => (0xf6_f7_f9, 0x1a_1d_22, 0xff_ff_ff),
+    };
+    visuals.panel_fill = rgb(panel);
+    visuals.window_fill = rgb(panel);
+    visuals.extreme_bg_color = rgb(well);
+    visuals.override_text_color = Some(rgb(ink));
+    visuals.selection.bg_fill = match theme {
+        Theme::Dark => rgb(0x0b_5c_8f),
+        Theme::Light => rgb(0xa9_d5_f0),
+    };
+    visuals.selection.stroke = Stroke::new(1.0, rgb(ink));
+    let rounded = CornerRadius::same(4);
+    for widget in [
+        &mut visuals.widgets.inactive,
+        &mut visuals.widgets.hovered,
+        &mut visuals.widgets.active,
+        &mut visuals.widgets.open,
+    ] {
+        widget.corner_radius = rounded;
+        widget.expansion = 0.0;
+    }
+    visuals
+}
+
+const fn rgb(hex: u32) -> Color32 {
+    let [_, red, green, blue] = hex.to_be_bytes();
+    Color32::from_rgb(red, green, blue)
+}
+
+/// What the map lies on, where nothing is known. Bluish in both themes, so that no grey of an occupancy map
+/// is mistaken for it, and light enough that black walls stand out.
+pub const fn ground(visuals: &Visuals) -> Color32 {
+    if visuals.dark_mode {
+        rgb(0x74_84_98)
+    } else {
+        rgb(0xb4_c0_ce)
+    }
+}
+
+/// The paper of cards that lie on the map.
+pub fn card(visuals: &Visuals) -> Color32 {
+    visuals.panel_fill.gamma_multiply(0.93)
+}
+
+/// The vehicle while its position is live.
+pub const VEHICLE: Color32 = rgb(0xd5_5e_00);
+/// The vehicle where its position is old.
+pub const VEHICLE_STALE: Color32 = rgb(0x5a_5f_66);
+/// Where the vehicle was. No layer has this colour.
+pub const TRAIL: Color32 = rgb(0x8e_24_aa);
+/// What is laid over a map that is old.
+pub const STALE_VEIL: Color32 = Color32::from_black_alpha(70);
+/// Banners of warning, and what is written on them.
+pub const BANNER: [Color32; 2] = [rgb(0xf0_a8_20), rgb(0x1a_12_00)];
+
+impl Tone {
+    /// The colour of marks and words. Okabe and Ito's, lighter in the dark.
+    pub const fn color(self, visuals: &Visuals) -> Color32 {
+        match (self, visuals.dark_mode) {
+            (Self::Good, true) => rgb(0x2f_c4_97),
+            (Self::Good, false) => rgb(0x00_74_55),
+            (Self::Waiting, true) => rgb(0x8c_c8_f0),
+            (Self::Waiting, false) => rgb(0x00_5d_92),
+            (Self::Warning, true) => rgb(0xff_b0_3a),
+            (Self::Warning, false) => rgb(0xa8_48_00),
+        }
+    }
+
+    fn paint(self, painter: &Painter, at: Pos2, radius: f32, color: Color32) {
+        match self {
+            Self::Good => {
+                painter.circle_filled(at, radius, color);
+            }
+            Self::Waiting => {
+                painter.circle_stroke(at, radius - 1.0, Stroke::new(2.0, color));
+            }
+            Self::Warning => {
+                let corners = [(0.0, -1.1), (1.1, 0.9), (-1.1, 0.9)]
+                    .map(|(x, y)| at + vec2(x, y) * radius)
+                    .to_vec();
+                painter.add(Shape::convex_polygon(corners, color, Stroke::NONE));
+            }
+        }
+    }
+}
+
+/// A mark, and the word for what it means.
+pub fn state_ui(ui: &mut Ui, tone: Tone, word: &str, size: f32) {
+    ui.horizontal(|ui| {
+        let color = tone.color(ui.visuals());
+        let (mark, _) = ui.allocate_exact_size(vec2(0.8 * size, size), Sense::hover());
+        let font = FontId::new(size, FontFamily::Proportional);
+        let text = ui.label(RichText::new(word).font(font).color(color));
+        let middle = pos2(mark.center().x, text.rect.center().y);
+        tone.paint(ui.painter(), middle, 0.36 * size, color);
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Relative luminance, WCAG 2.
+    fn luminance(color: Color32) -> f64 {
+        let channel = |byte: u8| {
+            let part = f64::from(byte) / 255.0;
+            if part <= 0.04045 {
+                part / 12.92
+            } else {
+                libm::pow((part + 0.055) / 1.055, 2.4)
+            }
+        };
+        0.2126 * channel(color.r()) + 0.7152 * channel(color.g()) + 0.0722 * channel(color.b())
+    }
+
+    fn contrast(a: Color32, b: Color32) -> f64 {
+        let (a, b) = (luminance(a), luminance(b));
+        (a.max(b) + 0.05) / (a.min(b) + 0.05)
+    }
+
+    #[test]
+    fn words_are_legible_in_both_themes() {
+        for theme in [Theme::Dark, Theme::Light] {
+            let visuals = visuals(theme);
+            let paper = visuals.panel_fill;
+            assert!(contrast(visuals.text_color(), paper) > 10.0);
+            for tone in [Tone::Good, Tone::Waiting, Tone::Warning] {
+                let ratio = contrast(tone.color(&visuals), paper);
+                assert!(ratio > 4.5, "{tone:?} in {theme:?}: {ratio}");
+            }
+            let wall = contrast(Color32::BLACK, ground(&visuals));
+            let free = contrast(Color32::WHITE, ground(&visuals));
+            assert!(wall > 4.5 && free > 1.6, "{theme:?}: {wall} {free}");
+        }
+        assert!(contrast(BANNER[0], BANNER[1]) > 7.0);
+    }
+}
