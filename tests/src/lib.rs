@@ -1,1 +1,4 @@
-//! End-to-end tests; see `tests/`.
+//! What the end-to-end tests are built from; the tests themselves are in `tests/all/`.
+
+#[cfg(target_os = "linux")]
+pub mod rig;

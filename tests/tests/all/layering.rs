@@ -94,6 +94,7 @@ fn one_file_reads_clocks() {
     ];
     assert_eq!(lines_with("robot-edge/src", &words, &["clock.rs"]), [""; 0]);
     assert_eq!(lines_with("protocol/src", &words, &[]), [""; 0]);
+    assert_eq!(lines_with("operator-console/src", &words, &[]), [""; 0]);
 }
 
 #[test]
@@ -104,6 +105,47 @@ fn one_file_turns_cells_into_tiles() {
         &["cells_to_tiles.rs"],
     );
     assert_eq!(found, [""; 0]);
+}
+
+/// The console's model is a function of messages and time too; rules for what is sent are as pure.
+#[test]
+fn the_model_and_the_rules_of_streaming_are_pure() {
+    let impure = [
+        "std::fs",
+        "std::net",
+        "std::thread",
+        "std::time::Instant",
+        "mpsc",
+        "Monotonic::now",
+        "zenoh",
+        "egui",
+    ];
+    for folder in ["operator-console/src/model", "robot-edge/src/streaming"] {
+        assert_eq!(lines_with(folder, &impure, &[]), [""; 0]);
+    }
+}
+
+#[test]
+fn only_the_links_speak_zenoh() {
+    let words = ["zenoh::", "use zenoh"];
+    let others = |file: &String| !file.contains("/src/link/");
+    for folder in ["robot-edge/src", "operator-console/src", "protocol/src"] {
+        let found: Vec<_> = lines_with(folder, &words, &[])
+            .into_iter()
+            .filter(others)
+            .collect();
+        assert_eq!(found, [""; 0]);
+    }
+}
+
+#[test]
+fn keys_are_built_in_one_file() {
+    for folder in ["robot-edge/src", "operator-console/src"] {
+        assert_eq!(
+            lines_with(folder, &["\"foreshore/", "\"map/"], &[]),
+            [""; 0]
+        );
+    }
 }
 
 #[test]

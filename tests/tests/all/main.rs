@@ -12,6 +12,10 @@ mod recordings_index;
 
 mod simulated_run;
 
+#[cfg(target_os = "linux")]
+mod rig;
+
 mod determinism;
 mod eviction;
 mod experiments;
+mod link;

@@ -1,0 +1,269 @@
+"""Messages as bytes: SPEC.md, sections 3 and 4.
+
+A message's body is a plain value: structs are dicts, sequences and tuples are lists, layers are names,
+an enum with content is a dict of one entry. What it looks like as bytes is said by a type: an object with
+`write(out, value)` and `read(reader)`. The tables of messages at the end mirror those of the specification.
+"""
+
+import struct
+from typing import NamedTuple
+
+PROTOCOL = 1
+MAX_MESSAGE = 65536
+MAX_TILE_MESSAGE = 8192
+
+
+class Malformed(Exception):
+    """What came is not what the specification describes: to be counted and dropped."""
+
+
+class OtherVersion(Malformed):
+    """A message of another version of the protocol, which must not be read any further."""
+
+
+class Reader:
+    """Bytes that are read from the front. Never reads, and never lets allocate, beyond their end."""
+
+    def __init__(self, data: bytes):
+        self.data, self.at = data, 0
+
+    def left(self) -> int:
+        return len(self.data) - self.at
+
+    def take(self, n: int) -> bytes:
+        if n > self.left():
+            raise Malformed(f"{n} bytes announced, {self.left()} left")
+        self.at += n
+        return self.data[self.at - n : self.at]
+
+
+class UInt:
+    """An unsigned varint of at most `bits` bits."""
+
+    def __init__(self, bits: int):
+        self.bits, self.longest = bits, -(-bits // 7)
+
+    def write(self, out: bytearray, value: int):
+        if not 0 <= value < 1 << self.bits:
+            raise ValueError(f"{value} does not fit {self.bits} bits")
+        while value > 0x7F:
+            out.append(value & 0x7F | 0x80)
+            value >>= 7
+        out.append(value)
+
+    def read(self, reader: Reader) -> int:
+        value = 0
+        for i in range(self.longest):
+            byte = reader.take(1)[0]
+            value |= (byte & 0x7F) << (7 * i)
+            if byte < 0x80:
+                if value >> self.bits:
+                    raise Malformed(f"number beyond {self.bits} bits")
+                return value
+        raise Malformed("varint without an end")
+
+
+class Int:
+    """A signed number: zigzag, then varint."""
+
+    def __init__(self, bits: int):
+        self.bits, self.unsigned = bits, UInt(bits)
+
+    def write(self, out: bytearray, value: int):
+        self.unsigned.write(out, (value << 1) ^ (value >> (self.bits - 1)))
+
+    def read(self, reader: Reader) -> int:
+        z = self.unsigned.read(reader)
+        return (z >> 1) ^ -(z & 1)
+
+
+class Fixed:
+    """What `struct` can pack: floating point numbers, little-endian."""
+
+    def __init__(self, form: str):
+        self.form = struct.Struct(form)
+
+    def write(self, out: bytearray, value):
+        out += self.form.pack(value)
+
+    def read(self, reader: Reader):
+        return self.form.unpack(reader.take(self.form.size))[0]
+
+
+class Bool:
+    def write(self, out: bytearray, value: bool):
+        out.append(1 if value else 0)
+
+    def read(self, reader: Reader) -> bool:
+        byte = reader.take(1)[0]
+        if byte > 1:
+            raise Malformed(f"bool {byte}")
+        return byte == 1
+
+
+class Raw:
+    """Exactly `n` bytes, or with n = None a length and that many."""
+
+    def __init__(self, n: int | None = None):
+        self.n = n
+
+    def write(self, out: bytearray, value: bytes):
+        if self.n is None:
+            U32.write(out, len(value))
+        elif self.n != len(value):
+            raise ValueError(f"{len(value)} bytes instead of {self.n}")
+        out += value
+
+    def read(self, reader: Reader) -> bytes:
+        return reader.take(U64.read(reader) if self.n is None else self.n)
+
+
+class Text:
+    def write(self, out: bytearray, value: str):
+        BYTES.write(out, value.encode())
+
+    def read(self, reader: Reader) -> str:
+        try:
+            return BYTES.read(reader).decode()
+        except UnicodeDecodeError as error:
+            raise Malformed("string that is not UTF-8") from error
+
+
+class List:
+    """A sequence of elements of one type."""
+
+    def __init__(self, of):
+        self.of = of
+
+    def write(self, out: bytearray, value: list):
+        U32.write(out, len(value))
+        for element in value:
+            self.of.write(out, element)
+
+    def read(self, reader: Reader) -> list:
+        n = U64.read(reader)
+        if n > reader.left():  # no element takes less than a byte
+            raise Malformed(f"{n} elements announced, {reader.left()} bytes left")
+        return [self.of.read(reader) for _ in range(n)]
+
+
+class Tuple:
+    """One element of each of the types, without a length."""
+
+    def __init__(self, *of):
+        self.of = of
+
+    def write(self, out: bytearray, value):
+        for kind, element in zip(self.of, value, strict=True):
+            kind.write(out, element)
+
+    def read(self, reader: Reader) -> list:
+        return [kind.read(reader) for kind in self.of]
+
+
+class Struct:
+    def __init__(self, **fields):
+        self.fields = fields
+
+    def write(self, out: bytearray, value: dict):
+        for name, kind in self.fields.items():
+            kind.write(out, value[name])
+
+    def read(self, reader: Reader) -> dict:
+        return {name: kind.read(reader) for name, kind in self.fields.items()}
+
+
+class Enum:
+    """One of several variants, by number. A variant without content (None) is its name."""
+
+    def __init__(self, **variants):
+        self.variants = list(variants.items())
+
+    def write(self, out: bytearray, value):
+        name, content = (value, None) if isinstance(value, str) else next(iter(value.items()))
+        number = [variant for variant, _ in self.variants].index(name)
+        U32.write(out, number)
+        if kind := self.variants[number][1]:
+            kind.write(out, content)
+
+    def read(self, reader: Reader):
+        number = U32.read(reader)
+        if number >= len(self.variants):
+            raise Malformed(f"enum number {number}")
+        name, kind = self.variants[number]
+        return {name: kind.read(reader)} if kind else name
+
+
+U16, U32, U64, I32, I64 = UInt(16), UInt(32), UInt(64), Int(32), Int(64)
+F32, F64, BOOL, BYTES, TEXT, DIGEST = Fixed("<f"), Fixed("<d"), Bool(), Raw(), Text(), Raw(32)
+LAYER_NAMES = ["occupancy", "elevation", "obstacle", "cost", "rigidity", "shore"]
+LAYER = Enum(**dict.fromkeys(LAYER_NAMES))
+
+INFO = Struct(
+    vehicle=TEXT,
+    source=TEXT,
+    footprint_m=Tuple(F32, F32),
+    limits=Tuple(F32, F32),
+    layers=List(Struct(layer=LAYER, cell_m=F64)),
+)
+PONG = Struct()
+POSE = Struct(
+    position_m=Tuple(F64, F64, F64),
+    quaternion_xyzw=Tuple(F32, F32, F32, F32),
+    speed_mps=F32,
+    turn_rate_radps=F32,
+)
+STATUS = Struct(
+    data_time_ns=I64,
+    scans_in=U64,
+    scans_mapped=U64,
+    drops=List(Struct(name=TEXT, count=U64)),
+    tiles=Tuple(U64, U64),
+    tiles_waiting=U32,
+    consoles=U16,
+    refused=U64,
+    has_ended=BOOL,
+)
+EVENT = Struct(kind=TEXT, message=TEXT)
+MAP_HEAD = Struct(layers=List(Struct(layer=LAYER, epoch=U32, head_revision=U64, tiles=U32, root=DIGEST)))
+VIEW = Struct(rectangle_m=Tuple(F32, F32, F32, F32), layers=U32, revision=U64, is_in_step=BOOL)
+TILE_BAND = Struct(epoch=U32, revision=U64, digest=DIGEST, rows=BYTES)
+DIGESTS_REQUEST = Struct(newer_than=U64)
+DIGESTS = Struct(
+    epoch=U32,
+    head_revision=U64,
+    tiles=List(Struct(tx=I32, ty=I32, revision=U64, digest=DIGEST)),
+    more=U32,
+)
+TILES_REQUEST = Enum(NewerThan=U64, These=List(Tuple(I32, I32)))
+TILES_REPLY = Struct(tx=I32, ty=I32, band=TILE_BAND, following=U32)
+
+
+class Header(NamedTuple):
+    boot: bytes
+    seq: int
+    robot_time_ns: int = 0
+
+
+_HEADER = struct.Struct("<16sQq")
+
+
+def encode(kind, header: Header, body) -> bytes:
+    """A whole message of the type `kind`."""
+    out = bytearray(PROTOCOL.to_bytes(2, "little") + _HEADER.pack(*header))
+    kind.write(out, body)
+    return bytes(out)
+
+
+def decode(kind, message: bytes, longest: int = MAX_MESSAGE) -> tuple[Header, object]:
+    """Header and body of a whole message. Raises `Malformed`, and nothing else, if it is not one."""
+    if len(message) > longest:
+        raise Malformed(f"{len(message)} bytes, {longest} allowed")
+    reader = Reader(message)
+    if (protocol := int.from_bytes(reader.take(2), "little")) != PROTOCOL:
+        raise OtherVersion(f"protocol {protocol} instead of {PROTOCOL}: update the older side")
+    header = Header(*_HEADER.unpack(reader.take(_HEADER.size)))
+    body = kind.read(reader)
+    if reader.left():
+        raise Malformed(f"{reader.left()} bytes behind the body")
+    return header, body

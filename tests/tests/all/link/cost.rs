@@ -1,0 +1,69 @@
+//! What streaming costs the vehicle's processor, with consoles that follow and consoles that do not. Measures.
+
+use std::thread::sleep;
+use std::time::Duration;
+
+use robot_edge::clock::Monotonic;
+use tempfile::tempdir;
+
+use super::processes::{Running, console, free_port, program, rooms};
+
+/// Long enough for a hundredth of a per cent.
+const MEASURED: Duration = Duration::from_secs(30);
+
+/// 25 scans a second: the recording has 10.
+fn edge(network: &[&str]) -> Running {
+    let mut command = program("robot-edge");
+    command
+        .arg("replay")
+        .arg(rooms())
+        .args(["--rate", "2.5", "--robot", "scout"])
+        .args(network);
+    Running::start(&mut command, "edge")
+}
+
+/// Processor time over the wall time in which it was used, per cent of a core.
+fn load(running: &Running) -> f64 {
+    let (before_s, started) = (running.processor_s(), Monotonic::now());
+    sleep(MEASURED);
+    100.0 * (running.processor_s() - before_s) / started.elapsed().as_secs_f64()
+}
+
+#[test]
+#[ignore = "two minutes: measures"]
+fn streaming_costs_the_vehicle_little_whatever_consoles_do() {
+    let folder = tempdir().unwrap();
+    let alone = edge(&["--no-network"]);
+    sleep(Duration::from_secs(2));
+    let alone = load(&alone);
+
+    let port = free_port();
+    let listen = format!("tcp/127.0.0.1:{port}");
+    let robot = edge(&["--listen", &listen]);
+    let watching = console(port, "scout", &folder.path().join("a"));
+    sleep(Duration::from_secs(2));
+    let watched = load(&robot);
+    let console_load = watching.processor_s();
+    drop((watching, robot));
+    println!(
+        "at 25 scans/s: edge alone {alone:.2} %, with a console {watched:.2} %: streaming {:.2} % of a core; the headless console took {console_load:.2} s in 32 s",
+        watched - alone
+    );
+
+    let robot = edge(&["--listen", &listen]);
+    let frozen = console(port, "scout", &folder.path().join("b"));
+    let watching = console(port, "scout", &folder.path().join("c"));
+    sleep(Duration::from_secs(2));
+    frozen.signal("STOP");
+    let beside_frozen = load(&robot);
+    println!("with a console and one that is stopped: {beside_frozen:.2} % of a core");
+    let said = watching.ends_well();
+    println!(
+        "the console beside it: {}",
+        said.lines()
+            .find(|line| line.contains("in step"))
+            .unwrap_or_default()
+    );
+    assert!(!said.contains("console too slow"), "{said}");
+    drop((frozen, robot));
+}

@@ -1,0 +1,189 @@
+//! Garbage on every key and queryable: refused, counted, nothing grows, and the map stays true.
+
+use std::thread::sleep;
+use std::time::Duration;
+
+use protocol::keys::{RobotId, Topic};
+use protocol::layer::LayerId;
+use protocol::message::Status;
+use protocol::tile::TileKey;
+use protocol::wire;
+use tempfile::tempdir;
+use zenoh::{Config, Session, Wait as _};
+
+use super::processes::{assert_same_maps, console, edge, free_port};
+use super::router::router;
+
+/// Memory that either program may take beyond what it had before the garbage.
+const GROWTH_BYTES: u64 = 20_000_000;
+
+fn client(port: u16) -> Session {
+    let mut config = Config::default();
+    for (key, value) in [
+        ("mode", "\"client\"".to_owned()),
+        ("connect/endpoints", format!("[\"tcp/127.0.0.1:{port}\"]")),
+        ("scouting/multicast/enabled", "false".to_owned()),
+    ] {
+        config.insert_json5(key, &value).unwrap();
+    }
+    zenoh::open(config).wait().unwrap()
+}
+
+/// Messages that nobody should send: each kind once.
+fn garbage() -> Vec<Vec<u8>> {
+    let mut state = 7u32;
+    let mut random = |length: usize| {
+        let mut next = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 24) as u8
+        };
+        (0..length).map(|_| next()).collect::<Vec<u8>>()
+    };
+    let mut garbage: Vec<_> = [0, 1, 2, 33, 34, 35, 100, 1000, 60_000, 200_000]
+        .map(&mut random)
+        .into();
+    // A right header with anything behind it, and with another version.
+    for version in [wire::PROTOCOL, 2, 999] {
+        for length in [0, 1, 20, 5000] {
+            let mut message = version.to_le_bytes().to_vec();
+            message.extend(random(32));
+            message.extend(random(length));
+            garbage.push(message);
+        }
+    }
+    // Sequences that claim 2⁶³ elements.
+    let mut giant = wire::PROTOCOL.to_le_bytes().to_vec();
+    giant.extend([0; 32]);
+    giant.extend([0xFF; 9]);
+    giant.push(0x7F);
+    garbage.push(giant);
+    garbage
+}
+
+fn topics() -> Vec<Topic> {
+    let mut topics = vec![
+        Topic::Info,
+        Topic::Pose,
+        Topic::Status,
+        Topic::Event,
+        Topic::MapHead,
+        Topic::Ping,
+    ];
+    for layer in LayerId::ALL {
+        topics.extend([Topic::Tiles(layer), Topic::Digests(layer)]);
+        topics.push(Topic::Tile(TileKey {
+            layer,
+            tx: 0,
+            ty: 0,
+        }));
+        topics.push(Topic::Tile(TileKey {
+            layer,
+            tx: i32::MIN,
+            ty: i32::MAX,
+        }));
+    }
+    topics
+}
+
+#[test]
+fn garbage_is_refused_and_counted_and_nothing_grows() {
+    let folder = tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    // Everything goes through routers, so that the garbage reaches consoles too.
+    let port = free_port();
+    let routers = [router(port), router(port + 1)];
+    let mut command = super::processes::program("robot-edge");
+    command
+        .arg("replay")
+        .arg(super::processes::rooms())
+        .args(["--rate", "10", "--stay", "--robot", "scout"]);
+    command
+        .args(["--connect", &format!("tcp/127.0.0.1:{port}"), "--export"])
+        .arg(at("edge"));
+    let mut robot = super::processes::Running::start(&mut command, "edge");
+    let mut watching = console(port, "scout", &at("console"));
+    sleep(Duration::from_secs(3));
+    let before = [robot.memory(), watching.memory()];
+
+    let id: RobotId = "scout".parse().unwrap();
+    let sessions = [client(port), client(port + 1)];
+    let status = sessions[0]
+        .declare_subscriber(Topic::Status.key(&id))
+        .wait()
+        .unwrap();
+    for round in 0..5 {
+        for session in &sessions {
+            for message in garbage() {
+                for topic in topics() {
+                    session.put(topic.key(&id), message.clone()).wait().unwrap();
+                    if round == 0 {
+                        session
+                            .get(topic.key(&id))
+                            .payload(message.clone())
+                            .timeout(Duration::from_secs(1))
+                            .wait()
+                            .unwrap();
+                    }
+                }
+                session
+                    .put(format!("foreshore/scout/view/x{round}"), message.clone())
+                    .wait()
+                    .unwrap();
+                session
+                    .put("foreshore/scout/view/y/z", message.clone())
+                    .wait()
+                    .unwrap();
+                session
+                    .put("foreshore/scout/map/snow/1/2", message)
+                    .wait()
+                    .unwrap();
+            }
+        }
+    }
+    sleep(Duration::from_secs(2));
+    assert!(robot.is_running() && watching.is_running());
+    let after = [robot.memory(), watching.memory()];
+    for (before, after) in before.into_iter().zip(after) {
+        assert!(
+            after < before + GROWTH_BYTES,
+            "{before} bytes grew to {after}"
+        );
+    }
+    let statuses = status
+        .drain()
+        .filter_map(|sample| wire::decode::<Status>(&sample.payload().to_bytes()).ok());
+    let refused = statuses.map(|(_, status)| status.refused).max().unwrap();
+    println!("the edge refused {refused} messages; memory {before:?} → {after:?}");
+    assert!(refused >= 100, "{refused} were counted");
+
+    let said = watching.ends_well();
+    println!("{said}");
+    assert!(
+        said.contains("× malformed") && said.contains("× other protocol version"),
+        "{said}"
+    );
+    robot.signal("INT");
+    robot.ends_well();
+    assert_same_maps(&at("edge"), &at("console"));
+    drop(routers);
+}
+
+#[test]
+fn a_console_of_another_version_is_told_so() {
+    let folder = tempdir().unwrap();
+    let port = free_port();
+    let robot = edge(port, "scout", "40", &folder.path().join("edge"));
+    sleep(Duration::from_millis(500));
+    let session = client(port);
+    let replies = session.get("foreshore/scout/info").wait().unwrap();
+    let reply = replies.recv().unwrap();
+    let mut bytes = reply.result().unwrap().payload().to_bytes().into_owned();
+    bytes[0] = 9;
+    let refused = wire::decode::<protocol::message::Info>(&bytes).unwrap_err();
+    assert!(
+        refused.to_string().contains("update the older"),
+        "{refused}"
+    );
+    robot.signal("INT");
+    drop(robot.end());
+}

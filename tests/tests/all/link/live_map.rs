@@ -1,0 +1,113 @@
+//! What the edge exports is what every console exports, whatever happened to the link in between.
+
+use std::thread::sleep;
+use std::time::Duration;
+
+use foreshore_tests::rig::relay::Relay;
+use tempfile::tempdir;
+
+use super::processes::{Running, assert_same_maps, console, edge, free_port, program, rooms};
+
+const fn seconds(seconds: u64) -> Duration {
+    Duration::from_secs(seconds)
+}
+
+/// Lasts longer than the link's lease (4 s), so that the session ends.
+const SHORT: Duration = seconds(6);
+
+/// A replay at `rate`; a console from the start, one that joins in the middle, one whose link is cut for
+/// `trouble`, one that is stopped for as long.
+fn all_consoles_have_the_edges_map(rate: &str, trouble: Duration) {
+    let folder = tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let port = free_port();
+    let relay = Relay::pair(port).unwrap();
+
+    // The first console is there before its robot.
+    let early = console(port, "scout", &at("early"));
+    sleep(seconds(1));
+    let robot = edge(port, "scout", rate, &at("edge"));
+    let cut = console(relay.port(), "scout", &at("cut"));
+    let stopped = console(port, "scout", &at("stopped"));
+    sleep(seconds(2));
+    relay.cut().unwrap();
+    stopped.signal("STOP");
+    let late = console(port, "scout", &at("late"));
+    sleep(trouble);
+    relay.pass().unwrap();
+    stopped.signal("CONT");
+
+    for console in [early, late, cut, stopped] {
+        console.ends_well();
+    }
+    robot.signal("INT");
+    robot.ends_well();
+    for name in ["early", "late", "cut", "stopped"] {
+        assert_same_maps(&at("edge"), &at(name));
+    }
+}
+
+#[test]
+fn consoles_that_join_late_are_cut_off_or_stopped_have_the_edges_map() {
+    all_consoles_have_the_edges_map("10", SHORT);
+}
+
+#[test]
+#[ignore = "a minute: cut for 10 s"]
+fn a_link_that_is_cut_for_ten_seconds_heals() {
+    all_consoles_have_the_edges_map("4", seconds(10));
+}
+
+#[test]
+#[ignore = "a minute: stopped for 30 s"]
+fn a_console_that_is_stopped_for_thirty_seconds_heals() {
+    all_consoles_have_the_edges_map("3", seconds(30));
+}
+
+#[test]
+fn a_console_follows_its_robot_through_a_restart() {
+    let folder = tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let port = free_port();
+    // The first run has cells of another size, which must all go.
+    let first = {
+        let mut command = program("robot-edge");
+        command.arg("replay").arg(rooms());
+        command.args(["--rate", "20", "--stay", "--robot", "scout"]);
+        command.args(["--set", "mapping.occupancy.cell_m=0.2"]);
+        command.args(["--listen", &format!("tcp/127.0.0.1:{port}"), "--export"]);
+        Running::start(command.arg(at("first")), "first edge")
+    };
+    let console = console(port, "scout", &at("console"));
+    sleep(seconds(3));
+    first.signal("KILL");
+    drop(first);
+    let second = edge(port, "scout", "20", &at("second"));
+    let said = console.ends_well();
+    second.signal("INT");
+    second.ends_well();
+    assert!(said.contains("in step"), "{said}");
+    assert_same_maps(&at("second"), &at("console"));
+    assert!(!at("first").join("occupancy.tif").exists(), "it was killed");
+}
+
+/// A robot that ends by itself waits for its consoles.
+#[test]
+fn a_replay_that_ends_leaves_no_console_behind() {
+    let folder = tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let port = free_port();
+    let mut command = program("robot-edge");
+    command
+        .arg("replay")
+        .arg(rooms())
+        .args(["--rate", "40", "--robot", "scout"]);
+    command
+        .args(["--listen", &format!("tcp/127.0.0.1:{port}"), "--export"])
+        .arg(at("edge"));
+    let robot = Running::start(&mut command, "edge");
+    let console = console(port, "scout", &at("console"));
+    console.ends_well();
+    robot.ends_well();
+    assert_same_maps(&at("edge"), &at("console"));
+}

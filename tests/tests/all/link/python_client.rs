@@ -1,0 +1,93 @@
+//! A client in another language, written from `protocol/SPEC.md` alone, holds the same map.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::thread::sleep;
+use std::time::Duration;
+
+use tempfile::tempdir;
+
+use super::processes::{Running, edge, free_port};
+
+fn client_folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("python")
+}
+
+fn run(command: &mut Command) -> Option<Output> {
+    command
+        .output()
+        .ok()
+        .filter(|output| output.status.success())
+}
+
+/// A Python with the client's packages, in a virtual environment of its own that later runs use again; `None`,
+/// said aloud, where it cannot be made.
+fn python() -> Option<PathBuf> {
+    let requirements = client_folder().join("requirements.txt");
+    let wanted = blake3::hash(&std::fs::read(&requirements).unwrap()).to_hex();
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("python-{}", &wanted[..16]));
+    let python = folder.join("bin/python");
+    let is_ready = |python: &Path| {
+        run(Command::new(python).args(["-c", "import zenoh, zstandard, blake3"])).is_some()
+    };
+    if is_ready(&python) {
+        return Some(python);
+    }
+    let made = run(Command::new("python3").args(["-m", "venv"]).arg(&folder)).and_then(|_| {
+        run(Command::new(&python)
+            .args(["-m", "pip", "install", "--quiet", "--requirement"])
+            .arg(&requirements))
+    });
+    if made.is_some() && is_ready(&python) {
+        return Some(python);
+    }
+    println!(
+        "skipped: no virtual environment with the packages of {} can be made",
+        requirements.display()
+    );
+    None
+}
+
+#[test]
+fn the_python_client_agrees_with_the_edge_and_with_the_specification() {
+    let Some(python) = python() else { return };
+    let folder = client_folder();
+    let vectors = Command::new(&python)
+        .arg("-B")
+        .arg(folder.join("test_vectors.py"))
+        .output()
+        .unwrap();
+    assert!(
+        vectors.status.success(),
+        "{}",
+        String::from_utf8_lossy(&vectors.stderr)
+    );
+
+    let exports = tempdir().unwrap();
+    let port = free_port();
+    let robot = edge(port, "scout", "20", &exports.path().join("edge"));
+    // It joins in the middle.
+    sleep(Duration::from_secs(2));
+    let mut command = Command::new(&python);
+    command.arg("-B").arg(folder.join("foreshore_client.py"));
+    command.args([
+        "--connect",
+        &format!("tcp/127.0.0.1:{port}"),
+        "--until-ended",
+        "--timeout",
+        "60",
+    ]);
+    command.arg("--compare").arg(exports.path().join("edge"));
+    let mut client = Running::start(&mut command, "the Python client");
+    let in_step = client.says("in step");
+    println!("{in_step}");
+    assert!(in_step.contains("occupancy 29326 cells known"), "{in_step}");
+    // It compares with what the robot exports when it ends.
+    robot.signal("INT");
+    robot.ends_well();
+    let said = client.ends_well();
+    assert!(
+        said.contains("same as the export: occupancy 29326 cells"),
+        "{said}"
+    );
+}

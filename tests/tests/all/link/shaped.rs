@@ -1,0 +1,263 @@
+//! "What the link must do", measured on an emulated link with root. Each prints a table row.
+
+use std::io::{BufRead as _, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::thread::{self, sleep};
+use std::time::Duration;
+
+use foreshore_tests::rig::Line;
+use foreshore_tests::rig::tun::{Conditions, Namespaces, Side};
+use robot_edge::clock::Monotonic;
+use tempfile::tempdir;
+
+use super::processes::{Running, program, rooms};
+
+const PORT: u16 = 7447;
+
+/// 2 Mbit/s, 150 ms round trip, `loss`; 32 kB of queue.
+fn shaped(loss: f64) -> Conditions {
+    Conditions {
+        line: Line {
+            delay: Duration::from_millis(75),
+            rate_bytes_per_s: Some(250_000),
+            queue_bytes: 32_000,
+        },
+        loss,
+        ..Conditions::default()
+    }
+}
+
+fn link(seed: u64) -> Option<Namespaces> {
+    match Namespaces::create_seeded(seed) {
+        Ok(link) => Some(link),
+        Err(err) if err.is_for_lack_of_means() => {
+            println!("skipped: {err}");
+            None
+        }
+        Err(err) => panic!("{err}"),
+    }
+}
+
+fn recording(name: &str) -> Option<std::path::PathBuf> {
+    let folder = std::env::var_os("FORESHORE_DATA").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
+        Into::into,
+    );
+    let path = folder.join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    println!("skipped: there is no {}", path.display());
+    None
+}
+
+/// `name` of this workspace inside of a namespace.
+fn inside(link: &Namespaces, side: Side, name: &str) -> Command {
+    link.command(side, program(name).get_program())
+}
+
+fn edge(link: &Namespaces, recording: &Path, rate: &str, settings: &[&str]) -> Running {
+    let mut command = inside(link, Side::A, "robot-edge");
+    command.arg("replay").arg(recording).args([
+        "--rate",
+        rate,
+        "--stay",
+        "--insecure",
+        "--robot",
+        "scout",
+    ]);
+    for setting in settings {
+        command.args(["--set", setting]);
+    }
+    command.args(["--listen", &format!("tcp/{}:{PORT}", Side::A.address())]);
+    Running::start(&mut command, "edge")
+}
+
+fn console(link: &Namespaces, export: &Path, options: &[&str]) -> Command {
+    let mut command = inside(link, Side::B, "operator-console");
+    command.args([
+        "--headless",
+        "-v",
+        "--robot",
+        "scout",
+        "--connect",
+        &format!("tcp/{}:{PORT}", Side::A.address()),
+    ]);
+    command.args(options).arg("--export").arg(export);
+    command
+}
+
+/// Whether a console is in step, as it says so itself, and when.
+struct Steps {
+    child: Child,
+    steps: Receiver<(Monotonic, bool)>,
+}
+
+impl Steps {
+    fn watch(command: &mut Command) -> Self {
+        let mut child = command
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let said = BufReader::new(child.stderr.take().unwrap());
+        let (sender, steps) = sync_channel(1000);
+        thread::spawn(move || {
+            for line in said.lines().map_while(Result::ok) {
+                if line.contains("is_in_step") {
+                    sender.send((Monotonic::now(), line.contains("true"))).ok();
+                }
+            }
+        });
+        Self { child, steps }
+    }
+
+    /// When it next is what is asked for; `None` within a minute.
+    fn next(&self, is_in_step: bool) -> Option<Monotonic> {
+        loop {
+            match self.steps.recv_timeout(Duration::from_mins(1)) {
+                Ok((at, step)) if step == is_in_step => return Some(at),
+                Ok(_) => {}
+                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => return None,
+            }
+        }
+    }
+
+    fn forget(&self) {
+        while self.steps.try_recv().is_ok() {}
+    }
+}
+
+impl Drop for Steps {
+    fn drop(&mut self) {
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}
+
+#[test]
+#[ignore = "a minute, needs root: measures"]
+fn late_joiner_on_the_shaped_link() {
+    let (Some(log), Some(link)) = (recording("carmen/fr-clinic_robotlaser.clf"), link(1)) else {
+        return;
+    };
+    let folder = tempdir().unwrap();
+    // Cells of 5 cm make it a map of about a megabyte.
+    let edge = edge(&link, &log, "max", &["mapping.occupancy.cell_m=0.05"]);
+    sleep(Duration::from_secs(25));
+    link.set_both(shaped(0.02)).unwrap();
+    for run in 1..=5 {
+        let before = link.traffic_from(Side::A).sent.bytes;
+        let mut command = console(&link, &folder.path().join("export"), &[]);
+        let said = Running::start(&mut command, "console").ends_well();
+        let bytes = link.traffic_from(Side::A).sent.bytes - before;
+        let figures: Vec<_> = said
+            .lines()
+            .filter(|line| line.contains("after discovery") || line.contains("messages of"))
+            .collect();
+        println!(
+            "late joiner {run}: {}; {bytes} bytes of IP towards the console",
+            figures.join("; ")
+        );
+    }
+    drop(edge);
+}
+
+#[test]
+#[ignore = "two minutes, needs root: measures"]
+fn steady_cost_while_mapping() {
+    let Some(link) = link(1) else { return };
+    link.set_both(shaped(0.02)).unwrap();
+    let folder = tempdir().unwrap();
+    let logs = [(rooms(), "rooms.mcap")].into_iter().chain(
+        [
+            "carmen/fr-clinic_robotlaser.clf",
+            "carmen/intel_corrected.log",
+        ]
+        .into_iter()
+        .filter_map(|name| Some((recording(name)?, name))),
+    );
+    for (log, name) in logs {
+        let edge = edge(&link, &log, "1", &[]);
+        let mut command = console(&link, &folder.path().join("export"), &["--for", "600"]);
+        let console = Running::start(&mut command, "console");
+        sleep(Duration::from_secs(10));
+        let bytes = || Side::ALL.map(|side| link.traffic_from(side).sent.bytes);
+        let (before, started) = (bytes(), Monotonic::now());
+        sleep(Duration::from_secs(40));
+        let (after, elapsed_s) = (bytes(), started.elapsed().as_secs_f64());
+        let kbps = |side: usize| (after[side] - before[side]) as f64 * 8e-3 / elapsed_s;
+        println!(
+            "steady cost, {name}: {:.1} kbit/s to the console, {:.1} kbit/s back, IP headers included",
+            kbps(0),
+            kbps(1)
+        );
+        drop((console, edge));
+        sleep(Duration::from_secs(1));
+    }
+}
+
+/// Seconds from the end of each cut until the console is in step.
+fn heal(seed: u64, cuts: usize, cut: Duration) -> Vec<f64> {
+    let Some(link) = link(seed) else {
+        return Vec::new();
+    };
+    let folder = tempdir().unwrap();
+    link.set_both(shaped(0.05)).unwrap();
+    let edge = edge(&link, &rooms(), "0.5", &[]);
+    let steps = Steps::watch(&mut console(
+        &link,
+        &folder.path().join("export"),
+        &["--for", "3600"],
+    ));
+    assert!(steps.next(true).is_some(), "never in step");
+    let mut healed = Vec::new();
+    for _ in 0..cuts {
+        sleep(Duration::from_secs(3));
+        link.set_both(Conditions {
+            blackhole: true,
+            ..shaped(0.05)
+        })
+        .unwrap();
+        sleep(cut);
+        steps.forget();
+        link.set_both(shaped(0.05)).unwrap();
+        let passed = Monotonic::now();
+        healed.push(
+            steps
+                .next(true)
+                .map_or(f64::INFINITY, |at| at.since(passed).as_secs_f64()),
+        );
+    }
+    drop(edge);
+    healed
+}
+
+#[test]
+#[ignore = "ten minutes, needs root: measures"]
+fn healing_after_loss_and_cuts() {
+    let links = 10;
+    let runs: Vec<_> = (0..links)
+        .map(|seed| thread::spawn(move || heal(seed, 10, Duration::from_secs(30))))
+        .collect();
+    let mut healed: Vec<f64> = runs
+        .into_iter()
+        .flat_map(|run| run.join().unwrap())
+        .collect();
+    if healed.is_empty() {
+        return;
+    }
+    healed.sort_by(f64::total_cmp);
+    let at = |share: f64| healed[((healed.len() - 1) as f64 * share).round() as usize];
+    println!(
+        "healing, {} cuts of 30 s at 5 % loss: p50 {:.1} s, p95 {:.1} s, most {:.1} s; {:.1?}",
+        healed.len(),
+        at(0.5),
+        at(0.95),
+        at(1.0),
+        healed
+    );
+}
