@@ -16,7 +16,7 @@ use robot_edge::link::sessions::Endpoints;
 use robot_edge::link::{random_id, zenoh_config_file};
 
 use crate::link::{Discovery, FoundRobot, RobotSession};
-use crate::milestones::Milestones;
+use crate::milestones::{Milestones, VISIBLE_M};
 use crate::model::{ConsoleModel, ModelSettings};
 
 /// Between two looks at the model.
@@ -75,7 +75,8 @@ pub fn run(
     let mut milestones = Milestones::new(discovered);
     let mut was_in_step = false;
     let watched = watch(settings, &is_interrupted, started, || {
-        let model = session.model();
+        let mut model = session.model();
+        look_around_the_vehicle(&mut model);
         let is_in_step = model.is_in_step(Monotonic::now());
         milestones.look(&model, is_in_step);
         if is_in_step != was_in_step {
@@ -111,6 +112,18 @@ pub fn run(
                 settings.export.display()
             ))
         }
+    }
+}
+
+/// What is near the vehicle comes first, as it would in a window.
+fn look_around_the_vehicle(model: &mut ConsoleModel) {
+    if let Some((pose, _)) = model.vehicle().pose() {
+        let [x, y, _] = pose.position_m;
+        let rectangle_m = [x - VISIBLE_M, y - VISIBLE_M, x + VISIBLE_M, y + VISIBLE_M];
+        model.look_at(
+            rectangle_m.map(|edge_m| edge_m as f32),
+            LayerId::ALL.into_iter().collect(),
+        );
     }
 }
 

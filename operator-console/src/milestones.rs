@@ -10,7 +10,7 @@ use robot_edge::clock::Monotonic;
 use crate::model::ConsoleModel;
 
 /// Half the side of the square around the vehicle that counts as the visible area, metres.
-const VISIBLE_M: f64 = 20.0;
+pub(crate) const VISIBLE_M: f64 = 20.0;
 
 /// When what was first there.
 #[derive(Clone, Copy, Debug)]
