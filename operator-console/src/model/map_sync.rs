@@ -2,11 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
-use std::time::Duration;
 
 use protocol::layer::LayerId;
 use protocol::message::{
-    Digests, DigestsRequest, Info, LayerHead, MapHead, TileBand, TilesReply, TilesRequest,
+    Digests, DigestsRequest, Info, MapHead, TileBand, TilesReply, TilesRequest,
 };
 use protocol::tile::codec::DecodeError;
 use protocol::tile::{BootId, TileCells, TileDigest, TileKey};
@@ -14,16 +13,10 @@ use protocol::tile_store::{Applied, LayerGrid, RootDigest, StoreError, TileStore
 use robot_edge::clock::Monotonic;
 
 use super::incoming::RequestId;
-use super::layer_sync::{LayerSync, Question, SILENCE};
+use super::layer_sync::{LayerSync, SILENCE};
 use super::refusals::Refusal;
 use super::tile_intake::TileIntake;
 
-/// Questions for tiles that may be open at once; with the size of an answer, 32 KiB are outstanding at most.
-const MAX_PULLS: usize = 2;
-/// Tiles in one question. What does not fit the answer is asked for again.
-const TILES_PER_PULL: usize = 24;
-/// An answer that takes longer than this, and so than the link waits for it, does not come any more.
-const ANSWER_LIFETIME: Duration = Duration::from_secs(12);
 /// Ages that are kept before those of tiles that are gone are dropped.
 const MAX_AGES: usize = 200_000;
 
@@ -48,33 +41,33 @@ pub struct LayerStep {
 }
 
 /// A question that is not answered yet.
-struct Asked {
-    layer: LayerId,
+pub(super) struct Asked {
+    pub(super) layer: LayerId,
     /// Asked for; empty where a list was.
-    tiles: Vec<(i32, i32)>,
-    at: Monotonic,
+    pub(super) tiles: Vec<(i32, i32)>,
+    pub(super) at: Monotonic,
 }
 
 /// The map and its reconciliation.
 pub struct MapSync {
-    store: TileStore,
+    pub(super) store: TileStore,
     intake: TileIntake,
     /// What the robot announced last, and when.
-    head: Option<(MapHead, Monotonic)>,
+    pub(super) head: Option<(MapHead, Monotonic)>,
     /// No announcement has come from the robot yet, so the store's boot is nobody's.
     has_boot: bool,
-    layers: BTreeMap<LayerId, LayerSync>,
+    pub(super) layers: BTreeMap<LayerId, LayerSync>,
     /// Own roots, while no tile has changed them.
-    roots: BTreeMap<LayerId, RootDigest>,
+    pub(super) roots: BTreeMap<LayerId, RootDigest>,
     changed: BTreeSet<TileKey>,
     changed_at: BTreeMap<TileKey, Monotonic>,
     /// Tiles named by the lists that are arriving.
     listed: BTreeMap<LayerId, BTreeSet<(i32, i32)>>,
-    asked: BTreeMap<RequestId, Asked>,
+    pub(super) asked: BTreeMap<RequestId, Asked>,
     /// The digest of a tile of which nothing is known.
     unknown: TileDigest,
-    wanted: BTreeSet<LayerId>,
-    focus_m: [f64; 2],
+    pub(super) wanted: BTreeSet<LayerId>,
+    pub(super) focus_m: [f64; 2],
 }
 
 impl MapSync {
@@ -367,87 +360,6 @@ impl MapSync {
         };
         if let Some(sync) = self.layers.get_mut(&layer) {
             sync.ended(request, &tiles, now);
-        }
-    }
-
-    /// Compares roots and says what to ask now.
-    pub(super) fn questions(
-        &mut self,
-        now: Monotonic,
-        mut number: impl FnMut() -> RequestId,
-    ) -> Vec<(RequestId, MapQuestion)> {
-        let Some((head, _)) = self.head.clone() else {
-            return Vec::new();
-        };
-        // The end of a question can be lost like anything else.
-        let asked = self.asked.iter();
-        let late = asked.filter(|(_, asked)| now.since(asked.at) >= ANSWER_LIFETIME);
-        for request in late.map(|(request, _)| *request).collect::<Vec<_>>() {
-            self.ended(request, now);
-        }
-        let mut questions = Vec::new();
-        let heads = head.layers;
-        for head in &heads {
-            if !self.wanted.contains(&head.layer) {
-                continue;
-            }
-            self.compare(head, now);
-            while let Some(question) = self.next_question(head.layer, now) {
-                let request = number();
-                if let Some(sync) = self.layers.get_mut(&head.layer) {
-                    sync.asked(request, &question);
-                }
-                let (tiles, question) = match question {
-                    Question::Digests { newer_than } => (
-                        Vec::new(),
-                        MapQuestion::Digests(head.layer, DigestsRequest { newer_than }),
-                    ),
-                    Question::Tiles(tiles) => (
-                        tiles.clone(),
-                        MapQuestion::Tiles(head.layer, TilesRequest::These(tiles)),
-                    ),
-                };
-                let (layer, at) = (head.layer, now);
-                self.asked.insert(request, Asked { layer, tiles, at });
-                questions.push((request, question));
-            }
-        }
-        questions
-    }
-
-    fn next_question(&self, layer: LayerId, now: Monotonic) -> Option<Question> {
-        let cell_m = self.store.cell_m(layer)?;
-        let asked = self.asked.values();
-        let pulls = asked.filter(|asked| !asked.tiles.is_empty()).count();
-        let distance = |(tx, ty)| {
-            let [x, y] = TileKey { layer, tx, ty }.center_m(cell_m);
-            let (dx, dy) = (x - self.focus_m[0], y - self.focus_m[1]);
-            dx * dx + dy * dy
-        };
-        let is_asked = |tile| {
-            let mut asked = self.asked.values();
-            asked.any(|asked| asked.layer == layer && asked.tiles.contains(&tile))
-        };
-        self.layers.get(&layer)?.question(
-            now,
-            MAX_PULLS.saturating_sub(pulls),
-            TILES_PER_PULL,
-            distance,
-            is_asked,
-        )
-    }
-
-    fn compare(&mut self, head: &LayerHead, now: Monotonic) {
-        let known = self.roots.get(&head.layer).copied();
-        let own = known.or_else(|| self.store.root_digest(head.layer));
-        self.roots.extend(own.map(|root| (head.layer, root)));
-        let Some(sync) = self.layers.get_mut(&head.layer) else {
-            return;
-        };
-        if own == Some(head.root) && head.epoch == self.store.epoch(head.layer) {
-            sync.equal(head.head_revision, now);
-        } else if own.is_some() {
-            sync.differs(now);
         }
     }
 

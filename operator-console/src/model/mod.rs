@@ -6,8 +6,10 @@
 mod connection;
 mod incoming;
 mod layer_sync;
+mod map_questions;
 mod map_sync;
 mod refusals;
+mod sending;
 mod tile_intake;
 mod vehicle;
 
@@ -15,15 +17,12 @@ use std::collections::{BTreeSet, VecDeque};
 use std::io;
 use std::time::Duration;
 
-use protocol::keys::{self, RobotId, Topic};
+use protocol::keys::{RobotId, Topic};
 use protocol::layer::LayerId;
-use protocol::message::{
-    Digests, Event, Info, MapHead, Pong, Pose, Status, TileBand, TilesReply, View,
-};
+use protocol::message::{Digests, Event, Info, MapHead, Pong, Pose, Status, TileBand, TilesReply};
 use protocol::tile::BootId;
 use protocol::wire::{self, Header, WireError};
 use robot_edge::clock::Monotonic;
-use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 pub use connection::{Connection, LinkState, SILENT_AFTER};
@@ -32,11 +31,6 @@ pub use map_sync::{LayerStep, MapSync};
 pub use refusals::{Refusal, Refusals};
 pub use vehicle::Vehicle;
 
-use map_sync::MapQuestion;
-
-const VIEW_PERIOD: Duration = Duration::from_millis(500);
-/// Between two questions for who the robot is.
-const INFO_PERIOD: Duration = Duration::from_millis(500);
 const MAX_EVENTS: usize = 200;
 /// Heads come every second: without one for so long, nobody knows what the robot's map is now.
 const HEAD_LIFETIME: Duration = Duration::from_millis(2500);
@@ -353,110 +347,6 @@ impl ConsoleModel {
             Some(boot) if boot != header.boot => Err(Refusal::OtherBoot),
             Some(_) | None => Ok(()),
         }
-    }
-
-    /// What to send and to ask now.
-    pub fn outgoing(&mut self, now: Monotonic) -> Vec<Outgoing> {
-        let mut outgoing = Vec::new();
-        let robot = self.settings.robot.clone();
-        if self.is_info_wanted(now) {
-            let request = self.number();
-            self.asked_info = Some((request, now));
-            outgoing.push(Outgoing::Get {
-                request,
-                key: Topic::Info.key(&robot),
-                payload: Vec::new(),
-                is_bulk: false,
-            });
-        }
-        let mut requests = self.requests;
-        let questions = self.map.questions(now, || {
-            requests += 1;
-            RequestId(requests)
-        });
-        self.requests = requests;
-        for (request, question) in questions {
-            let (topic, payload) = match question {
-                MapQuestion::Digests(layer, body) => (Topic::Digests(layer), self.message(&body)),
-                MapQuestion::Tiles(layer, body) => (Topic::Tiles(layer), self.message(&body)),
-            };
-            outgoing.extend(payload.map(|payload| Outgoing::Get {
-                request,
-                key: topic.key(&robot),
-                payload,
-                is_bulk: true,
-            }));
-        }
-        if self.told_view.is_none_or(|at| now.since(at) >= VIEW_PERIOD) {
-            self.told_view = Some(now);
-            let payload = self.message(&self.view());
-            outgoing.extend(payload.map(|payload| Outgoing::Put {
-                key: keys::view_of(&robot, &self.session_name()),
-                payload,
-            }));
-        }
-        if self.connection.is_ping_due(now) {
-            let request = self.number();
-            self.connection.pinged(request, now);
-            outgoing.push(Outgoing::Get {
-                request,
-                key: Topic::Ping.key(&robot),
-                payload: Vec::new(),
-                is_bulk: false,
-            });
-        }
-        outgoing
-    }
-
-    fn is_info_wanted(&self, now: Monotonic) -> bool {
-        let is_lacking = self.info.is_none() || self.map.lacks_info();
-        is_lacking
-            && self
-                .asked_info
-                .is_none_or(|(_, at)| now.since(at) >= INFO_PERIOD)
-    }
-
-    fn view(&self) -> View {
-        let layers = self
-            .settings
-            .layers
-            .iter()
-            .map(|layer| 1u32 << *layer as u32)
-            .sum();
-        let store = self.map.store();
-        let revision = store
-            .grids()
-            .map(|grid| store.head_revision(grid.layer))
-            .max();
-        View {
-            rectangle_m: self.rectangle_m,
-            layers,
-            revision: revision.unwrap_or(0),
-            is_in_step: self.map.is_in_step(),
-        }
-    }
-
-    /// What identifies this console in keys.
-    fn session_name(&self) -> RobotId {
-        RobotId::from_bytes(self.settings.session.0)
-    }
-
-    fn number(&mut self) -> RequestId {
-        self.requests += 1;
-        RequestId(self.requests)
-    }
-
-    fn message<T: Serialize>(&mut self, body: &T) -> Option<Vec<u8>> {
-        self.seq += 1;
-        let header = Header {
-            boot: self.settings.session,
-            seq: self.seq,
-            robot_time_ns: 0,
-        };
-        let bytes = wire::encode(&header, body);
-        bytes
-            .inspect_err(|why| tracing::error!(%why, "a message was not sent"))
-            .ok()
     }
 }
 

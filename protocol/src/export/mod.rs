@@ -18,7 +18,7 @@ use crate::tile_store::TileStore;
 
 pub use geotiff::write_geotiff;
 pub use map_server::{Trinary, write_map_server};
-pub use picture::write_picture;
+pub use picture::{length_label, round_length_m, write_picture};
 pub use trajectory::{StampedPose, write_trajectory};
 
 /// Why an export failed.

@@ -1,6 +1,7 @@
 //! A bar of a round length in metres.
 
 use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, StrokeKind, pos2, vec2};
+use protocol::export::{length_label, round_length_m};
 
 /// Longest bar, points.
 const MAX_BAR: f64 = 160.0;
@@ -18,31 +19,11 @@ pub(in crate::map_view) struct ScaleBar {
 impl ScaleBar {
     /// The longest bar of 1, 2 or 5 times a power of ten metres that fits.
     pub(in crate::map_view) fn new(points_per_m: f64) -> Self {
-        let longest_m = MAX_BAR / points_per_m;
-        let mut power_m = 1e-3;
-        while power_m * 10.0 <= longest_m && power_m < 1e9 {
-            power_m *= 10.0;
-        }
-        let length_m = [5.0, 2.0]
-            .into_iter()
-            .map(|factor| factor * power_m)
-            .find(|length_m| *length_m <= longest_m)
-            .unwrap_or(power_m);
+        let length_m = round_length_m(MAX_BAR / points_per_m);
         Self {
-            label: label(length_m),
+            label: length_label(length_m),
             length: (length_m * points_per_m) as f32,
         }
-    }
-}
-
-fn label(length_m: f64) -> String {
-    let rounded = |value: f64| (value * 1000.0).round() / 1000.0;
-    if length_m >= 1000.0 {
-        format!("{} km", rounded(length_m / 1000.0))
-    } else if length_m >= 1.0 {
-        format!("{} m", rounded(length_m))
-    } else {
-        format!("{} cm", rounded(length_m * 100.0))
     }
 }
 

@@ -6,6 +6,7 @@ mod map;
 mod scale_bar;
 mod text;
 
+pub use scale_bar::{length_label, round_length_m};
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;

@@ -37,11 +37,12 @@ pub(super) fn draw(
     };
     canvas.fill(half, [255; 3]);
     let label = (bar.right() + 10, y.saturating_sub(6));
-    lettering.draw(canvas, label, TEXT_PX, INK, &label_of(length_m));
+    lettering.draw(canvas, label, TEXT_PX, INK, &length_label(length_m));
 }
 
-/// The greatest of 1, 2 and 5 times a power of ten that is at most `length_max_m`.
-fn round_length_m(length_max_m: f64) -> f64 {
+/// The length of a scale bar, metres: the greatest of 1, 2 and 5 times a power of ten that is at most
+/// `length_max_m`.
+pub fn round_length_m(length_max_m: f64) -> f64 {
     let mut power = 1e-3;
     while power * 10.0 <= length_max_m && power < 1e9 {
         power *= 10.0;
@@ -53,7 +54,8 @@ fn round_length_m(length_max_m: f64) -> f64 {
         .unwrap_or(power)
 }
 
-fn label_of(length_m: f64) -> String {
+/// What stands at a length of so many metres.
+pub fn length_label(length_m: f64) -> String {
     let rounded = |value: f64| (value * 1000.0).round() / 1000.0;
     if length_m >= 1000.0 {
         format!("{} km", rounded(length_m / 1000.0))
@@ -72,7 +74,7 @@ mod tests {
     fn lengths_are_round_and_fit() {
         let check = |length_max_m: f64, expected: &str| {
             assert_eq!(
-                label_of(round_length_m(length_max_m)),
+                length_label(round_length_m(length_max_m)),
                 expected,
                 "{length_max_m}"
             );

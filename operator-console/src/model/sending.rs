@@ -1,0 +1,123 @@
+//! What a console sends of itself and asks for.
+
+use std::time::Duration;
+
+use protocol::keys::{self, RobotId, Topic};
+use protocol::message::View;
+use protocol::wire::{self, Header};
+use robot_edge::clock::Monotonic;
+use serde::Serialize;
+
+use super::ConsoleModel;
+use super::incoming::{Outgoing, RequestId};
+use super::map_sync::MapQuestion;
+
+const VIEW_PERIOD: Duration = Duration::from_millis(500);
+/// Between two questions for who the robot is.
+const INFO_PERIOD: Duration = Duration::from_millis(500);
+
+impl ConsoleModel {
+    /// What to send and to ask now.
+    pub fn outgoing(&mut self, now: Monotonic) -> Vec<Outgoing> {
+        let mut outgoing = Vec::new();
+        let robot = self.settings.robot.clone();
+        if self.is_info_wanted(now) {
+            let request = self.number();
+            self.asked_info = Some((request, now));
+            outgoing.push(Outgoing::Get {
+                request,
+                key: Topic::Info.key(&robot),
+                payload: Vec::new(),
+                is_bulk: false,
+            });
+        }
+        let mut requests = self.requests;
+        let questions = self.map.questions(now, || {
+            requests += 1;
+            RequestId(requests)
+        });
+        self.requests = requests;
+        for (request, question) in questions {
+            let (topic, payload) = match question {
+                MapQuestion::Digests(layer, body) => (Topic::Digests(layer), self.message(&body)),
+                MapQuestion::Tiles(layer, body) => (Topic::Tiles(layer), self.message(&body)),
+            };
+            outgoing.extend(payload.map(|payload| Outgoing::Get {
+                request,
+                key: topic.key(&robot),
+                payload,
+                is_bulk: true,
+            }));
+        }
+        if self.told_view.is_none_or(|at| now.since(at) >= VIEW_PERIOD) {
+            self.told_view = Some(now);
+            let payload = self.message(&self.view());
+            outgoing.extend(payload.map(|payload| Outgoing::Put {
+                key: keys::view_of(&robot, &self.session_name()),
+                payload,
+            }));
+        }
+        if self.connection.is_ping_due(now) {
+            let request = self.number();
+            self.connection.pinged(request, now);
+            outgoing.push(Outgoing::Get {
+                request,
+                key: Topic::Ping.key(&robot),
+                payload: Vec::new(),
+                is_bulk: false,
+            });
+        }
+        outgoing
+    }
+
+    fn is_info_wanted(&self, now: Monotonic) -> bool {
+        let is_lacking = self.info.is_none() || self.map.lacks_info();
+        is_lacking
+            && self
+                .asked_info
+                .is_none_or(|(_, at)| now.since(at) >= INFO_PERIOD)
+    }
+
+    fn view(&self) -> View {
+        let layers = self
+            .settings
+            .layers
+            .iter()
+            .map(|layer| 1u32 << *layer as u32)
+            .sum();
+        let store = self.map.store();
+        let revision = store
+            .grids()
+            .map(|grid| store.head_revision(grid.layer))
+            .max();
+        View {
+            rectangle_m: self.rectangle_m,
+            layers,
+            revision: revision.unwrap_or(0),
+            is_in_step: self.map.is_in_step(),
+        }
+    }
+
+    /// What identifies this console in keys.
+    fn session_name(&self) -> RobotId {
+        RobotId::from_bytes(self.settings.session.0)
+    }
+
+    fn number(&mut self) -> RequestId {
+        self.requests += 1;
+        RequestId(self.requests)
+    }
+
+    fn message<T: Serialize>(&mut self, body: &T) -> Option<Vec<u8>> {
+        self.seq += 1;
+        let header = Header {
+            boot: self.settings.session,
+            seq: self.seq,
+            robot_time_ns: 0,
+        };
+        let bytes = wire::encode(&header, body);
+        bytes
+            .inspect_err(|why| tracing::error!(%why, "a message was not sent"))
+            .ok()
+    }
+}
