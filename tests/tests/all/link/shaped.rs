@@ -58,7 +58,7 @@ fn inside(link: &Namespaces, side: Side, name: &str) -> Command {
     link.command(side, program(name).get_program())
 }
 
-fn edge(link: &Namespaces, recording: &Path, rate: &str, settings: &[&str]) -> Running {
+fn edge(link: &Namespaces, recording: &Path, rate: &str, options: &[&str]) -> Running {
     let mut command = inside(link, Side::A, "robot-edge");
     command.arg("replay").arg(recording).args([
         "--rate",
@@ -68,9 +68,7 @@ fn edge(link: &Namespaces, recording: &Path, rate: &str, settings: &[&str]) -> R
         "--robot",
         "scout",
     ]);
-    for setting in settings {
-        command.args(["--set", setting]);
-    }
+    command.args(options);
     command.args(["--listen", &format!("tcp/{}:{PORT}", Side::A.address())]);
     Running::start(&mut command, "edge")
 }
@@ -206,7 +204,8 @@ fn heal(seed: u64, cuts: usize, cut: Duration) -> Vec<f64> {
     };
     let folder = tempdir().unwrap();
     link.set_both(shaped(0.05)).unwrap();
-    let edge = edge(&link, &rooms(), "0.5", &[]);
+    // Over and over: a console whose robot has ended would end too.
+    let edge = edge(&link, &rooms(), "1", &["--loop"]);
     let steps = Steps::watch(&mut console(
         &link,
         &folder.path().join("export"),
@@ -236,11 +235,11 @@ fn heal(seed: u64, cuts: usize, cut: Duration) -> Vec<f64> {
 }
 
 #[test]
-#[ignore = "ten minutes, needs root: measures"]
+#[ignore = "five minutes, needs root: measures"]
 fn healing_after_loss_and_cuts() {
-    let links = 10;
+    let links = 20;
     let runs: Vec<_> = (0..links)
-        .map(|seed| thread::spawn(move || heal(seed, 10, Duration::from_secs(30))))
+        .map(|seed| thread::spawn(move || heal(seed, 5, Duration::from_secs(30))))
         .collect();
     let mut healed: Vec<f64> = runs
         .into_iter()
