@@ -13,17 +13,17 @@ pub(crate) fn rooms() -> PathBuf {
 /// The program with `words` as its arguments; paths are added with [`Command::arg`].
 pub(crate) fn robot_edge(words: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_robot-edge"));
-    command
-        .args(words.split_whitespace())
-        .env_remove("RUST_LOG")
-        .env_remove("ZENOH_CONFIG");
+    let mut words = words.split_whitespace();
+    let name = words.next();
+    command.args(name);
     // Tests run side by side, and there is one default port.
-    if ["replay", "simulate"]
-        .iter()
-        .any(|maps| words.starts_with(maps))
-    {
+    if matches!(name, Some("replay" | "simulate")) {
         command.arg("--no-network");
     }
+    command
+        .args(words)
+        .env_remove("RUST_LOG")
+        .env_remove("ZENOH_CONFIG");
     command
 }
 
