@@ -23,8 +23,10 @@ use super::lock;
 
 const SCOUT_TIME: Duration = Duration::from_millis(500);
 const ASK_TIMEOUT: Duration = Duration::from_secs(1);
-/// Between two rounds.
+/// Between two rounds, while nothing is found.
 const PAUSE: Duration = Duration::from_secs(2);
+/// Between two rounds otherwise: they use the link that somebody watches a robot over.
+const LONG_PAUSE: Duration = Duration::from_secs(10);
 /// A robot that did not answer for so many rounds is gone.
 const ROUNDS_KEPT: u32 = 3;
 /// Processes that are asked in one round.
@@ -132,7 +134,9 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
         if changed {
             wake();
         }
-        clock::sleep_until(Monotonic::now() + PAUSE, || {
+        let is_found = !lock(&state.found).is_empty();
+        let pause = if is_found { LONG_PAUSE } else { PAUSE };
+        clock::sleep_until(Monotonic::now() + pause, || {
             is_closing() || state.is_hurried.swap(false, Ordering::Relaxed)
         });
     }
