@@ -33,7 +33,7 @@ impl Refusal {
         match self {
             Self::Key => "foreign key",
             Self::Malformed => "malformed",
-            Self::OtherProtocol => "other protocol version",
+            Self::OtherProtocol => "other protocol version: update the older program",
             Self::Oversized => "oversized",
             Self::Overrun => "console too slow",
             Self::OtherBoot => "other boot",

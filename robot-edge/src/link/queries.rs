@@ -93,5 +93,7 @@ fn messages<T: Serialize>(out: &Outgoing, stamp_ns: i64, bodies: &[T]) -> Vec<Ve
 
 fn request<T: DeserializeOwned>(query: &Query) -> Option<T> {
     let bytes = payload(query.payload()?)?;
-    wire::decode(&bytes).ok().map(|(_, request)| request)
+    let request =
+        wire::decode(&bytes).inspect_err(|why| tracing::debug!(%why, "a question is refused"));
+    request.ok().map(|(_, request)| request)
 }

@@ -11,7 +11,7 @@ use protocol::wire;
 use tempfile::tempdir;
 use zenoh::{Config, Session, Wait as _};
 
-use super::processes::{assert_same_maps, console, edge, free_port};
+use super::processes::{Running, assert_same_maps, console, free_port, program, rooms};
 use super::router::router;
 
 /// Memory that either program may take beyond what it had before the garbage.
@@ -92,15 +92,15 @@ fn garbage_is_refused_and_counted_and_nothing_grows() {
     // Everything goes through routers, so that the garbage reaches consoles too.
     let port = free_port();
     let routers = [router(port), router(port + 1)];
-    let mut command = super::processes::program("robot-edge");
+    let mut command = program("robot-edge");
     command
         .arg("replay")
-        .arg(super::processes::rooms())
+        .arg(rooms())
         .args(["--rate", "10", "--stay", "--robot", "scout"]);
     command
         .args(["--connect", &format!("tcp/127.0.0.1:{port}"), "--export"])
         .arg(at("edge"));
-    let mut robot = super::processes::Running::start(&mut command, "edge");
+    let mut robot = Running::start(&mut command, "edge");
     let mut watching = console(port, "scout", &at("console"));
     sleep(Duration::from_secs(3));
     let before = [robot.memory(), watching.memory()];
@@ -166,24 +166,4 @@ fn garbage_is_refused_and_counted_and_nothing_grows() {
     robot.ends_well();
     assert_same_maps(&at("edge"), &at("console"));
     drop(routers);
-}
-
-#[test]
-fn a_console_of_another_version_is_told_so() {
-    let folder = tempdir().unwrap();
-    let port = free_port();
-    let robot = edge(port, "scout", "40", &folder.path().join("edge"));
-    sleep(Duration::from_millis(500));
-    let session = client(port);
-    let replies = session.get("foreshore/scout/info").wait().unwrap();
-    let reply = replies.recv().unwrap();
-    let mut bytes = reply.result().unwrap().payload().to_bytes().into_owned();
-    bytes[0] = 9;
-    let refused = wire::decode::<protocol::message::Info>(&bytes).unwrap_err();
-    assert!(
-        refused.to_string().contains("update the older"),
-        "{refused}"
-    );
-    robot.signal("INT");
-    drop(robot.end());
 }
