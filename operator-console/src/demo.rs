@@ -11,6 +11,7 @@ use anyhow::{Context as _, anyhow};
 use clap::Parser as _;
 use protocol::keys::RobotId;
 use robot_edge::cli::Cli;
+use robot_edge::simulation::World;
 
 /// What the simulated robot is called.
 const NAME: &str = "demo";
@@ -30,8 +31,10 @@ impl Demo {
     /// Starts a robot in `world` (a name or a file), on a port of this machine that is free.
     ///
     /// # Errors
-    /// Where no port is free. A world that does not exist is told by [`Demo::failure`].
+    /// Where there is no such world, or no port is free.
     pub fn start(world: &str) -> anyhow::Result<Self> {
+        // Before a window opens that would wait for it.
+        World::load(world)?;
         let endpoint = free_endpoint().context("no port is free for the simulated robot")?;
         let cli = Cli::try_parse_from([
             "robot-edge",

@@ -105,3 +105,11 @@ fn without_a_screen_the_window_says_what_to_do() {
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("--headless"), "{said}");
 }
+
+#[test]
+fn a_demo_of_a_world_that_is_none_says_so_at_once() {
+    let command = &mut program("operator-console");
+    let (code, said) = Running::start(command.args(["--demo", "nowhere"]), "the window").end();
+    assert_eq!(code, Some(2), "{said}");
+    assert!(said.contains("nowhere") && said.contains("rooms"), "{said}");
+}
