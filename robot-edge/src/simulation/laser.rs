@@ -1,9 +1,12 @@
 //! A planar laser: where its beams point and when, and how its readings err.
 
+mod footprint;
+
 use nalgebra::{Point3, Vector3};
 
 use crate::pose::Pose;
 use crate::scan::Scan;
+use crate::simulation::laser::footprint::Footprint;
 use crate::simulation::noise::NoiseStream;
 use crate::simulation::scene::Scene;
 
@@ -29,6 +32,9 @@ pub struct PlanarLaser {
     pub range_min_m: f32,
     /// Largest range that it measures, metres.
     pub range_max_m: f32,
+    /// Full angle of a beam's cone, radians; 0 is a line. It matters where [`LaserErrors::mixed_pixels`]
+    /// are on.
+    pub beam_divergence_rad: f64,
 }
 
 /// How readings err.
@@ -38,6 +44,9 @@ pub struct LaserErrors {
     pub range_noise_m: f64,
     /// Probability that a beam gives no reading at all.
     pub dropout: f64,
+    /// Probability that a beam whose footprint straddles an edge gives a range of both sides mixed
+    /// instead of the one along its axis; 0 turns mixed pixels off.
+    pub mixed_pixels: f64,
 }
 
 /// The random numbers of one laser.
@@ -46,6 +55,7 @@ pub struct LaserNoise {
     range: NoiseStream,
     dropout: NoiseStream,
     mirror: NoiseStream,
+    mixed: NoiseStream,
 }
 
 impl LaserNoise {
@@ -56,6 +66,7 @@ impl LaserNoise {
             range: stream("range"),
             dropout: stream("dropout"),
             mirror: stream("mirror"),
+            mixed: stream("mixed"),
         }
     }
 }
@@ -74,6 +85,26 @@ impl PlanarLaser {
             rate_hz: 10.0,
             range_min_m: 0.02,
             range_max_m: 5.6,
+            // Data sheet: a spot of 40 mm at 4 m.
+            beam_divergence_rad: 0.01,
+        }
+    }
+
+    /// SICK LMS111 as the elevation document sets it up [LOD §5]: 120° of its 270°, which the document
+    /// counts from 30° to 150° with 90° straight ahead, in steps of 0.25° at 25 Hz. Data sheet: 0.5 … 20 m
+    /// and 15 mrad; its mirror turns once a scan, so 1440 steps take 40 ms.
+    pub fn lms111(base_from_laser: Pose) -> Self {
+        let step_rad = 0.25_f64.to_radians();
+        Self {
+            base_from_laser,
+            beams: 481,
+            angle_min_rad: (-240.0 * step_rad) as f32,
+            angle_increment_rad: step_rad as f32,
+            time_increment_s: (0.04_f64 / 1440.0) as f32,
+            rate_hz: 25.0,
+            range_min_m: 0.5,
+            range_max_m: 20.0,
+            beam_divergence_rad: 0.015,
         }
     }
 
@@ -82,7 +113,8 @@ impl PlanarLaser {
         f64::from(self.beams.saturating_sub(1)) * f64::from(self.time_increment_s)
     }
 
-    /// One sweep. `world_from_base` gives the vehicle's pose at a time in seconds after beam 0.
+    /// One sweep whose beam 0 leaves at `start_s`, seconds since the beginning. `world_from_base` gives the
+    /// vehicle's pose at a time in seconds after beam 0.
     ///
     /// Readings follow REP-117: nothing within range is +∞, too near is −∞, and a dropout is
     /// not-a-number, as `urg_node` gives for the URG's error codes. Every beam draws the same number of
@@ -92,24 +124,31 @@ impl PlanarLaser {
         scene: &Scene,
         errors: LaserErrors,
         noise: &mut LaserNoise,
+        start_s: f64,
         world_from_base: impl Fn(f64) -> Pose,
     ) -> Scan {
         let ranges_m = (0..self.beams)
             .map(|beam| {
-                let time_s = f64::from(beam) * f64::from(self.time_increment_s);
-                let world_from_laser = world_from_base(time_s) * self.base_from_laser;
+                let after_s = f64::from(beam) * f64::from(self.time_increment_s);
+                let world_from_laser = world_from_base(after_s) * self.base_from_laser;
                 let range_error_m = errors.range_noise_m * noise.range.normal();
-                let mirror_chance = noise.mirror.uniform();
+                let surface_chance = noise.mirror.uniform();
+                let mixed_chance = noise.mixed.uniform();
                 if noise.dropout.uniform() < errors.dropout {
                     return f32::NAN;
                 }
-                let path_m = scene.measured_path_m(
-                    Point3::from(world_from_laser.translation.vector),
-                    world_from_laser.rotation * self.direction(beam),
-                    f64::from(self.range_max_m),
-                    mirror_chance,
-                );
-                path_m.map_or(f32::INFINITY, |path_m| self.reading(path_m + range_error_m))
+                let footprint = Footprint {
+                    scene,
+                    origin: Point3::from(world_from_laser.translation.vector),
+                    axis: world_from_laser.rotation * self.direction(beam),
+                    divergence_rad: self.beam_divergence_rad,
+                    max_m: f64::from(self.range_max_m),
+                    time_s: start_s + after_s,
+                    surface_chance,
+                };
+                footprint
+                    .path_m(errors.mixed_pixels, mixed_chance)
+                    .map_or(f32::INFINITY, |path_m| self.reading(path_m + range_error_m))
             })
             .collect();
         Scan {

@@ -1,18 +1,28 @@
 //! Ray casting among the solids of a world.
 
-use nalgebra::{Point3, Vector3};
-use parry3d_f64::math::{Pose as ParryPose, Rotation as ParryRotation, Vector as ParryVector};
+mod beam;
+mod body;
+
+use nalgebra::{Point2, Point3, Vector3};
+use parry3d_f64::math::Vector as ParryVector;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
-use parry3d_f64::query::Ray;
-use parry3d_f64::shape::SharedShape;
+use parry3d_f64::query::{Ray, RayIntersection};
 
-use crate::pose::Pose;
-use crate::simulation::solid::{Reflectivity, Shape, Solid};
+pub use beam::Echo;
 
-/// Solids in a bounding volume hierarchy.
+use crate::simulation::scene::body::Body;
+use crate::simulation::solid::{Reflectivity, Solid};
+
+/// Solids, prepared for rays: what is bounded and stands still in a bounding volume hierarchy, the few
+/// that are endless or move one by one.
 pub struct Scene {
     hierarchy: Bvh,
+    /// Bodies of the hierarchy's leaves.
+    leaves: Vec<usize>,
+    others: Vec<usize>,
     bodies: Vec<Body>,
+    /// Of what stands in the hierarchy; −∞ where nothing does.
+    highest_m: f64,
 }
 
 /// Where a ray meets a surface first.
@@ -20,113 +30,104 @@ pub struct Scene {
 pub struct RayHit {
     /// From the ray's origin, metres; 0 where the origin is inside a solid.
     pub distance_m: f64,
-    /// Unit normal of the surface, outward; zero where the origin is inside a solid.
+    /// Unit normal of the surface, towards the ray; zero where the origin is inside a solid.
     pub normal: Vector3<f64>,
     /// Index of the solid.
     pub solid: usize,
 }
 
-struct Body {
-    shape: SharedShape,
-    /// World from the shape's own frame.
-    placed: ParryPose,
-    reflectivity: Reflectivity,
-}
-
-/// A beam between mirrors that face each other ends somewhere.
-const MAX_REFLECTIONS: usize = 4;
-
-/// How far from the mirror a reflected beam starts, so that it does not meet the same surface again.
-const MIRROR_GAP_M: f64 = 1e-9;
-
 impl Scene {
     /// Prepares `solids`; their indices are those of [`RayHit::solid`].
     pub fn new(solids: &[Solid]) -> Self {
         let bodies: Vec<Body> = solids.iter().map(Body::new).collect();
-        let boxes: Vec<_> = bodies
-            .iter()
-            .map(|body| body.shape.compute_aabb(&body.placed))
-            .collect();
+        let (leaves, others): (Vec<usize>, Vec<usize>) =
+            (0..bodies.len()).partition(|&body| bodies[body].stands_bounded());
+        let boxes: Vec<_> = leaves.iter().map(|&body| bodies[body].box_m()).collect();
         Self {
             hierarchy: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes),
+            highest_m: boxes
+                .iter()
+                .map(|bounds| bounds.maxs.z)
+                .fold(f64::NEG_INFINITY, f64::max),
+            leaves,
+            others,
             bodies,
         }
     }
 
-    /// The first surface along the unit vector `direction` that is nearer than `max_m`.
-    pub fn cast(&self, origin: Point3<f64>, direction: Vector3<f64>, max_m: f64) -> Option<RayHit> {
-        let ray = Ray::new(parry_vector(origin.coords), parry_vector(direction));
-        let (solid, hit) = self.hierarchy.find_best(
-            max_m,
-            |node, nearest_m| node.cast_ray(&ray, nearest_m),
-            |leaf, nearest_m| {
-                let body = self.bodies.get(leaf as usize)?;
-                body.shape
-                    .cast_ray_and_get_normal(&body.placed, &ray, nearest_m, true)
-            },
-        )?;
-        Some(RayHit {
-            distance_m: hit.time_of_impact,
-            normal: Vector3::new(hit.normal.x, hit.normal.y, hit.normal.z),
-            solid: solid as usize,
-        })
-    }
-
-    /// Length of the path that a laser measures along the unit vector `direction`, mirrors included;
-    /// `None` where no surface ends it within `max_m`.
-    ///
-    /// `chance` in [0, 1) decides at every specular surface whether it mirrors. One number serves all:
-    /// given that it fell below a probability p, chance / p is uniform again.
-    pub fn measured_path_m(
+    /// The first surface along the unit vector `direction` that is not farther than `max_m`, at `time_s`
+    /// seconds since the beginning.
+    pub fn cast(
         &self,
         origin: Point3<f64>,
         direction: Vector3<f64>,
         max_m: f64,
-        mut chance: f64,
-    ) -> Option<f64> {
-        let (mut origin, mut direction, mut length_m) = (origin, direction, 0.0);
-        for reflection in 0..=MAX_REFLECTIONS {
-            let hit = self.cast(origin, direction, max_m - length_m)?;
-            length_m += hit.distance_m;
-            let probability = match self.bodies.get(hit.solid)?.reflectivity {
-                Reflectivity::Diffuse => 0.0,
-                Reflectivity::Specular { probability } => probability,
-            };
-            let inside = hit.normal == Vector3::zeros();
-            if chance >= probability || inside || reflection == MAX_REFLECTIONS {
-                return Some(length_m);
-            }
-            chance /= probability;
-            origin += direction * hit.distance_m + hit.normal * MIRROR_GAP_M;
-            direction -= hit.normal * (2.0 * direction.dot(&hit.normal));
+        time_s: f64,
+    ) -> Option<RayHit> {
+        let ray = Ray::new(parry_vector(origin.coords), parry_vector(direction));
+        let standing = self.hierarchy.find_best(
+            max_m,
+            |node, nearest_m| node.cast_ray(&ray, nearest_m),
+            |leaf, nearest_m| self.leaf(leaf)?.cast(&ray, nearest_m, time_s),
+        );
+        let mut nearest =
+            standing.and_then(|(leaf, hit)| Some((*self.leaves.get(leaf as usize)?, hit)));
+        for &index in &self.others {
+            let nearest_m = nearest.map_or(max_m, |(_, hit)| hit.time_of_impact);
+            let hit = self.bodies.get(index)?.cast(&ray, nearest_m, time_s);
+            nearest = hit.map(|hit| (index, hit)).or(nearest);
         }
-        None
+        nearest.map(|(solid, hit)| RayHit::new(solid, &hit))
+    }
+
+    /// Height of the highest surface above or below a point, as seen from above, metres; `None` where
+    /// there is none.
+    pub fn height_m(&self, at: Point2<f64>, time_s: f64) -> Option<f64> {
+        let highest_m = self
+            .others
+            .iter()
+            .filter_map(|&index| self.bodies.get(index)?.top_m(at, time_s))
+            .fold(self.highest_m, f64::max);
+        if highest_m == f64::NEG_INFINITY {
+            return None;
+        }
+        let from_m = highest_m + ABOVE_ALL_M;
+        let down = -Vector3::z();
+        let hit = self.cast(Point3::new(at.x, at.y, from_m), down, f64::MAX, time_s)?;
+        Some(from_m - hit.distance_m)
+    }
+
+    fn leaf(&self, leaf: u32) -> Option<&Body> {
+        self.bodies.get(*self.leaves.get(leaf as usize)?)
+    }
+
+    fn reflectivity(&self, solid: usize) -> Reflectivity {
+        self.bodies
+            .get(solid)
+            .map_or(Reflectivity::Diffuse, Body::reflectivity)
     }
 }
 
-impl Body {
-    fn new(solid: &Solid) -> Self {
-        let shape = match solid.shape {
-            Shape::Box { size_m: [x, y, z] } => SharedShape::cuboid(0.5 * x, 0.5 * y, 0.5 * z),
-        };
+/// From where [`Scene::height_m`] looks down.
+const ABOVE_ALL_M: f64 = 1.0;
+
+impl RayHit {
+    fn new(solid: usize, hit: &RayIntersection) -> Self {
+        let inside = hit.time_of_impact <= 0.0;
         Self {
-            shape,
-            placed: parry_pose(&solid.world_from_solid),
-            reflectivity: solid.reflectivity,
+            distance_m: hit.time_of_impact.max(0.0),
+            normal: if inside {
+                Vector3::zeros()
+            } else {
+                Vector3::new(hit.normal.x, hit.normal.y, hit.normal.z)
+            },
+            solid,
         }
     }
 }
 
 fn parry_vector(v: Vector3<f64>) -> ParryVector {
     ParryVector::new(v.x, v.y, v.z)
-}
-
-fn parry_pose(pose: &Pose) -> ParryPose {
-    let q = pose.rotation.quaternion();
-    ParryPose::from_parts(
-        parry_vector(pose.translation.vector),
-        ParryRotation::from_xyzw(q.i, q.j, q.k, q.w),
-    )
 }
 
 #[cfg(test)]

@@ -1,30 +1,54 @@
 //! What stands in a world.
 
-use nalgebra::{Point2, Point3};
+pub mod mesh;
+pub mod motion;
+pub mod section;
+
+use nalgebra::Point3;
 
 use crate::pose::Pose;
+use crate::simulation::solid::mesh::Mesh;
+use crate::simulation::solid::motion::Motion;
 
 /// One solid thing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solid {
     /// What messages call it; empty where the world file gives it no name.
     pub name: String,
-    /// Its form, about its own centre.
+    /// Its form, in its own frame.
     pub shape: Shape,
-    /// Where its centre is; turned about z only.
+    /// Where its own frame is while it stands still.
     pub world_from_solid: Pose,
     /// What its surface does to a laser beam.
     pub reflectivity: Reflectivity,
+    /// How it moves; `None` where it stands still.
+    pub motion: Option<Motion>,
 }
 
 /// Form of a solid.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
-    /// A box; a wall is one too.
+    /// Everything below its own plane z = 0, without end.
+    Plane,
+    /// A box about its own centre; a wall is one too.
     Box {
         /// Edge lengths along the solid's own x, y, z, metres.
         size_m: [f64; 3],
     },
+    /// A cylinder about its own centre, its axis along its own z.
+    Cylinder {
+        /// Metres.
+        radius_m: f64,
+        /// Along the axis, metres.
+        height_m: f64,
+    },
+    /// A sphere about its own centre.
+    Sphere {
+        /// Metres.
+        radius_m: f64,
+    },
+    /// Triangles: a surface seen from both sides, without an inside.
+    Mesh(Mesh),
 }
 
 /// What a surface does to a laser beam.
@@ -38,54 +62,52 @@ pub enum Reflectivity {
         /// 0 … 1, for each beam on its own.
         probability: f64,
     },
+    /// With this probability lets it through: the range is then the distance to what is behind. Without
+    /// refraction, which shifts a beam by less than the thickness of a pane.
+    Glass {
+        /// 0 … 1, for each beam and pane on its own.
+        transmission: f64,
+    },
 }
 
 impl Solid {
-    /// Corners of its section at `height_m`, a convex polygon counter-clockwise; `None` where the plane
-    /// passes above or below it.
-    pub fn section(&self, height_m: f64) -> Option<Vec<Point2<f64>>> {
-        let Shape::Box {
-            size_m: [length, width, height],
-        } = self.shape;
-        let above_centre = height_m - self.world_from_solid.translation.z;
-        (above_centre.abs() <= 0.5 * height).then(|| {
-            [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]
-                .map(|(along, across)| {
-                    let corner = Point3::new(along * length, across * width, above_centre);
-                    (self.world_from_solid * corner).xy()
-                })
-                .to_vec()
+    /// The solid as it stands at a time, in seconds since the beginning, without its motion; `None` where
+    /// it is not there.
+    pub fn at(&self, time_s: f64) -> Option<Self> {
+        let mut still = Self {
+            motion: None,
+            ..self.clone()
+        };
+        if let Some(motion) = &self.motion {
+            let offset_m = motion.offset_m(time_s)?;
+            still.world_from_solid.translation.x += offset_m.x;
+            still.world_from_solid.translation.y += offset_m.y;
+        }
+        Some(still)
+    }
+
+    /// The corners of a box in the world, so that two whose numbers differ in one bit share an edge.
+    pub(in crate::simulation) fn box_corners_m(&self, size_m: [f64; 3]) -> [Point3<f64>; 8] {
+        std::array::from_fn(|corner| {
+            let side = |axis: usize| if corner >> axis & 1 == 0 { -0.5 } else { 0.5 };
+            let at = std::array::from_fn(|axis| side(axis) * size_m[axis]);
+            self.world_from_solid * Point3::from(at)
         })
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::pose;
-
-    #[test]
-    fn section_of_a_turned_box() {
-        let mut centre = pose::planar(1.0, 2.0, std::f64::consts::FRAC_PI_2);
-        centre.translation.z = 0.5;
-        let solid = Solid {
-            name: String::new(),
-            shape: Shape::Box {
-                size_m: [4.0, 2.0, 1.0],
-            },
-            world_from_solid: centre,
-            reflectivity: Reflectivity::Diffuse,
-        };
-        let corners = solid.section(0.3).unwrap();
-        for (corner, expected) in
-            corners
-                .iter()
-                .zip([[2.0, 0.0], [2.0, 4.0], [0.0, 4.0], [0.0, 0.0]])
-        {
-            assert!((corner - Point2::from(expected)).norm() < 1e-12, "{corner}");
-        }
-        assert!(solid.section(1.0).is_some());
-        assert_eq!(solid.section(1.001), None);
-        assert_eq!(solid.section(-0.001), None);
-    }
-}
+/// Pairs of [`Solid::box_corners_m`] that an edge joins.
+pub(in crate::simulation) const BOX_EDGES: [[usize; 2]; 12] = [
+    [0, 1],
+    [2, 3],
+    [4, 5],
+    [6, 7],
+    [0, 2],
+    [1, 3],
+    [4, 6],
+    [5, 7],
+    [0, 4],
+    [1, 5],
+    [2, 6],
+    [3, 7],
+];

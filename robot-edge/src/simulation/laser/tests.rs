@@ -7,6 +7,7 @@ use crate::simulation::solid::{Reflectivity, Shape, Solid};
 const EXACT: LaserErrors = LaserErrors {
     range_noise_m: 0.0,
     dropout: 0.0,
+    mixed_pixels: 0.0,
 };
 
 fn laser() -> PlanarLaser {
@@ -22,6 +23,7 @@ fn wall_at(x_m: f64) -> Scene {
         },
         world_from_solid: pose::planar(x_m + 0.5, 0.0, 0.0),
         reflectivity: Reflectivity::Diffuse,
+        motion: None,
     }])
 }
 
@@ -40,7 +42,7 @@ fn each_beam_starts_from_the_pose_of_its_own_time() {
     let pose_at = |t: f64| pose::planar(t, 0.0, 2.0 * t);
     let laser = laser();
     let mut noise = LaserNoise::new(0, "laser");
-    let scan = laser.sweep(&wall_at(3.0), EXACT, &mut noise, pose_at);
+    let scan = laser.sweep(&wall_at(3.0), EXACT, &mut noise, 0.0, pose_at);
     let mut hits = 0;
     for (beam, &range_m) in scan.ranges_m.iter().enumerate() {
         let time_s = beam as f64 * f64::from(scan.time_increment_s);
@@ -58,7 +60,7 @@ fn each_beam_starts_from_the_pose_of_its_own_time() {
     }
     assert!(hits > 300, "{hits}");
     // Had all beams started from the first pose, the last would be off by 13 cm and more.
-    let frozen = laser.sweep(&wall_at(3.0), EXACT, &mut noise, |_| pose_at(0.0));
+    let frozen = laser.sweep(&wall_at(3.0), EXACT, &mut noise, 0.0, |_| pose_at(0.0));
     let beam = 341 + 100;
     assert!((frozen.ranges_m[beam] - scan.ranges_m[beam]).abs() > 0.05);
 }
@@ -68,7 +70,7 @@ fn a_mount_places_and_tilts_the_beams() {
     let mut laser = laser();
     laser.base_from_laser = Pose::new(Vector3::new(0.2, 0.0, 0.3), Vector3::new(0.0, 0.5, 0.0));
     let mut noise = LaserNoise::new(0, "laser");
-    let scan = laser.sweep(&wall_at(1.2), EXACT, &mut noise, |_| Pose::identity());
+    let scan = laser.sweep(&wall_at(1.2), EXACT, &mut noise, 0.0, |_| Pose::identity());
     // The wall reaches down to −0.5: 1 m ahead the tilted beam is at 0.3 − tan(0.5) = −0.246.
     assert!((f64::from(scan.ranges_m[341]) - 1.0 / libm::cos(0.5)).abs() < 1e-6);
 }
@@ -77,7 +79,7 @@ fn a_mount_places_and_tilts_the_beams() {
 fn readings_outside_the_range_follow_rep_117() {
     let mut noise = LaserNoise::new(0, "laser");
     let mut reading = |x_m: f64| {
-        let scan = laser().sweep(&wall_at(x_m), EXACT, &mut noise, |_| Pose::identity());
+        let scan = laser().sweep(&wall_at(x_m), EXACT, &mut noise, 0.0, |_| Pose::identity());
         scan.ranges_m[341]
     };
     assert_eq!(reading(5.7), f32::INFINITY);
@@ -91,15 +93,16 @@ fn noise_and_dropouts_have_the_configured_size() {
     let errors = LaserErrors {
         range_noise_m: 0.01,
         dropout: 0.005,
+        mixed_pixels: 0.0,
     };
     let scene = wall_at(2.0);
     let mut noise = LaserNoise::new(3, "laser");
     let mut exact = LaserNoise::new(3, "laser");
-    let truth = laser().sweep(&scene, EXACT, &mut exact, |_| Pose::identity());
+    let truth = laser().sweep(&scene, EXACT, &mut exact, 0.0, |_| Pose::identity());
     let (mut n, mut sum, mut squares) = (0.0_f64, 0.0_f64, 0.0_f64);
     let (mut dropped, mut beams) = (0.0_f64, 0.0_f64);
     for _ in 0..400 {
-        let scan = laser().sweep(&scene, errors, &mut noise, |_| Pose::identity());
+        let scan = laser().sweep(&scene, errors, &mut noise, 0.0, |_| Pose::identity());
         for (&measured, &true_m) in scan.ranges_m.iter().zip(&truth.ranges_m) {
             beams += 1.0;
             if measured.is_nan() {
@@ -133,9 +136,10 @@ fn switching_dropouts_off_leaves_the_range_noise_as_it_was() {
         let errors = LaserErrors {
             range_noise_m: 0.01,
             dropout,
+            mixed_pixels: 0.0,
         };
         let mut noise = LaserNoise::new(5, "laser");
-        laser().sweep(&wall_at(2.0), errors, &mut noise, |_| Pose::identity())
+        laser().sweep(&wall_at(2.0), errors, &mut noise, 0.0, |_| Pose::identity())
     };
     let (some, none) = (sweep(0.3), sweep(0.0));
     let mut dropped = 0;
@@ -148,3 +152,5 @@ fn switching_dropouts_off_leaves_the_range_noise_as_it_was() {
     }
     assert!((150..260).contains(&dropped), "{dropped}");
 }
+
+mod footprint;

@@ -4,6 +4,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::pose;
+use crate::simulation::solid::Shape;
 
 fn solid(centre_m: [f64; 3], size_m: [f64; 3], reflectivity: Reflectivity) -> Solid {
     let mut world_from_solid = pose::planar(centre_m[0], centre_m[1], 0.0);
@@ -13,6 +14,7 @@ fn solid(centre_m: [f64; 3], size_m: [f64; 3], reflectivity: Reflectivity) -> So
         shape: Shape::Box { size_m },
         world_from_solid,
         reflectivity,
+        motion: None,
     }
 }
 
@@ -54,7 +56,7 @@ proptest! {
             .fold(f64::INFINITY, f64::min);
 
         let turn = pose::planar(0.0, 0.0, yaw_rad);
-        let hit = room(yaw_rad).cast(turn * origin, turn.rotation * direction, 100.0).unwrap();
+        let hit = room(yaw_rad).cast(turn * origin, turn.rotation * direction, 100.0, 0.0).unwrap();
         prop_assert!((hit.distance_m - expected).abs() <= 1e-9, "{} {}", hit.distance_m, expected);
         let inward = turn.rotation.inverse() * hit.normal;
         prop_assert!(inward.dot(&direction) < 0.0 && (inward.amax() - 1.0).abs() < 1e-12);
@@ -74,10 +76,10 @@ proptest! {
         let origin = Point3::new(place.0, place.1, 0.0);
         let direction = (Point3::new(3.0, aim_y_m, 0.0) - origin).normalize();
         let expected = (9.0 - place.0) / direction.x;
-        let path_m = scene.measured_path_m(origin, direction, 100.0, 0.5).unwrap();
+        let path_m = scene.echo(origin, direction, 100.0, 0.0, 0.5).unwrap().path_m;
         prop_assert!((path_m - expected).abs() < 1e-8, "{path_m} {expected}");
         // Too long a path is no reading, even though the mirror itself is near.
-        prop_assert_eq!(scene.measured_path_m(origin, direction, expected - 0.01, 0.5), None);
+        prop_assert_eq!(scene.echo(origin, direction, expected - 0.01, 0.0, 0.5), None);
     }
 }
 
@@ -88,9 +90,12 @@ fn chance_decides_whether_a_specular_surface_mirrors() {
         solid([2.5, 0.0, 0.0], [1.0, 1.0, 1.0], mirror),
         solid([-2.5, 0.0, 0.0], [1.0, 1.0, 1.0], mirror),
     ]);
-    let path_m = |chance| scene.measured_path_m(Point3::origin(), Vector3::x(), 100.0, chance);
+    let path_m = |chance| {
+        let echo = scene.echo(Point3::origin(), Vector3::x(), 100.0, 0.0, chance);
+        echo.map(|echo| echo.path_m)
+    };
     assert_eq!(path_m(0.3), Some(2.0));
-    assert_eq!(path_m(0.299), Some(6.0 - MIRROR_GAP_M));
+    assert_eq!(path_m(0.299), Some(6.0 - 1e-9));
     // 0.3² lets it be mirrored twice, and between facing mirrors there is an end.
     assert!((path_m(0.089).unwrap() - 10.0).abs() < 1e-8);
     assert!((path_m(0.0).unwrap() - 18.0).abs() < 1e-7);
@@ -103,14 +108,16 @@ fn nothing_within_reach_is_no_hit_and_inside_a_solid_is_a_hit_at_once() {
         [1.0, 1.0, 1.0],
         Reflectivity::Diffuse,
     )]);
-    assert_eq!(scene.cast(Point3::origin(), Vector3::x(), 1.999), None);
-    assert_eq!(scene.cast(Point3::origin(), Vector3::y(), 100.0), None);
+    assert_eq!(scene.cast(Point3::origin(), Vector3::x(), 1.999, 0.0), None);
+    assert_eq!(scene.cast(Point3::origin(), Vector3::y(), 100.0, 0.0), None);
     let inside = scene
-        .cast(Point3::new(2.5, 0.0, 0.0), Vector3::x(), 100.0)
+        .cast(Point3::new(2.5, 0.0, 0.0), Vector3::x(), 100.0, 0.0)
         .unwrap();
     assert_eq!(inside.distance_m, 0.0);
     assert_eq!(
-        Scene::new(&[]).cast(Point3::origin(), Vector3::x(), 100.0),
+        Scene::new(&[]).cast(Point3::origin(), Vector3::x(), 100.0, 0.0),
         None
     );
 }
+
+mod shapes;

@@ -3,8 +3,9 @@
 use nalgebra::{Point2, Vector2};
 
 use crate::simulation::solid::Solid;
+use crate::simulation::solid::section::Section;
 
-/// The boundary of the union of the solids' sections.
+/// The boundary of the union of the solids' sections; moving solids are left out.
 ///
 /// Where solids overlap or stand flush against each other the surface between them is no surface: no beam
 /// reaches it.
@@ -18,14 +19,22 @@ pub struct Outline {
 const FLUSH_M: f64 = 1e-9;
 
 impl Outline {
-    /// The outline of what of `solids` reaches `height_m`.
+    /// The outline of what of `solids` reaches `height_m` and stands still.
     pub fn at_height(solids: &[Solid], height_m: f64) -> Self {
-        Self::of_sections(
-            solids
-                .iter()
-                .filter_map(|solid| solid.section(height_m))
-                .collect(),
-        )
+        let (mut areas, mut lines) = (Vec::new(), Vec::new());
+        for solid in solids.iter().filter(|solid| solid.motion.is_none()) {
+            match solid.section(height_m) {
+                Section::Nothing => {}
+                Section::Area(corners) => areas.push(corners),
+                Section::Lines(pieces) => lines.extend(pieces),
+            }
+        }
+        let mut outline = Self::of_sections(areas);
+        for line in lines {
+            let visible = visible_parts(line, &mut outline.sections.iter());
+            outline.segments.extend(visible);
+        }
+        outline
     }
 
     /// The outline of convex polygons, each counter-clockwise.
@@ -33,26 +42,17 @@ impl Outline {
         let mut segments = Vec::new();
         for (index, section) in sections.iter().enumerate() {
             for edge in edges(section) {
-                let mut visible = vec![[0.0, 1.0]];
-                for (other, cover) in sections.iter().enumerate() {
-                    if other != index
-                        && let Some(hidden) = hidden_part(edge, cover)
-                    {
-                        visible = without(&visible, hidden);
-                    }
-                }
-                let [a, b] = edge;
-                segments.extend(
-                    visible
-                        .into_iter()
-                        .map(|part| part.map(|t| a + (b - a) * t)),
-                );
+                let mut others = sections
+                    .iter()
+                    .enumerate()
+                    .filter_map(|(other, cover)| (other != index).then_some(cover));
+                segments.extend(visible_parts(edge, &mut others));
             }
         }
         Self { sections, segments }
     }
 
-    /// Straight pieces of surface, the solid on their left.
+    /// Straight pieces of surface, the solid on their left where it has an inside.
     pub fn segments(&self) -> &[[Point2<f64>; 2]] {
         &self.segments
     }
@@ -95,6 +95,24 @@ fn outward_distance_m([a, b]: [Point2<f64>; 2], point: Point2<f64>) -> f64 {
 fn outward_normal([a, b]: [Point2<f64>; 2]) -> Vector2<f64> {
     let along = b - a;
     Vector2::new(along.y, -along.x) / along.norm()
+}
+
+/// What of `edge` no polygon of `covers` hides.
+fn visible_parts(
+    edge: [Point2<f64>; 2],
+    covers: &mut dyn Iterator<Item = &Vec<Point2<f64>>>,
+) -> Vec<[Point2<f64>; 2]> {
+    let mut visible = vec![[0.0, 1.0]];
+    for cover in covers {
+        if let Some(hidden) = hidden_part(edge, cover) {
+            visible = without(&visible, hidden);
+        }
+    }
+    let [a, b] = edge;
+    visible
+        .into_iter()
+        .map(|part| part.map(|t| a + (b - a) * t))
+        .collect()
 }
 
 /// The part of `edge`, as parameters in [0, 1], that the convex polygon `cover` hides.

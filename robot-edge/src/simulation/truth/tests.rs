@@ -16,7 +16,7 @@ fn drawn(grid: &TruthGrid) -> Vec<String> {
         .map(|row| {
             (0..width)
                 .map(|column| {
-                    let index = [grid.index(0, column), grid.index(1, row)];
+                    let index = grid.grid.index(row * width + column);
                     match grid.get(index).unwrap().kind {
                         CellKind::Free => '.',
                         CellKind::Occupied => '#',

@@ -35,11 +35,13 @@ impl Fault {
     /// The key whose value the fault's span is, read backwards from it.
     pub(super) fn key_in(&self, text: &str) -> Option<String> {
         let before = text.get(..self.span.as_ref()?.start)?;
-        let line = before.rsplit('\n').next()?;
-        let (left, value) = line.rsplit_once('=')?;
+        let (left, value) = before.rsplit_once('=')?;
         // Elements of an array belong to the key before its bracket; anything else is not this key's value.
-        let is_its_value = value.chars().all(|c| !matches!(c, '{' | '}' | '#' | '"'));
-        let key = left.trim_end().rsplit([' ', ',', '{', '\t']).next()?;
+        let count = |bracket: char| value.matches(bracket).count();
+        let is_in_array = count('[') > count(']');
+        let is_its_value = (is_in_array || !value.contains('\n'))
+            && value.chars().all(|c| !matches!(c, '{' | '}' | '#' | '"'));
+        let key = left.trim_end().rsplit([' ', ',', '{', '\t', '\n']).next()?;
         (is_its_value && !key.is_empty()).then(|| key.to_owned())
     }
 }

@@ -1,10 +1,20 @@
 //! The format of world files: TOML, every key known, every error with its line.
 //!
+//! x, y and z are those of the world, z is up. Angles are those of a sensor's mount: roll about x, then
+//! pitch about y, then yaw about z; positive pitch is nose down.
+//!
 //! ```toml
 //! name = "yard"
-//! vehicle = "pioneer"                 # a vehicle preset
-//! noise = { range_m = 0.01, dropout = 0.005 }
+//! vehicle = "holos"                   # a vehicle preset
 //! start = { x_m = 0.0, y_m = 0.0, yaw_deg = 90.0 }
+//!
+//! [noise]
+//! range_m = 0.01                      # standard deviation
+//! dropout = 0.005                     # probability per beam
+//! mixed_pixels = 0.3                  # default 0: probability per beam whose spot straddles an edge
+//! beam_divergence_mrad = 15.0         # default: of the laser's data sheet; full angle, 0 is a line
+//! attitude_deg = 0.1                  # standard deviation; default: that of the vehicle's AHRS
+//! encoder_scale_error = 0.048         # default 0; this one reads 4.8 % too far
 //!
 //! [path]
 //! speed_mps = 0.5                     # a waypoint may say its own
@@ -13,28 +23,66 @@
 //! waypoints = [{ x_m = 0.0, y_m = 4.0 }, { x_m = 3.0, y_m = 4.0, speed_mps = 0.2 }]
 //!
 //! [[solids]]
-//! shape = "wall"                      # stands on the ground, cut square at both ends
+//! shape = "plane"                     # ground without end: solid below it, so no hole fits in
+//! point_m = [0.0, 0.0, 0.0]           # default; a point on it
+//! pitch_deg = 0.0                     # default; so are yaw_deg and roll_deg
+//!
+//! [[solids]]
+//! shape = "wall"                      # stands on z = 0, cut square at both ends
 //! from_m = [-1.0, -1.0]               # ends of its centre line
 //! to_m = [5.0, -1.0]
 //! thickness_m = 0.15
 //! height_m = 2.5
+//! reflectivity.glass = { transmission = 0.9 }     # per beam
 //!
 //! [[solids]]
 //! shape = "box"
-//! name = "crate"                      # optional, for messages
+//! name = "crate"                      # optional, for messages; for every shape
 //! centre_m = [2.0, 1.0, 0.4]
 //! size_m = [1.2, 0.8, 0.8]            # along its own x, y, z
-//! yaw_deg = 30.0                      # default 0
-//! reflectivity.specular = { probability = 0.3 }   # default: reflectivity = "diffuse"
+//! yaw_deg = 30.0                      # default 0; so are pitch_deg and roll_deg
+//! reflectivity.specular = { probability = 0.3 }   # default: "diffuse"; for every shape
+//!
+//! [[solids]]
+//! shape = "cylinder"                  # upright
+//! base_m = [4.0, 1.0, 0.0]            # centre of its bottom; or centre_m
+//! radius_m = 0.25
+//! height_m = 1.75
+//! # For every shape: offsets from where it stands, straight in between, at rest before and after.
+//! motion = [{ t_s = 2.0, x_m = 0.0, y_m = 0.0 }, { t_s = 6.0, x_m = 0.0, y_m = 5.0 }]
+//! appears_s = 2.0                     # default: there from the beginning
+//! leaves_s = 6.0                      # default: there until the end
+//!
+//! [[solids]]
+//! shape = "sphere"
+//! centre_m = [3.0, 2.0, 0.3]
+//! radius_m = 0.3
+//!
+//! [[solids]]
+//! shape = "mesh"                      # a surface, seen from both sides
+//! vertices_m = [[0.0, 5.0, 0.0], [1.0, 5.0, 0.0], [0.0, 6.0, 0.4]]
+//! triangles = [[0, 1, 2]]             # vertices, counted from 0
+//!
+//! [[solids]]
+//! shape = "height_field"              # a surface of two triangles between four heights
+//! origin_m = [5.0, 5.0, 0.0]          # of the first height
+//! spacing_m = 0.5                     # between heights, along x and y
+//! heights_m = [[0.0, 0.1, 0.0], [0.0, 0.2, 0.1]]  # above the origin; rows of growing y, in a row growing x
 //! ```
 
+mod solids;
+
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 use toml::Spanned;
-use toml::de::{DeTable, DeValue, ValueDeserializer};
+use toml::de::DeTable;
 
 use super::fault::Fault;
-use super::number::{Coordinate, NotNegative, Positive, Probability};
+use super::number::{Coordinate, HalfTurnDegrees, NotNegative, Positive, Probability, ScaleError};
+
+pub(super) use solids::{
+    AnySolid, BoxEntry, CylinderEntry, HeightFieldEntry, MeshEntry, PlaneEntry, ReflectivityEntry,
+    ShapeEntry, SolidEntry, SphereEntry, WallEntry,
+};
 
 /// A parsed file: the numbers are finite and within their bounds, nothing else is checked.
 #[derive(Debug)]
@@ -59,6 +107,12 @@ pub(super) struct Header {
 pub(super) struct NoiseEntry {
     pub(super) range_m: NotNegative,
     pub(super) dropout: Probability,
+    #[serde(default)]
+    pub(super) mixed_pixels: Probability,
+    pub(super) beam_divergence_mrad: Option<NotNegative>,
+    pub(super) attitude_deg: Option<HalfTurnDegrees>,
+    #[serde(default)]
+    pub(super) encoder_scale_error: ScaleError,
 }
 
 #[derive(Debug, Deserialize)]
@@ -88,100 +142,14 @@ pub(super) struct WaypointEntry {
     pub(super) corner_radius_m: Option<NotNegative>,
 }
 
-/// One `[[solids]]`, told apart by its `shape`.
-#[derive(Debug)]
-pub(super) enum SolidEntry {
-    Box(BoxEntry),
-    Wall(WallEntry),
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct BoxEntry {
-    #[serde(default)]
-    pub(super) name: String,
-    pub(super) centre_m: [Coordinate; 3],
-    pub(super) size_m: [Positive; 3],
-    #[serde(default)]
-    pub(super) yaw_deg: Coordinate,
-    #[serde(default)]
-    pub(super) reflectivity: ReflectivityEntry,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct WallEntry {
-    #[serde(default)]
-    pub(super) name: String,
-    pub(super) from_m: [Coordinate; 2],
-    pub(super) to_m: [Coordinate; 2],
-    pub(super) thickness_m: Positive,
-    pub(super) height_m: Positive,
-    #[serde(default)]
-    pub(super) reflectivity: ReflectivityEntry,
-}
-
-#[derive(Debug, Default, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub(super) enum ReflectivityEntry {
-    #[default]
-    Diffuse,
-    Specular(SpecularEntry),
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct SpecularEntry {
-    pub(super) probability: Probability,
-}
-
 /// Parses the text of a world file.
 pub(super) fn parse(text: &str) -> Result<WorldFile, Fault> {
     let mut document = DeTable::parse(text)?;
     // Taken out first: serde's own tagged enums forget where in the text their values stood.
     let solids = match document.get_mut().remove("solids") {
-        Some(solids) => parse_solids(solids)?,
+        Some(solids) => solids::parse(solids)?,
         None => Vec::new(),
     };
     let header = Header::deserialize(toml::de::Deserializer::from(document))?;
     Ok(WorldFile { header, solids })
-}
-
-fn parse_solids(solids: Spanned<DeValue<'_>>) -> Result<Vec<Spanned<SolidEntry>>, Fault> {
-    let (span, found) = (solids.span(), solids.get_ref().type_str());
-    if let DeValue::Array(solids) = solids.into_inner() {
-        solids.into_iter().map(parse_solid).collect()
-    } else {
-        let message = format!("expected `[[solids]]` tables, found {found}");
-        Err(Fault::new(span, message))
-    }
-}
-
-fn parse_solid(mut solid: Spanned<DeValue<'_>>) -> Result<Spanned<SolidEntry>, Fault> {
-    let span = solid.span();
-    let shape = if let DeValue::Table(table) = solid.get_mut() {
-        table.remove("shape")
-    } else {
-        None
-    };
-    let Some(shape) = shape else {
-        return Err(Fault::new(
-            span,
-            "a solid needs `shape`, which is \"box\" or \"wall\"",
-        ));
-    };
-    let entry = match shape.get_ref().as_str() {
-        Some("box") => SolidEntry::Box(deserialize(solid)?),
-        Some("wall") => SolidEntry::Wall(deserialize(solid)?),
-        other => {
-            let name = other.map(|name| format!(" \"{name}\"")).unwrap_or_default();
-            let message = format!("unknown `shape`{name}, expected \"box\" or \"wall\"");
-            return Err(Fault::new(shape.span(), message));
-        }
-    };
-    Ok(Spanned::new(span, entry))
-}
-
-fn deserialize<T: DeserializeOwned>(value: Spanned<DeValue<'_>>) -> Result<T, Fault> {
-    Ok(T::deserialize(ValueDeserializer::from(value))?)
 }

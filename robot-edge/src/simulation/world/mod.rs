@@ -23,6 +23,8 @@ pub struct World {
     name: String,
     vehicle: SimulatedVehicle,
     errors: LaserErrors,
+    attitude_noise_rad: f64,
+    encoder_scale_error: f64,
     solids: Arc<[Solid]>,
     scene: Arc<Scene>,
     path: Arc<Path>,
@@ -72,8 +74,19 @@ pub enum WorldError {
 }
 
 /// Name and text of the built-in worlds.
-const BUILT_IN: &[(&str, &str)] = &[("rooms", include_str!("../../../worlds/rooms.toml"))];
-const BUILT_IN_NAMES: &[&str] = &["rooms"];
+const BUILT_IN: &[(&str, &str)] = &[
+    ("rooms", include_str!("../../../worlds/rooms.toml")),
+    ("hall", include_str!("../../../worlds/hall.toml")),
+    ("floor", include_str!("../../../worlds/floor.toml")),
+    ("ramp", include_str!("../../../worlds/ramp.toml")),
+    ("street", include_str!("../../../worlds/street.toml")),
+    ("bumps", include_str!("../../../worlds/bumps.toml")),
+    ("turn", include_str!("../../../worlds/turn.toml")),
+    ("walker", include_str!("../../../worlds/walker.toml")),
+];
+const BUILT_IN_NAMES: &[&str] = &[
+    "rooms", "hall", "floor", "ramp", "street", "bumps", "turn", "walker",
+];
 
 const MAX_FILE_BYTES: u64 = 4 << 20;
 
@@ -134,6 +147,16 @@ impl World {
     /// How its laser errs unless the options say otherwise.
     pub fn laser_errors(&self) -> LaserErrors {
         self.errors
+    }
+
+    /// Standard deviation of its AHRS's roll, pitch and yaw unless the options say otherwise, radians.
+    pub fn attitude_noise_rad(&self) -> f64 {
+        self.attitude_noise_rad
+    }
+
+    /// Share by which its wheel encoders read too far unless the options say otherwise.
+    pub fn encoder_scale_error(&self) -> f64 {
+        self.encoder_scale_error
     }
 
     /// What stands in it, in the file's order.

@@ -20,9 +20,19 @@ pub(super) struct Positive(pub(super) f64);
 pub(super) struct NotNegative(pub(super) f64);
 
 /// A number from 0 to 1.
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
 #[serde(try_from = "f64")]
 pub(super) struct Probability(pub(super) f64);
+
+/// An angle from 0 to 180.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(try_from = "f64")]
+pub(super) struct HalfTurnDegrees(pub(super) f64);
+
+/// A share by which something reads too much: from −0.9, below which it would hardly read anything, to 10.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(try_from = "f64")]
+pub(super) struct ScaleError(pub(super) f64);
 
 impl TryFrom<f64> for Coordinate {
     type Error = String;
@@ -49,6 +59,20 @@ impl TryFrom<f64> for Probability {
     type Error = String;
     fn try_from(value: f64) -> Result<Self, String> {
         within(value, 0.0..=1.0).map(Self)
+    }
+}
+
+impl TryFrom<f64> for HalfTurnDegrees {
+    type Error = String;
+    fn try_from(value: f64) -> Result<Self, String> {
+        within(value, 0.0..=180.0).map(Self)
+    }
+}
+
+impl TryFrom<f64> for ScaleError {
+    type Error = String;
+    fn try_from(value: f64) -> Result<Self, String> {
+        within(value, -0.9..=10.0).map(Self)
     }
 }
 

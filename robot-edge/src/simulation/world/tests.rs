@@ -40,7 +40,9 @@ fn a_small_world_is_read_as_written() {
     let [wall, crate_] = world.solids() else {
         panic!("{:?}", world.solids())
     };
-    let Shape::Box { size_m } = wall.shape;
+    let Shape::Box { size_m } = wall.shape else {
+        panic!("{wall:?}")
+    };
     assert_eq!(size_m, [3.0, 0.2, 2.5]);
     assert_eq!(
         wall.world_from_solid.translation.vector.as_slice(),
@@ -110,12 +112,12 @@ fn errors_name_file_line_and_key() {
         (
             "specular",
             "shiny",
-            "small.toml:26: unknown variant `shiny`, expected `diffuse` or `specular`",
+            "small.toml:26: unknown variant `shiny`, expected one of `diffuse`, `specular`, `glass`",
         ),
         (
             "\"box\"",
-            "\"sphere\"",
-            "small.toml:21: `shape`: unknown `shape` \"sphere\", expected \"box\" or \"wall\"",
+            "\"ball\"",
+            "small.toml:21: `shape`: unknown `shape` \"ball\", expected \"plane\", \"box\", \"wall\", ",
         ),
         (
             "shape = \"wall\"\n",
@@ -130,7 +132,7 @@ fn errors_name_file_line_and_key() {
         (
             "x_m = 0.5, y_m = 2.0",
             "x_m = 0.5, y_m = 0",
-            "small.toml:10: waypoint 0 is where the one before it is",
+            "small.toml:10: `waypoints`: waypoint 0 is where the one before it is",
         ),
         (
             "dropout = 0.005",
@@ -185,7 +187,8 @@ fn unknown_worlds_get_a_hint_and_missing_files_a_reason() {
     let message = |name| World::load(name).err().unwrap().to_string();
     assert_eq!(
         message("room"),
-        "no world is called `room` (did you mean `rooms`?): there are rooms, or give a world file (.toml)"
+        "no world is called `room` (did you mean `rooms`?): there are rooms, hall, floor, ramp, street, bumps, turn, walker, \
+         or give a world file (.toml)"
     );
     assert!(message("lagoon").starts_with("no world is called `lagoon`: there are"));
     assert!(message("no/such.toml").starts_with("no/such.toml: "));
@@ -216,3 +219,6 @@ fn every_built_in_world_loads_under_its_own_name() {
         World::names()
     );
 }
+
+mod built_in;
+mod solids;
