@@ -5,7 +5,7 @@
 //! that the vehicle's sensors would give, so that everything downstream runs as it does on a recording.
 //! [`truth`] says what a perfect map of the world looks like.
 //!
-//! The frame `odom` is the world's own frame here: odometry and attitude are the truth. The same world,
+//! The frame `odom` is the world's own frame here, and `/odom` and `/tf` are the truth; wheels and AHRS err. The same world,
 //! options and seed give the same measurements, bit for bit, on every platform: trigonometry comes from
 //! `libm`, ray casting from parry with `enhanced-determinism`, random bits from `ChaCha8`.
 
@@ -15,15 +15,22 @@ pub mod path;
 pub mod solid;
 pub mod vehicle;
 
+pub mod attitude;
+pub mod chassis;
+pub mod motion;
+
+pub mod attitude_sensor;
 pub mod laser;
 pub mod noise;
 pub mod scene;
 pub mod source;
+pub mod wheel_encoders;
 
 pub mod truth;
 
 #[cfg(test)]
 mod rooms_tests;
 
+pub use motion::Motion;
 pub use source::{OptionError, SimulatedSource, SimulationOptions};
 pub use world::{World, WorldError};

@@ -38,7 +38,9 @@ fn the_path_takes_about_two_minutes_and_keeps_clear_of_everything() {
     );
     // Everything as low as the vehicle is high stands in this plane, too.
     let lowest_m = world.solids().iter().map(|solid| {
-        let Shape::Box { size_m } = solid.shape;
+        let Shape::Box { size_m } = solid.shape else {
+            panic!("{solid:?}")
+        };
         solid.world_from_solid.translation.z - 0.5 * size_m[2]
     });
     assert!(lowest_m.into_iter().all(|m| m.abs() < 1e-9));
@@ -113,7 +115,9 @@ fn every_wall_is_seen_within_the_lasers_range() {
         .map(cell_of)
         .collect();
     let is_wall = |solid: &&Solid| {
-        let Shape::Box { size_m } = solid.shape;
+        let Shape::Box { size_m } = solid.shape else {
+            panic!("{solid:?}")
+        };
         size_m[1] <= 0.2 && size_m[2] > 2.4
     };
     let walls: Vec<Solid> = world.solids().iter().filter(is_wall).cloned().collect();

@@ -1,7 +1,13 @@
 //! The vehicles that can be simulated, by the names of their presets.
 
-use crate::pose;
+use nalgebra::Translation3;
+
+use crate::pose::{self, Pose};
+use crate::simulation::attitude::Attitude;
+use crate::simulation::attitude_sensor::AttitudeSensor;
+use crate::simulation::chassis::Chassis;
 use crate::simulation::laser::PlanarLaser;
+use crate::simulation::wheel_encoders::WheelEncoders;
 
 /// What the simulation needs to know of a vehicle.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,17 +20,25 @@ pub struct SimulatedVehicle {
     pub height_m: f64,
     /// How often it reports its pose, hertz.
     pub odometry_rate_hz: f64,
+    /// Its wheels and their encoders; without, it stays level at z = 0 whatever it drives over.
+    pub chassis: Option<Chassis>,
+    /// Its AHRS, at `base_link` and with its axes.
+    pub attitude_sensor: Option<AttitudeSensor>,
     /// Its laser.
     pub laser: PlanarLaser,
 }
 
 impl SimulatedVehicle {
     /// Names of all vehicles.
-    pub const NAMES: &[&str] = &["pioneer"];
+    pub const NAMES: &[&str] = &["pioneer", "holos"];
 
     /// The vehicle called `name`; `None` where there is none.
     pub fn preset(name: &str) -> Option<Self> {
-        (name == "pioneer").then(pioneer)
+        match name {
+            "pioneer" => Some(pioneer()),
+            "holos" => Some(holos()),
+            _ => None,
+        }
     }
 }
 
@@ -39,7 +53,40 @@ fn pioneer() -> SimulatedVehicle {
         radius_m: 0.27,
         height_m: 0.34,
         odometry_rate_hz: 50.0,
+        chassis: None,
+        attitude_sensor: None,
         laser: PlanarLaser::urg_04lx_ug01(base_from_laser),
+    }
+}
+
+/// The robot of the elevation map document [LOD ch. 5]: SICK LMS111 at 1.08 m tilted down by 7.5°, Xsens
+/// `MTi`, two encoders of 500 pulses.
+///
+/// The document gives no dimension but the laser's height, nor where on the drive the encoders sit. Assumed:
+/// a body of 0.9 × 0.7 m, 1.15 m high; wheels, their places and the encoders on them; the laser 0.25 m ahead
+/// of the middle.
+fn holos() -> SimulatedVehicle {
+    let tilt = Attitude {
+        pitch_rad: 7.5_f64.to_radians(),
+        ..Attitude::default()
+    };
+    let base_from_laser = Pose::from_parts(Translation3::new(0.25, 0.0, 1.08), tilt.rotation());
+    SimulatedVehicle {
+        name: "holos",
+        radius_m: 0.571, // of the corners of the body
+        height_m: 1.15,
+        odometry_rate_hz: 100.0,
+        chassis: Some(Chassis {
+            wheelbase_m: 0.55,
+            track_m: 0.60,
+            wheel_radius_m: 0.125,
+            encoders: Some(WheelEncoders {
+                pulses_per_turn: 500,
+                rate_hz: 50.0,
+            }),
+        }),
+        attitude_sensor: Some(AttitudeSensor::xsens_mti()),
+        laser: PlanarLaser::lms111(base_from_laser),
     }
 }
 

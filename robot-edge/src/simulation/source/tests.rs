@@ -1,5 +1,8 @@
+use super::sensor::{ODOM, SCAN, TF, TF_STATIC};
 use super::*;
+use crate::measurement::{MeasurementData, StreamId};
 use crate::pose;
+use crate::pose::Pose;
 
 fn rooms() -> World {
     World::load("rooms").unwrap()

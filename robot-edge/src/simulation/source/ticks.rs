@@ -36,6 +36,6 @@ impl Ticks {
     }
 }
 
-pub(super) fn seconds(nanos: i64) -> f64 {
+fn seconds(nanos: i64) -> f64 {
     nanos as f64 / 1e9
 }
