@@ -20,6 +20,11 @@ pub enum DropReason {
     /// Older than what its source already yielded, by more than the reordering window.
     Late,
 
+    // Wheels and attitude.
+    /// Wheel angles that are not finite, or that turned farther than the vehicle drives: a counter that
+    /// wrapped or was reset.
+    WheelJump,
+
     // Scans.
     /// No beams, or angles or times that are not finite.
     BadScan,
@@ -29,6 +34,8 @@ pub enum DropReason {
     BeforeFirstPose,
     /// Between two poses that are farther apart than `localization.max_gap_s`.
     PoseGap,
+    /// Between two poses that are farther apart than `localization.jump_m` and driving explain.
+    PoseJump,
     /// Farther past the newest pose than `localization.max_extrapolation_s`.
     PoseTooOld,
     /// More scans waited for a pose than fit the queue.
@@ -41,6 +48,8 @@ pub enum DropReason {
     OwnBody,
     /// So far from `odom`'s origin that the map has no cell for it.
     OutOfBounds,
+    /// A hit beyond the window of a map that moves with the vehicle.
+    OutsideWindow,
 }
 
 impl DropReason {
@@ -53,15 +62,18 @@ impl DropReason {
             Self::BadStamp => "bad_stamp",
             Self::BadPose => "bad_pose",
             Self::Late => "late",
+            Self::WheelJump => "wheel_jump",
             Self::BadScan => "bad_scan",
             Self::NoPose => "no_pose",
             Self::BeforeFirstPose => "before_first_pose",
             Self::PoseGap => "pose_gap",
+            Self::PoseJump => "pose_jump",
             Self::PoseTooOld => "pose_too_old",
             Self::QueueFull => "queue_full",
             Self::InvalidRange => "invalid_range",
             Self::OwnBody => "own_body",
             Self::OutOfBounds => "out_of_bounds",
+            Self::OutsideWindow => "outside_window",
         }
     }
 }

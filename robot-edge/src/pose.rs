@@ -40,6 +40,12 @@ pub fn yaw_rad(pose: &Pose) -> f64 {
     )
 }
 
+/// Pitch about y of `pose`, radians in [−π/2, π/2], positive nose down (REP-103).
+pub fn pitch_rad(pose: &Pose) -> f64 {
+    let q = pose.rotation.quaternion();
+    libm::asin((2.0 * (q.w * q.j - q.k * q.i)).clamp(-1.0, 1.0))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -52,19 +52,12 @@ fn write_essentials(config: &Config, out: &mut dyn Write) -> io::Result<()> {
         vehicle.max_turn_rate_radps
     )?;
     for (name, sensor) in &config.sensors {
-        let SensorConfig::LaserScan(laser) = sensor;
-        let range = |range_m: Option<f64>| {
-            range_m.map_or("as its messages say".to_owned(), |range_m| {
-                format!("{range_m} m")
-            })
-        };
+        let topic = sensor.topic().unwrap_or("by type");
         writeln!(
             out,
-            "sensor {name}: {}, topic {}, ranges from {} to {}",
+            "sensor {name}: {}, topic {topic}, {}",
             sensor.kind(),
-            laser.topic.as_deref().unwrap_or("by type"),
-            range(laser.range_min_m),
-            range(laser.range_max_m)
+            sensor_essentials(sensor)
         )?;
     }
     let (mapping, streaming) = (&config.mapping, &config.streaming);
@@ -74,6 +67,31 @@ fn write_essentials(config: &Config, out: &mut dyn Write) -> io::Result<()> {
         mapping.occupancy.cell_m, mapping.occupancy.memory_limit_mb
     )?;
     writeln!(out, "streaming: {} kbit/s", streaming.budget_kbps)
+}
+
+fn sensor_essentials(sensor: &SensorConfig) -> String {
+    match sensor {
+        SensorConfig::LaserScan(laser) => {
+            let range = |range_m: Option<f64>| {
+                range_m.map_or("as its messages say".to_owned(), |range_m| {
+                    format!("{range_m} m")
+                })
+            };
+            let (from, to) = (range(laser.range_min_m), range(laser.range_max_m));
+            format!("ranges from {from} to {to}")
+        }
+        SensorConfig::WheelEncoders(encoders) => format!(
+            "joints {} and {}, wheels of radius {} m",
+            encoders.left_joint, encoders.right_joint, encoders.wheel_radius_m
+        ),
+        SensorConfig::Imu(imu) => {
+            let mount = &imu.mount;
+            format!(
+                "turned by {}°, {}°, {}°",
+                mount.roll_deg, mount.pitch_deg, mount.yaw_deg
+            )
+        }
+    }
 }
 
 #[cfg(test)]
@@ -92,13 +110,20 @@ mod tests {
 
     #[test]
     fn a_good_configuration_is_ok() {
-        let (exit, text) = checked("preset = \"pioneer\"\nsensors.laser.topic = \"/front\"");
+        let (exit, text) = checked(
+            "preset = \"pioneer\"\nsensors.laser.topic = \"/front\"\n\
+             sensors.wheels = { kind = \"wheel_encoders\", wheel_radius_m = 0.0975 }\n\
+             sensors.ahrs = { kind = \"imu\", mount.yaw_deg = 90 }",
+        );
         assert_eq!(exit, Exit::Done);
         assert_eq!(
             text,
             "ok\n\
              vehicle: pioneer, 0.455 × 0.381 × 0.237 m, at most 1.2 m/s and 5.24 rad/s\n\
+             sensor ahrs: imu, topic by type, turned by 0°, 0°, 90°\n\
              sensor laser: laser_scan, topic /front, ranges from 0.02 m to 5.6 m\n\
+             sensor wheels: wheel_encoders, topic by type, joints left_wheel_joint and \
+             right_wheel_joint, wheels of radius 0.0975 m\n\
              occupancy: cells of 0.1 m, at most 256 MB\n\
              streaming: 256 kbit/s\n"
         );

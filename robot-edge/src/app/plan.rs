@@ -1,11 +1,16 @@
 //! What of a recording is mapped: which laser, and where its poses come from. Decided before the replay.
 
+use self::wheels::WheelStreams;
+use super::placing::poses_from_wheels;
+use crate::config::{Config, WheelsAndAttitude};
 use crate::exit::UsageError;
 use crate::localization::config::{LocalizationConfig, PoseSource};
-use crate::localization::placer::{MountOrigin, PoseOrigin};
+use crate::localization::placer::{MountOrigin, ODOMETRY_FRAME, PoseOrigin};
 use crate::recording::Format;
 use crate::recording::survey::Survey;
 use crate::recording::survey::scans::ScanSurvey;
+
+mod wheels;
 
 /// What is replayed.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,12 +34,15 @@ pub(super) struct Plan {
 pub(super) fn plan(
     survey: &Survey,
     topic: Option<&str>,
-    localization: &LocalizationConfig,
+    config: &Config,
 ) -> Result<Plan, UsageError> {
     let scan = choose_laser(survey, topic)?;
     let laser = stream_name(survey, scan);
     let mut notes = Vec::new();
-    let origin = choose_origin(survey, scan, localization)?;
+    let Chosen {
+        origin,
+        wheel_streams,
+    } = choose_origin(survey, scan, config)?;
     let mut names = vec![laser.clone()];
     match &origin {
         PoseOrigin::Log => notes.push(format!(
@@ -58,6 +66,15 @@ pub(super) fn plan(
                 "poses: {odometry}, with the configured mounting of the laser"
             ));
             names.push(odometry);
+        }
+        PoseOrigin::Wheels(_) => {
+            if let Some(WheelStreams { encoders, attitude }) = wheel_streams {
+                notes.push(format!(
+                    "poses: wheels of {encoders} and attitude of {attitude}, with the configured mounting \
+                     of the laser"
+                ));
+                names.extend([encoders, attitude]);
+            }
         }
         PoseOrigin::Static => notes.push("poses: the vehicle stands still".to_owned()),
     }
@@ -117,20 +134,38 @@ fn choose_laser<'a>(survey: &'a Survey, topic: Option<&str>) -> Result<&'a ScanS
     }
 }
 
+/// Where poses come from, and the streams of wheels where it is those.
+struct Chosen {
+    origin: PoseOrigin,
+    wheel_streams: Option<WheelStreams>,
+}
+
 fn choose_origin(
     survey: &Survey,
     scan: &ScanSurvey,
-    localization: &LocalizationConfig,
-) -> Result<PoseOrigin, UsageError> {
+    config: &Config,
+) -> Result<Chosen, UsageError> {
+    let localization = &config.localization;
     let tf = || from_tree(survey, scan, localization);
     let log = || scan.has_own_poses.then_some(PoseOrigin::Log);
     let odometry = || (!survey.odometry.is_empty()).then_some(PoseOrigin::Odometry);
+    let mut wheel_streams = None;
     let found = match localization.source {
         PoseSource::Auto => log().or_else(tf).or_else(odometry),
         PoseSource::Log => log(),
         PoseSource::Tf => tf(),
         PoseSource::Odometry => odometry(),
         PoseSource::Static => Some(PoseOrigin::Static),
+        PoseSource::Wheels => None,
+    };
+    let takes_wheels = matches!(localization.source, PoseSource::Auto | PoseSource::Wheels);
+    let found = match (found, WheelsAndAttitude::of(&config.sensors)) {
+        (None, Ok(sensors)) if takes_wheels => {
+            wheel_streams = wheels::choose(survey, &sensors)?;
+            let origin = || poses_from_wheels(config, &sensors);
+            wheel_streams.is_some().then(origin)
+        }
+        (found, _) => found,
     };
     let wants_frame = matches!(localization.source, PoseSource::Auto | PoseSource::Tf);
     if let Some(wanted) = &localization.fixed_frame
@@ -144,7 +179,13 @@ fn choose_origin(
             what_poses_there_are(survey)
         )));
     }
-    found.ok_or_else(|| nothing_says_where(survey, scan, localization.source))
+    match found {
+        Some(origin) => Ok(Chosen {
+            origin,
+            wheel_streams,
+        }),
+        None => Err(nothing_says_where(survey, scan, localization.source)),
+    }
 }
 
 /// Transforms were followed up to that frame, or there are only odometry messages, which call theirs so.
@@ -154,6 +195,7 @@ fn has_fixed_frame(survey: &Survey, found: Option<&PoseOrigin>, wanted: &str) ->
             .odometry
             .iter()
             .any(|odometry| *odometry.parent == *wanted),
+        Some(PoseOrigin::Wheels(_)) => wanted == ODOMETRY_FRAME,
         Some(PoseOrigin::Log | PoseOrigin::Tf { .. } | PoseOrigin::Static) => true,
         None => false,
     }
@@ -166,6 +208,14 @@ fn nothing_says_where(survey: &Survey, scan: &ScanSurvey, source: PoseSource) ->
         PoseSource::Log => ("log", "its scans bring no poses of their own"),
         PoseSource::Tf => ("tf", "no transforms lead up to a frame in which it moves"),
         PoseSource::Odometry => ("odometry", "there is no odometry"),
+        PoseSource::Wheels => (
+            "wheels",
+            match (survey.joints.is_empty(), survey.attitudes.is_empty()) {
+                (true, true) => "there are neither angles of wheels nor attitudes",
+                (true, false) => "there are no angles of wheels (sensor_msgs/JointState)",
+                (false, _) => "there are no attitudes (sensor_msgs/Imu)",
+            },
+        ),
         PoseSource::Auto | PoseSource::Static => {
             let leads = match survey.frames.edges().next() {
                 Some(_) => format!(
@@ -174,9 +224,15 @@ fn nothing_says_where(survey: &Survey, scan: &ScanSurvey, source: PoseSource) ->
                 ),
                 None => String::new(),
             };
+            let wheels = wheels::there_are(survey).map_or(String::new(), |there_are| {
+                format!(
+                    ". {there_are}: poses can be reckoned from them if the vehicle's configuration has a \
+                     sensor of kind \"wheel_encoders\" and one of kind \"imu\""
+                )
+            });
             return UsageError(format!(
-                "{path}: nothing in it says where the laser was: {there_is}{leads}. If the vehicle stood \
-                 still, map it with --set localization.source=static"
+                "{path}: nothing in it says where the laser was: {there_is}{leads}{wheels}. If the vehicle \
+                 stood still, map it with --set localization.source=static"
             ));
         }
     };
@@ -260,3 +316,6 @@ fn stream_name(survey: &Survey, scan: &ScanSurvey) -> String {
         .map(|summary| summary.stream.name.clone())
         .unwrap_or_default()
 }
+
+#[cfg(test)]
+mod tests;

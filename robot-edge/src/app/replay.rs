@@ -48,7 +48,7 @@ pub(super) fn replay(
     let config = config::load(vehicle, &options.overrides())?;
     let laser = main_laser(&config)?;
     start_is_within(&survey, command.start_s)?;
-    let plan = plan(&survey, laser.topic.as_deref(), &config.localization)?;
+    let plan = plan(&survey, laser.topic.as_deref(), &config)?;
 
     let notes = [
         format!("{vehicle} ({why})"),

@@ -8,7 +8,7 @@ use toml::{Table, Value};
 
 use super::error::{ConfigError, Expected, Fault, Origin, Problem};
 use super::nearest::nearest;
-use super::shape::Shape;
+use super::shape::{SensorKinds, Shape};
 
 /// Faults of one layer beyond this many are not reported: the first ones explain them.
 const MAX_FAULTS: usize = 100;
@@ -85,10 +85,20 @@ impl Layer {
         }
     }
 
-    /// Every key that does not exist and every value of the wrong type.
-    pub(super) fn check(&self, shape: &Shape) -> Vec<Fault> {
+    /// The kinds of the sensors, as far as this layer names them.
+    pub(super) fn sensor_kinds(&self) -> SensorKinds<'_> {
+        let sensors = self.table.get("sensors").and_then(Value::as_table);
+        let kinds = sensors.into_iter().flatten().filter_map(|(name, sensor)| {
+            let kind = sensor.get("kind")?.as_str()?;
+            Some((name.as_str(), kind))
+        });
+        kinds.collect()
+    }
+
+    /// Every key that does not exist and every value of the wrong type, given the kind of each sensor.
+    pub(super) fn check(&self, root: &Shape, kinds: &SensorKinds<'_>) -> Vec<Fault> {
         let mut faults = Vec::new();
-        self.check_table(&self.table, shape, "", shape, &mut faults);
+        self.check_table(&self.table, root, "", &Known { root, kinds }, &mut faults);
         faults
     }
 
@@ -97,7 +107,7 @@ impl Layer {
         table: &Table,
         shape: &Shape,
         prefix: &str,
-        root: &Shape,
+        all: &Known<'_>,
         faults: &mut Vec<Fault>,
     ) {
         for (key, value) in table {
@@ -105,11 +115,11 @@ impl Layer {
                 return;
             }
             let path = join(prefix, key);
-            let known = shape.get(key).filter(|_| is_bare(key));
+            let known = shape.get(key, all.kinds).filter(|_| is_bare(key));
             let fault = match (known, value) {
-                (None, _) => Some(unknown_key(&path, value, root)),
-                (Some(inner @ (Shape::Table(_) | Shape::Named(_))), Value::Table(table)) => {
-                    self.check_table(table, inner, &path, root, faults);
+                (None, _) => Some(unknown_key(&path, value, all)),
+                (Some(inner @ (Shape::Table(_) | Shape::Sensors(_))), Value::Table(table)) => {
+                    self.check_table(table, inner, &path, all, faults);
                     None
                 }
                 (Some(inner), value) => {
@@ -123,6 +133,12 @@ impl Layer {
             }));
         }
     }
+}
+
+/// All keys that exist.
+struct Known<'a> {
+    root: &'a Shape,
+    kinds: &'a SensorKinds<'a>,
 }
 
 /// Path of `key` in the table at `prefix`.
@@ -155,7 +171,7 @@ pub(super) fn quoted(text: &str) -> String {
     short
 }
 
-fn unknown_key(path: &str, value: &Value, root: &Shape) -> (String, Problem) {
+fn unknown_key(path: &str, value: &Value, all: &Known<'_>) -> (String, Problem) {
     // Of `[mapping.ocupancy]` with one setting that setting is named, as `--set` would.
     let (mut path, mut value) = (path.to_owned(), value);
     while let Value::Table(table) = value
@@ -167,8 +183,9 @@ fn unknown_key(path: &str, value: &Value, root: &Shape) -> (String, Problem) {
     }
     let sensor = path
         .strip_prefix("sensors.")
-        .and_then(|rest| rest.split('.').next());
-    let known = root.paths(sensor.unwrap_or(Shape::SENSOR));
+        .and_then(|rest| rest.split('.').next())
+        .unwrap_or(Shape::SENSOR);
+    let known = all.root.paths(sensor, all.kinds.get(sensor).copied());
     let candidates = known
         .iter()
         .filter(|(_, expected)| value.is_table() || *expected != Expected::Table)

@@ -12,7 +12,7 @@ use super::error::{ConfigError, Fault, Problem};
 use super::layer::{Layer, join, quoted};
 use super::overrides::Override;
 use super::presets::{self, GENERIC, Preset};
-use super::shape::{Expected, Shape};
+use super::shape::{Expected, SensorKinds, Shape};
 use super::validate::MAX_SENSORS;
 
 /// Largest file that is read as a configuration, bytes.
@@ -112,13 +112,13 @@ fn build(layers: &[Layer]) -> Result<Config, ConfigError> {
         }])
     };
     let shape = Shape::of_config().map_err(|error| other("configuration", error.to_string()))?;
-    let mut faults: Vec<Fault> = layers
-        .iter()
-        .flat_map(|layer| layer.check(&shape))
+    let mut faults: Vec<Fault> = (0..layers.len())
+        .flat_map(|index| layers[index].check(&shape, &kinds_for(layers, index)))
         .collect();
 
     let mut merged = Table::new();
     for layer in layers {
+        forget_other_kinds(&mut merged, &layer.sensor_kinds());
         merge(&mut merged, &layer.table);
     }
     faults.extend(missing_sensors(&merged));
@@ -141,6 +141,28 @@ fn build(layers: &[Layer]) -> Result<Config, ConfigError> {
     }
     faults.sort_by(|a, b| a.origin.cmp(&b.origin));
     Err(ConfigError::Faults(faults))
+}
+
+/// The kinds by which layer `index` is to be read: as it or the nearest layer under it names them, or else
+/// the nearest over it.
+fn kinds_for(layers: &[Layer], index: usize) -> SensorKinds<'_> {
+    let mut kinds = SensorKinds::new();
+    let (under, over) = layers.split_at(index + 1);
+    for layer in over.iter().rev().chain(under) {
+        kinds.extend(layer.sensor_kinds());
+    }
+    kinds
+}
+
+/// A sensor that becomes one of another kind has nothing left of what it was.
+fn forget_other_kinds(merged: &mut Table, kinds: &SensorKinds<'_>) {
+    if let Some(Value::Table(sensors)) = merged.get_mut("sensors") {
+        sensors.retain(|name, sensor| {
+            let was = sensor.get("kind").and_then(Value::as_str);
+            let becomes = kinds.get(name).copied();
+            was.is_none() || becomes.is_none() || was == becomes
+        });
+    }
 }
 
 /// Lays `over` over `under`: tables key by key, anything else replaces.

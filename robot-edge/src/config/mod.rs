@@ -26,7 +26,9 @@ mod validate;
 pub use error::{ConfigError, Fault, Origin, Problem};
 pub use load::load;
 pub use overrides::Override;
-pub use sensors::{LaserScanConfig, Mount, SensorConfig};
+pub use sensors::{
+    ImuConfig, LaserScanConfig, Mount, SensorConfig, WheelEncodersConfig, WheelsAndAttitude,
+};
 pub use vehicle::VehicleConfig;
 
 use crate::link::config::LinkConfig;

@@ -35,6 +35,10 @@ pub const GENERIC: Preset = Preset {
 pub const PRESETS: &[Preset] = &[
     GENERIC,
     Preset {
+        name: "holos",
+        text: include_str!("../../vehicles/holos.toml"),
+    },
+    Preset {
         name: "pioneer",
         text: include_str!("../../vehicles/pioneer.toml"),
     },

@@ -1,5 +1,7 @@
 //! Settings of `[sensors.<name>]`.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
@@ -15,16 +17,31 @@ pub const MAIN_LASER: &str = "laser";
 pub enum SensorConfig {
     /// A planar laser whose sweeps come as `sensor_msgs/LaserScan` or as a CARMEN laser line.
     LaserScan(LaserScanConfig),
+    /// Encoders on the wheels of both sides, whose angles come as `sensor_msgs/JointState`.
+    WheelEncoders(WheelEncodersConfig),
+    /// An attitude sensor (AHRS), whose orientation comes as `sensor_msgs/Imu`.
+    Imu(ImuConfig),
 }
 
 impl SensorConfig {
     /// Every value of `kind`.
-    pub(super) const KINDS: &[&str] = &["laser_scan"];
+    pub(super) const KINDS: &[&str] = &["laser_scan", "wheel_encoders", "imu"];
 
     /// The value of `kind`.
     pub const fn kind(&self) -> &'static str {
         match self {
             Self::LaserScan(_) => "laser_scan",
+            Self::WheelEncoders(_) => "wheel_encoders",
+            Self::Imu(_) => "imu",
+        }
+    }
+
+    /// Topic or message name; where absent, the only stream whose type fits.
+    pub fn topic(&self) -> Option<&str> {
+        match self {
+            Self::LaserScan(laser) => laser.topic.as_deref(),
+            Self::WheelEncoders(encoders) => encoders.topic.as_deref(),
+            Self::Imu(imu) => imu.topic.as_deref(),
         }
     }
 }
@@ -53,6 +70,79 @@ pub struct LaserScanConfig {
     pub field_of_view_deg: Option<f64>,
     /// Sweeps per second, for simulation.
     pub rate_hz: Option<f64>,
+}
+
+/// Encoders on a wheel of either side.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WheelEncodersConfig {
+    /// Topic; where absent, the only stream that has both joints.
+    pub topic: Option<String>,
+    /// Name of the left wheel's joint.
+    pub left_joint: String,
+    /// Name of the right wheel's joint.
+    pub right_joint: String,
+    /// What the joints' angles (radians, positive forward) are multiplied with to give metres.
+    pub wheel_radius_m: f64,
+    /// Added to the stamps to make up for latency, seconds.
+    pub time_offset_s: f64,
+}
+
+impl Default for WheelEncodersConfig {
+    fn default() -> Self {
+        Self {
+            topic: None,
+            left_joint: "left_wheel_joint".to_owned(),
+            right_joint: "right_wheel_joint".to_owned(),
+            wheel_radius_m: 0.125,
+            time_offset_s: 0.0,
+        }
+    }
+}
+
+/// An attitude sensor.
+#[derive(Clone, Debug, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ImuConfig {
+    /// Topic; where absent, the only stream that gives an orientation.
+    pub topic: Option<String>,
+    /// Added to the stamps to make up for latency, seconds.
+    pub time_offset_s: f64,
+    /// How the sensor sits on the vehicle.
+    pub mount: Mount,
+}
+
+/// What poses are reckoned from where nothing else says them, each with the name of its sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WheelsAndAttitude<'a> {
+    /// The only encoders.
+    pub encoders: (&'a str, &'a WheelEncodersConfig),
+    /// The only attitude sensor.
+    pub imu: (&'a str, &'a ImuConfig),
+}
+
+impl<'a> WheelsAndAttitude<'a> {
+    /// Those of `sensors`.
+    ///
+    /// # Errors
+    /// Unless there is exactly one of each: how many encoders and attitude sensors there are.
+    pub fn of(sensors: &'a BTreeMap<String, SensorConfig>) -> Result<Self, (usize, usize)> {
+        let (mut encoders, mut imus) = (Vec::new(), Vec::new());
+        for (name, sensor) in sensors {
+            match sensor {
+                SensorConfig::LaserScan(_) => {}
+                SensorConfig::WheelEncoders(config) => encoders.push((name.as_str(), config)),
+                SensorConfig::Imu(config) => imus.push((name.as_str(), config)),
+            }
+        }
+        match (&encoders[..], &imus[..]) {
+            ([encoders], [imu]) => Ok(Self {
+                encoders: *encoders,
+                imu: *imu,
+            }),
+            (encoders, imus) => Err((encoders.len(), imus.len())),
+        }
+    }
 }
 
 /// Pose of a sensor in the base frame (x forward, y left, z up; REP-103).

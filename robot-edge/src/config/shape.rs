@@ -12,18 +12,57 @@ use serde::de::value::Error;
 use serde::de::{DeserializeSeed, Deserializer, Error as _, IntoDeserializer, MapAccess, Visitor};
 use serde::forward_to_deserialize_any;
 
-use super::sensors::{LaserScanConfig, SensorConfig};
+use super::sensors::{ImuConfig, LaserScanConfig, SensorConfig, WheelEncodersConfig};
 use super::{Config, sensors};
+
+/// The kind of each sensor, by name, as far as it is named.
+pub(super) type SensorKinds<'a> = BTreeMap<&'a str, &'a str>;
 
 /// What stands at a key.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Shape {
     /// A table with these keys.
     Table(BTreeMap<&'static str, Shape>),
-    /// A table whose keys the user names.
-    Named(Box<Shape>),
+    /// A table of sensors, which the user names; the keys of each depend on its `kind`.
+    Sensors(SensorShapes),
     /// One setting.
     Value(Expected),
+}
+
+/// The tables of sensors.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct SensorShapes {
+    by_kind: BTreeMap<&'static str, Shape>,
+    /// Every key of every kind: a sensor whose kind nobody names could be any.
+    any: Box<Shape>,
+}
+
+impl SensorShapes {
+    fn of_config() -> Result<Self, Error> {
+        // An internally tagged enum does not tell its fields: its variants are asked one by one.
+        let mut by_kind = BTreeMap::from([
+            ("laser_scan", Shape::of::<LaserScanConfig>()?),
+            ("wheel_encoders", Shape::of::<WheelEncodersConfig>()?),
+            ("imu", Shape::of::<ImuConfig>()?),
+        ]);
+        let mut any = BTreeMap::new();
+        for shape in by_kind.values_mut() {
+            if let Shape::Table(keys) = shape {
+                keys.insert("kind", Shape::Value(Expected::OneOf(SensorConfig::KINDS)));
+                any.extend(keys.clone());
+            }
+        }
+        Ok(Self {
+            by_kind,
+            any: Box::new(Shape::Table(any)),
+        })
+    }
+
+    /// The table of a sensor of this kind.
+    pub(super) fn of_kind(&self, kind: Option<&str>) -> &Shape {
+        kind.and_then(|kind| self.by_kind.get(kind))
+            .unwrap_or(&self.any)
+    }
 }
 
 /// What a setting may hold.
@@ -66,13 +105,8 @@ impl Shape {
     /// The shape of [`Config`].
     pub(super) fn of_config() -> Result<Self, Error> {
         let mut config = Self::of::<Config>()?;
-        // An internally tagged enum does not tell its fields: its variants are asked one by one.
-        let mut sensor = Self::of::<LaserScanConfig>()?;
-        if let Self::Table(keys) = &mut sensor {
-            keys.insert("kind", Self::Value(Expected::OneOf(SensorConfig::KINDS)));
-        }
         if let Self::Table(keys) = &mut config {
-            keys.insert("sensors", Self::Named(Box::new(sensor)));
+            keys.insert("sensors", Self::Sensors(SensorShapes::of_config()?));
         }
         Ok(config)
     }
@@ -83,11 +117,11 @@ impl Shape {
         Ok(shape)
     }
 
-    /// What stands under `key` in this table.
-    pub(super) fn get(&self, key: &str) -> Option<&Self> {
+    /// What stands under `key` in this table; of sensors, given the kind of each.
+    pub(super) fn get(&self, key: &str, kinds: &SensorKinds<'_>) -> Option<&Self> {
         match self {
             Self::Table(keys) => keys.get(key),
-            Self::Named(shape) => Some(shape),
+            Self::Sensors(shapes) => Some(shapes.of_kind(kinds.get(key).copied())),
             Self::Value(_) => None,
         }
     }
@@ -95,27 +129,32 @@ impl Shape {
     /// What may stand here.
     pub(super) const fn expected(&self) -> Expected {
         match self {
-            Self::Table(_) | Self::Named(_) => Expected::Table,
+            Self::Table(_) | Self::Sensors(_) => Expected::Table,
             Self::Value(expected) => *expected,
         }
     }
 
-    /// Paths of all keys, tables included, with `name` for a name that the user gives.
-    pub(super) fn paths(&self, name: &str) -> Vec<(String, Expected)> {
+    /// Paths of all keys, tables included, with the sensor `name`, of this kind, for all sensors.
+    pub(super) fn paths(&self, name: &str, kind: Option<&str>) -> Vec<(String, Expected)> {
         let mut paths = Vec::new();
-        self.collect_paths("", name, &mut paths);
+        self.collect_paths("", (name, kind), &mut paths);
         paths
     }
 
-    fn collect_paths(&self, prefix: &str, name: &str, paths: &mut Vec<(String, Expected)>) {
+    fn collect_paths(
+        &self,
+        prefix: &str,
+        sensor: (&str, Option<&str>),
+        paths: &mut Vec<(String, Expected)>,
+    ) {
         let mut child = |key: &str, shape: &Self| {
             let path = super::layer::join(prefix, key);
             paths.push((path.clone(), shape.expected()));
-            shape.collect_paths(&path, name, paths);
+            shape.collect_paths(&path, sensor, paths);
         };
         match self {
             Self::Table(keys) => keys.iter().for_each(|(key, shape)| child(key, shape)),
-            Self::Named(shape) => child(name, shape),
+            Self::Sensors(shapes) => child(sensor.0, shapes.of_kind(sensor.1)),
             Self::Value(_) => {}
         }
     }
@@ -253,7 +292,9 @@ mod tests {
 
     #[test]
     fn every_key_scripts_rely_on_is_known() {
-        let paths = Shape::of_config().unwrap().paths("laser");
+        let paths = Shape::of_config()
+            .unwrap()
+            .paths("laser", Some("laser_scan"));
         let expected = |wanted: &str| {
             let found = paths.iter().find(|(path, _)| path == wanted);
             found.unwrap_or_else(|| panic!("{wanted}")).1
@@ -276,7 +317,7 @@ mod tests {
         assert_eq!(expected("sensors.laser.mount"), Expected::Table);
         assert_eq!(
             expected("sensors.laser.kind"),
-            Expected::OneOf(&["laser_scan"])
+            Expected::OneOf(&["laser_scan", "wheel_encoders", "imu"])
         );
         assert_eq!(
             expected("mapping.occupancy.miss"),
@@ -290,7 +331,19 @@ mod tests {
     }
 
     #[test]
-    fn every_kind_of_sensor_can_be_named() {
+    fn every_kind_of_sensor_can_be_named_and_has_the_keys_it_is_asked_for() {
+        let shape = Shape::of_config().unwrap();
+        let only_of = |kind| {
+            let keys = shape.paths("s", Some(kind));
+            let has = |key: &str| {
+                keys.iter()
+                    .any(|(path, _)| *path == format!("sensors.s.{key}"))
+            };
+            ["beams", "wheel_radius_m", "mount.yaw_deg"].map(has)
+        };
+        assert_eq!(only_of("laser_scan"), [true, false, true]);
+        assert_eq!(only_of("wheel_encoders"), [false, true, false]);
+        assert_eq!(only_of("imu"), [false, false, true]);
         for kind in SensorConfig::KINDS {
             let sensor: SensorConfig = toml::from_str(&format!("kind = \"{kind}\"")).unwrap();
             assert_eq!(sensor.kind(), *kind);

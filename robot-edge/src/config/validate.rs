@@ -1,16 +1,21 @@
 //! Which values make sense, alone and together.
 
+use self::localization::{localization, pose_sensors};
+use self::sensors::sensor;
+use self::terrain::terrain;
 use super::checks::{Allowed, Checks, as_toml};
 use super::error::Fault;
 use super::layer::quoted;
-use super::sensors::{LaserScanConfig, SensorConfig};
 use super::{Config, VehicleConfig};
 use crate::link::config::LinkConfig;
 use crate::link::endpoints::bulk_endpoint;
-use crate::localization::config::LocalizationConfig;
 use crate::mapping::config::MappingConfig;
 use crate::mapping::occupancy_config::OccupancyConfig;
 use crate::streaming::config::StreamingConfig;
+
+mod localization;
+mod sensors;
+mod terrain;
 
 /// Most sensors on one vehicle.
 pub(super) const MAX_SENSORS: usize = 32;
@@ -30,15 +35,13 @@ impl Config {
                 format!("1 to {MAX_SENSORS} sensors"),
             );
         }
-        for (name, sensor) in self.sensors.iter().take(MAX_SENSORS) {
-            match sensor {
-                SensorConfig::LaserScan(laser) => {
-                    laser_scan(&mut checks, &format!("sensors.{name}"), laser);
-                }
-            }
+        for (name, config) in self.sensors.iter().take(MAX_SENSORS) {
+            sensor(&mut checks, name, config);
         }
         localization(&mut checks, &self.localization);
+        pose_sensors(&mut checks, self);
         mapping(&mut checks, &self.mapping);
+        terrain(&mut checks, &self.mapping);
         streaming(&mut checks, &self.streaming);
         link(&mut checks, &self.link);
         checks.into_faults()
@@ -75,6 +78,16 @@ fn vehicle(checks: &mut Checks, vehicle: &VehicleConfig) {
     checks.number("vehicle.length_m", vehicle.length_m, size, body);
     checks.number("vehicle.width_m", vehicle.width_m, size, body);
     checks.number("vehicle.height_m", vehicle.height_m, size, body);
+    if let Some(wheelbase_m) = vehicle.wheelbase_m
+        && !(wheelbase_m > 0.0 && wheelbase_m <= vehicle.length_m)
+    {
+        checks.fault(
+            "vehicle.wheelbase_m",
+            as_toml(wheelbase_m),
+            "the axles are under the vehicle",
+            format!("above 0, up to length_m = {}", vehicle.length_m),
+        );
+    }
     let limit = "limits must be finite and leave room to move";
     checks.number(
         "vehicle.max_speed_mps",
@@ -88,153 +101,6 @@ fn vehicle(checks: &mut Checks, vehicle: &VehicleConfig) {
         Allowed::PositiveUpTo(50.0),
         limit,
     );
-}
-
-fn laser_scan(checks: &mut Checks, path: &str, laser: &LaserScanConfig) {
-    let key = |name: &str| format!("{path}.{name}");
-    if let Some(topic) = &laser.topic {
-        checks.name(&key("topic"), topic, "no stream can have this name");
-    }
-    let ranges = "ranges are metres along a beam";
-    if let Some(range_min_m) = laser.range_min_m {
-        checks.number(
-            &key("range_min_m"),
-            range_min_m,
-            Allowed::Within(0.0, 10_000.0),
-            ranges,
-        );
-    }
-    if let Some(range_max_m) = laser.range_max_m {
-        checks.number(
-            &key("range_max_m"),
-            range_max_m,
-            Allowed::PositiveUpTo(10_000.0),
-            ranges,
-        );
-    }
-    if let (Some(range_min_m), Some(range_max_m)) = (laser.range_min_m, laser.range_max_m)
-        && range_min_m >= range_max_m
-    {
-        let why = "no range could be a hit";
-        checks.fault(
-            &key("range_max_m"),
-            as_toml(range_max_m),
-            why,
-            format!("above range_min_m = {range_min_m}"),
-        );
-    }
-    let offset = "it makes up for latency; clocks that differ by more cannot be reconciled";
-    checks.number(
-        &key("time_offset_s"),
-        laser.time_offset_s,
-        Allowed::Within(-3600.0, 3600.0),
-        offset,
-    );
-    let mount = &laser.mount;
-    for (name, value) in [("x_m", mount.x_m), ("y_m", mount.y_m), ("z_m", mount.z_m)] {
-        let why = "a sensor sits on its vehicle";
-        checks.number(
-            &key(&format!("mount.{name}")),
-            value,
-            Allowed::Within(-100.0, 100.0),
-            why,
-        );
-    }
-    for (name, value) in [
-        ("roll_deg", mount.roll_deg),
-        ("pitch_deg", mount.pitch_deg),
-        ("yaw_deg", mount.yaw_deg),
-    ] {
-        let why = "angles are degrees, at most one turn";
-        checks.number(
-            &key(&format!("mount.{name}")),
-            value,
-            Allowed::Within(-360.0, 360.0),
-            why,
-        );
-    }
-    if let Some(model) = &laser.model {
-        checks.name(&key("model"), model, "a device has a name");
-    }
-    if let Some(beams) = laser.beams {
-        checks.whole(
-            &key("beams"),
-            beams.into(),
-            1,
-            100_000,
-            "every beam takes memory and time",
-        );
-    }
-    if let Some(field_of_view_deg) = laser.field_of_view_deg {
-        let why = "a planar sensor sweeps at most one turn";
-        checks.number(
-            &key("field_of_view_deg"),
-            field_of_view_deg,
-            Allowed::PositiveUpTo(360.0),
-            why,
-        );
-    }
-    if let Some(rate_hz) = laser.rate_hz {
-        let why = "sweeps take time";
-        checks.number(&key("rate_hz"), rate_hz, Allowed::PositiveUpTo(1000.0), why);
-    }
-}
-
-fn localization(checks: &mut Checks, localization: &LocalizationConfig) {
-    let key = |name: &str| format!("localization.{name}");
-    checks.frame(&key("base_frame"), &localization.base_frame);
-    if let Some(fixed_frame) = &localization.fixed_frame {
-        checks.frame(&key("fixed_frame"), fixed_frame);
-        if *fixed_frame == localization.base_frame {
-            let why = "the map would move with the vehicle";
-            let allowed = "a frame other than localization.base_frame".to_owned();
-            checks.fault(
-                &key("fixed_frame"),
-                format!("\"{}\"", quoted(fixed_frame)),
-                why,
-                allowed,
-            );
-        }
-    }
-    let pose = "poses farther away than that say nothing about a beam";
-    checks.number(
-        &key("max_gap_s"),
-        localization.max_gap_s,
-        Allowed::PositiveUpTo(60.0),
-        pose,
-    );
-    checks.number(
-        &key("wait_s"),
-        localization.wait_s,
-        Allowed::Within(0.0, 60.0),
-        pose,
-    );
-    checks.number(
-        &key("max_extrapolation_s"),
-        localization.max_extrapolation_s,
-        Allowed::Within(0.0, 60.0),
-        pose,
-    );
-    let memory = "what is kept takes memory";
-    checks.number(
-        &key("buffer_s"),
-        localization.buffer_s,
-        Allowed::PositiveUpTo(3600.0),
-        memory,
-    );
-    let least_s = localization.max_gap_s.max(localization.wait_s);
-    if localization.buffer_s < least_s {
-        let why = "poses would be forgotten before the scans that wait for them are placed";
-        let allowed = format!("at least max_gap_s and wait_s, {least_s}");
-        checks.fault(
-            &key("buffer_s"),
-            as_toml(localization.buffer_s),
-            why,
-            allowed,
-        );
-    }
-    let waiting = localization.max_waiting_scans as u64;
-    checks.whole(&key("max_waiting_scans"), waiting, 1, 100_000, memory);
 }
 
 fn mapping(checks: &mut Checks, mapping: &MappingConfig) {

@@ -14,6 +14,8 @@ pub struct VehicleConfig {
     pub width_m: f64,
     /// Extent along z from the ground up, metres.
     pub height_m: f64,
+    /// Distance of the axles, metres; where absent, the length.
+    pub wheelbase_m: Option<f64>,
     /// Greatest speed, metres per second.
     pub max_speed_mps: f64,
     /// Greatest turn rate, radians per second.
@@ -28,8 +30,16 @@ impl Default for VehicleConfig {
             length_m: 0.5,
             width_m: 0.5,
             height_m: 0.5,
+            wheelbase_m: None,
             max_speed_mps: 1.0,
             max_turn_rate_radps: 1.0,
         }
+    }
+}
+
+impl VehicleConfig {
+    /// Distance of the axles, metres; at most the length, which stands in where it is not known.
+    pub fn wheelbase_m(&self) -> f64 {
+        self.wheelbase_m.unwrap_or(self.length_m)
     }
 }

@@ -24,6 +24,22 @@ pub struct LocalizationConfig {
     pub buffer_s: f64,
     /// Most scans that wait for a pose; the oldest is dropped and counted when there are more.
     pub max_waiting_scans: usize,
+    /// Window of the centred moving average over the attitude, for poses from wheels, seconds; 0 is none.
+    pub attitude_smoothing_s: f64,
+    /// Consecutive poses that are farther apart than this, and than driving explains, are a jump, metres.
+    pub jump_m: f64,
+    /// What becomes of the maps at a jump.
+    pub on_jump: OnJump,
+}
+
+/// What becomes of the maps when poses jump.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OnJump {
+    /// They stay as they are.
+    Keep,
+    /// They begin anew.
+    Reset,
 }
 
 /// What poses are taken from.
@@ -38,6 +54,8 @@ pub enum PoseSource {
     Odometry,
     /// The pose that the log gives to each sweep (CARMEN).
     Log,
+    /// Reckoned from wheel encoders and an attitude sensor.
+    Wheels,
     /// The vehicle does not move.
     Static,
 }
@@ -53,6 +71,9 @@ impl Default for LocalizationConfig {
             max_extrapolation_s: 0.1,
             buffer_s: 10.0,
             max_waiting_scans: 256,
+            attitude_smoothing_s: 0.1,
+            jump_m: 1.0,
+            on_jump: OnJump::Keep,
         }
     }
 }

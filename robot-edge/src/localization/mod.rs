@@ -4,9 +4,13 @@
 
 pub mod config;
 
+pub mod attitude_smoothing;
 pub mod beam_fan;
 pub mod beam_projection;
 pub mod beam_range;
+pub mod dead_reckoning;
 pub mod placer;
+pub mod pose_jump;
 pub mod pose_track;
 pub mod transform_buffer;
+pub mod wheel_odometer;

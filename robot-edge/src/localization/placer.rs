@@ -2,8 +2,10 @@
 
 use std::collections::VecDeque;
 
-use super::beam_projection::{BeamProjector, Footprint, SensorSettings};
-use super::pose_track::Reach;
+use self::jumps::WaitingJumps;
+use super::beam_projection::BeamProjector;
+use super::dead_reckoning::{DeadReckoning, StampedPose};
+use super::pose_jump::PoseJump;
 use super::transform_buffer::{Path, TransformBuffer};
 use crate::drops::{DropCounts, DropReason};
 use crate::mapping::posed_scan::PosedScan;
@@ -12,67 +14,18 @@ use crate::pose::Pose;
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::scan::Scan;
 
-/// Where poses come from, decided before the first measurement.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum PoseOrigin {
-    /// Each scan carries its own.
-    Log,
-    /// The transform tree, up to this frame.
-    Tf {
-        /// Frame of the map.
-        fixed_frame: FrameId,
-        /// Where the laser sits on the vehicle.
-        mount: MountOrigin,
-    },
-    /// Odometry messages.
-    Odometry,
-    /// The vehicle stands still at the origin.
-    Static,
-}
+mod jumps;
+mod settings;
 
-/// Who says where the laser sits on the vehicle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MountOrigin {
-    /// The transform tree, which reaches the laser's own frame.
-    Tree,
-    /// The configuration; the tree reaches the vehicle only.
-    Configured,
-}
+pub use settings::{MountOrigin, PlacerCounts, PlacerSettings, PoseOrigin};
 
-/// All that placing needs to know.
-#[derive(Clone, Debug)]
-pub struct PlacerSettings {
-    /// Where poses come from.
-    pub origin: PoseOrigin,
-    /// Frame of the vehicle in the transform tree.
-    pub base_frame: FrameId,
-    /// Limits of interpolation.
-    pub reach: Reach,
-    /// How long poses are kept behind the newest stamp.
-    pub keep: RobotDuration,
-    /// How far stamps may pass a waiting scan.
-    pub wait: RobotDuration,
-    /// Scans that may wait at once; the oldest is dropped for the next.
-    pub max_waiting: usize,
-    /// The sensor.
-    pub sensor: SensorSettings,
-    /// The vehicle.
-    pub footprint: Footprint,
-}
-
-/// What became of scans and beams so far.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct PlacerCounts {
-    /// Scans that came in.
-    pub scans_in: u64,
-    /// Scans placed.
-    pub scans_placed: u64,
-    /// Scans dropped, by reason.
-    pub dropped_scans: DropCounts,
-    /// Beams of the placed scans.
-    pub beams_in: u64,
-    /// Beams left out of placed scans, by reason.
-    pub dropped_beams: DropCounts,
+/// What comes out of a [`BeamPlacer`], in the order of the data.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Placed {
+    /// A scan.
+    Scan(PosedScan),
+    /// Between the scans before and those after it, the poses jumped.
+    Jump(PoseJump),
 }
 
 /// Places scans. A scan waits until there is a pose after its last beam, or until the stamps of the data
@@ -88,6 +41,12 @@ pub struct BeamPlacer {
     scans_in: u64,
     scans_placed: u64,
     dropped_scans: DropCounts,
+    reckoning: Option<DeadReckoning>,
+    reckoned: Vec<StampedPose>,
+    jumps: WaitingJumps,
+    newest_scan: RobotTime,
+    /// Of scans that bring their own.
+    last_own_pose: Option<StampedPose>,
 }
 
 #[derive(Debug)]
@@ -98,12 +57,22 @@ struct WaitingScan {
     scan: Scan,
 }
 
-/// Name under which odometry's poses stand in the tree, whatever its messages call their frame.
-const ODOMETRY_FRAME: &str = "odom";
+/// Name under which poses of odometry and of wheels stand in the tree, whatever its messages call their frame.
+pub const ODOMETRY_FRAME: &str = "odom";
 
 impl BeamPlacer {
     /// With no poses yet.
-    pub fn new(settings: PlacerSettings) -> Self {
+    pub fn new(mut settings: PlacerSettings) -> Self {
+        let reckoning = match &settings.origin {
+            PoseOrigin::Wheels(sensors) => {
+                settings.wait = settings.wait + sensors.lag();
+                settings.keep = settings.keep + sensors.lag();
+                Some(DeadReckoning::new(sensors.clone()))
+            }
+            PoseOrigin::Log | PoseOrigin::Tf { .. } | PoseOrigin::Odometry | PoseOrigin::Static => {
+                None
+            }
+        };
         Self {
             tree: TransformBuffer::new(settings.reach),
             newest: RobotTime::MIN,
@@ -112,12 +81,18 @@ impl BeamPlacer {
             scans_in: 0,
             scans_placed: 0,
             dropped_scans: DropCounts::default(),
+            reckoning,
+            reckoned: Vec::new(),
+            jumps: WaitingJumps::default(),
+            newest_scan: RobotTime::MIN,
+            last_own_pose: None,
             settings,
         }
     }
 
-    /// Takes one measurement; appends every scan that can be placed now to `out`.
-    pub fn push(&mut self, measurement: Measurement, out: &mut Vec<PosedScan>) {
+    /// Takes one measurement; appends every scan that can be placed now to `out`, and every jump of the
+    /// poses ahead of the first scan behind it.
+    pub fn push(&mut self, measurement: Measurement, out: &mut Vec<Placed>) {
         if !measurement.is_timeless() {
             self.newest = self.newest.max(measurement.stamp);
         }
@@ -134,21 +109,31 @@ impl BeamPlacer {
                 is_static,
             } => {
                 if matches!(self.settings.origin, PoseOrigin::Tf { .. }) {
-                    self.tree
-                        .insert(&frame, &child, stamp, parent_from_child, is_static);
+                    let jump =
+                        self.tree
+                            .insert(&frame, &child, stamp, parent_from_child, is_static);
+                    self.jumps.extend(jump.map(|jump| (child, jump)));
                 }
             }
             MeasurementData::Odometry { odom_from_base, .. } => {
                 if self.settings.origin == PoseOrigin::Odometry {
-                    let base = &self.settings.base_frame;
-                    self.tree
-                        .insert(&ODOMETRY_FRAME.into(), base, stamp, odom_from_base, false);
+                    self.insert_odometry((stamp, odom_from_base));
+                }
+            }
+            MeasurementData::Imu(sample) => {
+                if let Some(reckoning) = &mut self.reckoning {
+                    reckoning.push_attitude(stamp, &sample, &mut self.reckoned);
+                    self.take_reckoned();
+                }
+            }
+            MeasurementData::Joints(joints) => {
+                if let Some(reckoning) = &mut self.reckoning {
+                    reckoning.push_joints(stamp, &joints, &mut self.reckoned);
+                    self.take_reckoned();
                 }
             }
             // Neither a pose nor a scan.
-            MeasurementData::Imu(_)
-            | MeasurementData::Joints(_)
-            | MeasurementData::Fix(_)
+            MeasurementData::Fix(_)
             | MeasurementData::Twist(_)
             | MeasurementData::PointCloud(_) => {}
         }
@@ -157,16 +142,28 @@ impl BeamPlacer {
         self.tree.forget_before(self.newest - self.settings.keep);
     }
 
-    /// The data's clock started anew: places or drops what waits, then forgets all moving poses.
-    pub fn reset_clock(&mut self, out: &mut Vec<PosedScan>) {
+    /// The data's clock started anew: places or drops what waits, then forgets all moving poses. The first
+    /// pose after it may be anywhere: that is no jump.
+    pub fn reset_clock(&mut self, out: &mut Vec<Placed>) {
         self.finish(out);
         self.tree.forget_motion();
+        if let Some(reckoning) = &mut self.reckoning {
+            reckoning.reset();
+        }
         self.newest = RobotTime::MIN;
+        self.newest_scan = RobotTime::MIN;
+        self.last_own_pose = None;
     }
 
     /// The data ended: places what waits, or drops it.
-    pub fn finish(&mut self, out: &mut Vec<PosedScan>) {
+    pub fn finish(&mut self, out: &mut Vec<Placed>) {
+        if let Some(reckoning) = &mut self.reckoning {
+            reckoning.finish(&mut self.reckoned);
+            self.take_reckoned();
+        }
         self.place_waiting(|_, _| true, out);
+        let base_frame = FrameId::clone(&self.settings.base_frame);
+        self.tell_jumps(RobotTime::MAX, &base_frame, out);
     }
 
     /// What became of scans and beams so far.
@@ -175,6 +172,11 @@ impl BeamPlacer {
             scans_in: self.scans_in,
             scans_placed: self.scans_placed,
             dropped_scans: self.dropped_scans.clone(),
+            dropped_poses: self
+                .reckoning
+                .as_ref()
+                .map(|reckoning| reckoning.drops().clone())
+                .unwrap_or_default(),
             beams_in: self.projector.beams_in(),
             dropped_beams: self.projector.dropped_beams().clone(),
         }
@@ -186,7 +188,7 @@ impl BeamPlacer {
         frame: FrameId,
         scan: Scan,
         own_pose: Option<OwnPose>,
-        out: &mut Vec<PosedScan>,
+        out: &mut Vec<Placed>,
     ) {
         self.scans_in += 1;
         let Some(sweep) = scan.sweep_duration() else {
@@ -194,6 +196,13 @@ impl BeamPlacer {
         };
         let first_beam = stamp + self.settings.sensor.time_offset;
         let base_from_sensor = self.settings.sensor.base_from_sensor;
+        // A log's scans bring their poses, so that it does not matter when they were.
+        if self.settings.origin != PoseOrigin::Log {
+            if first_beam < self.newest_scan {
+                return self.dropped_scans.add(DropReason::Late);
+            }
+            self.newest_scan = first_beam;
+        }
         let posed = match (&self.settings.origin, own_pose) {
             (
                 PoseOrigin::Log,
@@ -201,9 +210,15 @@ impl BeamPlacer {
                     odom_from_base,
                     odom_from_sensor,
                 }),
-            ) => self
-                .projector
-                .project(&scan, first_beam, odom_from_base, |_| Ok(odom_from_sensor)),
+            ) => {
+                let own_pose = (first_beam, odom_from_base);
+                let before = self.last_own_pose.replace(own_pose);
+                let jump =
+                    before.and_then(|before| self.settings.reach.jump.between(&before, &own_pose));
+                out.extend(jump.map(Placed::Jump));
+                self.projector
+                    .project(&scan, first_beam, odom_from_base, |_| Ok(odom_from_sensor))
+            }
             (PoseOrigin::Log, None) => Err(DropReason::NoPose),
             (PoseOrigin::Static, _) => {
                 self.projector
@@ -211,7 +226,7 @@ impl BeamPlacer {
                         Ok(base_from_sensor)
                     })
             }
-            (PoseOrigin::Tf { .. } | PoseOrigin::Odometry, _) => {
+            (PoseOrigin::Tf { .. } | PoseOrigin::Odometry | PoseOrigin::Wheels(_), _) => {
                 let last_beam = first_beam + sweep;
                 return self.wait(WaitingScan {
                     first_beam,
@@ -232,11 +247,43 @@ impl BeamPlacer {
         self.waiting.push_back(scan);
     }
 
-    fn settle(&mut self, posed: Result<PosedScan, DropReason>, out: &mut Vec<PosedScan>) {
+    fn insert_odometry(&mut self, (stamp, odom_from_base): StampedPose) {
+        let base = &self.settings.base_frame;
+        let jump = self
+            .tree
+            .insert(&ODOMETRY_FRAME.into(), base, stamp, odom_from_base, false);
+        self.jumps
+            .extend(jump.map(|jump| (FrameId::clone(base), jump)));
+    }
+
+    fn take_reckoned(&mut self) {
+        let mut reckoned = std::mem::take(&mut self.reckoned);
+        for pose in reckoned.drain(..) {
+            self.insert_odometry(pose);
+        }
+        self.reckoned = reckoned;
+    }
+
+    /// Tells the jumps up to `stamp` that moved the vehicle, or the sensor where the tree does not know the
+    /// vehicle.
+    fn tell_jumps(&mut self, stamp: RobotTime, sensor_frame: &FrameId, out: &mut Vec<Placed>) {
+        let fixed_frame = fixed_frame(&self.settings.origin);
+        for (frame, jump) in self.jumps.take_until(stamp) {
+            let moves = |source| self.tree.is_between(fixed_frame, source, &frame);
+            if moves(&self.settings.base_frame)
+                .or_else(|| moves(sensor_frame))
+                .unwrap_or(false)
+            {
+                out.push(Placed::Jump(jump));
+            }
+        }
+    }
+
+    fn settle(&mut self, posed: Result<PosedScan, DropReason>, out: &mut Vec<Placed>) {
         match posed {
             Ok(posed) => {
                 self.scans_placed += 1;
-                out.push(posed);
+                out.push(Placed::Scan(posed));
             }
             Err(reason) => self.dropped_scans.add(reason),
         }
@@ -245,10 +292,11 @@ impl BeamPlacer {
     fn place_waiting(
         &mut self,
         ready: impl Fn(&Self, &WaitingScan) -> bool,
-        out: &mut Vec<PosedScan>,
+        out: &mut Vec<Placed>,
     ) {
         while self.waiting.front().is_some_and(|scan| ready(self, scan)) {
             if let Some(scan) = self.waiting.pop_front() {
+                self.tell_jumps(scan.first_beam, &scan.frame, out);
                 let posed = self.place_from_tree(&scan);
                 self.settle(posed, out);
             }
@@ -298,7 +346,9 @@ impl BeamPlacer {
 fn fixed_frame(origin: &PoseOrigin) -> &str {
     match origin {
         PoseOrigin::Tf { fixed_frame, .. } => fixed_frame,
-        PoseOrigin::Odometry | PoseOrigin::Log | PoseOrigin::Static => ODOMETRY_FRAME,
+        PoseOrigin::Odometry | PoseOrigin::Wheels(_) | PoseOrigin::Log | PoseOrigin::Static => {
+            ODOMETRY_FRAME
+        }
     }
 }
 
@@ -320,6 +370,7 @@ fn sensor_path<'a>(
             ..
         }
         | PoseOrigin::Odometry
+        | PoseOrigin::Wheels(_)
         | PoseOrigin::Log
         | PoseOrigin::Static => {
             let path = tree.path(fixed_frame, &settings.base_frame)?;

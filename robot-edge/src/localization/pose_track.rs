@@ -4,17 +4,20 @@ use std::collections::VecDeque;
 
 use nalgebra::{Quaternion, UnitQuaternion};
 
+use super::pose_jump::{JumpLimit, PoseJump};
 use crate::drops::DropReason;
 use crate::pose::Pose;
 use crate::robot_time::{RobotDuration, RobotTime};
 
 /// How far a [`PoseTrack`] reaches beyond its samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reach {
     /// Samples farther apart than this are not interpolated between.
     pub max_gap: RobotDuration,
     /// How far past the newest sample a pose may be extrapolated.
     pub max_extrapolation: RobotDuration,
+    /// Samples farther apart than this are not interpolated between either.
+    pub jump: JumpLimit,
 }
 
 /// Samples in stamp order, each stamp once.
@@ -37,6 +40,12 @@ impl PoseTrack {
         if self.samples.len() > MAX_SAMPLES {
             self.samples.pop_front();
         }
+    }
+
+    /// The jump that a sample would be behind the newest, if it is one.
+    pub fn jump_to(&self, stamp: RobotTime, pose: Pose, reach: &Reach) -> Option<PoseJump> {
+        let newest = self.samples.back().filter(|(newest, _)| *newest < stamp)?;
+        reach.jump.between(newest, &(stamp, pose))
     }
 
     /// Forgets samples before `stamp`, but never the newest: it says why there is no pose.
@@ -72,22 +81,27 @@ impl PoseTrack {
                 if after.0.since(before.0) > reach.max_gap {
                     return Err(DropReason::PoseGap);
                 }
+                if reach.jump.between(&before, &after).is_some() {
+                    return Err(DropReason::PoseJump);
+                }
                 Ok(Segment::between(before, after, after.0))
             }
             None if stamp.since(last.0) > reach.max_extrapolation => Err(DropReason::PoseTooOld),
             None => {
                 let before = self.samples.len().checked_sub(2).map(|at| self.samples[at]);
                 let until = last.0 + reach.max_extrapolation;
-                Ok(
-                    match before.filter(|before| last.0.since(before.0) <= reach.max_gap) {
-                        Some(before) => Segment::between(before, last, until),
-                        // A single pose says nothing of motion.
-                        None => Segment {
-                            until,
-                            ..Segment::still(last)
-                        },
+                let is_motion = |before: &(RobotTime, Pose)| {
+                    last.0.since(before.0) <= reach.max_gap
+                        && reach.jump.between(before, &last).is_none()
+                };
+                Ok(match before.filter(is_motion) {
+                    Some(before) => Segment::between(before, last, until),
+                    // A single pose says nothing of motion.
+                    None => Segment {
+                        until,
+                        ..Segment::still(last)
                     },
-                )
+                })
             }
         }
     }
@@ -115,7 +129,12 @@ impl Segment {
         }
     }
 
-    fn between(from: (RobotTime, Pose), mut to: (RobotTime, Pose), until: RobotTime) -> Self {
+    /// From one sample to the next, going on as evenly up to `until`.
+    pub(super) fn between(
+        from: (RobotTime, Pose),
+        mut to: (RobotTime, Pose),
+        until: RobotTime,
+    ) -> Self {
         let (a, b) = (from.1.rotation.quaternion(), to.1.rotation.quaternion());
         let mut cos_angle = a.coords.dot(&b.coords);
         if cos_angle < 0.0 {
@@ -155,17 +174,27 @@ impl Segment {
     }
 
     fn rotation_at(&self, t: f64) -> UnitQuaternion<f64> {
-        // Below this the weights of slerp lose more digits than a straight line between them does.
-        const STRAIGHT: f64 = 1e-6;
-        let (wa, wb) = if self.sin_angle < STRAIGHT {
-            (1.0 - t, t)
-        } else {
-            let weight = |t: f64| libm::sin(t * self.angle_rad) / self.sin_angle;
-            (weight(1.0 - t), weight(t))
-        };
+        // Up to this the series below has lost nothing that f64 could hold.
+        const SMALL_RAD: f64 = 0.02;
         let (a, b) = (self.from.1.rotation.coords, self.to.1.rotation.coords);
-        UnitQuaternion::new_normalize(Quaternion::from(a * wa + b * wb))
+        if self.angle_rad < SMALL_RAD {
+            let square = self.angle_rad * self.angle_rad;
+            let (wa, wb) = (small_weight(1.0 - t, square), small_weight(t, square));
+            // The weights of unit quaternions give a unit quaternion; dividing by its length would only cost time.
+            return UnitQuaternion::new_unchecked(Quaternion::from(a * wa + b * wb));
+        }
+        let weight = |t: f64| libm::sin(t * self.angle_rad) / self.sin_angle;
+        UnitQuaternion::new_normalize(Quaternion::from(a * weight(1.0 - t) + b * weight(t)))
     }
+}
+
+/// `sin(t·θ) / sin θ` for small θ, of which the square is given: between poses a hundredth of a second apart,
+/// for every beam, two sines would take longer than all the rest.
+fn small_weight(t: f64, square: f64) -> f64 {
+    let tt = t * t;
+    let sixth = (31.0 - 18.0 * tt + 3.0 * tt * tt) * (1.0 / 15120.0);
+    let fourth = (7.0 - 3.0 * tt) * (1.0 / 360.0);
+    t + t * (1.0 - tt) * square * (1.0 / 6.0 + square * (fourth + square * sixth))
 }
 
 #[cfg(test)]
@@ -184,6 +213,10 @@ mod tests {
     const REACH: Reach = Reach {
         max_gap: RobotDuration::from_millis(500),
         max_extrapolation: RobotDuration::from_millis(100),
+        jump: JumpLimit {
+            slack_m: 1.0,
+            speed_mps: 20.0,
+        },
     };
 
     fn track(samples: &[(f64, Pose)]) -> PoseTrack {
@@ -226,6 +259,20 @@ mod tests {
         // The motion across a gap is not extrapolated either.
         assert_eq!(x_at(&track, 1.55), Ok(2.0));
         assert_eq!(x_at(&PoseTrack::default(), 1.0), Err(DropReason::NoPose));
+    }
+
+    #[test]
+    fn a_jump_is_neither_bridged_nor_extrapolated() {
+        let track = track(&[
+            (1.0, planar(1.0, 0.0, 0.0)),
+            (1.1, planar(2.0, 0.0, 0.0)),
+            (1.2, planar(7.0, 0.0, 0.0)),
+        ]);
+        assert_eq!(x_at(&track, 1.05), Ok(1.5));
+        assert_eq!(x_at(&track, 1.1), Ok(2.0));
+        assert_eq!(x_at(&track, 1.15), Err(DropReason::PoseJump));
+        assert_eq!(x_at(&track, 1.2), Ok(7.0));
+        assert_eq!(x_at(&track, 1.25), Ok(7.0));
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::pose_jump::PoseJump;
 use super::pose_track::{PoseTrack, Reach, Segment};
 use crate::drops::DropReason;
 use crate::measurement::FrameId;
@@ -41,6 +42,8 @@ impl TransformBuffer {
 
     /// Adds a pose of `child` in `parent`. A frame that changes its parent loses its earlier poses;
     /// a static transform replaces moving ones and holds for all time.
+    ///
+    /// Returns the jump that it is behind the frame's newest pose, if it is one.
     pub fn insert(
         &mut self,
         parent: &FrameId,
@@ -48,10 +51,10 @@ impl TransformBuffer {
         stamp: RobotTime,
         parent_from_child: Pose,
         is_static: bool,
-    ) {
+    ) -> Option<PoseJump> {
         let known = self.edges.contains_key(child);
         if parent == child || (!known && self.edges.len() >= MAX_FRAMES) {
-            return;
+            return None;
         }
         if is_static {
             let edge = Edge {
@@ -59,7 +62,7 @@ impl TransformBuffer {
                 parent_from_child: Motion::Fixed(parent_from_child),
             };
             self.edges.insert(FrameId::clone(child), edge);
-            return;
+            return None;
         }
         let edge = self
             .edges
@@ -69,8 +72,12 @@ impl TransformBuffer {
             *edge = Edge::moving(parent);
         }
         match &mut edge.parent_from_child {
-            Motion::Moving(track) => track.insert(stamp, parent_from_child),
-            Motion::Fixed(_) => {}
+            Motion::Moving(track) => {
+                let jump = track.jump_to(stamp, parent_from_child, &self.reach);
+                track.insert(stamp, parent_from_child);
+                jump
+            }
+            Motion::Fixed(_) => None,
         }
     }
 
@@ -103,6 +110,14 @@ impl TransformBuffer {
             frames.push(FrameId::clone(&edge.parent));
         }
         frames
+    }
+
+    /// Whether `frame` is one whose own poses move `source` in `target`: `source` or a frame above it, below
+    /// `target`. `None` where `target` is not above `source`.
+    pub fn is_between(&self, target: &str, source: &FrameId, frame: &FrameId) -> Option<bool> {
+        let way_up = self.ancestry(source);
+        let at = way_up.iter().position(|above| &**above == target)?;
+        Some(way_up[..at].contains(frame))
     }
 
     /// The links from `source` up to `target`, `source`'s first; `None` where `target` is not above it.
@@ -176,21 +191,24 @@ impl Sampler<'_> {
     /// The reason why there is no pose at `stamp`.
     pub fn pose_at(&mut self, stamp: RobotTime) -> Result<Pose, DropReason> {
         self.segments.resize(self.path.links.len(), None);
-        let mut pose = Pose::identity();
+        let mut target_from_source: Option<Pose> = None;
         for (link, remembered) in self.path.links.iter().zip(&mut self.segments) {
             let parent_from_child = match link {
                 Motion::Fixed(pose) => *pose,
-                Motion::Moving(track) => {
-                    let segment = match remembered.take().filter(|segment| segment.covers(stamp)) {
-                        Some(segment) => segment,
-                        None => track.segment(stamp, self.path.reach)?,
-                    };
-                    remembered.insert(segment).pose_at(stamp)
-                }
+                Motion::Moving(track) => match remembered {
+                    Some(segment) if segment.covers(stamp) => segment.pose_at(stamp),
+                    Some(_) | None => {
+                        let segment = track.segment(stamp, self.path.reach)?;
+                        remembered.insert(segment).pose_at(stamp)
+                    }
+                },
             };
-            pose = parent_from_child * pose;
+            target_from_source = Some(match target_from_source {
+                Some(below) => parent_from_child * below,
+                None => parent_from_child,
+            });
         }
-        Ok(pose)
+        Ok(target_from_source.unwrap_or_else(Pose::identity))
     }
 }
 
@@ -199,12 +217,17 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
+    use crate::localization::pose_jump::JumpLimit;
     use crate::pose::planar;
     use crate::robot_time::RobotDuration;
 
     const REACH: Reach = Reach {
         max_gap: RobotDuration::from_millis(500),
         max_extrapolation: RobotDuration::from_millis(100),
+        jump: JumpLimit {
+            slack_m: 1.0,
+            speed_mps: 20.0,
+        },
     };
 
     fn at(secs: f64) -> RobotTime {

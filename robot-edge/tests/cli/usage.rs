@@ -24,7 +24,10 @@ fn settings_that_do_not_exist_name_the_nearest() {
     );
     refused(
         "--vehicle pionear",
-        &["did you mean `pioneer`?", "Presets: generic2d, pioneer"],
+        &[
+            "did you mean `pioneer`?",
+            "Presets: generic2d, holos, pioneer",
+        ],
     );
     refused("--vehicle boat.toml", &["boat.toml", "No such file"]);
     refused("--topic lidar=/scan", &["no sensor of this name", "laser"]);
@@ -132,7 +135,7 @@ fn a_printed_preset_is_a_configuration() {
         .lines()
         .map(|line| line.split_whitespace().next().unwrap())
         .collect();
-    assert_eq!(names, ["generic2d", "pioneer"]);
+    assert_eq!(names, ["generic2d", "holos", "pioneer"]);
     for name in names {
         let printed = run(robot_edge("vehicles").arg(name)).succeeds().stdout;
         fs::write(&mine, printed).unwrap();

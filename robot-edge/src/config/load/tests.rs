@@ -8,7 +8,9 @@ use proptest::prelude::*;
 use super::*;
 use crate::config::error::{Hint, Origin};
 use crate::config::presets::PRESETS;
-use crate::config::sensors::SensorConfig;
+use crate::config::sensors::{
+    ImuConfig, LaserScanConfig, SensorConfig, WheelEncodersConfig, WheelsAndAttitude,
+};
 use crate::localization::config::PoseSource;
 
 fn sets(settings: &[&str]) -> Vec<Override> {
@@ -28,6 +30,13 @@ fn set_fault(setting: &str) -> String {
     faults[0].to_string()
 }
 
+fn laser(config: &Config) -> &LaserScanConfig {
+    let SensorConfig::LaserScan(laser) = &config.sensors["laser"] else {
+        panic!("{:?}", config.sensors);
+    };
+    laser
+}
+
 /// Loads a file with this text.
 fn file(text: impl AsRef<[u8]>) -> Result<Config, ConfigError> {
     file_with(text, &[])
@@ -43,8 +52,9 @@ fn file_with(text: impl AsRef<[u8]>, overrides: &[Override]) -> Result<Config, C
 /// The preset with every key that stands behind `#` set.
 fn uncommented(text: &str) -> String {
     let is_key = |line: &str| {
-        line.split_once(" = ")
-            .is_some_and(|(key, _)| !key.contains([' ', '`']))
+        let is_table = line.starts_with('[');
+        let name = line.split_once(" = ").map(|(key, _)| key);
+        is_table || name.is_some_and(|key| !key.contains([' ', '`']))
     };
     let uncomment = |line: &str| match line.strip_prefix("# ") {
         Some(rest) if is_key(rest) => format!("{rest}\n"),
@@ -77,27 +87,59 @@ fn presets_load_and_the_generic_one_is_the_default() {
 #[test]
 fn presets_list_every_key_and_their_examples_are_valid() {
     let shape = Shape::of_config().unwrap();
-    let mut known: Vec<String> = shape
-        .paths("laser")
-        .into_iter()
-        .filter(|(_, expected)| *expected != Expected::Table)
-        .map(|(path, _)| path)
-        .collect();
-    known.sort();
     for preset in PRESETS {
         let text = uncommented(preset.text);
         let mut listed = Vec::new();
         flattened("", &text.parse().unwrap(), &mut listed);
         listed.sort();
+        let config = file(&text).unwrap();
+        let mut known: Vec<String> = config
+            .sensors
+            .iter()
+            .flat_map(|(name, sensor)| shape.paths(name, Some(sensor.kind())))
+            .filter(|(_, expected)| *expected != Expected::Table)
+            .map(|(path, _)| path)
+            .collect();
+        known.sort();
+        known.dedup();
         assert_eq!(listed, known, "{}", preset.name);
-        file(&text).unwrap();
     }
+}
+
+#[test]
+fn the_generic_preset_shows_every_kind_of_sensor_with_its_defaults() {
+    let config = file(uncommented(GENERIC.text)).unwrap();
+    let mut kinds: Vec<_> = config.sensors.values().map(SensorConfig::kind).collect();
+    kinds.sort_unstable();
+    assert_eq!(kinds, ["imu", "laser_scan", "wheel_encoders"]);
+    let sensors = WheelsAndAttitude::of(&config.sensors).unwrap();
+    let topic = |topic: &str| Some(topic.to_owned());
+    assert_eq!(
+        sensors.encoders,
+        (
+            "wheels",
+            &WheelEncodersConfig {
+                topic: topic("/joint_states"),
+                ..WheelEncodersConfig::default()
+            }
+        )
+    );
+    assert_eq!(
+        sensors.imu,
+        (
+            "ahrs",
+            &ImuConfig {
+                topic: topic("/imu/data"),
+                ..ImuConfig::default()
+            }
+        )
+    );
 }
 
 #[test]
 fn pioneer_has_the_figures_of_its_data_sheets() {
     let config = load("pioneer", &[]).unwrap();
-    let SensorConfig::LaserScan(laser) = &config.sensors["laser"];
+    let laser = laser(&config);
     assert_eq!((laser.beams, laser.rate_hz), (Some(683), Some(10.0)));
     assert_eq!(
         (laser.range_min_m, laser.range_max_m),
@@ -113,10 +155,7 @@ fn pioneer_has_the_figures_of_its_data_sheets() {
 fn flags_win_over_set_over_file_over_preset() {
     let text = "preset = \"pioneer\"\n[sensors.laser]\ntopic = \"/file\"\nrange_max_m = 4.0\n\
                 [mapping.occupancy]\ncell_m = 0.2";
-    let topic = |config: &Config| {
-        let SensorConfig::LaserScan(laser) = &config.sensors["laser"];
-        laser.topic.clone().unwrap()
-    };
+    let topic = |config: &Config| laser(config).topic.clone().unwrap();
     let from_file = file(text).unwrap();
     assert_eq!(from_file.vehicle.length_m, 0.455);
     assert_eq!(from_file.mapping.occupancy.cell_m, 0.2);
@@ -137,8 +176,7 @@ fn a_file_without_a_preset_names_all_its_sensors() {
     assert_eq!(rear.sensors.keys().collect::<Vec<_>>(), ["rear"]);
     // What it does not say of a sensor that the generic vehicle has too, it has as the generic vehicle.
     let laser = file("sensors.laser.time_offset_s = -0.04").unwrap();
-    let SensorConfig::LaserScan(laser) = &laser.sensors["laser"];
-    assert_eq!(laser.time_offset_s, -0.04);
+    assert_eq!(self::laser(&laser).time_offset_s, -0.04);
     let both = file("preset = \"pioneer\"\nsensors.rear.kind = \"laser_scan\"").unwrap();
     assert_eq!(both.sensors.len(), 2);
 }
@@ -182,7 +220,7 @@ fn misspelt_keys_are_named_with_the_nearest() {
             "mapping.ocupancy.cell_m",
             "mapping.occupancy.cell_m",
         ),
-        ("cell_m=1", "cell_m", "mapping.occupancy.cell_m"),
+        ("cell_m=1", "cell_m", "mapping.elevation.cell_m"),
         ("vehicle.lenght_m=1", "vehicle.lenght_m", "vehicle.length_m"),
         (
             "sensors.laser.mount.pitch=1",
@@ -209,7 +247,7 @@ fn misspelt_keys_are_named_with_the_nearest() {
 #[test]
 fn a_sensor_that_is_not_there_is_not_invented() {
     let expected = "the vehicle has no sensor of this name; it has: laser. \
-                    To add one, set its `kind` (laser_scan)";
+                    To add one, set its `kind` (laser_scan, wheel_encoders, imu)";
     assert_eq!(
         set_fault("sensors.lazer.range_max_m=5"),
         format!("--set: `sensors.lazer`: {expected}")
@@ -219,6 +257,99 @@ fn a_sensor_that_is_not_there_is_not_invented() {
         faults(load("pioneer", &[topic]))[0].to_string(),
         format!("--topic: `sensors.sonar`: {expected}")
     );
+}
+
+#[test]
+fn the_keys_of_a_sensor_are_those_of_its_kind_whoever_names_it() {
+    let vehicle = "preset = \"pioneer\"\n[sensors.wheels]\nkind = \"wheel_encoders\"\n\
+                   [sensors.ahrs]\nkind = \"imu\"\n";
+    let message = |text: &str, settings: &[&str]| {
+        let faults = faults(file_with(format!("{vehicle}{text}"), &sets(settings)));
+        assert_eq!(faults.len(), 1, "{faults:?}");
+        let Fault { key, problem, .. } = &faults[0];
+        format!("{key}: {problem}")
+    };
+    assert_eq!(
+        message("mount.yaw_dg = 90", &[]),
+        "sensors.ahrs.mount.yaw_dg: unknown key: did you mean `sensors.ahrs.mount.yaw_deg`?"
+    );
+    assert_eq!(
+        message("", &["sensors.wheels.radius_m=0.1"]),
+        "sensors.wheels.radius_m: unknown key: did you mean `sensors.wheels.wheel_radius_m`?"
+    );
+    // What a laser has, encoders need not have.
+    assert_eq!(
+        message("", &["sensors.wheels.range_max_m=5"]),
+        "sensors.wheels.range_max_m: unknown key: the nearest that exists is \
+         `sensors.wheels.right_joint`"
+    );
+    assert_eq!(
+        message("", &["sensors.wheels.wheel_radius_m=big"]),
+        "sensors.wheels.wheel_radius_m: expected a number, found the text \"big\""
+    );
+    // The kind may be named after the key, and may change: then nothing of the other kind is left.
+    let last = sets(&["sensors.back.topic=/imu", "sensors.back.kind=imu"]);
+    let config = load("pioneer", &last).unwrap();
+    assert_eq!(config.sensors["back"].topic(), Some("/imu"));
+    let config = load("pioneer", &sets(&["sensors.laser.kind=wheel_encoders"])).unwrap();
+    let encoders = WheelEncodersConfig::default();
+    assert_eq!(
+        config.sensors["laser"],
+        SensorConfig::WheelEncoders(encoders)
+    );
+}
+
+#[test]
+fn values_of_wheels_and_attitude_that_make_no_sense_are_refused() {
+    let with = "preset = \"pioneer\"\n[sensors.wheels]\nkind = \"wheel_encoders\"\n\
+                [sensors.ahrs]\nkind = \"imu\"\n[sensors.second]\nkind = \"imu\"";
+    for (setting, expected) in [
+        (
+            "sensors.wheels.wheel_radius_m=0",
+            "0.0 is not allowed: it turns the wheels' angles into metres; \
+             allowed: above 0, up to 10",
+        ),
+        (
+            "sensors.wheels.right_joint=left_wheel_joint",
+            "\"left_wheel_joint\" is not allowed: the vehicle moves by the mean of two wheels; \
+             allowed: a joint other than left_joint",
+        ),
+        (
+            "sensors.wheels.left_joint=",
+            "\"\" is not allowed: no joint can have this name; \
+             allowed: 1 to 255 printable characters",
+        ),
+        (
+            "sensors.wheels.time_offset_s=nan",
+            "nan is not allowed: it makes up for latency; clocks that differ by more cannot be \
+             reconciled; allowed: -3600 to 3600",
+        ),
+        (
+            "sensors.ahrs.time_offset_s=1e9",
+            "1000000000.0 is not allowed: it makes up for latency; clocks that differ by more cannot \
+             be reconciled; allowed: -3600 to 3600",
+        ),
+        (
+            "sensors.ahrs.mount.pitch_deg=400",
+            "400.0 is not allowed: angles are degrees, at most one turn; allowed: -360 to 360",
+        ),
+        (
+            "sensors.ahrs.topic=",
+            "\"\" is not allowed: no stream can have this name; allowed: 1 to 255 printable \
+             characters",
+        ),
+        (
+            "localization.source=wheels",
+            "\"wheels\" is not allowed: poses are reckoned from the wheels and the attitude; allowed: \
+             with one sensor of kind \"wheel_encoders\" (there are 1) and one of kind \"imu\" (there \
+             are 2)",
+        ),
+    ] {
+        let faults = faults(file_with(with, &sets(&[setting])));
+        assert_eq!(faults.len(), 1, "{faults:?}");
+        let (key, _) = setting.split_once('=').unwrap();
+        assert_eq!(faults[0].to_string(), format!("--set: `{key}`: {expected}"));
+    }
 }
 
 #[test]
@@ -256,7 +387,7 @@ fn wrong_types_are_named_with_what_is_expected() {
         ),
         (
             "sensors.laser.kind=sonar",
-            "expected \"laser_scan\", found the text \"sonar\"",
+            "expected one of \"laser_scan\", \"wheel_encoders\", \"imu\", found the text \"sonar\"",
         ),
     ] {
         let key = setting.split('=').next().unwrap().trim_end_matches(".x");
@@ -325,13 +456,13 @@ fn an_unknown_vehicle_gets_the_list() {
     let error = load("pionneer", &[]).unwrap_err().to_string();
     assert!(
         error.starts_with(
-            "there is no vehicle `pionneer`: did you mean `pioneer`? Presets: generic2d, pioneer."
+            "there is no vehicle `pionneer`: did you mean `pioneer`? Presets: generic2d, holos, pioneer."
         ),
         "{error}"
     );
-    let error = load("holos", &[]).unwrap_err().to_string();
+    let error = load("toaster", &[]).unwrap_err().to_string();
     assert!(
-        error.starts_with("there is no vehicle `holos`. Presets: generic2d, pioneer."),
+        error.starts_with("there is no vehicle `toaster`. Presets: generic2d, holos, pioneer."),
         "{error}"
     );
 }
@@ -366,6 +497,13 @@ fn values_that_make_no_sense_are_refused() {
             "at least max_gap_s and wait_s, 0.5",
         ),
         ("localization.max_waiting_scans=0", "1 to 100000"),
+        ("localization.attitude_smoothing_s=2", "0 to 1"),
+        ("localization.jump_m=0", "above 0, up to 10000"),
+        (
+            "localization.source=wheels",
+            "with one sensor of kind \"wheel_encoders\" (there are 0) and one of kind \"imu\" \
+             (there are 0)",
+        ),
         ("streaming.publish_period_s=0", "0.02 to 3600"),
     ] {
         let (key, value) = setting.split_once('=').unwrap();

@@ -1,9 +1,14 @@
 use nalgebra::Point3;
 
 use super::*;
+use crate::localization::beam_projection::{Footprint, SensorSettings};
 use crate::localization::beam_range::ZeroRange;
+use crate::localization::dead_reckoning::DeadReckoningSettings;
+use crate::localization::pose_jump::JumpLimit;
+use crate::localization::pose_track::Reach;
+use crate::localization::wheel_odometer::WheelSettings;
 use crate::mapping::posed_scan::BeamOutcome;
-use crate::measurement::StreamId;
+use crate::measurement::{ImuSample, StreamId};
 use crate::pose::planar;
 
 fn at(secs: f64) -> RobotTime {
@@ -17,6 +22,10 @@ fn settings(origin: PoseOrigin) -> PlacerSettings {
         reach: Reach {
             max_gap: RobotDuration::from_millis(500),
             max_extrapolation: RobotDuration::from_millis(100),
+            jump: JumpLimit {
+                slack_m: 1.0,
+                speed_mps: 20.0,
+            },
         },
         keep: RobotDuration::from_millis(10_000),
         wait: RobotDuration::from_millis(100),
@@ -87,11 +96,23 @@ fn run(settings: PlacerSettings, input: Vec<Measurement>) -> (Vec<Vec<f64>>, Pla
         placer.push(measurement, &mut out);
     }
     placer.finish(&mut out);
-    (out.iter().map(ends).collect(), placer.counts())
+    let is_scan = |placed: &&Placed| matches!(placed, Placed::Scan(_));
+    (
+        out.iter().filter(is_scan).map(ends).collect(),
+        placer.counts(),
+    )
 }
 
-fn ends(scan: &PosedScan) -> Vec<f64> {
-    scan.beams
+fn posed(placed: &Placed) -> &PosedScan {
+    match placed {
+        Placed::Scan(scan) => scan,
+        Placed::Jump(jump) => panic!("{jump:?}"),
+    }
+}
+
+fn ends(placed: &Placed) -> Vec<f64> {
+    posed(placed)
+        .beams
         .iter()
         .map(|beam| (beam.end_in_odom.x * 1e6).round() / 1e6)
         .collect()
@@ -132,7 +153,7 @@ fn a_scan_waits_for_the_pose_after_its_last_beam() {
         "another pose at 1.1 s may still come, and would win"
     );
     placer.push(pose(1.1, 1.0), &mut out);
-    placer.push(pose(1.15, 9.0), &mut out);
+    placer.push(pose(1.15, 1.9), &mut out);
     assert_eq!(ends(&out[0]), [3.0, 4.0]);
 }
 
@@ -237,9 +258,10 @@ fn a_log_places_its_beams_with_the_lasers_pose_not_the_robots() {
     let mut placer = BeamPlacer::new(settings(PoseOrigin::Log));
     let mut out = Vec::new();
     placer.push(carmen, &mut out);
-    assert!((out[0].beams[0].end_in_odom - Point3::new(10.0, 7.0, 0.0)).norm() < 1e-9);
-    assert_eq!(out[0].odom_from_base, own.odom_from_base);
-    assert_eq!(out[0].beams[0].outcome, BeamOutcome::Hit);
+    let out = posed(&out[0]);
+    assert!((out.beams[0].end_in_odom - Point3::new(10.0, 7.0, 0.0)).norm() < 1e-9);
+    assert_eq!(out.odom_from_base, own.odom_from_base);
+    assert_eq!(out.beams[0].outcome, BeamOutcome::Hit);
 }
 
 #[test]
@@ -298,4 +320,337 @@ fn a_clock_that_starts_anew_forgets_old_poses() {
     placer.push(pose(1.0, 7.0), &mut out);
     placer.push(pose(1.1, 7.0), &mut out);
     assert_eq!(ends(&out[1]), [10.0]);
+}
+
+/// What comes out: the x of a scan's only beam, or the metres of a jump.
+#[derive(Debug, PartialEq)]
+enum Out {
+    Scan(f64),
+    Jump(f64),
+}
+
+fn outs(placed: &[Placed]) -> Vec<Out> {
+    let out = |placed: &Placed| match placed {
+        Placed::Scan(_) => Out::Scan(ends(placed)[0]),
+        Placed::Jump(jump) => Out::Jump((jump.distance_m * 1e6).round() / 1e6),
+    };
+    placed.iter().map(out).collect()
+}
+
+fn push_all(placer: &mut BeamPlacer, input: Vec<Measurement>) -> Vec<Placed> {
+    let mut out = Vec::new();
+    for measurement in input {
+        placer.push(measurement, &mut out);
+    }
+    out
+}
+
+fn odometry(secs: f64, x: f64) -> Measurement {
+    let data = MeasurementData::Odometry {
+        child: "base_link".into(),
+        odom_from_base: planar(x, 0.0, 0.0),
+    };
+    measurement(secs, "odom", data)
+}
+
+#[test]
+fn a_jump_of_odometry_comes_between_the_scans_before_and_after_it() {
+    for (origin, pose) in [
+        (tf(), pose as fn(f64, f64) -> Measurement),
+        (PoseOrigin::Odometry, odometry),
+    ] {
+        let mut placer = BeamPlacer::new(settings(origin));
+        let mut out = push_all(
+            &mut placer,
+            vec![
+                pose(1.0, 0.0),
+                scan(1.05, 0.0, &[2.0]),
+                pose(1.1, 0.1),
+                // Its first beam is before the jump, its last behind it.
+                scan(1.1, 0.05, &[2.0, 2.0]),
+                scan(1.15, 0.0, &[2.0]),
+                // 5 m, where 20 m/s for 0.1 s and 1 m are allowed.
+                pose(1.2, 5.1),
+                scan(1.25, 0.0, &[2.0]),
+                pose(1.3, 5.2),
+                scan(1.35, 0.0, &[2.0]),
+                pose(1.4, 5.3),
+            ],
+        );
+        placer.finish(&mut out);
+        let expected = [
+            Out::Scan(3.05),
+            Out::Jump(5.0),
+            Out::Scan(8.15),
+            Out::Scan(8.25),
+        ];
+        assert_eq!(outs(&out), expected);
+        let Placed::Jump(jump) = out[1] else {
+            panic!("{out:?}")
+        };
+        assert_eq!(jump.stamp, at(1.2));
+        assert_eq!(dropped(&placer.counts()), [(DropReason::PoseJump, 2)]);
+    }
+}
+
+#[test]
+fn a_jump_that_no_scan_follows_is_told_at_the_end() {
+    let mut placer = BeamPlacer::new(settings(tf()));
+    let mut out = push_all(
+        &mut placer,
+        vec![pose(1.0, 0.0), pose(1.1, 9.0), pose(1.2, 0.0)],
+    );
+    assert_eq!(outs(&out), []);
+    placer.finish(&mut out);
+    assert_eq!(outs(&out), [Out::Jump(9.0), Out::Jump(9.0)]);
+}
+
+#[test]
+fn jumps_of_frames_that_do_not_carry_the_vehicle_are_none() {
+    let other = |secs, x_m: f64| {
+        let data = MeasurementData::Transform {
+            child: "person".into(),
+            parent_from_child: planar(x_m, 0.0, 0.0),
+            is_static: false,
+        };
+        measurement(secs, "odom", data)
+    };
+    let mut placer = BeamPlacer::new(settings(tf()));
+    let mut out = push_all(
+        &mut placer,
+        vec![
+            pose(1.0, 0.0),
+            other(1.0, 0.0),
+            other(1.1, 50.0),
+            scan(1.2, 0.0, &[2.0]),
+            pose(1.2, 0.0),
+        ],
+    );
+    placer.finish(&mut out);
+    assert_eq!(outs(&out), [Out::Scan(3.0)]);
+}
+
+#[test]
+fn a_log_tells_its_jumps_but_loses_no_scan() {
+    let own = |secs, x_m| {
+        let mut carmen = scan(secs, 0.0, &[2.0]);
+        if let MeasurementData::Scan { own_pose, .. } = &mut carmen.data {
+            *own_pose = Some(OwnPose {
+                odom_from_sensor: planar(x_m, 0.0, 0.0),
+                odom_from_base: planar(x_m, 0.0, 0.0),
+            });
+        }
+        carmen
+    };
+    let mut placer = BeamPlacer::new(settings(PoseOrigin::Log));
+    let mut out = push_all(&mut placer, vec![own(1.0, 0.0), own(1.1, 6.0)]);
+    assert_eq!(outs(&out), [Out::Scan(2.0), Out::Jump(6.0), Out::Scan(8.0)]);
+    placer.reset_clock(&mut out);
+    out.extend(push_all(&mut placer, vec![own(1.0, 0.0)]));
+    assert_eq!(outs(&out)[3..], [Out::Scan(2.0)]);
+}
+
+#[test]
+fn a_clock_that_starts_anew_is_no_jump() {
+    let mut placer = BeamPlacer::new(settings(PoseOrigin::Odometry));
+    let mut out = push_all(
+        &mut placer,
+        vec![
+            odometry(9.0, 0.0),
+            scan(9.0, 0.0, &[2.0]),
+            odometry(9.1, 0.0),
+        ],
+    );
+    placer.reset_clock(&mut out);
+    out.extend(push_all(
+        &mut placer,
+        vec![
+            odometry(1.0, 50.0),
+            scan(1.0, 0.0, &[2.0]),
+            odometry(1.1, 50.0),
+        ],
+    ));
+    assert_eq!(outs(&out), [Out::Scan(3.0), Out::Scan(53.0)]);
+}
+
+#[test]
+fn many_jumps_between_two_scans_take_bounded_memory() {
+    let poses = (0..1000).map(|n| pose(1.0 + f64::from(n) * 1e-3, f64::from(n % 2) * 9.0));
+    let mut placer = BeamPlacer::new(settings(tf()));
+    let mut out = push_all(&mut placer, poses.collect());
+    placer.finish(&mut out);
+    assert_eq!(out.len(), 64);
+    let Placed::Jump(newest) = out[63] else {
+        panic!("{out:?}")
+    };
+    assert_eq!(newest.stamp, at(1.999));
+}
+
+#[test]
+fn a_scan_that_is_older_than_the_one_before_is_late() {
+    let input = vec![
+        odometry(1.0, 0.0),
+        odometry(1.2, 0.0),
+        scan(1.1, 0.0, &[2.0]),
+        scan(1.05, 0.0, &[2.0]),
+        scan(1.1, 0.0, &[2.0]),
+        scan(1.15, 0.0, &[2.0]),
+    ];
+    for origin in [PoseOrigin::Odometry, PoseOrigin::Static] {
+        let (placed, counts) = run(settings(origin), input.clone());
+        assert_eq!(placed.len(), 3);
+        assert_eq!(dropped(&counts), [(DropReason::Late, 1)]);
+    }
+}
+
+#[test]
+fn scans_without_a_valid_beam_are_placed_empty_and_their_beams_counted() {
+    let input = vec![
+        scan(1.0, 0.0, &[f32::NAN; 5]),
+        scan(1.1, 0.0, &[0.0, f32::NEG_INFINITY]),
+    ];
+    let (placed, counts) = run(settings(PoseOrigin::Static), input);
+    assert_eq!(placed, [[0.0; 0]; 2]);
+    assert_eq!((counts.scans_placed, counts.beams_in), (2, 7));
+    let dropped: Vec<_> = counts.dropped_beams.iter().collect();
+    assert_eq!(dropped, [(DropReason::InvalidRange, 7)]);
+}
+
+#[test]
+fn the_number_and_the_step_of_beams_may_change_in_mid_stream() {
+    let fan = |secs, step: f32, beams: usize| {
+        let mut fan = scan(secs, 0.0, &vec![2.0; beams]);
+        if let MeasurementData::Scan { scan, .. } = &mut fan.data {
+            scan.angle_increment_rad = step;
+        }
+        fan
+    };
+    let half_turn = std::f32::consts::PI;
+    let input = vec![
+        fan(1.0, half_turn, 2),
+        fan(1.1, half_turn, 1),
+        fan(1.2, half_turn, 3),
+        fan(1.3, 0.5 * half_turn, 3),
+        fan(1.4, half_turn, 2),
+    ];
+    let (placed, counts) = run(settings(PoseOrigin::Static), input);
+    // From a laser 1 m ahead of the origin.
+    assert_eq!(
+        placed,
+        [
+            vec![3.0, -1.0],
+            vec![3.0],
+            vec![3.0, -1.0, 3.0],
+            vec![3.0, 1.0, -1.0],
+            vec![3.0, -1.0],
+        ]
+    );
+    assert_eq!(counts.dropped_scans.total(), 0);
+}
+
+fn wheels(wheels_offset_ms: i64) -> PoseOrigin {
+    PoseOrigin::Wheels(DeadReckoningSettings {
+        wheels: WheelSettings {
+            left_joint: "left".to_owned(),
+            right_joint: "right".to_owned(),
+            radius_m: 0.5,
+            max_speed_mps: 9.0,
+        },
+        wheels_time_offset: RobotDuration::from_millis(wheels_offset_ms),
+        attitude_time_offset: RobotDuration::ZERO,
+        base_from_imu: Pose::identity().rotation,
+        smoothing: RobotDuration::from_millis(100),
+        max_gap: RobotDuration::from_millis(500),
+    })
+}
+
+/// 2 m/s ahead for 3 s: attitudes at 100 Hz, wheels at 20 Hz that are stamped late, scans at 10 Hz.
+fn drive(wheels_late_s: f64) -> Vec<Measurement> {
+    let mut input = Vec::new();
+    for tick in 0..=300 {
+        let secs = f64::from(tick) * 0.01;
+        let sample = ImuSample {
+            orientation_xyzw: Some([0.0, 0.0, 0.0, 1.0]),
+            angular_velocity_radps: [0.0; 3],
+            linear_acceleration_mps2: [0.0; 3],
+        };
+        input.push(measurement(secs, "imu", MeasurementData::Imu(sample)));
+        if tick % 5 == 0 {
+            let angles = ["left", "right"].map(|name| (name.to_owned(), 4.0 * secs));
+            let data = MeasurementData::Joints(angles.to_vec());
+            input.push(measurement(secs + wheels_late_s, "", data));
+        }
+        if tick % 10 == 3 {
+            input.push(scan(secs, 0.005, &[2.0; 10]));
+        }
+    }
+    input.sort_by_key(|measurement| measurement.stamp);
+    input
+}
+
+#[test]
+fn wheels_and_attitude_place_beams() {
+    let (placed, counts) = run(settings(wheels(0)), drive(0.0));
+    assert_eq!((placed.len(), counts.scans_in), (30, 30));
+    assert_eq!(counts.dropped_poses, DropCounts::default());
+    for (scan, ends) in placed.iter().enumerate() {
+        for (beam, end) in ends.iter().enumerate() {
+            let secs = 0.03 + 0.1 * scan as f64 + 0.005 * beam as f64;
+            assert!((end - (3.0 + 2.0 * secs)).abs() < 2e-6, "{end} at {secs} s");
+        }
+    }
+    let (late, counts) = run(settings(wheels(-200)), drive(0.2));
+    assert_eq!((&late, counts.scans_placed), (&placed, 30));
+    let (uncorrected, _) = run(settings(wheels(0)), drive(0.2));
+    // The first two scans are before its first pose.
+    assert_eq!(uncorrected.len(), 28);
+    assert!((uncorrected[8][0] - (placed[10][0] - 0.4)).abs() < 2e-6);
+}
+
+#[test]
+fn a_loop_begins_at_the_origin_again() {
+    let mut placer = BeamPlacer::new(settings(wheels(0)));
+    let mut out = push_all(&mut placer, drive(0.0));
+    placer.reset_clock(&mut out);
+    let first: Vec<_> = out.iter().map(ends).collect();
+    let mut out = push_all(&mut placer, drive(0.0));
+    placer.finish(&mut out);
+    assert_eq!(out.iter().map(ends).collect::<Vec<_>>(), first);
+    assert_eq!(placer.counts().scans_placed, 60);
+    assert_eq!(placer.counts().dropped_poses, DropCounts::default());
+}
+
+#[test]
+fn attitudes_that_are_not_numbers_cost_no_scan() {
+    let mut input = drive(0.0);
+    for (n, measurement) in input.iter_mut().enumerate() {
+        if let MeasurementData::Imu(sample) = &mut measurement.data
+            && n % 3 == 0
+        {
+            sample.orientation_xyzw = Some([f64::NAN; 4]);
+        }
+    }
+    let bad = input.iter().filter(|measurement| {
+        matches!(&measurement.data, MeasurementData::Imu(sample)
+            if sample.orientation_xyzw.is_some_and(|xyzw| xyzw[0].is_nan()))
+    });
+    let bad = bad.count() as u64;
+    assert!(bad > 90);
+    let (placed, counts) = run(settings(wheels(0)), input);
+    assert_eq!(
+        counts.dropped_poses.iter().collect::<Vec<_>>(),
+        [(DropReason::BadPose, bad)]
+    );
+    assert_eq!(placed.len(), 30);
+}
+
+#[test]
+fn without_wheels_no_scan_has_a_pose() {
+    let mut input = drive(0.0);
+    input.retain(|measurement| !matches!(measurement.data, MeasurementData::Joints(_)));
+    let mut settings = settings(wheels(0));
+    settings.max_waiting = 100;
+    let (placed, counts) = run(settings, input);
+    assert_eq!(placed.len(), 0);
+    assert_eq!(dropped(&counts), [(DropReason::NoPose, 30)]);
 }

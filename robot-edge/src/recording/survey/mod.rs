@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use self::frames::FrameSurvey;
 use self::scans::ScanSurvey;
 use self::stamps::StampSurvey;
+use self::wheels::{AttitudeSurvey, JointSurvey};
 use super::{Format, Position, RecordingError, RecordingReader, Selection, StreamSummary};
 use crate::drops::DropCounts;
 use crate::measurement::{FrameId, Measurement, MeasurementData, StreamId};
@@ -16,13 +17,14 @@ mod mappable;
 mod report;
 pub mod scans;
 pub mod stamps;
+pub mod wheels;
 
 pub use mappable::Mappable;
 
 /// Of longer files only the beginning is surveyed.
 pub const MAX_SURVEYED_BYTES: u64 = 256 << 20;
 
-/// Streams of scans and of odometry that are told apart.
+/// Streams of one kind that are told apart.
 const MAX_SOURCES: usize = 64;
 
 /// What is in a recording.
@@ -44,6 +46,10 @@ pub struct Survey {
     pub frames: FrameSurvey,
     /// The streams of odometry.
     pub odometry: Vec<OdometrySurvey>,
+    /// The streams of joint angles.
+    pub joints: Vec<JointSurvey>,
+    /// The streams of attitudes.
+    pub attitudes: Vec<AttitudeSurvey>,
     /// The vehicle that the metadata names.
     pub vehicle: Option<String>,
     /// What could not be read.
@@ -96,6 +102,8 @@ impl Survey {
             scans: Vec::new(),
             frames: FrameSurvey::default(),
             odometry: Vec::new(),
+            joints: Vec::new(),
+            attitudes: Vec::new(),
             vehicle: None,
             losses: DropCounts::default(),
             loss_notes: Vec::new(),
@@ -173,9 +181,27 @@ impl Survey {
                 child, is_static, ..
             } => self.frames.add(frame, child, *stamp, *is_static),
             MeasurementData::Odometry { child, .. } => self.add_odometry(*stream, frame, child),
-            MeasurementData::Imu(_)
-            | MeasurementData::Joints(_)
-            | MeasurementData::Fix(_)
+            MeasurementData::Imu(sample) => {
+                let known = of_stream(
+                    &mut self.attitudes,
+                    |a| a.stream == *stream,
+                    || AttitudeSurvey::new(*stream),
+                );
+                if let Some(survey) = known {
+                    survey.add(sample);
+                }
+            }
+            MeasurementData::Joints(joints) => {
+                let known = of_stream(
+                    &mut self.joints,
+                    |j| j.stream == *stream,
+                    || JointSurvey::new(*stream),
+                );
+                if let Some(survey) = known {
+                    survey.add(joints);
+                }
+            }
+            MeasurementData::Fix(_)
             | MeasurementData::Twist(_)
             | MeasurementData::PointCloud(_) => {}
         }
@@ -190,13 +216,11 @@ impl Survey {
         frame: &FrameId,
         scan: &crate::scan::Scan,
     ) -> Option<&mut ScanSurvey> {
-        let known = self.scans.iter().position(|survey| survey.stream == stream);
-        let index = known.unwrap_or(self.scans.len());
-        if known.is_none() && index < MAX_SOURCES {
-            self.scans
-                .push(ScanSurvey::new(stream, frame.clone(), scan));
-        }
-        self.scans.get_mut(index)
+        of_stream(
+            &mut self.scans,
+            |survey| survey.stream == stream,
+            || ScanSurvey::new(stream, frame.clone(), scan),
+        )
     }
 
     fn add_odometry(&mut self, stream: StreamId, parent: &FrameId, child: &FrameId) {
@@ -215,6 +239,19 @@ impl Survey {
             });
         }
     }
+}
+
+/// What is known of a stream; nothing where there are too many.
+fn of_stream<T>(
+    known: &mut Vec<T>,
+    is_it: impl Fn(&T) -> bool,
+    new: impl FnOnce() -> T,
+) -> Option<&mut T> {
+    let index = known.iter().position(is_it).unwrap_or(known.len());
+    if index == known.len() && index < MAX_SOURCES {
+        known.push(new());
+    }
+    known.get_mut(index)
 }
 
 fn span<'a>(stamps: impl Iterator<Item = &'a StampSurvey>) -> Option<(RobotTime, RobotTime)> {

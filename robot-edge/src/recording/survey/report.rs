@@ -238,6 +238,8 @@ const fn loss_in_words(reason: DropReason) -> &'static str {
         DropReason::BadPose => "poses that are not finite or no rotation",
         DropReason::BadScan => "scans without beams, or with angles that are not finite",
         DropReason::Late
+        | DropReason::WheelJump
+        | DropReason::PoseJump
         | DropReason::NoPose
         | DropReason::BeforeFirstPose
         | DropReason::PoseGap
@@ -245,7 +247,8 @@ const fn loss_in_words(reason: DropReason) -> &'static str {
         | DropReason::QueueFull
         | DropReason::InvalidRange
         | DropReason::OwnBody
-        | DropReason::OutOfBounds => reason.as_str(),
+        | DropReason::OutOfBounds
+        | DropReason::OutsideWindow => reason.as_str(),
     }
 }
 
