@@ -2,7 +2,7 @@
 //!
 //! ```sh
 //! cargo bench -p robot-edge                   # everything, about a minute and a half
-//! cargo bench -p robot-edge -- occupancy      # or only: reading, occupancy, tiles, replay
+//! cargo bench -p robot-edge -- occupancy      # or only: reading, occupancy, terrain, tiles, replay
 //! ```
 //!
 //! `recordings/rooms.mcap` is always measured; recordings of others where they are found, in
@@ -16,6 +16,7 @@ mod reading;
 mod recordings;
 mod replay;
 mod rounds;
+mod terrain;
 mod tiles;
 
 use std::env;
@@ -42,9 +43,10 @@ fn main() -> anyhow::Result<()> {
         "one thread, processor time; median of {} rounds (least … greatest)",
         rounds::ROUNDS
     );
-    let parts: [(&str, Print); 4] = [
+    let parts: [(&str, Print); 5] = [
         ("reading", reading::print),
         ("occupancy", occupancy::print),
+        ("terrain", terrain::print),
         ("tiles", tiles::print),
         ("replay", replay::print),
     ];

@@ -6,7 +6,10 @@ use anyhow::Context as _;
 use robot_edge::config::{self, Config};
 use robot_edge::localization::beam_projection::{Footprint, SensorSettings};
 use robot_edge::localization::beam_range::ZeroRange;
-use robot_edge::localization::placer::{BeamPlacer, MountOrigin, PlacerSettings, PoseOrigin};
+use robot_edge::localization::placer::{
+    BeamPlacer, MountOrigin, Placed, PlacerSettings, PoseOrigin,
+};
+use robot_edge::localization::pose_jump::JumpLimit;
 use robot_edge::localization::pose_track::Reach;
 use robot_edge::mapping::posed_scan::{BeamOutcome, PosedScan};
 use robot_edge::measurement::Measurement;
@@ -68,6 +71,10 @@ impl Prepared {
             reach: Reach {
                 max_gap: seconds(from.max_gap_s),
                 max_extrapolation: seconds(from.max_extrapolation_s),
+                jump: JumpLimit {
+                    slack_m: from.jump_m,
+                    speed_mps: 3.0 * config.vehicle.max_speed_mps,
+                },
             },
             keep: seconds(from.buffer_s),
             wait: seconds(from.wait_s),
@@ -108,12 +115,16 @@ impl Prepared {
 
 /// Places every scan.
 pub(crate) fn place(mut placer: BeamPlacer, measurements: Vec<Measurement>) -> Vec<PosedScan> {
-    let mut scans = Vec::new();
+    let mut placed = Vec::new();
     for measurement in measurements {
-        placer.push(measurement, &mut scans);
+        placer.push(measurement, &mut placed);
     }
-    placer.finish(&mut scans);
-    scans
+    placer.finish(&mut placed);
+    let scan = |placed| match placed {
+        Placed::Scan(scan) => Some(scan),
+        Placed::Jump(_) => None,
+    };
+    placed.into_iter().filter_map(scan).collect()
 }
 
 /// The beams of `scans` that mark cells: hits, as the preset lets a miss say nothing.

@@ -1,5 +1,6 @@
 //! Publishing, the tile codec on the tiles that a recording publishes, and memory.
 
+use anyhow::Context as _;
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
 use protocol::tile::codec::{Decoder, Encoder};
@@ -110,7 +111,7 @@ impl Run {
             traffic.published == encode_us.len() as u64,
             "a published tile was not encoded"
         );
-        let occupancy = mapper.occupancy();
+        let occupancy = mapper.occupancy().context("no occupancy grid")?;
         Ok(Self {
             tiles: traffic.published,
             encoded_bytes,
@@ -140,7 +141,7 @@ fn map(
 ) -> anyhow::Result<Mapped> {
     let config = generic2d(cell_m)?;
     let period = RobotDuration::from_secs_f64(config.streaming.publish_period_s);
-    let mut mapper = Mapper::new(&config.mapping.occupancy);
+    let mut mapper = Mapper::new(&config.mapping, config.vehicle.wheelbase_m());
     let store_mb = config.streaming.store_mb;
     let mut publisher = Publisher::new(BootId([0; 16]), store_mb, &mapper, false)?;
     let mut published_at: Option<RobotTime> = None;

@@ -2,6 +2,7 @@
 
 use serde::Deserialize;
 
+use super::elevation_config::{ElevationConfig, GroundConfig, ObstacleConfig};
 use super::occupancy_config::OccupancyConfig;
 
 /// The map layers and what they share.
@@ -12,6 +13,12 @@ pub struct MappingConfig {
     pub threads: usize,
     /// The 2D occupancy grid.
     pub occupancy: OccupancyConfig,
+    /// The rolling elevation map.
+    pub elevation: ElevationConfig,
+    /// The obstacle map, which is made of the elevation map.
+    pub obstacle: ObstacleConfig,
+    /// The ground plane that heights refer to.
+    pub ground: GroundConfig,
 }
 
 impl Default for MappingConfig {
@@ -19,6 +26,9 @@ impl Default for MappingConfig {
         Self {
             threads: 1,
             occupancy: OccupancyConfig::default(),
+            elevation: ElevationConfig::default(),
+            obstacle: ObstacleConfig::default(),
+            ground: GroundConfig::default(),
         }
     }
 }

@@ -53,6 +53,20 @@ impl CellIndex {
         }
     }
 
+    /// As [`CellIndex::containing`] with the inverse of the cell's side, and in line: for every point of every
+    /// scan, where a division and a call to `floor` for each coordinate would take longer than the rest.
+    pub fn near(point: Point2<f64>, cells_per_m: f64) -> Self {
+        let index = |coordinate: f64| {
+            let cells = coordinate * cells_per_m;
+            let towards_zero = cells as i32;
+            towards_zero.saturating_sub(i32::from(cells < f64::from(towards_zero)))
+        };
+        Self {
+            x: index(point.x),
+            y: index(point.y),
+        }
+    }
+
     /// The tile it lies in and its place there, row by row.
     pub const fn split(self) -> (TileIndex, usize) {
         let edge = TILE_EDGE_CELLS;
@@ -147,6 +161,13 @@ impl<T: Copy> TiledGrid<T> {
             }
         }
         changed
+    }
+
+    /// Removes every tile; changes that nobody took are forgotten.
+    pub fn erase(&mut self) {
+        self.slots.clear();
+        self.tiles.clear();
+        self.changed.clear();
     }
 
     /// Where there are more than `limit` tiles, removes those farthest from `centre` (a tile) until 31/32 of

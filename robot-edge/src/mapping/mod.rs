@@ -4,6 +4,7 @@
 //! nothing of the wire. The same scans give the same cells, bit for bit, at any speed and on any platform.
 
 pub mod config;
+pub mod elevation_config;
 pub mod occupancy_config;
 pub mod posed_scan;
 
@@ -13,54 +14,82 @@ pub mod occupancy_grid;
 pub mod ray;
 pub mod scan_marks;
 
+pub mod elevation;
+pub mod elevation_cell;
+pub mod ground_plane;
+mod local_ground;
+pub mod obstacle;
+pub mod rolling_grid;
+mod scan_hits;
+mod sight_lines;
+pub mod terrain;
+
 use nalgebra::Point3;
 
 use crate::drops::{DropCounts, DropReason};
-use grid::TileIndex;
-use occupancy_config::OccupancyConfig;
+use config::MappingConfig;
+use ground_plane::GroundChange;
 use occupancy_grid::OccupancyGrid;
 use posed_scan::PosedScan;
+use terrain::Terrain;
 
 /// All map layers of one vehicle.
 #[derive(Clone, Debug)]
 pub struct Mapper {
-    occupancy: OccupancyGrid,
+    occupancy: Option<OccupancyGrid>,
+    terrain: Option<Terrain>,
     vehicle_in_odom: Point3<f64>,
+    resets: u32,
 }
 
 /// What became of one scan.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct MapReport {
-    /// Beams that marked a hit.
+    /// Beams that hit something.
     pub hits: u64,
     /// Beams without a return.
     pub misses: u64,
     /// Beams that did not reach a layer, by reason.
     pub dropped_beams: DropCounts,
+    /// The ground plane was taken anew, and the maps above it erased.
+    pub ground_change: Option<GroundChange>,
 }
 
 impl Mapper {
-    /// Empty maps.
-    pub fn new(occupancy: &OccupancyConfig) -> Self {
+    /// Empty maps of a vehicle whose axles are `wheelbase_m` apart.
+    pub fn new(config: &MappingConfig, wheelbase_m: f64) -> Self {
+        let occupancy = &config.occupancy;
         Self {
-            occupancy: OccupancyGrid::new(occupancy),
+            occupancy: occupancy.enabled.then(|| OccupancyGrid::new(occupancy)),
+            terrain: config
+                .elevation
+                .enabled
+                .then(|| Terrain::new(config, wheelbase_m)),
             vehicle_in_odom: Point3::origin(),
+            resets: 0,
         }
     }
 
     /// Adds one scan to every layer.
     pub fn integrate(&mut self, scan: &PosedScan) -> MapReport {
         self.vehicle_in_odom = Point3::from(scan.odom_from_base.translation.vector);
-        let occupancy = self.occupancy.integrate(scan);
-
-        let mut report = MapReport {
-            hits: u64::from(occupancy.hits),
-            misses: u64::from(occupancy.misses),
-            dropped_beams: DropCounts::default(),
-        };
-        report
-            .dropped_beams
-            .add_many(DropReason::OutOfBounds, u64::from(occupancy.out_of_bounds));
+        let mut report = MapReport::default();
+        if let Some(occupancy) = &mut self.occupancy {
+            let beams = occupancy.integrate(scan);
+            let lost = (DropReason::OutOfBounds, beams.out_of_bounds);
+            report.count_beams(beams.hits, beams.misses, lost);
+        }
+        if let Some(terrain) = &mut self.terrain {
+            let mapped = terrain.integrate(scan);
+            report.ground_change = mapped.ground_change;
+            // Each beam has one fate: where there is an occupancy grid, which knows no window, it is that one.
+            if self.occupancy.is_none() {
+                let points = mapped.elevation;
+                let misses = scan.beams.len() as u32 - points.points - points.outside;
+                let lost = (DropReason::OutsideWindow, points.outside);
+                report.count_beams(points.points, misses, lost);
+            }
+        }
         report
     }
 
@@ -69,20 +98,57 @@ impl Mapper {
         self.vehicle_in_odom
     }
 
-    /// The occupancy grid.
-    pub const fn occupancy(&self) -> &OccupancyGrid {
-        &self.occupancy
+    /// The occupancy grid, where it is mapped.
+    pub const fn occupancy(&self) -> Option<&OccupancyGrid> {
+        self.occupancy.as_ref()
     }
 
-    /// Tiles of the occupancy grid touched since the last call, in tile order.
-    pub fn take_changed_occupancy(&mut self) -> Vec<TileIndex> {
-        self.occupancy.take_changed()
+    /// The occupancy grid, to take its changes.
+    pub const fn occupancy_mut(&mut self) -> Option<&mut OccupancyGrid> {
+        self.occupancy.as_mut()
+    }
+
+    /// Elevation and obstacles, where they are mapped.
+    pub const fn terrain(&self) -> Option<&Terrain> {
+        self.terrain.as_ref()
+    }
+
+    /// Elevation and obstacles, to take their changes.
+    pub const fn terrain_mut(&mut self) -> Option<&mut Terrain> {
+        self.terrain.as_mut()
+    }
+
+    /// Forgets everything in every layer: what was mapped does not fit what comes.
+    pub fn reset(&mut self) {
+        self.resets += 1;
+        if let Some(occupancy) = &mut self.occupancy {
+            occupancy.erase();
+        }
+        if let Some(terrain) = &mut self.terrain {
+            terrain.reset();
+        }
+    }
+
+    /// How often everything was forgotten.
+    pub const fn resets(&self) -> u32 {
+        self.resets
     }
 
     /// Keeps every layer within its memory limit; says how many tiles were evicted.
     ///
     /// Call it after the changes were taken and published.
     pub fn keep_limits(&mut self) -> usize {
-        self.occupancy.keep_limit(&self.vehicle_in_odom)
+        let vehicle = self.vehicle_in_odom;
+        self.occupancy
+            .as_mut()
+            .map_or(0, |occupancy| occupancy.keep_limit(&vehicle))
+    }
+}
+
+impl MapReport {
+    fn count_beams(&mut self, hits: u32, misses: u32, lost: (DropReason, u32)) {
+        self.hits = hits.into();
+        self.misses = misses.into();
+        self.dropped_beams.add_many(lost.0, lost.1.into());
     }
 }

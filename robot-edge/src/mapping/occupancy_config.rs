@@ -8,6 +8,8 @@ use serde::Deserialize;
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OccupancyConfig {
+    /// Whether it is mapped.
+    pub enabled: bool,
     /// Side of a cell, metres.
     pub cell_m: f64,
     /// Probability that a cell which one scan saw through is occupied (\[LRF\]: 0.3).
@@ -37,6 +39,7 @@ pub enum Miss {
 impl Default for OccupancyConfig {
     fn default() -> Self {
         Self {
+            enabled: true,
             cell_m: 0.1,
             p_free: 0.3,
             p_occupied: 0.6,

@@ -134,6 +134,11 @@ impl OccupancyGrid {
         self.grid.take_changed()
     }
 
+    /// Forgets every cell.
+    pub fn erase(&mut self) {
+        self.grid.erase();
+    }
+
     /// Keeps the memory limit: evicts the tiles farthest from `point_in_odom` and says how many.
     ///
     /// Call it after [`OccupancyGrid::take_changed`], or their last changes are lost.

@@ -1,0 +1,119 @@
+//! A scan of 481 beams through placing, elevation and obstacle map: time by size of the window, and memory
+//! beside that of the document.
+
+use robot_edge::app::placing::{main_laser, placer_settings, poses_from_wheels};
+use robot_edge::clock::Monotonic;
+use robot_edge::config::{self, Config, WheelsAndAttitude};
+use robot_edge::localization::placer::{BeamPlacer, Placed};
+use robot_edge::mapping::Mapper;
+use robot_edge::mapping::terrain::Terrain;
+use robot_edge::measurement::Measurement;
+use robot_edge::simulation::{SimulatedSource, SimulationOptions, World};
+
+use crate::rounds::{ROUNDS, Rounds};
+
+/// Cells along an edge and their side in metres: three windows of 20 × 20 m, and [LOD] table 5.3's memory
+/// of both maps in bytes.
+const WINDOWS: [(u32, f64, u32); 3] = [
+    (101, 0.2, 40_804 + 10_201),
+    (201, 0.1, 161_604 + 40_401),
+    (401, 0.05, 643_204 + 160_801),
+];
+
+/// One table, a row a world and window.
+pub(crate) fn print() -> anyhow::Result<()> {
+    println!(
+        "elevation and obstacles: µs a scan of 481 beams, wall time, p50 and p99 over the run; median of rounds"
+    );
+    println!(
+        "| world | cells | placing p50 | maps p50 | maps p99 | both p50 | both p99 | bytes of both maps | [LOD] table 5.3 |"
+    );
+    println!("| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |");
+    for name in ["street", "hall", "floor"] {
+        let world = World::load(name)?;
+        let mut source = SimulatedSource::new(&world, SimulationOptions::default())?;
+        let run: Vec<_> = std::iter::from_fn(|| source.next_measurement()).collect();
+        // All sizes in each round, so that a slow spell of the machine meets each of them.
+        let mut times: [Times; 3] = Default::default();
+        let mut bytes = [0; 3];
+        for _ in 0..ROUNDS {
+            for (size, &(cells, cell_m, _)) in WINDOWS.iter().enumerate() {
+                bytes[size] = times[size].measure(&holos(cells, cell_m)?, run.clone())?;
+            }
+        }
+        for ((cells, _, document), (times, bytes)) in WINDOWS.iter().zip(times.iter().zip(bytes)) {
+            println!(
+                "| {name} | {cells} × {cells} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} | {bytes} | {document} |",
+                times.placing_p50.median(),
+                times.maps_p50.median(),
+                times.maps_p99.median(),
+                times.both_p50.median(),
+                times.both_p99.median(),
+            );
+        }
+    }
+    Ok(())
+}
+
+fn holos(cells: u32, cell_m: f64) -> anyhow::Result<Config> {
+    let settings = [
+        format!("mapping.elevation.cells={cells}"),
+        format!("mapping.elevation.cell_m={cell_m}"),
+        format!("mapping.obstacle.cells={cells}"),
+    ];
+    let settings: Result<Vec<_>, _> = settings.iter().map(|setting| setting.parse()).collect();
+    Ok(config::load("holos", &settings?)?)
+}
+
+/// Figures of every round, µs.
+#[derive(Default)]
+struct Times {
+    placing_p50: Rounds,
+    maps_p50: Rounds,
+    maps_p99: Rounds,
+    both_p50: Rounds,
+    both_p99: Rounds,
+}
+
+impl Times {
+    /// One round; returns the memory of both maps, bytes.
+    fn measure(&mut self, config: &Config, run: Vec<Measurement>) -> anyhow::Result<usize> {
+        let sensors = WheelsAndAttitude::of(&config.sensors).map_err(|(encoders, imus)| {
+            anyhow::anyhow!("{encoders} encoders, {imus} attitude sensors")
+        })?;
+        let origin = poses_from_wheels(config, &sensors);
+        let mut placer = BeamPlacer::new(placer_settings(config, main_laser(config)?, origin));
+        let mut mapper = Mapper::new(&config.mapping, config.vehicle.wheelbase_m());
+        let (mut placing_us, mut maps_us, mut both_us) = (Vec::new(), Vec::new(), Vec::new());
+        let mut placed = Vec::new();
+        // Of everything since the last scan: poses are placed for the scans that need them.
+        let mut placing = 0.0;
+        for measurement in run {
+            let started = Monotonic::now();
+            placer.push(measurement, &mut placed);
+            placing += us_since(started);
+            for placed in placed.drain(..) {
+                if let Placed::Scan(scan) = placed {
+                    let started = Monotonic::now();
+                    mapper.integrate(&scan);
+                    let maps = us_since(started);
+                    placing_us.push(placing);
+                    maps_us.push(maps);
+                    both_us.push(placing + maps);
+                    placing = 0.0;
+                }
+            }
+        }
+        let [placing, maps, both] = [placing_us, maps_us, both_us].map(Rounds::from_iter);
+        self.placing_p50.add(placing.quantile(0.5));
+        self.maps_p50.add(maps.quantile(0.5));
+        self.maps_p99.add(maps.quantile(0.99));
+        self.both_p50.add(both.quantile(0.5));
+        self.both_p99.add(both.quantile(0.99));
+        Ok(mapper.terrain().map_or(0, Terrain::bytes))
+    }
+}
+
+fn us_since(started: Monotonic) -> f64 {
+    1e6 * started.elapsed().as_secs_f64()
+}

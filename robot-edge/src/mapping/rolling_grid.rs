@@ -1,0 +1,291 @@
+//! A square window of cells that moves with the vehicle while its cells stay fixed in `odom`.
+//!
+//! The cells live in a circular buffer in both axes, and each place of the buffer knows whose cell it holds.
+//! So moving the window touches no cell at all: a place is blanked when the next cell that belongs there is
+//! first written. ([LOD §4.5] shifts and rotates its array, and reports holes and drag.)
+
+use super::grid::CellIndex;
+
+/// The window.
+#[derive(Clone, Debug)]
+pub struct RollingGrid<T> {
+    blank: T,
+    /// Cells along an edge.
+    side: i32,
+    /// The cell with the least x and y; `None` until the window was first laid.
+    first: Option<CellIndex>,
+    /// Column and row of `first` in the buffer.
+    origin: (i32, i32),
+    /// Row-major by `y mod side`, then `x mod side`.
+    places: Vec<Place<T>>,
+    changed: Vec<CellIndex>,
+    /// Cells that lost their place after a change that nobody had taken.
+    departed: Vec<(CellIndex, T)>,
+}
+
+/// A place of the buffer: all that is known of a cell lies together.
+#[derive(Clone, Copy, Debug)]
+struct Place<T> {
+    owner: CellIndex,
+    is_changed: bool,
+    value: T,
+}
+
+/// Windows stay within ± this, cells.
+const MAX_INDEX: i32 = 1 << 30;
+/// The owner of a place that holds nothing: no window reaches it.
+const NOBODY: CellIndex = CellIndex {
+    x: i32::MIN,
+    y: i32::MIN,
+};
+
+/// Where a cell of the window has its place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Slot(usize);
+
+impl<T: Copy> RollingGrid<T> {
+    /// A window of `side` × `side` cells (at least 1) that begin as `blank`.
+    pub fn new(side: u32, blank: T) -> Self {
+        let empty = Place {
+            owner: NOBODY,
+            is_changed: false,
+            value: blank,
+        };
+        Self {
+            blank,
+            side: side.cast_signed(),
+            first: None,
+            origin: (0, 0),
+            places: vec![empty; side as usize * side as usize],
+            changed: Vec::new(),
+            departed: Vec::new(),
+        }
+    }
+
+    /// Cells along an edge.
+    pub const fn side(&self) -> i32 {
+        self.side
+    }
+
+    /// The cell with the least x and y; `None` before the window was first laid.
+    pub const fn first(&self) -> Option<CellIndex> {
+        self.first
+    }
+
+    /// Memory of the cells, bytes.
+    pub const fn bytes(&self) -> usize {
+        self.places.len() * size_of::<Place<T>>()
+    }
+
+    /// Moves the window so that `center` is its middle cell. Cells that enter it are blank, but for those
+    /// that were in it before and whose place nobody has taken since.
+    pub fn center_on(&mut self, center: CellIndex) {
+        // Far from the edge of what an index holds, so that no window wraps around it.
+        let first_of = |center: i32| center.clamp(-MAX_INDEX, MAX_INDEX) - self.side / 2;
+        let first = CellIndex {
+            x: first_of(center.x),
+            y: first_of(center.y),
+        };
+        self.first = Some(first);
+        self.origin = (first.x.rem_euclid(self.side), first.y.rem_euclid(self.side));
+    }
+
+    /// Where `cell` has its place; `None` outside of the window.
+    pub fn slot(&self, cell: CellIndex) -> Option<Slot> {
+        let first = self.first?;
+        let side = self.side;
+        let (dx, dy) = (cell.x.wrapping_sub(first.x), cell.y.wrapping_sub(first.y));
+        let wrap = |at: i32| if at >= side { at - side } else { at };
+        let is_inside = (0..side).contains(&dx) && (0..side).contains(&dy);
+        is_inside.then(|| {
+            let (x, y) = (wrap(self.origin.0 + dx), wrap(self.origin.1 + dy));
+            Slot(y as usize * side as usize + x as usize)
+        })
+    }
+
+    /// The place of a cell that may lie outside of the window.
+    fn place_of(&self, cell: CellIndex) -> usize {
+        let (x, y) = (cell.x.rem_euclid(self.side), cell.y.rem_euclid(self.side));
+        y as usize * self.side as usize + x as usize
+    }
+
+    /// The value of `cell`, whose place is `slot`.
+    pub fn at(&self, cell: CellIndex, slot: Slot) -> &T {
+        let place = &self.places[slot.0];
+        if place.owner == cell {
+            &place.value
+        } else {
+            &self.blank
+        }
+    }
+
+    /// The value of `cell`, whose place is `slot`, to be changed; say so with [`RollingGrid::mark_changed`].
+    pub fn at_mut(&mut self, cell: CellIndex, slot: Slot) -> &mut T {
+        let place = &mut self.places[slot.0];
+        if place.owner != cell {
+            if std::mem::take(&mut place.is_changed) {
+                self.departed.push((place.owner, place.value));
+            }
+            place.owner = cell;
+            place.value = self.blank;
+        }
+        &mut place.value
+    }
+
+    /// The value of `cell`; `None` outside of the window.
+    pub fn get(&self, cell: CellIndex) -> Option<&T> {
+        self.slot(cell).map(|slot| self.at(cell, slot))
+    }
+
+    /// What [`RollingGrid::at_mut`] gave for `cell` at `slot` has changed.
+    pub fn mark_changed(&mut self, cell: CellIndex, slot: Slot) {
+        if !std::mem::replace(&mut self.places[slot.0].is_changed, true) {
+            self.changed.push(cell);
+        }
+    }
+
+    /// The cells changed since the last call, each with its newest value, in the order of their first
+    /// change; those that lost their place come first.
+    pub fn take_changed(&mut self) -> Vec<(CellIndex, T)> {
+        let mut taken = std::mem::take(&mut self.departed);
+        for cell in std::mem::take(&mut self.changed) {
+            let place = self.place_of(cell);
+            let place = &mut self.places[place];
+            // Whoever lost its place is in `departed`; whoever came back changed has been listed twice.
+            if place.owner == cell && std::mem::take(&mut place.is_changed) {
+                taken.push((cell, place.value));
+            }
+        }
+        taken
+    }
+
+    /// Blanks every cell; changes that nobody took are forgotten.
+    pub fn erase(&mut self) {
+        for place in &mut self.places {
+            place.owner = NOBODY;
+            place.is_changed = false;
+        }
+        self.changed.clear();
+        self.departed.clear();
+    }
+
+    /// Every cell of the window, rows of growing y, in a row growing x.
+    pub fn iter(&self) -> impl Iterator<Item = (CellIndex, &T)> {
+        let side = self.side;
+        let cells = self.first.into_iter().flat_map(move |first| {
+            (0..side).flat_map(move |row| {
+                (0..side).map(move |column| CellIndex {
+                    x: first.x + column,
+                    y: first.y + row,
+                })
+            })
+        });
+        cells.filter_map(|cell| Some((cell, self.get(cell)?)))
+    }
+}
+
+/// The cells of the window of `side` cells from `from` that are not in the one from `other`.
+pub(super) fn difference(
+    from: CellIndex,
+    other: CellIndex,
+    side: i32,
+) -> impl Iterator<Item = CellIndex> {
+    let outside = move |at: i32, first: i32| !(0..side).contains(&at.wrapping_sub(first));
+    let row = move |y: i32| {
+        // A row that both windows share lacks only its columns beyond the other.
+        let columns = if outside(y, other.y) {
+            from.x..from.x + side
+        } else {
+            beyond(from.x, other.x, side)
+        };
+        columns.map(move |x| CellIndex { x, y })
+    };
+    (from.y..from.y + side).flat_map(row)
+}
+
+/// The part of `from .. from + side` that is not in `other .. other + side`.
+fn beyond(from: i32, other: i32, side: i32) -> std::ops::Range<i32> {
+    if other >= from {
+        from..other.min(from + side)
+    } else {
+        (other + side).max(from)..from + side
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const fn cell(x: i32, y: i32) -> CellIndex {
+        CellIndex { x, y }
+    }
+
+    fn set(grid: &mut RollingGrid<u32>, at: CellIndex, value: u32) {
+        let slot = grid.slot(at).unwrap();
+        *grid.at_mut(at, slot) = value;
+        grid.mark_changed(at, slot);
+    }
+
+    #[test]
+    fn cells_stay_where_they_are_while_the_window_moves() {
+        let mut grid = RollingGrid::new(5, 0);
+        assert_eq!(grid.get(cell(0, 0)), None, "no window yet");
+        grid.center_on(cell(0, 0));
+        set(&mut grid, cell(2, -2), 7);
+        set(&mut grid, cell(-2, 0), 8);
+        grid.center_on(cell(1, 0));
+        assert_eq!(grid.get(cell(2, -2)), Some(&7));
+        assert_eq!(grid.get(cell(3, 0)), Some(&0), "an entering cell is blank");
+        assert_eq!(grid.get(cell(-2, 0)), None);
+        set(&mut grid, cell(3, 0), 9);
+        // The cell that lost its place has not lost its last value.
+        assert_eq!(
+            grid.take_changed(),
+            [(cell(-2, 0), 8), (cell(2, -2), 7), (cell(3, 0), 9)]
+        );
+        assert_eq!(grid.take_changed(), []);
+        grid.center_on(cell(0, 0));
+        assert_eq!(grid.get(cell(-2, 0)), Some(&0), "its place was taken");
+    }
+
+    proptest! {
+        /// Against a map without bounds: nothing is ever seen but the last value of the very cell or blank,
+        /// blank only of cells that left the window, and every last value is published.
+        #[test]
+        fn the_window_shows_the_last_values_and_publishes_them_all(
+            steps in prop::collection::vec((-9..9i32, -9..9i32, -3..4i32, -3..4i32), 1..40),
+        ) {
+            let mut grid = RollingGrid::new(7, 0);
+            let mut stayed: BTreeMap<(i32, i32), u32> = BTreeMap::new();
+            let mut published: BTreeMap<(i32, i32), u32> = BTreeMap::new();
+            let mut expected: BTreeMap<(i32, i32), u32> = BTreeMap::new();
+            let mut center = cell(0, 0);
+            for (n, (dx, dy, x, y)) in (1..).zip(steps) {
+                center = cell(center.x + dx, center.y + dy);
+                grid.center_on(center);
+                stayed.retain(|&(x, y), _| {
+                    (x - center.x).abs() <= 3 && (y - center.y).abs() <= 3
+                });
+                let at = cell(center.x + x, center.y + y);
+                set(&mut grid, at, n);
+                stayed.insert((at.x, at.y), n);
+                expected.insert((at.x, at.y), n);
+                for (at, &value) in grid.iter() {
+                    let key = (at.x, at.y);
+                    match stayed.get(&key) {
+                        Some(&last) => prop_assert_eq!(value, last),
+                        None => prop_assert!(value == 0 || Some(&value) == expected.get(&key)),
+                    }
+                }
+                if n % 3 == 0 {
+                    published.extend(grid.take_changed().iter().map(|(at, v)| ((at.x, at.y), *v)));
+                    prop_assert_eq!(&published, &expected);
+                }
+            }
+        }
+    }
+}
