@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
-use protocol::export::{export_all, write_trajectory};
+use protocol::export::{Caption, export_all, write_trajectory};
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
@@ -229,7 +229,12 @@ pub fn export(model: &ConsoleModel, dir: &Path) -> anyhow::Result<Vec<PathBuf>> 
         .info()
         .map(|info| info.source.as_str())
         .unwrap_or_default();
-    let mut files = export_all(dir, model.map().store(), title)?.files;
+    let position_m = model.vehicle().pose().map(|(pose, _)| pose.position_m);
+    let caption = Caption {
+        title,
+        vehicle_m: position_m.map(|[x, y, _]| [x, y]),
+    };
+    let mut files = export_all(dir, model.map().store(), &caption)?.files;
     let trajectory = dir.join("trajectory.tum");
     write_trajectory(&trajectory, model.vehicle().poses().iter().copied())?;
     files.push(trajectory);

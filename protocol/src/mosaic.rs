@@ -139,9 +139,15 @@ impl Raster {
 
     /// The value at a point of `odom`; `None` where it is unknown or outside the raster.
     pub fn value_at(&self, x_m: f64, y_m: f64) -> Option<f32> {
+        let (column, row) = self.place_of(x_m, y_m)?;
+        self.layer.quantisation().decode(self.row(row)[column])
+    }
+
+    /// Column and row (from the lowest y) of the cell at a point in `odom`, metres; `None` outside.
+    pub fn place_of(&self, x_m: f64, y_m: f64) -> Option<(usize, usize)> {
         let column = self.offset(x_m, self.extent.first.0, self.width)?;
         let row = self.offset(y_m, self.extent.first.1, self.height)?;
-        self.layer.quantisation().decode(self.row(row)[column])
+        Some((column, row))
     }
 
     fn offset(&self, position_m: f64, first: i64, count: usize) -> Option<usize> {

@@ -18,7 +18,7 @@ use crate::tile_store::TileStore;
 
 pub use geotiff::write_geotiff;
 pub use map_server::{Trinary, write_map_server};
-pub use picture::{length_label, round_length_m, write_picture};
+pub use picture::{Caption, length_label, round_length_m, write_picture};
 pub use trajectory::{StampedPose, write_trajectory};
 
 /// Why an export failed.
@@ -70,11 +70,15 @@ pub struct Exported {
 /// Writes every layer of `store` to `dir`, which is made where it is missing. See [`export_layer`].
 ///
 /// A layer that fails does not keep the others from being written; the first error is returned at the end.
-pub fn export_all(dir: &Path, store: &TileStore, title: &str) -> Result<Exported, ExportError> {
+pub fn export_all(
+    dir: &Path,
+    store: &TileStore,
+    caption: &Caption<'_>,
+) -> Result<Exported, ExportError> {
     let mut exported = Exported::default();
     let mut first_error = None;
     for grid in store.grids() {
-        match export_layer(dir, store, grid.layer, title) {
+        match export_layer(dir, store, grid.layer, caption) {
             Ok(files) if files.is_empty() => exported.empty.push(grid.layer),
             Ok(files) => exported.files.extend(files),
             Err(error) => {
@@ -85,15 +89,14 @@ pub fn export_all(dir: &Path, store: &TileStore, title: &str) -> Result<Exported
     first_error.map_or(Ok(exported), Err)
 }
 
-/// Writes `<layer>.tif` and `<layer>.png`, for occupancy also `occupancy.pgm` and `occupancy.yaml`, and
-/// returns their paths: none where nothing of the layer is known.
-///
-/// `title` is printed above the picture, for instance the name of the recording.
+/// Writes `<layer>.tif` and `<layer>.png`, for occupancy also `occupancy.pgm` and `occupancy.yaml`, for
+/// elevation and obstacle the picture in the colours of \[LOD\] as `<layer>.document.png`, and returns their
+/// paths: none where nothing of the layer is known.
 pub fn export_layer(
     dir: &Path,
     store: &TileStore,
     layer: LayerId,
-    title: &str,
+    caption: &Caption<'_>,
 ) -> Result<Vec<PathBuf>, ExportError> {
     std::fs::create_dir_all(dir).map_err(|source| ExportError::Io {
         path: dir.to_owned(),
@@ -112,7 +115,12 @@ pub fn export_layer(
         dir.join(format!("{layer}.png")),
     ];
     write_geotiff(&files[0], &raster)?;
-    write_picture(&files[1], &raster, &palette_for(&raster), title)?;
+    write_picture(&files[1], &raster, &palette_for(&raster), caption)?;
+    if let Some(palette) = layer.document_palette() {
+        let path = dir.join(format!("{layer}.document.png"));
+        write_picture(&path, &raster, &palette, caption)?;
+        files.push(path);
+    }
     if layer == LayerId::Occupancy {
         files.extend(write_map_server(dir, "occupancy", &raster)?);
     }

@@ -170,7 +170,15 @@ fn every_layer_with_something_known_gets_its_files() {
     fill(&mut store, LayerId::Shore, 10, 10, |x, _| 1 + x as u16 % 4);
     let dir = tempfile::tempdir().unwrap();
     let target = dir.path().join("made").join("for it");
-    let exported = export_all(&target, &store, "a test").unwrap();
+    let exported = export_all(
+        &target,
+        &store,
+        &Caption {
+            title: "a test",
+            vehicle_m: None,
+        },
+    )
+    .unwrap();
     assert_eq!(exported.empty, [LayerId::Elevation]);
     let mut names: Vec<String> = fs::read_dir(&target)
         .unwrap()
@@ -203,7 +211,9 @@ fn an_error_names_the_path_and_the_other_layers_are_written() {
     fill(&mut store, layer, 4, 4, |_, _| 1);
     let dir = tempfile::tempdir().unwrap();
     fs::create_dir(dir.path().join("occupancy.tif")).unwrap();
-    let error = export_all(dir.path(), &store, "").unwrap_err().to_string();
+    let error = export_all(dir.path(), &store, &Caption::default())
+        .unwrap_err()
+        .to_string();
     assert!(error.contains("occupancy.tif"), "{error}");
     assert!(dir.path().join("obstacle.png").exists());
     let leftovers = fs::read_dir(dir.path())

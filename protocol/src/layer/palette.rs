@@ -62,6 +62,11 @@ impl LayerId {
         Palette::new(self, self.schemes()[0])
     }
 
+    /// The palette of \[LOD\], for the two layers that the document has.
+    pub fn document_palette(self) -> Option<Palette> {
+        self.palettes().find(Palette::is_the_documents)
+    }
+
     fn class_color(self, index: usize) -> Rgb {
         use okabe_ito::{BLUE, BLUISH_GREEN, REDDISH_PURPLE, VERMILLION, YELLOW};
         let colors: &[Rgb] = match self {
@@ -91,6 +96,11 @@ impl Palette {
             low,
             high,
         }
+    }
+
+    /// Whether these are the colours of \[LOD §5\].
+    pub fn is_the_documents(&self) -> bool {
+        matches!(self.scheme, Scheme::GroundPlane | Scheme::GreenRed)
     }
 
     /// The layer it colours.

@@ -80,6 +80,29 @@ impl Magnification {
             }
         }
     }
+
+    /// Draws one cell in `color`, (column, row from the bottom) of `raster`, whose map is at `at`.
+    pub(super) fn mark(
+        self,
+        canvas: &mut Canvas,
+        at: (u32, u32),
+        raster: &Raster,
+        cell: (usize, usize),
+        color: [u8; 3],
+    ) {
+        let row = raster.height() - 1 - cell.1;
+        let (x, y, side_px) = match self {
+            Self::PixelsPerCell(factor) => (cell.0 * factor, row * factor, factor),
+            Self::CellsPerPixel(factor) => (cell.0 / factor, row / factor, 1),
+        };
+        let square = Rect {
+            x: at.0 + x as u32,
+            y: at.1 + y as u32,
+            width: side_px as u32,
+            height: side_px as u32,
+        };
+        canvas.fill(square, color);
+    }
 }
 
 /// `color` with `alpha` as it looks on the ground.

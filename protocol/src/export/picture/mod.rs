@@ -16,13 +16,17 @@ use self::map::Magnification;
 use self::text::Lettering;
 use super::ExportError;
 use super::whole_file::write_whole;
-use crate::layer::Palette;
+use crate::layer::{Palette, Swatch};
 use crate::mosaic::Raster;
 
 const PAGE: [u8; 3] = [250, 250, 251];
 /// Bluish, so that no grey of an occupancy map is mistaken for it.
 const GROUND: [u8; 3] = [180, 192, 206];
 const INK: [u8; 3] = [24, 28, 34];
+/// The vehicle's cell: orange, as [LOD §5] draws it.
+const VEHICLE: [u8; 3] = [255, 140, 0];
+/// Length of the scale in the pictures of [LOD §5], metres.
+const DOCUMENT_BAR_M: f64 = 1.0;
 const FAINT_INK: [u8; 3] = [92, 98, 108];
 
 const MARGIN: u32 = 28;
@@ -34,7 +38,16 @@ const MAP_PADDING: u32 = 14;
 /// Narrower maps are centred on this much ground, so that title and scale bar have room.
 const GROUND_SIDE_MIN: u32 = 420;
 
-/// Writes `raster` in the colours of `palette` with `title` above it.
+/// What a picture says beside its map.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Caption<'a> {
+    /// Printed above the map, for instance the name of the recording.
+    pub title: &'a str,
+    /// Where the vehicle is in `odom`, metres: its cell is orange ([LOD §5]).
+    pub vehicle_m: Option<[f64; 2]>,
+}
+
+/// Writes `raster` in the colours of `palette`.
 ///
 /// Small maps are magnified by a whole factor; of maps more than 4096 cells wide or high each pixel shows
 /// the highest code of a square of cells, so that walls stay visible.
@@ -42,9 +55,9 @@ pub fn write_picture(
     path: &Path,
     raster: &Raster,
     palette: &Palette,
-    title: &str,
+    caption: &Caption<'_>,
 ) -> Result<(), ExportError> {
-    let canvas = draw(raster, palette, title);
+    let canvas = draw(raster, palette, caption);
     write_whole(path, |writer| {
         encode(writer, &canvas).map_err(|error| {
             let path = path.to_owned();
@@ -69,13 +82,23 @@ fn encode(writer: &mut BufWriter<File>, canvas: &Canvas) -> Result<(), png::Enco
 
 /// The page: title and subtitle, below them the map on its ground with the legend to its right, below the
 /// map the scale bar.
-fn draw(raster: &Raster, palette: &Palette, title: &str) -> Canvas {
+fn draw(raster: &Raster, palette: &Palette, caption: &Caption<'_>) -> Canvas {
     let lettering = Lettering::new();
-    let legend = palette.legend();
+    let mut legend = palette.legend();
+    let vehicle = caption
+        .vehicle_m
+        .and_then(|vehicle_m| raster.place_of(vehicle_m[0], vehicle_m[1]));
+    if vehicle.is_some() {
+        legend.swatches.push(Swatch {
+            color: [VEHICLE[0], VEHICLE[1], VEHICLE[2], 255],
+            label: "vehicle".to_owned(),
+        });
+    }
     let magnification = Magnification::of(raster);
     let (map_width, map_height) = magnification.pixels(raster);
     let legend_size = legend::size(&lettering, &legend);
 
+    let title = caption.title;
     let heading = if title.is_empty() {
         raster.layer().name().to_owned()
     } else {
@@ -109,12 +132,16 @@ fn draw(raster: &Raster, palette: &Palette, title: &str) -> Canvas {
     let map_x = ground.x + (ground.width - map_width) / 2;
     let map_y = ground.y + (ground.height - map_height) / 2;
     magnification.draw(&mut canvas, (map_x, map_y), raster, palette);
+    if let Some(cell) = vehicle {
+        magnification.mark(&mut canvas, (map_x, map_y), raster, cell, VEHICLE);
+    }
     legend::draw(&mut canvas, &lettering, (legend_x, ground.y), &legend);
     scale_bar::draw(
         &mut canvas,
         &lettering,
         (ground.x, ground.bottom()),
         magnification.pixels_per_m(raster.cell_m()),
+        palette.is_the_documents().then_some(DOCUMENT_BAR_M),
         ground.width,
     );
     canvas

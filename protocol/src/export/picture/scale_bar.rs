@@ -7,18 +7,25 @@ use super::{INK, TEXT_PX};
 /// Height that [`draw`] needs.
 pub(super) const HEIGHT: u32 = 44;
 const BAR_PX_MAX: f64 = 240.0;
+const BAR_PX_MIN: f64 = 10.0;
 const BAR_TOP: u32 = 16;
 const BAR_HEIGHT: u32 = 9;
 
-/// Draws the bar with its label to the right; `at` is the upper left corner of its space.
+/// Draws the bar, `wanted_m` long where that can be drawn, with its label to the right; `at` is the upper left corner of its space.
 pub(super) fn draw(
     canvas: &mut Canvas,
     lettering: &Lettering,
     at: (u32, u32),
     pixels_per_m: f64,
+    wanted_m: Option<f64>,
     width_max: u32,
 ) {
-    let length_m = round_length_m(BAR_PX_MAX.min(f64::from(width_max) * 0.5) / pixels_per_m);
+    let fits_m = BAR_PX_MAX.min(f64::from(width_max) * 0.5) / pixels_per_m;
+    let can_be_seen = |length_m: &f64| length_m * pixels_per_m >= BAR_PX_MIN;
+    let length_m = wanted_m
+        .map(|length_m| length_m.min(fits_m))
+        .filter(can_be_seen)
+        .unwrap_or_else(|| round_length_m(fits_m));
     let (x, y) = (at.0, at.1 + BAR_TOP);
     let width = (length_m * pixels_per_m).round().max(1.0) as u32;
     let bar = Rect {

@@ -16,7 +16,7 @@ fn the_map_stands_upright_in_its_colours() {
         _ => 0,
     });
     let palette = LayerId::Obstacle.default_palette();
-    let canvas = draw(&raster, &palette, "test");
+    let canvas = draw(&raster, &palette, &Caption::default());
     let magnification = Magnification::of(&raster);
     assert_eq!(magnification, Magnification::PixelsPerCell(24));
     let [red, green, blue, _] = palette.color(2);
@@ -42,7 +42,7 @@ fn huge_maps_are_reduced_and_keep_their_walls() {
     });
     assert_eq!(Magnification::of(&raster), Magnification::CellsPerPixel(3));
     let palette = LayerId::Occupancy.default_palette();
-    let canvas = draw(&raster, &palette, "");
+    let canvas = draw(&raster, &palette, &Caption::default());
     assert!(canvas.width() < 3000 + 400, "{}", canvas.width());
     let [wall, ..] = palette.color(246);
     let dark = canvas
@@ -51,4 +51,35 @@ fn huge_maps_are_reduced_and_keep_their_walls() {
         .filter(|pixel| **pixel == [wall; 3])
         .count();
     assert!(dark >= 7, "the wall has vanished");
+}
+
+#[test]
+fn the_vehicles_cell_is_orange_and_the_documents_bar_is_a_metre() {
+    let raster = raster_of(LayerId::Elevation, 0.2, 50, 50, |_, _| 32768);
+    let palette = LayerId::Elevation.document_palette().unwrap();
+    let center_m = 0.2 * (25.5);
+    let corner_m = raster.corners_m().0;
+    let caption = Caption {
+        title: "",
+        vehicle_m: Some([corner_m[0] + center_m, corner_m[1] + 0.1]),
+    };
+    let canvas = draw(&raster, &palette, &caption);
+    let count = |color: [u8; 3], rows: std::ops::Range<u32>| {
+        rows.flat_map(|y| (0..MARGIN + 1000 + 2 * MAP_PADDING).map(move |x| (x, y)))
+            .filter(|&(x, y)| pixel(&canvas, x, y) == color)
+            .count()
+    };
+    let map_bottom = canvas.height() - scale_bar::HEIGHT - MARGIN;
+    assert_eq!(
+        count(VEHICLE, 0..map_bottom),
+        20 * 20,
+        "one cell of 20 pixels"
+    );
+    assert_eq!(
+        count([40, 80, 220], 0..map_bottom),
+        (2500 - 1) * 400,
+        "ground is blue"
+    );
+    // 1 m is 100 pixels: half of it white inside its frame.
+    assert_eq!(count([255; 3], map_bottom..canvas.height()), 49 * 7);
 }
