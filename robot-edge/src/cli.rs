@@ -10,6 +10,7 @@ use clap_complete::Shell;
 use protocol::keys::RobotId;
 
 use crate::config::Override;
+use crate::experiments::Experiment;
 use crate::pacer::Rate;
 
 const EXIT_CODES: &str = "\
@@ -68,6 +69,8 @@ pub enum Command {
     Vehicles(Vehicles),
     /// Validate a configuration and say exactly what is wrong
     Check(Check),
+    /// Run the experiments against simulated truth and write a report page with pictures
+    Experiments(Experiments),
     /// Print completions for a shell
     Completions(Completions),
 }
@@ -205,6 +208,20 @@ pub struct Check {
     pub config: String,
 }
 
+/// `experiments`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct Experiments {
+    /// Experiments to run [default: all]
+    #[arg(value_name = "ID", value_parser = str::parse::<Experiment>)]
+    pub ids: Vec<Experiment>,
+    /// Where to write the page and its pictures
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Run each with the seeds 1 to N
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub seeds: u64,
+}
+
 /// `completions`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Args)]
 pub struct Completions {
@@ -306,7 +323,12 @@ mod tests {
                 "cannot be used with",
             ),
             ("recover a", "OUT"),
-            ("experiments", "experiments"),
+            ("experiments", "--out"),
+            (
+                "experiments L1 X9 --out d",
+                "no experiment is called `X9`: there are",
+            ),
+            ("experiments --out d --seeds 0", "0 is not in 1..=1000"),
         ] {
             let error = parse(line).unwrap_err();
             assert_eq!(error.exit_code(), 2, "{line}");
@@ -319,6 +341,21 @@ mod tests {
                 .to_string()
                 .contains("130 interrupted")
         );
+    }
+
+    #[test]
+    fn experiments_are_named_by_id() {
+        let experiments = |ids: &[Experiment], seeds| {
+            Command::Experiments(Experiments {
+                ids: ids.to_vec(),
+                out: "d".into(),
+                seeds,
+            })
+        };
+        let all = parse("experiments --out d").unwrap();
+        assert_eq!(all, experiments(&[], 1));
+        let two = parse("experiments L2 l1 --out d --seeds 20").unwrap();
+        assert_eq!(two, experiments(&[Experiment::L2, Experiment::L1], 20));
     }
 
     #[test]

@@ -2,41 +2,46 @@
 
 use std::collections::HashMap;
 
+use crate::mapping::grid::CellIndex;
+use crate::mapping::posed_scan::{BeamOutcome, PosedBeam, PosedScan};
+use crate::simulation::World;
+use crate::simulation::truth::outline::Outline;
 use nalgebra::Point2;
 use protocol::export::Trinary;
-use robot_edge::mapping::grid::CellIndex;
-use robot_edge::mapping::posed_scan::{BeamOutcome, PosedBeam, PosedScan};
-use robot_edge::simulation::World;
-use robot_edge::simulation::truth::outline::Outline;
 
 use super::agreement::{Asked, Truth};
-use super::rooms::run;
+use super::run;
+use crate::experiments::ExperimentError;
 
 /// The cells that the truth asks to be occupied and that are not.
-pub(super) struct Erosion {
+pub(in crate::experiments) struct Erosion {
     /// They were occupied at the end of some second, and later scans undid it.
-    pub(super) undone: usize,
+    pub(in crate::experiments) undone: usize,
     /// They never were.
-    pub(super) never: usize,
+    pub(in crate::experiments) never: usize,
     /// Of the beams that undid it, crossing such a cell without a hit in it after it was last occupied: angle
-    /// to the nearest surface, degrees, ascending.
-    pub(super) angles_deg: Vec<f64>,
+    /// to the nearest surface, degrees, ascending; nowhere but in an empty world not-a-number.
+    pub(in crate::experiments) angles_deg: Vec<f64>,
 }
 
 impl Erosion {
     /// Of one run through `world`.
-    pub(super) fn of(world: &World, truth: &Truth, seed: u64) -> Self {
-        let mut run = run(world, seed);
+    pub(in crate::experiments) fn of(
+        world: &World,
+        truth: &Truth,
+        seed: u64,
+    ) -> Result<Self, ExperimentError> {
+        let mut run = run(world, seed, &[])?;
         let (mut scans, mut last_occupied) = (Vec::new(), HashMap::new());
         for second in 1..=run.duration_s() as u32 {
-            run.advance_with(f64::from(second), |scan| scans.push(scan.clone()));
+            run.advance_with(f64::from(second), |_, scan| scans.push(scan.clone()))?;
             let store = run.store();
             let occupied = truth
                 .known_cells(&store)
                 .filter(|cell| cell.map == Trinary::Occupied);
             last_occupied.extend(occupied.map(|cell| (cell.index, scans.len())));
         }
-        let pipeline = run.finish();
+        let pipeline = run.finish()?;
         let store = pipeline.publisher().store();
         let (undone, never): (Vec<_>, Vec<_>) = truth
             .known_cells(&store)
@@ -62,16 +67,20 @@ impl Erosion {
             .map(|(beam, centre_m)| angle_to_surface_deg(&outline, beam, centre_m))
             .collect();
         angles_deg.sort_by(f64::total_cmp);
-        Self {
+        Ok(Self {
             undone: undone.len(),
             never: never.len(),
             angles_deg,
-        }
+        })
     }
 
     /// The angle below which this share of the beams is, degrees.
-    pub(super) fn quantile_deg(&self, share: f64) -> f64 {
-        self.angles_deg[((self.angles_deg.len() - 1) as f64 * share) as usize]
+    pub(in crate::experiments) fn quantile_deg(&self, share: f64) -> f64 {
+        let place = self.angles_deg.len().saturating_sub(1) as f64 * share;
+        self.angles_deg
+            .get(place as usize)
+            .copied()
+            .unwrap_or(f64::NAN)
     }
 }
 
@@ -138,7 +147,9 @@ fn angle_to_surface_deg(outline: &Outline, beam: &PosedBeam, point_m: Point2<f64
         .segments()
         .iter()
         .min_by(|a, b| distance_m(a).total_cmp(&distance_m(b)));
-    let [a, b] = nearest.unwrap();
+    let Some([a, b]) = nearest else {
+        return f64::NAN;
+    };
     let beam = (beam.end_in_odom - beam.origin_in_odom).xy().normalize();
     let surface = (b - a).normalize();
     libm::asin(beam.perp(&surface).abs()).to_degrees()

@@ -1,16 +1,12 @@
 //! A map and its errors as a small picture.
 
-use std::fs::File;
-use std::io::BufWriter;
-use std::path::Path;
-
-use png::{BitDepth, ColorType, Encoder};
 use protocol::export::Trinary;
 use protocol::tile_store::TileStore;
 
 use super::agreement::{Asked, Truth};
+use crate::experiments::pictures::{Drawing, Image, Picture};
 
-/// What a pixel shows, as an index into [`PALETTE`].
+/// What a pixel shows, as an index into [`COLORS`].
 #[derive(Clone, Copy)]
 enum Shade {
     Unknown,
@@ -22,7 +18,7 @@ enum Shade {
 }
 
 /// Okabe and Ito's vermillion and blue stand out from every grey and from each other.
-const PALETTE: [[u8; 3]; 6] = [
+const COLORS: [[u8; 3]; 6] = [
     [180, 192, 206],
     [255, 255, 255],
     [40, 40, 40],
@@ -34,8 +30,13 @@ const PIXELS_PER_CELL: usize = 4;
 /// The building with a little ground around it, metres.
 const CORNERS_M: [[f64; 2]; 2] = [[-3.0, -4.0], [18.4, 12.6]];
 
-/// Writes a picture of the published map, errors in colour, north up.
-pub(super) fn write(path: &Path, truth: &Truth, store: &TileStore) {
+/// The published map, errors in colour, north up.
+pub(in crate::experiments) fn picture(
+    truth: &Truth,
+    store: &TileStore,
+    name: &str,
+    caption: &str,
+) -> Picture {
     let cell_m = truth.grid().cell_m();
     let [first, end] = CORNERS_M.map(|corner| corner.map(|m| libm::round(m / cell_m) as i64));
     let [width, height] = [0, 1].map(|axis| (end[axis] - first[axis]) as usize * PIXELS_PER_CELL);
@@ -48,25 +49,31 @@ pub(super) fn write(path: &Path, truth: &Truth, store: &TileStore) {
             (_, Trinary::Occupied) => Shade::Occupied,
             (_, Trinary::Undecided) => Shade::Undecided,
         };
-        let [column, row] = [0, 1].map(|axis| {
-            let offset = usize::try_from(cell.index[axis] - first[axis]).unwrap();
-            offset * PIXELS_PER_CELL
-        });
-        let top = height - row - PIXELS_PER_CELL;
+        let [column, row] = [0, 1].map(|axis| usize::try_from(cell.index[axis] - first[axis]).ok());
+        let (Some(column), Some(row)) = (column, row) else {
+            continue;
+        };
+        let (left, bottom) = (column * PIXELS_PER_CELL, row * PIXELS_PER_CELL);
+        let Some(top) = height.checked_sub(bottom + PIXELS_PER_CELL) else {
+            continue;
+        };
         for line in pixels
             .chunks_exact_mut(width)
             .skip(top)
             .take(PIXELS_PER_CELL)
         {
-            line[column..][..PIXELS_PER_CELL].fill(shade as u8);
+            if let Some(part) = line.get_mut(left..left + PIXELS_PER_CELL) {
+                part.fill(shade as u8);
+            }
         }
     }
-    let file = BufWriter::new(File::create(path).unwrap());
-    let mut encoder = Encoder::new(file, width as u32, height as u32);
-    encoder.set_color(ColorType::Indexed);
-    encoder.set_depth(BitDepth::Eight);
-    encoder.set_palette(PALETTE.concat());
-    let mut writer = encoder.write_header().unwrap();
-    writer.write_image_data(&pixels).unwrap();
-    writer.finish().unwrap();
+    Picture {
+        name: name.to_owned(),
+        caption: caption.to_owned(),
+        image: Image::Drawing(Drawing {
+            width: width as u32,
+            colors: COLORS.to_vec(),
+            pixels,
+        }),
+    }
 }

@@ -1,0 +1,207 @@
+//! E3 [LOD §5.3]: the ground plane changes its orientation down a ramp, and not on bumps.
+
+use std::collections::BTreeMap;
+
+use super::ExperimentError;
+use super::outcome::{Check, Outcome, Part, Table};
+use super::session::{SEED, Session};
+use super::spread::Spread;
+use super::terrain::agreement::{self, Agreement};
+use super::terrain::sweep::Sweep;
+use super::terrain::{Cell, TerrainWorld, obstacle_map, seconds, views};
+use crate::mapping::elevation_cell::CellClass;
+use crate::simulation::Motion;
+use crate::simulation::truth::{GroundPlane, Verdict};
+
+/// Where the ramp begins, metres along x.
+const RAMP_M: f64 = 7.12;
+/// Share of the swept ramp that must be free after the change.
+const FREE_MIN: f64 = 0.95;
+/// False obstacles that must have been there for their vanishing to mean anything: 1 m².
+const FALSE_OBSTACLES_MIN: f64 = 25.0;
+
+/// One drive.
+struct Drive {
+    /// When the ground plane was taken anew, seconds.
+    changes_s: Vec<f64>,
+    /// Where the vehicle was then, metres along x.
+    changes_m: Vec<f64>,
+    /// The map just before the first change.
+    before: BTreeMap<Cell, CellClass>,
+    /// Cells of the ramp that are obstacles although the vehicle can drive there, just before.
+    false_before: usize,
+    /// The finished map.
+    map: BTreeMap<Cell, CellClass>,
+}
+
+pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
+    let ramp = TerrainWorld::load("ramp", &[], None)?;
+    let drives = session.for_each_seed("E3: ramp", |seed| drive(&ramp, seed))?;
+    session.step("E3: what was swept")?;
+    let first = drives.iter().filter_map(|drive| drive.changes_s.first());
+    let last = drives.iter().filter_map(|drive| drive.changes_s.last());
+    let earliest_s = first.copied().fold(ramp.duration_s(), f64::min);
+    let latest_s = last.copied().fold(0.0, f64::max);
+    let old = ramp.plane_at(0.0);
+    let new = ramp.plane_at(latest_s + SETTLED_S);
+    let sweep = Sweep::of(&ramp, &new, |at_s| at_s >= latest_s)?;
+    let sweep_before = Sweep::of(&ramp, &old, |at_s| at_s < earliest_s - UNPUBLISHED_S)?;
+    let mut checks = checks(&ramp, &drives, &sweep, &new);
+    let before: Vec<_> = drives
+        .iter()
+        .map(|drive| Agreement::of(&ramp, &old, &drive.before, &sweep_before))
+        .collect();
+    // Not asked for: it is the map that the change throws away, made while the front wheels leave the plane.
+    let before = agreement::checks("before the change", &before);
+    checks.extend(before.into_iter().map(Check::only_shown));
+    let after: Vec<_> = drives
+        .iter()
+        .map(|drive| Agreement::of(&ramp, &new, &drive.map, &sweep))
+        .collect();
+    checks.extend(agreement::checks("at the end", &after));
+
+    let mut parts = vec![Part::text(include_str!("notes/e3.md"))];
+    parts.push(Part::Table(changes(&drives)));
+    parts.push(Part::Pictures(views::world_from_above(
+        &ramp, &old, "e3-world",
+    )?));
+    session.step("E3: pictures")?;
+    let mut run = ramp.run(SEED, 0.0)?;
+    if let Some(first_s) = drives.first().and_then(|drive| drive.changes_s.first()) {
+        run.advance_to(first_s - BEFORE_S)?;
+        parts.push(Part::Pictures(views::maps(
+            run.pipeline(),
+            "e3-before",
+            "before the change",
+        )?));
+    }
+    let pipeline = run.finish()?;
+    parts.push(Part::Pictures(views::maps(
+        &pipeline,
+        "e3-after",
+        "at the end",
+    )?));
+    Ok(Outcome { checks, parts })
+}
+
+/// After the change the vehicle stands on the ramp, seconds.
+const SETTLED_S: f64 = 5.0;
+/// What is shown as before the change was a little before, seconds.
+const BEFORE_S: f64 = 0.3;
+
+fn drive(ramp: &TerrainWorld, seed: u64) -> Result<Drive, ExperimentError> {
+    let motion = Motion::new(&ramp.world);
+    let mut run = ramp.run(seed, 0.0)?;
+    let mut changes_s = Vec::new();
+    let mut before = obstacle_map(&run.store());
+    let steps = libm::ceil(ramp.duration_s() / STEP_S) as u32;
+    for until_s in (1..=steps).map(|step| f64::from(step) * STEP_S) {
+        run.advance_to(until_s)?;
+        let happenings = run.take_happenings();
+        changes_s.extend(happenings.iter().map(|happening| seconds(happening.stamp)));
+        if changes_s.is_empty() {
+            before = obstacle_map(&run.store());
+        }
+    }
+    let mut pipeline = run.finish()?;
+    let happenings = pipeline.take_happenings();
+    changes_s.extend(happenings.iter().map(|happening| seconds(happening.stamp)));
+    let obstacles = before
+        .iter()
+        .filter(|(_, class)| **class == CellClass::Obstacle);
+    let on_ramp = ramp.plane_at(ramp.duration_s());
+    let false_before = obstacles.filter(|(cell, _)| is_ramp(ramp, **cell, &on_ramp));
+    let false_before = false_before.count();
+    Ok(Drive {
+        changes_m: changes_s
+            .iter()
+            .map(|&at_s| motion.world_from_base(at_s).translation.x)
+            .collect(),
+        false_before,
+        before,
+        map: obstacle_map(&pipeline.publisher().store()),
+        changes_s,
+    })
+}
+
+/// The published map before the change may lack what was seen so short before it, seconds.
+const UNPUBLISHED_S: f64 = 0.6;
+/// Time between two looks at the maps, seconds.
+const STEP_S: f64 = 0.2;
+
+/// Whether a cell is ramp that the vehicle can drive on.
+fn is_ramp(ramp: &TerrainWorld, cell: Cell, on_ramp: &GroundPlane) -> bool {
+    let drivable = |verdict: Verdict| !verdict.is_obstacle && verdict.margin_m > agreement::ASIDE_M;
+    let begins_m = cell[0] as f64 * ramp.cell_m();
+    begins_m > RAMP_M && ramp.verdict(cell, on_ramp).is_some_and(drivable)
+}
+
+fn checks(
+    ramp: &TerrainWorld,
+    drives: &[Drive],
+    sweep: &Sweep,
+    on_ramp: &GroundPlane,
+) -> Vec<Check> {
+    let swept: Vec<Cell> = sweep
+        .cells()
+        .filter(|&cell| is_ramp(ramp, cell, on_ramp))
+        .collect();
+    let free = Spread::of(drives.iter().map(|drive| {
+        let is_free = |cell: &&Cell| drive.map.get(*cell) == Some(&CellClass::Free);
+        100.0 * swept.iter().filter(is_free).count() as f64 / swept.len().max(1) as f64
+    }));
+    let false_before = Spread::of(drives.iter().map(|drive| drive.false_before as f64));
+    let count = Spread::of(drives.iter().map(|drive| drive.changes_s.len() as f64));
+    let places = drives.iter().flat_map(|drive| &drive.changes_m).copied();
+    let places = Spread::of(places);
+    // From here on the front wheels are on the ramp, whatever the rear wheels do.
+    let front_axle_m = 0.5 * ramp.config.vehicle.wheelbase_m();
+    vec![
+        Check::gate(
+            "swept cells of the ramp that are Free in the end",
+            format!("{} of {}", free.words(1, " %"), swept.len()),
+            format!("≥ {:.0} %", 100.0 * FREE_MIN),
+            free.least >= 100.0 * FREE_MIN && !swept.is_empty(),
+        ),
+        Check::gate(
+            "false obstacles on the ramp just before the change",
+            false_before.words(0, " cells"),
+            format!("≥ {FALSE_OBSTACLES_MIN}"),
+            false_before.least >= FALSE_OBSTACLES_MIN,
+        ),
+        Check::gate(
+            "changes of the ground plane, at the bumps or before the ramp",
+            places_before(drives, RAMP_M - front_axle_m).to_string(),
+            "0",
+            places_before(drives, RAMP_M - front_axle_m) == 0,
+        ),
+        Check::gate(
+            "changes of the ground plane",
+            count.words(0, ""),
+            "1",
+            drives.iter().all(|drive| drive.changes_s.len() == 1),
+        ),
+        Check::gate(
+            "where: the vehicle's middle, the ramp begins at 7.12 m",
+            places.words(2, " m"),
+            format!("≥ {:.2} m: all wheels on the ramp", RAMP_M + front_axle_m),
+            places.least >= RAMP_M + front_axle_m,
+        ),
+    ]
+}
+
+fn places_before(drives: &[Drive], x_m: f64) -> usize {
+    let places = drives.iter().flat_map(|drive| &drive.changes_m);
+    places.filter(|place| **place < x_m).count()
+}
+
+/// Each change of seed 1.
+fn changes(drives: &[Drive]) -> Table {
+    let mut table = Table::new(&["ground plane taken anew after, s", "at x, m"]);
+    for drive in drives.iter().take(1) {
+        for (at_s, at_m) in drive.changes_s.iter().zip(&drive.changes_m) {
+            table.push([format!("{at_s:.1}"), format!("{at_m:.2}")]);
+        }
+    }
+    table
+}

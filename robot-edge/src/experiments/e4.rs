@@ -1,0 +1,261 @@
+//! E4 [LOD §5.4]: straight on, with true encoders and with those of the document.
+
+use std::collections::BTreeMap;
+
+use super::ExperimentError;
+use super::outcome::{Check, Outcome, Part, Table};
+use super::session::{SEED, Session};
+use super::spread::Spread;
+use super::terrain::agreement::{self, Agreement};
+use super::terrain::extent::{extent_m, faces, front_m};
+use super::terrain::sweep::Sweep;
+use super::terrain::{Cell, TerrainWorld, obstacle_map, views};
+use crate::mapping::elevation_cell::CellClass;
+use crate::simulation::truth::GroundPlane;
+
+/// Shares by which encoders read too far [LOD §5.4]: not at all, 4.2 m as 4.4 m, 20 m as 21.4 m.
+const ENCODER_ERRORS: [f64; 3] = [0.0, 0.048, 0.07];
+/// With the greatest encoder error things are mapped so much too far ahead, metres.
+const LATE_M: f64 = 2.5;
+
+/// Columns that must be compared, so that none are is no agreement: 2 m of the way.
+const COLUMNS_MIN: f64 = 10.0;
+
+/// A way that is driven.
+struct Way {
+    world: TerrainWorld,
+    /// What stands up on both sides, the left one first: solids with an inner face along x.
+    sides: [&'static str; 2],
+    sides_words: &'static str,
+    /// Two things one behind the other.
+    landmarks: [&'static str; 2],
+    /// The map at the beginning is the one after so long, seconds.
+    beginning_s: f64,
+    words: &'static str,
+    name: &'static str,
+}
+
+/// What one drive gave.
+struct Drive {
+    beginning: Distances,
+    end: Distances,
+    agreement: Agreement,
+    /// Swept cells of which the map knows nothing.
+    holes: usize,
+    /// Where the vehicle takes itself to be in the end, metres along x.
+    way_m: f64,
+}
+
+/// Distances in an obstacle map.
+struct Distances {
+    /// Between the sides, in cells, by column.
+    sides: BTreeMap<i64, i64>,
+    /// Between the fronts of the landmarks, metres.
+    landmarks_m: Option<f64>,
+}
+
+pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
+    let mut outcome = Outcome::default();
+    outcome.parts.push(Part::text(include_str!("notes/e4.md")));
+    for way in [
+        Way {
+            world: TerrainWorld::load("hall", &[], Some(21.0))?,
+            sides: ["left wall", "right wall"],
+            sides_words: "the walls",
+            landmarks: ["first pillar", "second pillar"],
+            beginning_s: 5.0,
+            words: "hall, 4.2 m",
+            name: "hall",
+        },
+        Way {
+            world: TerrainWorld::load("street", &[], None)?,
+            sides: ["left pavement", "right pavement"],
+            sides_words: "the kerbs",
+            landmarks: ["car on the left", "van on the left"],
+            // Kerbs are met where the beams meet the ground, 8 m ahead: 4 m of them by then.
+            beginning_s: 20.0,
+            words: "street, 20 m and 12 m more",
+            name: "street",
+        },
+    ] {
+        way.run(session, &mut outcome)?;
+    }
+    Ok(outcome)
+}
+
+impl Way {
+    fn run(&self, session: &Session<'_>, outcome: &mut Outcome) -> Result<(), ExperimentError> {
+        session.step(&format!("E4: the truth of {}", self.words))?;
+        let plane = self.world.plane_at(0.0);
+        let sweep = Sweep::of(&self.world, &plane, |_| true)?;
+        let truly_m = self.landmarks_truly_m()?;
+        let mut table = Table::new(&[
+            "encoders read too far by",
+            "way at the end, m",
+            "landmarks apart, truly, m",
+            "in the map, m",
+            "false obstacles",
+            "agreement, %",
+            "holes",
+        ]);
+        for error in ENCODER_ERRORS {
+            let what = format!("E4: {}, encoders {:.1} % off", self.words, 100.0 * error);
+            let drives =
+                session.for_each_seed(&what, |seed| self.drive(seed, error, &plane, &sweep))?;
+            table.rows.push(row(error, truly_m, &drives));
+            if error == 0.0 {
+                outcome.checks.extend(self.checks(&drives, truly_m, &sweep));
+            }
+        }
+        outcome
+            .parts
+            .push(Part::text(format!("### {}", self.words)));
+        outcome.parts.push(Part::Table(table));
+        session.step(&format!("E4: pictures of {}", self.words))?;
+        let name = |rest: &str| format!("e4-{}-{rest}", self.name);
+        let world = views::world_from_above(&self.world, &plane, &name("world"))?;
+        outcome.parts.push(Part::Pictures(world));
+        let mut run = self.world.run(SEED, 0.0)?;
+        run.advance_to(self.beginning_s)?;
+        let beginning = views::maps(run.pipeline(), &name("beginning"), "at the beginning")?;
+        outcome.parts.push(Part::Pictures(beginning));
+        for error in ENCODER_ERRORS {
+            let pipeline = self.world.run(SEED, error)?.finish()?;
+            let percent = format!("{:.1}", 100.0 * error);
+            let name = name(&format!("end-{}", percent.replace('.', "-")));
+            let caption = format!("at the end, encoders {percent} % off");
+            let pictures = views::maps(&pipeline, &name, &caption)?;
+            outcome.parts.push(Part::Pictures(pictures));
+        }
+        Ok(())
+    }
+
+    fn drive(
+        &self,
+        seed: u64,
+        error: f64,
+        plane: &GroundPlane,
+        sweep: &Sweep,
+    ) -> Result<Drive, ExperimentError> {
+        let mut run = self.world.run(seed, error)?;
+        run.advance_to(self.beginning_s)?;
+        let beginning = self.distances(&obstacle_map(&run.store()), plane)?;
+        let pipeline = run.finish()?;
+        let map = obstacle_map(&pipeline.publisher().store());
+        let holes = sweep.cells().filter(|cell| !map.contains_key(cell));
+        let holes: Vec<_> = holes.map(|cell| self.world.centre_m(cell)).collect();
+        tracing::debug!(world = self.name, error, ?holes);
+        Ok(Drive {
+            beginning,
+            end: self.distances(&map, plane)?,
+            agreement: Agreement::of(&self.world, plane, &map, sweep),
+            holes: holes.len(),
+            way_m: pipeline.mapper().vehicle_in_odom().x,
+        })
+    }
+
+    fn distances(
+        &self,
+        map: &BTreeMap<Cell, CellClass>,
+        plane: &GroundPlane,
+    ) -> Result<Distances, ExperimentError> {
+        let world = &self.world;
+        let [left, right] = self.sides;
+        let left = faces(world, map, plane, extent_m(world.solid(left)?, 1)[0], 1);
+        let right = faces(world, map, plane, extent_m(world.solid(right)?, 1)[1], -1);
+        let sides = left.into_iter().filter_map(|(column, left)| {
+            let right = right.get(&column)?;
+            Some((column, left - right))
+        });
+        let [first, second] = self.landmarks;
+        let [first, second] = [
+            front_m(world, map, world.solid(first)?, LATE_M),
+            front_m(world, map, world.solid(second)?, LATE_M),
+        ];
+        Ok(Distances {
+            sides: sides.collect(),
+            landmarks_m: second.zip(first).map(|(second, first)| second - first),
+        })
+    }
+
+    fn landmarks_truly_m(&self) -> Result<f64, ExperimentError> {
+        let [first, second] = self.landmarks;
+        let first_m = extent_m(self.world.solid(first)?, 0)[0];
+        Ok(extent_m(self.world.solid(second)?, 0)[0] - first_m)
+    }
+
+    /// What is asked of drives with true encoders.
+    fn checks(&self, drives: &[Drive], truly_m: f64, sweep: &Sweep) -> Vec<Check> {
+        let words = self.words;
+        let cell_m = self.world.cell_m();
+        let changes = Spread::of(drives.iter().map(Drive::greatest_change));
+        let columns = Spread::of(drives.iter().map(|drive| drive.columns() as f64));
+        let holes = Spread::of(drives.iter().map(|drive| drive.holes as f64));
+        let apart = drives
+            .iter()
+            .map(|drive| drive.end.landmarks_m.unwrap_or(f64::NAN));
+        let apart = Spread::of(apart);
+        let is_near = |m: f64| (m - truly_m).abs() <= cell_m + 1e-9;
+        let mut checks = vec![
+            Check::gate(
+                format!(
+                    "{words}: greatest change of the distance between {}",
+                    self.sides_words
+                ),
+                changes.words(0, " cells"),
+                "≤ 1 cell",
+                changes.most <= 1.0,
+            ),
+            Check::gate(
+                format!("{words}: columns where it is known at the beginning and at the end"),
+                columns.words(0, ""),
+                format!("≥ {COLUMNS_MIN}"),
+                columns.least >= COLUMNS_MIN,
+            ),
+            Check::gate(
+                format!("{words}: {} to {}", self.landmarks[0], self.landmarks[1]),
+                apart.words(2, " m"),
+                format!("{truly_m:.2} m ± {cell_m} m"),
+                is_near(apart.least) && is_near(apart.most),
+            ),
+            Check::gate(
+                format!("{words}: holes among the swept cells"),
+                format!("{} of {}", holes.words(0, ""), sweep.cells().count()),
+                "0",
+                holes.most == 0.0,
+            ),
+        ];
+        let agreements: Vec<_> = drives.iter().map(|drive| drive.agreement.clone()).collect();
+        checks.extend(agreement::checks(words, &agreements));
+        checks
+    }
+}
+
+impl Drive {
+    /// By how many cells the distance between the sides changed most, in any column.
+    fn greatest_change(&self) -> f64 {
+        let both = self.beginning.sides.iter().filter_map(|(column, before)| {
+            let after = self.end.sides.get(column)?;
+            Some((after - before).abs() as f64)
+        });
+        both.fold(0.0, f64::max)
+    }
+
+    fn columns(&self) -> usize {
+        let known = |column: &&i64| self.end.sides.contains_key(*column);
+        self.beginning.sides.keys().filter(known).count()
+    }
+}
+
+fn row(error: f64, truly_m: f64, drives: &[Drive]) -> Vec<String> {
+    let spread = |figure: &dyn Fn(&Drive) -> f64| Spread::of(drives.iter().map(figure));
+    vec![
+        format!("{:.1} %", 100.0 * error),
+        spread(&|drive| drive.way_m).words(2, ""),
+        format!("{truly_m:.2}"),
+        spread(&|drive| drive.end.landmarks_m.unwrap_or(f64::NAN)).words(2, ""),
+        spread(&|drive| drive.agreement.false_obstacles.len() as f64).words(0, ""),
+        spread(&|drive| 100.0 * drive.agreement.share()).words(2, ""),
+        spread(&|drive| drive.holes as f64).words(0, ""),
+    ]
+}

@@ -1,0 +1,167 @@
+//! E6 [LOD §5.6]: a left turn does not drag walls, and glass lets beams through.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::ExperimentError;
+use super::outcome::{Check, Outcome, Part};
+use super::session::{SEED, Session};
+use super::spread::Spread;
+use super::terrain::agreement::{self, Agreement};
+use super::terrain::extent::extent_m;
+use super::terrain::sweep::Sweep;
+use super::terrain::{Cell, TerrainWorld, obstacle_map, views};
+use crate::mapping::elevation_cell::CellClass;
+use crate::simulation::Motion;
+
+/// By how much the walls may grow.
+const GROWTH_MAX: f64 = 1.05;
+/// Walls along x that are mapped before the turn.
+const WALLS: [&str; 2] = ["right wall", "left wall"];
+/// Cells so near a wall's face are the wall's: drag would spread them, metres.
+const NEAR_M: f64 = 0.6;
+/// Cells beyond the glass that must be known at the end: 1 m².
+const BEYOND_GLASS_MIN: f64 = 25.0;
+/// The turn begins when the vehicle has turned by so much, degrees.
+const TURNING_DEG: f64 = 0.5;
+/// The whole turn, degrees.
+const TURN_DEG: f64 = 90.0;
+const STEP_S: f64 = 0.1;
+
+struct Drive {
+    before: f64,
+    after: f64,
+    beyond_glass: [f64; 2],
+    agreement: Agreement,
+}
+
+pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
+    let turn = TerrainWorld::load("turn", &[], None)?;
+    let plane = turn.plane_at(0.0);
+    let sweep = Sweep::of(&turn, &plane, |_| true)?;
+    let begins_s = time_of_yaw_s(&turn, TURNING_DEG)?;
+    let drives = session.for_each_seed("E6: turn", |seed| {
+        let mut run = turn.run(seed, 0.0)?;
+        run.advance_to(begins_s)?;
+        let before = obstacle_map(&run.store());
+        let pipeline = run.finish()?;
+        let after = obstacle_map(&pipeline.publisher().store());
+        let (walls_before, walls_after) = walls(&turn, &before, &after)?;
+        Ok(Drive {
+            before: walls_before as f64,
+            after: walls_after as f64,
+            beyond_glass: [
+                beyond_glass(&turn, &before)? as f64,
+                beyond_glass(&turn, &after)? as f64,
+            ],
+            agreement: Agreement::of(&turn, &plane, &after, &sweep),
+        })
+    })?;
+    let mut parts = vec![
+        Part::text(include_str!("notes/e6.md")),
+        Part::Pictures(views::world_from_above(&turn, &plane, "e6-world")?),
+    ];
+    session.step("E6: pictures")?;
+    let mut run = turn.run(SEED, 0.0)?;
+    for (until_s, name, caption) in [
+        (begins_s, "beginning", "before the turn"),
+        (time_of_yaw_s(&turn, 0.5 * TURN_DEG)?, "middle", "halfway"),
+        (turn.duration_s(), "end", "after it"),
+    ] {
+        run.advance_to(until_s)?;
+        let name = format!("e6-{name}");
+        parts.push(Part::Pictures(views::maps(run.pipeline(), &name, caption)?));
+    }
+    Ok(Outcome {
+        checks: checks(&drives),
+        parts,
+    })
+}
+
+fn checks(drives: &[Drive]) -> Vec<Check> {
+    let spread = |figure: &dyn Fn(&Drive) -> f64| Spread::of(drives.iter().map(figure));
+    let growth = spread(&|drive| drive.after / drive.before);
+    let before = spread(&|drive| drive.before);
+    let beyond = spread(&|drive| drive.beyond_glass[1]);
+    let mut checks = vec![
+        Check::gate(
+            "cells of the walls after the turn over those before",
+            growth.words(3, ""),
+            format!("≤ {GROWTH_MAX}"),
+            growth.most <= GROWTH_MAX,
+        ),
+        Check::gate(
+            "cells of the walls before",
+            before.words(0, ""),
+            "≥ 20",
+            before.least >= 20.0,
+        ),
+        Check::gate(
+            "known cells beyond the glass at the end",
+            beyond.words(0, ""),
+            format!("≥ {BEYOND_GLASS_MIN}"),
+            beyond.least >= BEYOND_GLASS_MIN,
+        ),
+        Check::shown(
+            "known cells beyond the glass before the turn",
+            spread(&|drive| drive.beyond_glass[0]).words(0, ""),
+        ),
+    ];
+    let agreements: Vec<_> = drives.iter().map(|drive| drive.agreement.clone()).collect();
+    checks.extend(agreement::checks("turn", &agreements));
+    checks
+}
+
+/// Cells of the stretches of wall that were mapped before: then, and after.
+fn walls(
+    turn: &TerrainWorld,
+    before: &BTreeMap<Cell, CellClass>,
+    after: &BTreeMap<Cell, CellClass>,
+) -> Result<(usize, usize), ExperimentError> {
+    let mut counts = (0, 0);
+    for wall in WALLS {
+        let wall = turn.solid(wall)?;
+        let ([from_m, to_m], [right_m, left_m]) = (extent_m(wall, 0), extent_m(wall, 1));
+        let is_wall = |cell: &Cell| {
+            let [x_m, y_m] = turn.centre_m(*cell);
+            (from_m..=to_m).contains(&x_m) && (right_m - NEAR_M..=left_m + NEAR_M).contains(&y_m)
+        };
+        let cells = |map: &BTreeMap<Cell, CellClass>| -> Vec<Cell> {
+            let obstacles = map
+                .iter()
+                .filter(|(_, class)| **class == CellClass::Obstacle);
+            obstacles.map(|(&cell, _)| cell).filter(is_wall).collect()
+        };
+        let first = cells(before);
+        let columns: BTreeSet<i64> = first.iter().map(|cell| cell[0]).collect();
+        let later = cells(after);
+        counts.0 += first.len();
+        counts.1 += later
+            .iter()
+            .filter(|cell| columns.contains(&cell[0]))
+            .count();
+    }
+    Ok(counts)
+}
+
+fn beyond_glass(
+    turn: &TerrainWorld,
+    map: &BTreeMap<Cell, CellClass>,
+) -> Result<usize, ExperimentError> {
+    let glass_m = extent_m(turn.solid("main glass wall")?, 0)[1];
+    // Noise carries no point of the glass so far.
+    let beyond = |cell: &&Cell| cell[0] as f64 * turn.cell_m() > glass_m + turn.cell_m();
+    Ok(map.keys().filter(beyond).count())
+}
+
+/// When the vehicle has turned by so many degrees.
+fn time_of_yaw_s(turn: &TerrainWorld, yaw_deg: f64) -> Result<f64, ExperimentError> {
+    let motion = Motion::new(&turn.world);
+    let steps = (turn.duration_s() / STEP_S) as u32;
+    let mut times = (0..=steps).map(|step| f64::from(step) * STEP_S);
+    let time_s = times.find(|&time_s| {
+        crate::pose::yaw_rad(&motion.world_from_base(time_s)).to_degrees() >= yaw_deg
+    });
+    time_s.ok_or_else(|| {
+        ExperimentError::Unsuitable(format!("the world `turn` does not turn by {yaw_deg}°"))
+    })
+}

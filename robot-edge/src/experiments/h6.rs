@@ -1,0 +1,197 @@
+//! H6: a person walks through and leaves no trail; walls stay.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::ExperimentError;
+use super::outcome::{Check, Outcome, Part};
+use super::session::{SEED, Session};
+use super::spread::Spread;
+use super::terrain::agreement::{self, Agreement};
+use super::terrain::extent::extent_m;
+use super::terrain::sweep::Sweep;
+use super::terrain::{Cell, TerrainWorld, obstacle_map, views};
+use crate::mapping::elevation_cell::CellClass;
+use crate::simulation::truth::GroundPlane;
+
+/// No trail so long after the person has left, seconds.
+const AFTER_S: f64 = 10.0;
+/// Share of the walls' cells that must stay.
+const WALLS_STAY_MIN: f64 = 0.99;
+/// Time between two looks, seconds.
+const STEP_S: f64 = 0.2;
+
+struct Drive {
+    /// Most cells of the person's way that were obstacles at one time.
+    most_trail: f64,
+    /// Those 10 s after the person left.
+    trail: f64,
+    /// Those at the end.
+    trail_at_end: f64,
+    /// Cells of walls that were obstacles at any time until then, and those of them that still are.
+    walls: f64,
+    walls_left: f64,
+    agreement: Agreement,
+}
+
+/// Where the person walks.
+struct Walk {
+    cells: BTreeSet<Cell>,
+    comes_s: f64,
+    leaves_s: f64,
+}
+
+pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
+    let walker = TerrainWorld::load("walker", &[], None)?;
+    let plane = walker.plane_at(0.0);
+    let walk = Walk::of(&walker, &plane)?;
+    let sweep = Sweep::of(&walker, &plane, |_| true)?;
+    let drives = session.for_each_seed("H6: walker", |seed| {
+        drive(&walker, &plane, &walk, &sweep, seed)
+    })?;
+    session.step("H6: pictures")?;
+    let mut parts = vec![
+        Part::text(include_str!("notes/h6.md")),
+        Part::Pictures(views::world_from_above(&walker, &plane, "h6-world")?),
+    ];
+    let mut run = walker.run(SEED, 0.0)?;
+    for (until_s, name, caption) in [
+        (
+            0.5 * (walk.comes_s + walk.leaves_s),
+            "during",
+            "while the person is there",
+        ),
+        (walk.leaves_s + AFTER_S, "after", "10 s after it left"),
+    ] {
+        run.advance_to(until_s)?;
+        let name = format!("h6-{name}");
+        parts.push(Part::Pictures(views::maps(run.pipeline(), &name, caption)?));
+    }
+    Ok(Outcome {
+        checks: checks(&drives),
+        parts,
+    })
+}
+
+impl Walk {
+    fn of(walker: &TerrainWorld, plane: &GroundPlane) -> Result<Self, ExperimentError> {
+        let mut walk = Self {
+            cells: BTreeSet::new(),
+            comes_s: f64::INFINITY,
+            leaves_s: 0.0,
+        };
+        let steps = (walker.duration_s() / STEP_S) as u32;
+        for time_s in (0..=steps).map(|step| f64::from(step) * STEP_S) {
+            let movers = walker.world.solids().iter();
+            let movers = movers.filter(|solid| solid.motion.is_some());
+            for solid in movers.filter_map(|solid| solid.at(time_s)) {
+                walk.comes_s = walk.comes_s.min(time_s);
+                walk.leaves_s = walk.leaves_s.max(time_s);
+                let (x, y) = (extent_m(&solid, 0), extent_m(&solid, 1));
+                let (first, last) = (walker.cell_at([x[0], y[0]]), walker.cell_at([x[1], y[1]]));
+                // Noise carries points into the next cell.
+                let columns = first[0] - 1..=last[0] + 1;
+                let cells = columns.flat_map(|x| (first[1] - 1..=last[1] + 1).map(move |y| [x, y]));
+                walk.cells.extend(cells.filter(|&cell| {
+                    let verdict = walker.verdict(cell, plane);
+                    verdict.is_some_and(|verdict| !verdict.is_obstacle)
+                }));
+            }
+        }
+        if walk.cells.is_empty() || walk.leaves_s + AFTER_S > walker.duration_s() {
+            return Err(ExperimentError::Unsuitable(
+                "nobody walks through the world `walker` in time".to_owned(),
+            ));
+        }
+        Ok(walk)
+    }
+
+    fn trail(&self, map: &BTreeMap<Cell, CellClass>) -> f64 {
+        let is_obstacle = |cell: &&Cell| map.get(*cell) == Some(&CellClass::Obstacle);
+        self.cells.iter().filter(is_obstacle).count() as f64
+    }
+}
+
+fn drive(
+    walker: &TerrainWorld,
+    plane: &GroundPlane,
+    walk: &Walk,
+    sweep: &Sweep,
+    seed: u64,
+) -> Result<Drive, ExperimentError> {
+    let mut run = walker.run(seed, 0.0)?;
+    let after_s = walk.leaves_s + AFTER_S;
+    let mut most_trail = 0.0_f64;
+    let mut walls = BTreeSet::new();
+    let steps = (after_s / STEP_S) as u32;
+    for until_s in (1..=steps).map(|step| f64::from(step) * STEP_S) {
+        run.advance_to(until_s)?;
+        let map = obstacle_map(&run.store());
+        most_trail = most_trail.max(walk.trail(&map));
+        walls.extend(map.into_iter().filter_map(|(cell, class)| {
+            let is_wall = class == CellClass::Obstacle
+                && walker
+                    .verdict(cell, plane)
+                    .is_some_and(|verdict| verdict.is_obstacle);
+            is_wall.then_some(cell)
+        }));
+    }
+    run.advance_to(after_s)?;
+    let map = obstacle_map(&run.store());
+    let (trail, pipeline) = (walk.trail(&map), run.finish()?);
+    let map = obstacle_map(&pipeline.publisher().store());
+    let left = walls
+        .iter()
+        .filter(|cell| map.get(*cell) == Some(&CellClass::Obstacle));
+    Ok(Drive {
+        most_trail,
+        trail,
+        trail_at_end: walk.trail(&map),
+        walls_left: left.count() as f64,
+        walls: walls.len() as f64,
+        agreement: Agreement::of(walker, plane, &map, sweep),
+    })
+}
+
+fn checks(drives: &[Drive]) -> Vec<Check> {
+    let spread = |figure: &dyn Fn(&Drive) -> f64| Spread::of(drives.iter().map(figure));
+    let trail = spread(&|drive| drive.trail);
+    let stay = spread(&|drive| 100.0 * drive.walls_left / drive.walls);
+    let most = spread(&|drive| drive.most_trail);
+    let at_end = spread(&|drive| drive.trail_at_end);
+    let walls = spread(&|drive| drive.walls);
+    let mut checks = vec![
+        Check::gate(
+            "obstacle cells where the person walked, 10 s after it left",
+            trail.words(0, ""),
+            "0",
+            trail.most == 0.0,
+        ),
+        Check::gate(
+            "cells of walls that stay obstacles to the end",
+            stay.words(2, " %"),
+            format!("≥ {:.0} %", 100.0 * WALLS_STAY_MIN),
+            stay.least >= 100.0 * WALLS_STAY_MIN,
+        ),
+        Check::gate(
+            "most such cells at one time",
+            most.words(0, ""),
+            "≥ 3",
+            most.least >= 3.0,
+        ),
+        Check::gate(
+            "such cells at the end",
+            at_end.words(0, ""),
+            "0",
+            at_end.most == 0.0,
+        ),
+        Check::gate(
+            "cells of walls",
+            walls.words(0, ""),
+            "≥ 50",
+            walls.least >= 50.0,
+        ),
+    ];
+    let agreements: Vec<_> = drives.iter().map(|drive| drive.agreement.clone()).collect();
+    checks.extend(agreement::checks("walker", &agreements));
+    checks
+}
