@@ -3,6 +3,7 @@
 //! Data flows one way: a source ([`recording`], [`simulation`]) yields [`measurement::Measurement`]s;
 //! [`localization`] places every beam of a scan in `odom`; [`mapping`] turns posed scans into cells;
 //! [`streaming`] turns changed cells into tiles. [`app`] owns the threads and channels between them.
+//! [`experiments`] holds the maps of simulated worlds against their truth.
 
 pub mod clock;
 pub mod drops;
@@ -16,6 +17,7 @@ pub mod app;
 pub mod cli;
 pub mod config;
 pub mod exit;
+pub mod experiments;
 pub mod link;
 pub mod localization;
 pub mod mapping;

@@ -5,7 +5,9 @@ use protocol::tile::BootId;
 use crate::clock::Monotonic;
 use crate::config::Config;
 use crate::drops::DropCounts;
-use crate::localization::placer::{BeamPlacer, PlacerSettings};
+use crate::localization::config::OnJump;
+use crate::localization::placer::{BeamPlacer, Placed, PlacerSettings};
+use crate::localization::pose_jump::PoseJump;
 use crate::mapping::Mapper;
 use crate::mapping::posed_scan::PosedScan;
 use crate::measurement::Measurement;
@@ -21,8 +23,21 @@ pub struct Pipeline {
     publish_period: RobotDuration,
     published_at: Option<RobotTime>,
     scans_unpublished: u32,
-    placed: Vec<PosedScan>,
+    placed: Vec<Placed>,
     report: PipelineReport,
+    on_jump: OnJump,
+    happenings: Vec<Happening>,
+}
+
+/// Something that the people who watch should know.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Happening {
+    /// When, on the clock of the data.
+    pub stamp: RobotTime,
+    /// What, in one word: `ground_plane` or `pose_jump`.
+    pub kind: &'static str,
+    /// What, in a sentence, with the reason.
+    pub message: String,
 }
 
 /// What became of everything so far.
@@ -45,8 +60,8 @@ pub struct PipelineReport {
 pub struct Stages {
     /// Waiting for poses and placing beams, per measurement.
     pub place: StageTimer,
-    /// Updating the occupancy grid, per scan.
-    pub occupancy: StageTimer,
+    /// Updating every layer, per scan.
+    pub mapping: StageTimer,
     /// Turning changed cells into stored tiles, per publication.
     pub publish: StageTimer,
 }
@@ -65,7 +80,7 @@ impl Pipeline {
         boot: BootId,
         encode: bool,
     ) -> Result<Self, PublishError> {
-        let mapper = Mapper::new(&config.mapping.occupancy);
+        let mapper = Mapper::new(&config.mapping, config.vehicle.wheelbase_m());
         let publisher = Publisher::new(boot, config.streaming.store_mb, &mapper, encode)?;
         Ok(Self {
             placer: BeamPlacer::new(placer),
@@ -76,6 +91,8 @@ impl Pipeline {
             scans_unpublished: 0,
             placed: Vec::new(),
             report: PipelineReport::default(),
+            on_jump: config.localization.on_jump,
+            happenings: Vec::new(),
         })
     }
 
@@ -116,14 +133,24 @@ impl Pipeline {
 
     fn map_placed(&mut self, mut mapped: impl FnMut(&PosedScan)) -> Result<(), PublishError> {
         let mut placed = std::mem::take(&mut self.placed);
-        for scan in &placed {
+        for placed in &placed {
+            let scan = match placed {
+                Placed::Scan(scan) => scan,
+                Placed::Jump(jump) => {
+                    self.jumped(jump);
+                    continue;
+                }
+            };
             let started = Monotonic::now();
             let map = self.mapper.integrate(scan);
-            self.report.stages.occupancy.record(started.elapsed());
+            self.report.stages.mapping.record(started.elapsed());
             self.report.scans_mapped += 1;
             self.report.hits += map.hits;
             self.report.misses += map.misses;
             self.report.dropped_beams.merge(&map.dropped_beams);
+            if let Some(change) = map.ground_change {
+                self.tell(change.stamp, "ground_plane", change.to_string());
+            }
             mapped(scan);
             self.scans_unpublished += 1;
             // Time of the data, so that what is published does not depend on the speed of a replay; and a
@@ -141,6 +168,32 @@ impl Pipeline {
         placed.clear();
         self.placed = placed;
         Ok(())
+    }
+
+    fn jumped(&mut self, jump: &PoseJump) {
+        let maps = match self.on_jump {
+            OnJump::Keep => "the maps were kept",
+            OnJump::Reset => {
+                self.mapper.reset();
+                "the maps were erased"
+            }
+        };
+        let message = format!("the poses jumped by {:.2} m: {maps}", jump.distance_m);
+        self.tell(jump.stamp, "pose_jump", message);
+    }
+
+    fn tell(&mut self, stamp: RobotTime, kind: &'static str, message: String) {
+        tracing::info!(%stamp, kind, message);
+        self.happenings.push(Happening {
+            stamp,
+            kind,
+            message,
+        });
+    }
+
+    /// What happened since the last call, in order.
+    pub fn take_happenings(&mut self) -> Vec<Happening> {
+        std::mem::take(&mut self.happenings)
     }
 
     fn publish(&mut self) -> Result<(), PublishError> {

@@ -30,7 +30,8 @@ pub struct Summary {
     pub scans: Scans,
     /// Beams of the sweeps that were mapped.
     pub beams: Beams,
-    /// What the source itself lost, by reason: messages and records, those of scans included.
+    /// What the source itself lost, by reason: messages and records, those of scans included; and wheel angles
+    /// and attitudes that made no sense.
     #[serde(serialize_with = "by_reason")]
     pub losses: DropCounts,
     /// Time spent, by stage.

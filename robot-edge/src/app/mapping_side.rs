@@ -1,6 +1,7 @@
 //! The pipeline's side of a run: takes batches, records, maps, shows progress.
 
 use super::data_clock::DataClock;
+use super::event_log::EventLog;
 use super::feed::Batch;
 use super::network::Network;
 use super::outputs::Trajectory;
@@ -25,6 +26,8 @@ pub(super) struct MappingSide {
     pub(super) started: Monotonic,
     /// The source's streams, by number.
     pub(super) streams: Vec<Stream>,
+    /// What happened on the way, for the summary.
+    pub(super) events: EventLog,
 }
 
 impl MappingSide {
@@ -96,6 +99,12 @@ impl MappingSide {
     }
 
     fn tell_network(&mut self, lost: u64) {
+        for happening in self.pipeline.take_happenings() {
+            if let Some(network) = &self.network {
+                network.tell(happening.kind, &happening.message);
+            }
+            self.events.add(happening);
+        }
         match &self.network {
             Some(network) => network.update(&mut self.pipeline, &self.clock, lost),
             None => drop(self.pipeline.take_changed_tiles()),

@@ -1,6 +1,8 @@
 //! The program: what each command sets up, and the threads and channels between the parts.
 
 mod data_clock;
+mod event_log;
+mod experiments;
 mod feed;
 mod mapping_side;
 mod network;
@@ -28,13 +30,17 @@ use crate::recording::mcap::recover::{RecoverError, recover};
 use crate::recording::survey::Survey;
 use crate::vehicle_commands;
 
+pub(crate) use simulate::pose_origin;
+
 /// Runs one command. What it prints goes to `out`, progress and warnings to standard error.
 ///
 /// # Errors
 /// What went wrong, in words for the person who typed the command; [`Exit::of`] gives the exit code.
 pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
     match &cli.command {
-        Command::Replay(_) | Command::Simulate(_) => run_until(cli, &*interrupt_flag()?, out),
+        Command::Replay(_) | Command::Simulate(_) | Command::Experiments(_) => {
+            run_until(cli, &*interrupt_flag()?, out)
+        }
         Command::Info(_)
         | Command::Recover(_)
         | Command::Vehicles(_)
@@ -65,6 +71,7 @@ pub fn run_until(cli: &Cli, interrupt: &AtomicBool, out: &mut dyn Write) -> anyh
             Ok(Exit::Done)
         }
         Command::Check(command) => Ok(vehicle_commands::check(&command.config, out)?),
+        Command::Experiments(command) => experiments::experiments(command, quiet, interrupt, out),
         Command::Completions(command) => {
             command.print(out)?;
             Ok(Exit::Done)

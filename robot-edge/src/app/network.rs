@@ -244,6 +244,7 @@ fn status(pipeline: &Pipeline, clock: &DataClock, lost: u64) -> Status {
     let placer = pipeline.placer().counts();
     let report = pipeline.report();
     let mut dropped: DropCounts = placer.dropped_scans;
+    dropped.merge(&placer.dropped_poses);
     dropped.merge(&placer.dropped_beams);
     dropped.merge(&report.dropped_beams);
     let reasons = dropped

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::Path;
 
+use protocol::export::Caption;
 use protocol::export::{ExportError, StampedPose, Trinary, export_all, write_trajectory};
 use protocol::layer::LayerId;
 use protocol::tile_store::TileStore;
@@ -69,7 +70,12 @@ pub(super) fn export(
     trajectory: &Trajectory,
     title: &str,
 ) -> Result<Vec<String>, ExportError> {
-    let maps = export_all(dir, &pipeline.publisher().store(), title);
+    let vehicle = pipeline.mapper().vehicle_in_odom();
+    let caption = Caption {
+        title,
+        vehicle_m: Some([vehicle.x, vehicle.y]),
+    };
+    let maps = export_all(dir, &pipeline.publisher().store(), &caption);
     let path = dir.join("trajectory.tum");
     write_trajectory(&path, trajectory.poses.iter().copied())?;
     let files = maps?.files.into_iter().chain([path]);
@@ -88,7 +94,7 @@ pub(super) fn summary(pipeline: &Pipeline) -> Summary {
     dropped_beams.merge(&report.dropped_beams);
     let stages = [
         ("place", &report.stages.place),
-        ("occupancy", &report.stages.occupancy),
+        ("mapping", &report.stages.mapping),
         ("publish", &report.stages.publish),
     ];
     let mut summary = Summary {
@@ -103,6 +109,7 @@ pub(super) fn summary(pipeline: &Pipeline) -> Summary {
             misses: report.misses,
             dropped: dropped_beams,
         },
+        losses: placer.dropped_poses,
         stages: stages
             .map(|(name, timer)| (name.to_owned(), timer.times()))
             .into(),
@@ -131,7 +138,7 @@ impl Summary {
         // They came in, but too late to be put in order.
         self.scans.came_in += late_scans;
         self.scans.dropped.add_many(DropReason::Late, *late_scans);
-        self.losses.clone_from(counts);
+        self.losses.merge(counts);
         for (reason, n) in counts.iter() {
             self.add_event("loss", format!("the recording lost {n} × {reason}"));
         }

@@ -9,6 +9,7 @@ use anyhow::{Context as _, anyhow};
 use protocol::tile::BootId;
 
 use super::data_clock::DataClock;
+use super::event_log::EventLog;
 use super::feed::{Batch, SourceEnd, feed};
 use super::is_set;
 use super::mapping_side::MappingSide;
@@ -146,6 +147,7 @@ impl Run<'_> {
             clock: DataClock::default(),
             started: Monotonic::now(),
             streams: Vec::new(),
+            events: EventLog::default(),
         })
     }
 
@@ -163,6 +165,7 @@ impl Run<'_> {
         summary.vehicle.clone_from(&self.config.vehicle.name);
         summary.set_times(side.clock.elapsed().as_secs_f64(), wall_s);
         summary.events.clone_from(&self.events);
+        summary.events.extend(side.events.into_events());
         summary.add_source_end(end, interrupted);
 
         let recorded = side.recorder.map_or(Ok(()), |recorder| {

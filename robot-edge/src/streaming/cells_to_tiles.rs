@@ -3,6 +3,7 @@
 use protocol::layer::{LayerId, UNKNOWN};
 use protocol::tile::{TileCells, TileKey};
 
+use crate::mapping::elevation_cell::{CellClass, ElevationCell};
 use crate::mapping::grid::{GridTile, TILE_EDGE, TileIndex};
 use crate::mapping::log_odds::LogOdds;
 
@@ -23,6 +24,22 @@ impl CellCoder {
         };
         Self {
             occupancy: (0..=u16::MAX).map(code).collect(),
+        }
+    }
+
+    /// The code of a cell of the elevation map: its mean height.
+    pub fn elevation(cell: &ElevationCell) -> u16 {
+        let quantisation = LayerId::Elevation.quantisation();
+        cell.mean_m()
+            .map_or(UNKNOWN, |mean_m| quantisation.encode(mean_m))
+    }
+
+    /// The code of a cell of the obstacle map.
+    pub const fn obstacle(class: CellClass) -> u16 {
+        match class {
+            CellClass::Unknown => UNKNOWN,
+            CellClass::Free => 1,
+            CellClass::Obstacle => 2,
         }
     }
 
@@ -51,6 +68,11 @@ pub fn keep_known(cells: &mut TileCells, before: &TileCells) {
         // Always stored, so that the compiler makes vectors of it.
         *code = if *code == UNKNOWN { old } else { *code };
     }
+}
+
+/// Sets the code of the cell at `place` (row by row) of a tile.
+pub fn put(cells: &mut TileCells, place: usize, code: u16) {
+    cells.codes_mut()[place] = code;
 }
 
 /// The key under which a tile of the mapping core is published.

@@ -1,5 +1,6 @@
 //! Changed map cells go into the tile store: what is published *is* what is exported.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use protocol::layer::LayerId;
@@ -7,8 +8,10 @@ use protocol::tile::codec::Encoder;
 use protocol::tile::{BootId, TILE_CELLS, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, Publication, StoreError, TileStore};
 
-use super::cells_to_tiles::{CellCoder, keep_known, key};
+use super::cells_to_tiles::{CellCoder, keep_known, key, put};
 use crate::mapping::Mapper;
+use crate::mapping::grid::{CellIndex, TileIndex};
+use crate::mapping::terrain::Terrain;
 
 /// Publishes the changes of a mapper.
 pub struct Publisher {
@@ -18,6 +21,9 @@ pub struct Publisher {
     changed: Vec<TileKey>,
     coder: CellCoder,
     encoder: Option<Encoder>,
+    /// How often the mapper had forgotten everything, and how often the terrain, when last published.
+    resets: u32,
+    terrain_erased: u32,
     traffic: TileTraffic,
 }
 
@@ -56,17 +62,17 @@ impl Publisher {
         encode: bool,
     ) -> Result<Self, PublishError> {
         let mut store = TileStore::new(boot, store_mb);
-        let cell_m = mapper.occupancy().cell_m();
-        store.set_grid(LayerGrid {
-            layer: LayerId::Occupancy,
-            cell_m,
-        })?;
+        for grid in grids(mapper) {
+            store.set_grid(grid)?;
+        }
         let encoder = if encode { Some(Encoder::new()?) } else { None };
         Ok(Self {
             store: Arc::new(Mutex::new(store)),
             changed: Vec::new(),
             coder: CellCoder::new(),
             encoder,
+            resets: mapper.resets(),
+            terrain_erased: mapper.terrain().map_or(0, Terrain::erased),
             traffic: TileTraffic::default(),
         })
     }
@@ -75,23 +81,84 @@ impl Publisher {
     pub fn publish(&mut self, mapper: &mut Mapper) -> Result<(), PublishError> {
         let vehicle = mapper.vehicle_in_odom();
         self.store().set_focus([vehicle.x, vehicle.y]);
-        for index in mapper.take_changed_occupancy() {
-            if let Some(tile) = mapper.occupancy().grid().get(index) {
-                let cells = self.coder.occupancy(tile);
-                self.publish_tile(key(LayerId::Occupancy, index), cells)?;
+        self.publish_erasures(mapper)?;
+        if let Some(occupancy) = mapper.occupancy_mut() {
+            for index in occupancy.take_changed() {
+                if let Some(tile) = occupancy.grid().get(index) {
+                    let cells = self.coder.occupancy(tile);
+                    self.publish_tile(key(LayerId::Occupancy, index), cells)?;
+                }
             }
+        }
+        if let Some(terrain) = mapper.terrain_mut() {
+            let heights = terrain.elevation_mut().take_changed().into_iter();
+            let heights = heights.map(|(cell, value)| (cell, CellCoder::elevation(&value)));
+            self.publish_cells(LayerId::Elevation, heights)?;
+            let classes = terrain.obstacle_mut().take_changed().into_iter();
+            let classes = classes.map(|(cell, class)| (cell, CellCoder::obstacle(class)));
+            self.publish_cells(LayerId::Obstacle, classes)?;
         }
         self.traffic.evicted_from_mapping += mapper.keep_limits() as u64;
         Ok(())
     }
 
-    fn publish_tile(&mut self, key: TileKey, mut cells: TileCells) -> Result<(), PublishError> {
+    /// What the mapper has forgotten is void everywhere.
+    fn publish_erasures(&mut self, mapper: &Mapper) -> Result<(), PublishError> {
         let mut store = self.store.lock().unwrap_or_else(PoisonError::into_inner);
+        if mapper.resets() != self.resets && mapper.occupancy().is_some() {
+            store.erase_layer(LayerId::Occupancy)?;
+        }
+        self.resets = mapper.resets();
+        if let Some(terrain) = mapper.terrain()
+            && terrain.erased() != self.terrain_erased
+        {
+            self.terrain_erased = terrain.erased();
+            store.erase_layer(LayerId::Elevation)?;
+            store.erase_layer(LayerId::Obstacle)?;
+        }
+        Ok(())
+    }
+
+    /// Publishes single cells, of which a later one of the same place wins; the rest of their tiles stays as
+    /// it was published: what has left a window that moves with the vehicle is still true.
+    fn publish_cells(
+        &mut self,
+        layer: LayerId,
+        cells: impl Iterator<Item = (CellIndex, u16)>,
+    ) -> Result<(), PublishError> {
+        let mut tiles: BTreeMap<TileIndex, Vec<(usize, u16)>> = BTreeMap::new();
+        for (cell, code) in cells {
+            let (tile, place) = cell.split();
+            tiles.entry(tile).or_default().push((place, code));
+        }
+        for (index, changes) in tiles {
+            let key = key(layer, index);
+            let before = self
+                .store()
+                .get(key)
+                .and_then(|stored| stored.cells().cloned());
+            let mut cells = before.unwrap_or_else(TileCells::unknown);
+            for (place, code) in changes {
+                put(&mut cells, place, code);
+            }
+            self.store_tile(key, cells)?;
+        }
+        Ok(())
+    }
+
+    fn publish_tile(&mut self, key: TileKey, mut cells: TileCells) -> Result<(), PublishError> {
+        let store = self.store.lock().unwrap_or_else(PoisonError::into_inner);
         // A tile that was evicted from the mapping memory and seen again starts blank there, but what was
         // published stays true until something newer is known.
         if let Some(before) = store.get(key).and_then(|stored| stored.cells()) {
             keep_known(&mut cells, before);
         }
+        drop(store);
+        self.store_tile(key, cells)
+    }
+
+    fn store_tile(&mut self, key: TileKey, cells: TileCells) -> Result<(), PublishError> {
+        let mut store = self.store.lock().unwrap_or_else(PoisonError::into_inner);
         if let Publication::Published { evicted, .. } = store.publish(key, cells)? {
             self.traffic.published += 1;
             self.traffic.raw_bytes += 4 * TILE_CELLS as u64;
@@ -127,4 +194,22 @@ impl Publisher {
     pub const fn traffic(&self) -> TileTraffic {
         self.traffic
     }
+}
+
+/// The layers of a mapper.
+fn grids(mapper: &Mapper) -> Vec<LayerGrid> {
+    let mut grids = Vec::new();
+    if let Some(occupancy) = mapper.occupancy() {
+        grids.push(LayerGrid {
+            layer: LayerId::Occupancy,
+            cell_m: occupancy.cell_m(),
+        });
+    }
+    if let Some(terrain) = mapper.terrain() {
+        let cell_m = terrain.elevation().cell_m();
+        grids.extend(
+            [LayerId::Elevation, LayerId::Obstacle].map(|layer| LayerGrid { layer, cell_m }),
+        );
+    }
+    grids
 }

@@ -4,6 +4,7 @@
 
 mod carmen_and_mcap;
 mod determinism;
+mod experiments;
 mod exported_map;
 mod info;
 #[cfg(unix)]
@@ -15,4 +16,6 @@ mod record;
 mod recordings_of_others;
 mod recover;
 mod shared_data;
+mod terrain;
 mod usage;
+mod wheels;

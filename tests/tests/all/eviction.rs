@@ -14,7 +14,7 @@ const LIMIT_MB: u32 = 1;
 
 /// The tiles in the mapping memory.
 fn held(pipeline: &Pipeline) -> BTreeSet<TileKey> {
-    let tiles = pipeline.mapper().occupancy().grid().tiles();
+    let tiles = pipeline.mapper().occupancy().unwrap().grid().tiles();
     tiles
         .map(|tile| cells_to_tiles::key(LayerId::Occupancy, tile.index))
         .collect()
@@ -57,7 +57,7 @@ impl Watch {
         }
         assert_eq!(publications, self.publications + 1, "each is looked at");
         self.publications = publications;
-        let bytes = pipeline.mapper().occupancy().bytes();
+        let bytes = pipeline.mapper().occupancy().unwrap().bytes();
         assert!(bytes <= LIMIT_MB as usize * 1_000_000, "{bytes}");
         let (held, revisions) = (held(pipeline), revisions(pipeline));
         for (&key, &revision) in &revisions {

@@ -8,6 +8,7 @@
 )]
 
 mod layering;
+mod pose_jump;
 mod recordings_index;
 
 mod simulated_run;

@@ -6,7 +6,9 @@ use std::time::Duration;
 use foreshore_tests::rig::relay::Relay;
 use tempfile::tempdir;
 
-use super::processes::{Running, assert_same_maps, console, edge, free_port, program, rooms};
+use super::processes::{
+    Running, assert_same_files, assert_same_maps, console, edge, free_port, program, rooms,
+};
 
 const fn seconds(seconds: u64) -> Duration {
     Duration::from_secs(seconds)
@@ -110,4 +112,36 @@ fn a_replay_that_ends_leaves_no_console_behind() {
     console.ends_well();
     robot.ends_well();
     assert_same_maps(&at("edge"), &at("console"));
+}
+
+/// Elevation and obstacles in a window that moves, erased on the way because the ground plane is taken anew.
+#[test]
+fn maps_that_were_erased_on_the_way_are_the_same_in_the_console() {
+    let folder = tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let port = free_port();
+    let mut record = program("robot-edge");
+    record.args([
+        "simulate",
+        "ramp",
+        "--rate",
+        "max",
+        "--no-network",
+        "--quiet",
+        "--record",
+    ]);
+    Running::start(record.arg(at("ramp.mcap")), "recorder").ends_well();
+
+    let console = console(port, "scout", &at("console"));
+    let mut command = program("robot-edge");
+    command.arg("replay").arg(at("ramp.mcap"));
+    command.args(["--rate", "12", "--robot", "scout"]);
+    command.args(["--listen", &format!("tcp/127.0.0.1:{port}"), "--export"]);
+    let said = Running::start(command.arg(at("edge")), "edge").ends_well();
+    console.ends_well();
+    assert!(
+        said.contains("ground_plane: the ground plane was taken anew"),
+        "{said}"
+    );
+    assert_same_files(&at("edge"), &at("console"), 6);
 }

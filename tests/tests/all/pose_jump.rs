@@ -1,0 +1,95 @@
+//! A jump in odometry: told, and the maps kept or erased as configured; nothing is smeared across it.
+
+use protocol::layer::LayerId;
+use robot_edge::experiments::run;
+use robot_edge::measurement::{Measurement, MeasurementData};
+use robot_edge::pipeline::{Happening, Pipeline};
+use robot_edge::robot_time::RobotDuration;
+use robot_edge::simulation::source::START;
+use robot_edge::simulation::{SimulatedSource, SimulationOptions, World};
+
+/// The odometry of this drive is 5 m farther along from here on, seconds.
+const JUMP_S: f64 = 4.0;
+const JUMP_M: f64 = 5.0;
+const END_S: f64 = 6.0;
+
+/// Drives through the hall; the maps at the end and what happened.
+fn drive(on_jump: &str) -> (Pipeline, Vec<Happening>) {
+    let world = World::load("hall").unwrap();
+    let settings = [
+        "localization.source=odometry",
+        &format!("localization.on_jump={on_jump}"),
+    ];
+    let config = run::vehicle_config(&world, &settings).unwrap();
+    let options = SimulationOptions {
+        duration_s: Some(END_S),
+        ..SimulationOptions::default()
+    };
+    let mut source = SimulatedSource::new(&world, options).unwrap();
+    let mut pipeline = run::pipeline(&config, source.streams()).unwrap();
+    while let Some(measurement) = source.next_measurement() {
+        pipeline.push(jumping(measurement), |_| ()).unwrap();
+    }
+    pipeline.finish(|_| ()).unwrap();
+    let happenings = pipeline.take_happenings();
+    (pipeline, happenings)
+}
+
+fn jumping(mut measurement: Measurement) -> Measurement {
+    let jumps_at = START + RobotDuration::from_secs_f64(JUMP_S);
+    if measurement.stamp >= jumps_at
+        && let MeasurementData::Odometry { odom_from_base, .. } = &mut measurement.data
+    {
+        odom_from_base.translation.x += JUMP_M;
+    }
+    measurement
+}
+
+/// Least x of the published cells, metres, and how often the layer was erased.
+fn published(pipeline: &Pipeline) -> (f64, u32) {
+    let store = pipeline.publisher().store();
+    let layer = LayerId::Obstacle;
+    let raster = protocol::mosaic::Raster::of_layer(&store, layer, 1_000_000).unwrap();
+    (raster.unwrap().corners_m().0[0], store.epoch(layer))
+}
+
+#[test]
+fn a_jump_is_told_and_the_maps_are_kept_or_erased_as_configured() {
+    let (kept, happenings) = drive("keep");
+    let [happening] = &happenings[..] else {
+        panic!("{happenings:?}");
+    };
+    assert_eq!(happening.kind, "pose_jump");
+    assert_eq!(
+        happening.message,
+        "the poses jumped by 5.00 m: the maps were kept"
+    );
+    let (least_x_m, erased) = published(&kept);
+    assert!(
+        least_x_m < 4.0,
+        "what was seen before is still there: {least_x_m}"
+    );
+    assert_eq!(erased, 0);
+
+    let (reset, happenings) = drive("reset");
+    assert!(
+        happenings[0].message.ends_with("the maps were erased"),
+        "{happenings:?}"
+    );
+    let (least_x_after_m, erased) = published(&reset);
+    assert!(
+        least_x_after_m > least_x_m + 4.0,
+        "{least_x_after_m} {least_x_m}"
+    );
+    assert_eq!(erased, 1);
+
+    // The scans between the last pose before it and the first behind it have no pose, and no others are lost.
+    for pipeline in [&kept, &reset] {
+        let counts = pipeline.placer().counts();
+        assert!(counts.dropped_scans.total() <= 1, "{counts:?}");
+        assert_eq!(
+            counts.scans_in,
+            counts.scans_placed + counts.dropped_scans.total()
+        );
+    }
+}
