@@ -40,7 +40,8 @@ pub struct ElevationMap {
     young: VecDeque<(u32, CellIndex)>,
     last_position: Option<Point3<f64>>,
     travel_m: f32,
-    first_stamp: Option<RobotTime>,
+    last_stamp: Option<RobotTime>,
+    elapsed: RobotDuration,
     /// Milliseconds from the first scan to the last one, and to the one with which the map began.
     now_ms: u32,
     begun_ms: u32,
@@ -87,7 +88,8 @@ impl ElevationMap {
             young: VecDeque::new(),
             last_position: None,
             travel_m: 0.0,
-            first_stamp: None,
+            last_stamp: None,
+            elapsed: RobotDuration::ZERO,
             now_ms: 0,
             begun_ms: 0,
             reclassified: Vec::new(),
@@ -98,7 +100,7 @@ impl ElevationMap {
     pub fn integrate(&mut self, scan: &PosedScan, plane: &GroundPlane) -> ElevationReport {
         self.reclassified.clear();
         self.hits.clear();
-        let now_ms = self.milliseconds(scan.stamp);
+        let now_ms = self.pass_time(scan.stamp);
         self.now_ms = now_ms;
         self.follow_vehicle(&scan.odom_from_base);
         let mut report = ElevationReport::default();
@@ -118,14 +120,11 @@ impl ElevationMap {
         report
     }
 
-    /// Since the first scan; stamps that go back count as none.
-    fn milliseconds(&mut self, stamp: RobotTime) -> u32 {
-        let since = stamp.since(*self.first_stamp.get_or_insert(stamp));
-        u32::try_from(since.as_nanos() / 1_000_000).unwrap_or(if since > RobotDuration::ZERO {
-            u32::MAX
-        } else {
-            0
-        })
+    /// Time of the data that has passed over the scans, milliseconds; steps back count for nothing.
+    fn pass_time(&mut self, stamp: RobotTime) -> u32 {
+        let step = stamp.since(self.last_stamp.replace(stamp).unwrap_or(stamp));
+        self.elapsed = self.elapsed + step.max(RobotDuration::ZERO);
+        u32::try_from(self.elapsed.as_nanos() / 1_000_000).unwrap_or(u32::MAX)
     }
 
     fn follow_vehicle(&mut self, odom_from_base: &Pose) {

@@ -46,30 +46,19 @@ const BLOCK: i32 = 8;
 /// About how long the edge of a quarter is, whatever the cells, metres: a beam over open ground passes a few.
 const QUARTER_M: f64 = 1.6;
 
-/// Which cells hold something: their bits in blocks, and quarters of blocks that say whether to look there.
+/// Which cells hold something: their bits in blocks, and how high the quarters are, to say whether to look there.
 #[derive(Clone, Debug)]
 pub(super) struct SightLines {
     cell_m: f64,
     blocks: RollingGrid<u64>,
     /// Blocks along the edge of a quarter.
     quarter_blocks: i32,
-    quarters: RollingGrid<Quarter>,
+    /// At least as high as everything in each quarter, metres; −∞ where nothing stood since it was entered. It is
+    /// never lowered: looking at empty blocks costs little, and a count would not survive places that are taken.
+    quarter_tops_m: RollingGrid<f32>,
     turn: usize,
     crossed: Vec<(CellIndex, Slot)>,
 }
-
-/// What a square of blocks holds.
-#[derive(Clone, Copy, Debug)]
-struct Quarter {
-    cells: u32,
-    /// At least as high as everything in it, metres.
-    top_m: f32,
-}
-
-const EMPTY: Quarter = Quarter {
-    cells: 0,
-    top_m: f32::NEG_INFINITY,
-};
 
 impl SightLines {
     pub(super) fn new(cells: u32, cell_m: f64) -> Self {
@@ -80,7 +69,7 @@ impl SightLines {
             cell_m,
             blocks: RollingGrid::new(blocks, 0),
             quarter_blocks,
-            quarters: RollingGrid::new(quarters, EMPTY),
+            quarter_tops_m: RollingGrid::new(quarters, f32::NEG_INFINITY),
             turn: 0,
             crossed: Vec::new(),
         }
@@ -89,7 +78,7 @@ impl SightLines {
     pub(super) fn center_on(&mut self, cell: CellIndex) {
         let (block, _) = block_of(cell);
         self.blocks.center_on(block);
-        self.quarters.center_on(self.quarter_of(block));
+        self.quarter_tops_m.center_on(self.quarter_of(block));
     }
 
     fn quarter_of(&self, block: CellIndex) -> CellIndex {
@@ -102,40 +91,27 @@ impl SightLines {
     /// Something up to `top_m` stands in `cell` now.
     pub(super) fn mark(&mut self, cell: CellIndex, top_m: f32) {
         let (block, bit) = block_of(cell);
+        if let Some(slot) = self.blocks.slot(block) {
+            *self.blocks.at_mut(block, slot) |= bit;
+        }
         let quarter = self.quarter_of(block);
-        if let (Some(slot), Some(quarter_slot)) =
-            (self.blocks.slot(block), self.quarters.slot(quarter))
-        {
-            let bits = self.blocks.at_mut(block, slot);
-            let is_news = *bits & bit == 0;
-            *bits |= bit;
-            let quarter = self.quarters.at_mut(quarter, quarter_slot);
-            quarter.cells += u32::from(is_news);
-            quarter.top_m = quarter.top_m.max(top_m);
+        if let Some(slot) = self.quarter_tops_m.slot(quarter) {
+            let highest_m = self.quarter_tops_m.at_mut(quarter, slot);
+            *highest_m = highest_m.max(top_m);
         }
     }
 
     /// Nothing stands in `cell` any more.
     pub(super) fn unmark(&mut self, cell: CellIndex) {
         let (block, bit) = block_of(cell);
-        let quarter = self.quarter_of(block);
-        if let (Some(slot), Some(quarter_slot)) =
-            (self.blocks.slot(block), self.quarters.slot(quarter))
-        {
-            let bits = self.blocks.at_mut(block, slot);
-            let was_marked = *bits & bit != 0;
-            *bits &= !bit;
-            let place = self.quarters.at_mut(quarter, quarter_slot);
-            place.cells = place.cells.saturating_sub(u32::from(was_marked));
-            if place.cells == 0 {
-                *place = EMPTY;
-            }
+        if let Some(slot) = self.blocks.slot(block) {
+            *self.blocks.at_mut(block, slot) &= !bit;
         }
     }
 
     pub(super) fn erase(&mut self) {
         self.blocks.erase();
-        self.quarters.erase();
+        self.quarter_tops_m.erase();
     }
 
     /// Counts the scan's beams through what stands in `grid`; returns the cells where it is gone.
@@ -192,15 +168,13 @@ impl SightLines {
         let (mut at, mut error) = (start.cell(), walk.error);
         for _ in 0..=walk.steps {
             let index = CellIndex { x: at.0, y: at.1 };
-            let Some(&quarter) = self.quarters.get(index) else {
+            let Some(&top_m) = self.quarter_tops_m.get(index) else {
                 // The window is convex and holds the sensor: what follows is outside too.
                 return;
             };
-            if quarter.cells > 0 {
-                let height_m = line.height_beside(index.centre(quarter_m)) - fall_m;
-                if height_m <= quarter.top_m + MARGIN_M {
-                    self.pass_quarter(index, &line, grid, travel_m);
-                }
+            let height_m = line.height_beside(index.centre(quarter_m)) - fall_m;
+            if height_m <= top_m + MARGIN_M {
+                self.pass_quarter(index, &line, grid, travel_m);
             }
             if error < 0 {
                 at.0 += walk.step_x;
@@ -277,7 +251,7 @@ impl SightLines {
     }
 
     pub(super) fn bytes(&self) -> usize {
-        self.blocks.bytes() + self.quarters.bytes()
+        self.blocks.bytes() + self.quarter_tops_m.bytes()
     }
 }
 

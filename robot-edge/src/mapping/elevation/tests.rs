@@ -222,3 +222,47 @@ fn a_gentle_gradient_is_local_ground_and_a_kerb_on_it_is_not() {
     }
     assert_eq!(class_at(&local, 8.1, 0.1), CellClass::Obstacle, "the kerb");
 }
+
+/// A replay that goes round: time goes on, and what came from the side is not taken for what was there before.
+#[test]
+fn a_clock_that_starts_anew_stops_nothing() {
+    let mut map = map(101);
+    let elsewhere = [[1.1, 1.1, 0.0]];
+    map.integrate(&scan(100.0, 0.0, &elsewhere), &ground());
+    map.integrate(&scan(140.0, 0.0, &elsewhere), &ground());
+    map.erase();
+    map.integrate(&scan(142.0, 0.0, &elsewhere), &ground());
+    map.integrate(&scan(100.0, 0.0, &[[4.1, 0.1, 0.5]; 2]), &ground());
+    assert_eq!(class_at(&map, 4.1, 0.1), CellClass::Obstacle);
+    map.integrate(&scan(110.5, 0.0, &elsewhere), &ground());
+    assert_eq!(
+        class_at(&map, 4.1, 0.1),
+        CellClass::Unknown,
+        "glimpsed and forgotten"
+    );
+}
+
+/// Far away and back: the place of the thing's quarter was taken in between (17 quarters on), those of its
+/// block (15 blocks) and of its cell (101 cells) were not.
+#[test]
+fn what_is_seen_again_after_a_long_way_can_still_go() {
+    let mut map = map(101);
+    let ground_m = ground_behind(4.1, 0.5);
+    let person = [[4.1, 0.1, 0.5]; 8];
+    let beyond = [[ground_m, 0.1 * ground_m / 4.1, 0.0]; 8];
+    let mut time_s = 0.0;
+    let mut see = |map: &mut ElevationMap, x_m: f64, points: &[[f64; 3]]| {
+        time_s += 0.04;
+        map.integrate(&scan(time_s, x_m, points), &ground());
+    };
+    see(&mut map, 0.0, &person);
+    see(&mut map, 27.0, &[[31.1, 0.1, 0.5]; 2]);
+    for _ in 0..30 {
+        see(&mut map, 0.0, &person);
+    }
+    assert_eq!(class_at(&map, 4.1, 0.1), CellClass::Obstacle);
+    for _ in 0..6 {
+        see(&mut map, 0.0, &beyond);
+    }
+    assert_ne!(class_at(&map, 4.1, 0.1), CellClass::Obstacle);
+}
