@@ -23,13 +23,25 @@ pub struct PosedBeam {
     pub end_in_odom: Point3<f64>,
     /// Hit or miss.
     pub outcome: BeamOutcome,
+    /// Its number in the sweep, from 0: beams that were left out leave gaps.
+    pub index: u32,
+    /// As it was measured, metres; of a miss the greatest range.
+    pub range_m: f32,
 }
+
+/// A range sensor of the vehicle: its place among them, in the order of their names in the configuration.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SensorId(pub u8);
 
 /// The valid beams of one scan, in beam order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PosedScan {
     /// When beam 0 was measured, the sensor's time offset applied.
     pub stamp: RobotTime,
+    /// Which sensor measured it.
+    pub sensor: SensorId,
+    /// Angle between neighbouring beams, radians, positive.
+    pub beam_step_rad: f64,
     /// Where the vehicle was at that time.
     pub odom_from_base: Pose,
     /// Hits and misses; invalid beams are left out (and counted where they were left out).

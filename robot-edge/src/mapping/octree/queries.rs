@@ -1,0 +1,240 @@
+//! What can be asked of the octree.
+
+use nalgebra::Vector3;
+
+use super::block::Block;
+use super::codes::{BLOCK_BRICKS, BLOCK_EDGE, BRICK_EDGE, BRICK_VOXELS, BlockIndex, split};
+use super::steps::{EVEN, UNKNOWN};
+use super::surface::SurfaceVoxel;
+use super::{BrickColumn, Octree};
+use crate::mapping::voxel::VoxelIndex;
+
+/// What is known of a voxel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum VoxelState {
+    /// Nothing.
+    Unknown,
+    /// More likely free than not.
+    Free,
+    /// More likely occupied than not.
+    Occupied,
+}
+
+/// A cube of voxels that are all alike.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cube {
+    /// The voxel with the least coordinates.
+    pub first: VoxelIndex,
+    /// Voxels along an edge, a power of two.
+    pub edge: u32,
+    /// What is known of each.
+    pub state: VoxelState,
+}
+
+/// How many voxels are what.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct VoxelCounts {
+    /// More likely occupied than not.
+    pub occupied: u64,
+    /// Known and not occupied.
+    pub free: u64,
+}
+
+/// Sixteen columns of voxels in a layer of bricks: a bit for each column in each of four layers, x first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ColumnStates {
+    /// z of the lowest layer, voxels.
+    pub z: i32,
+    /// Known, lowest layer first.
+    pub known: [u16; 4],
+    /// Occupied, lowest layer first.
+    pub occupied: [u16; 4],
+}
+
+impl Octree {
+    /// What is known of a voxel.
+    pub fn state(&self, voxel: VoxelIndex) -> VoxelState {
+        state(self.value(voxel))
+    }
+
+    /// The probability that a voxel is occupied; `None` where nothing is known.
+    pub fn probability(&self, voxel: VoxelIndex) -> Option<f64> {
+        let value = self.value(voxel);
+        let log_odds = self.steps.log_odds(value);
+        (value != UNKNOWN).then(|| 1.0 / (1.0 + libm::exp(-log_odds)))
+    }
+
+    /// What is known of the cube of 2ˡᵉᵛᵉˡ voxels an edge that a voxel lies in: occupied where any of it is, as in
+    /// `OctoMap`, else free where any of it is known. At most level 16, the size of all of an `OctoMap`.
+    pub fn state_at_level(&self, voxel: VoxelIndex, level: u32) -> VoxelState {
+        let level = level.min(16);
+        let edge = 1_i32 << level;
+        let first = |coordinate: i32| coordinate & !(edge - 1);
+        let first = VoxelIndex {
+            x: first(voxel.x),
+            y: first(voxel.y),
+            z: first(voxel.z),
+        };
+        if edge < BLOCK_EDGE {
+            return self.greatest(self.block(split(first).0), first, edge);
+        }
+        let blocks = edge / BLOCK_EDGE;
+        let corner = split(first).0;
+        let is_inside = |at: BlockIndex| {
+            let within = |at: i32, corner: i32| (0..blocks).contains(&(at - corner));
+            within(at.x, corner.x) && within(at.y, corner.y) && within(at.z, corner.z)
+        };
+        let inside = self.blocks.iter().filter(|block| is_inside(block.index));
+        inside
+            .map(|block| self.greatest(Some(block), block.index.first_voxel(), BLOCK_EDGE))
+            .max()
+            .unwrap_or(VoxelState::Unknown)
+    }
+
+    /// What the hits in a voxel were like, if it was ever hit.
+    pub fn surface(&self, voxel: VoxelIndex) -> Option<&SurfaceVoxel> {
+        let (index, address) = split(voxel);
+        self.block(index)?.surface(address)
+    }
+
+    /// The sixteen columns of voxels in a column of bricks, from the layer of bricks that holds `from` up to the
+    /// one that holds `to`, both z of voxels. Layers of which nothing is known may be left out.
+    pub fn columns(
+        &self,
+        column: BrickColumn,
+        from: i32,
+        to: i32,
+    ) -> impl Iterator<Item = ColumnStates> + '_ {
+        let number = (column.y.rem_euclid(4) * 4 + column.x.rem_euclid(4)) as usize;
+        let index = move |z| BlockIndex {
+            x: column.x >> 2,
+            y: column.y >> 2,
+            z,
+        };
+        let blocks = (from >> 4..=to >> 4).filter_map(move |z| self.block(index(z)));
+        blocks.flat_map(move |block| {
+            (0..4).filter_map(move |layer| {
+                let z = block.index.z * BLOCK_EDGE + layer * BRICK_EDGE;
+                let states = block.states(number + 16 * layer as usize, self.values());
+                let is_asked = z + 3 >= from && z <= to && states.known != 0;
+                let layers = |bits: u64| std::array::from_fn(|layer| (bits >> (16 * layer)) as u16);
+                is_asked.then(|| ColumnStates {
+                    z,
+                    known: layers(states.known),
+                    occupied: layers(states.occupied),
+                })
+            })
+        })
+    }
+
+    /// How many voxels are what.
+    pub fn counts(&self) -> VoxelCounts {
+        let mut counts = VoxelCounts::default();
+        for block in &self.blocks {
+            for number in 0..BLOCK_BRICKS {
+                let states = block.states(number, self.values());
+                let occupied = u64::from(states.occupied.count_ones());
+                counts.occupied += occupied;
+                counts.free += u64::from(states.known.count_ones()) - occupied;
+            }
+        }
+        counts
+    }
+
+    /// For each block of 16³ voxels that holds a known one: its least voxel, and for each of its bricks of 4³ the bits
+    /// of the voxels that are known and of those that are occupied; in both x first, then y, then z.
+    pub fn known_by_block(&self) -> impl Iterator<Item = (VoxelIndex, Vec<u64>)> + '_ {
+        self.blocks.iter().filter_map(move |block| {
+            let bricks = (0..BLOCK_BRICKS).map(|number| block.states(number, self.values()));
+            let bits: Vec<_> = bricks
+                .flat_map(|brick| [brick.known, brick.occupied])
+                .collect();
+            let is_known = bits.iter().any(|&bits| bits != 0);
+            is_known.then(|| (block.index.first_voxel(), bits))
+        })
+    }
+
+    /// Everything that is known, in cubes of one voxel or of one brick, in no order that means anything but
+    /// always the same one.
+    pub fn cubes(&self) -> impl Iterator<Item = Cube> + '_ {
+        self.blocks.iter().flat_map(move |block| {
+            (0..BLOCK_BRICKS).flat_map(move |number| self.cubes_of_brick(block, number))
+        })
+    }
+
+    /// Every occupied voxel with what its hits were like, in no order that means anything but always the same one.
+    pub fn occupied(&self) -> impl Iterator<Item = (VoxelIndex, Option<&SurfaceVoxel>)> + '_ {
+        self.blocks.iter().flat_map(move |block| {
+            (0..BLOCK_BRICKS).flat_map(move |number| {
+                let occupied = block.states(number, self.values()).occupied;
+                let voxels = (0..BRICK_VOXELS).filter(move |voxel| occupied >> voxel & 1 == 1);
+                voxels.map(move |voxel| {
+                    let address = number * BRICK_VOXELS + voxel;
+                    (block.index.voxel(address), block.surface(address))
+                })
+            })
+        })
+    }
+
+    fn cubes_of_brick(&self, block: &Block, number: usize) -> impl Iterator<Item = Cube> + use<> {
+        let states = block.states(number, self.values());
+        let state =
+            move |voxel: usize| match (states.known >> voxel & 1, states.occupied >> voxel & 1) {
+                (0, _) => VoxelState::Unknown,
+                (_, 0) => VoxelState::Free,
+                (_, _) => VoxelState::Occupied,
+            };
+        let is_whole = states.known == u64::MAX && [0, u64::MAX].contains(&states.occupied);
+        let index = block.index;
+        let voxels = if is_whole { 1 } else { BRICK_VOXELS };
+        let edge = if is_whole {
+            BRICK_EDGE.cast_unsigned()
+        } else {
+            1
+        };
+        (0..voxels)
+            .filter(move |voxel| states.known >> voxel & 1 == 1)
+            .map(move |voxel| Cube {
+                first: index.voxel(number * BRICK_VOXELS + voxel),
+                edge,
+                state: state(voxel),
+            })
+    }
+
+    fn greatest(&self, block: Option<&Block>, first: VoxelIndex, edge: i32) -> VoxelState {
+        let Some(block) = block else {
+            return VoxelState::Unknown;
+        };
+        let part = |n: i32| Vector3::new(n % edge, n / edge % edge, n / (edge * edge));
+        let values = (0..edge * edge * edge).map(|n| {
+            let at = part(n);
+            let voxel = VoxelIndex {
+                x: first.x + at.x,
+                y: first.y + at.y,
+                z: first.z + at.z,
+            };
+            block.value(split(voxel).1, self.values())
+        });
+        state(values.max().unwrap_or(UNKNOWN))
+    }
+
+    fn block(&self, index: BlockIndex) -> Option<&Block> {
+        self.places
+            .get(&index)
+            .map(|&place| &self.blocks[place as usize])
+    }
+
+    fn value(&self, voxel: VoxelIndex) -> u8 {
+        let (index, address) = split(voxel);
+        self.block(index)
+            .map_or(UNKNOWN, |block| block.value(address, self.values()))
+    }
+}
+
+const fn state(value: u8) -> VoxelState {
+    match value {
+        UNKNOWN => VoxelState::Unknown,
+        1..=EVEN => VoxelState::Free,
+        _ => VoxelState::Occupied,
+    }
+}

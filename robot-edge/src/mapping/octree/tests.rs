@@ -1,0 +1,376 @@
+use std::collections::BTreeMap;
+
+use proptest::prelude::*;
+
+use super::*;
+
+const SENSOR: SensorId = SensorId(0);
+
+fn config() -> OctreeConfig {
+    OctreeConfig {
+        enabled: true,
+        cell_m: 0.1,
+        p_min: 0.1192,
+        p_max: 0.971,
+        memory_limit_mb: 100,
+    }
+}
+
+fn model() -> RangeSensorModel {
+    RangeSensorModel {
+        p_hit: 0.7,
+        p_miss: 0.4,
+        ..RangeSensorModel::default()
+    }
+}
+
+fn octree(threads: usize) -> Octree {
+    Octree::new(&config(), &[model()], threads)
+}
+
+fn ray(origin: [f64; 3], end: [f64; 3], is_hit: bool) -> Ray {
+    Ray {
+        origin: origin.into(),
+        end: end.into(),
+        is_hit,
+    }
+}
+
+const fn voxel(x: i32, y: i32, z: i32) -> VoxelIndex {
+    VoxelIndex { x, y, z }
+}
+
+/// The voxels of a segment without that of its end, by [Amanatides and Woo 1987] in floating point.
+fn crossed(from: [f64; 3], to: [f64; 3]) -> Vec<VoxelIndex> {
+    let mut at = from.map(|voxels| voxels.floor() as i32);
+    let end = to.map(|voxels| voxels.floor() as i32);
+    let delta: [f64; 3] = std::array::from_fn(|axis| to[axis] - from[axis]);
+    let mut voxels = Vec::new();
+    while at != end {
+        voxels.push(voxel(at[0], at[1], at[2]));
+        let leaves = |axis: usize| {
+            let boundary = f64::from(at[axis] + i32::from(delta[axis] > 0.0));
+            if at[axis] == end[axis] {
+                f64::INFINITY
+            } else {
+                (boundary - from[axis]) / delta[axis]
+            }
+        };
+        let axis = (0..3)
+            .min_by(|&a, &b| leaves(a).total_cmp(&leaves(b)))
+            .unwrap();
+        at[axis] += if delta[axis] > 0.0 { 1 } else { -1 };
+    }
+    voxels
+}
+
+/// A map without bricks, marks or packing, and with log-odds as they are.
+#[derive(Default)]
+struct Reference(BTreeMap<VoxelIndex, f64>);
+
+impl Reference {
+    fn integrate(&mut self, rays: &[Ray], steps: &Steps) {
+        let update = steps.update(&model());
+        let inside = |point: &Point3<f64>| [point.x * 10.0, point.y * 10.0, point.z * 10.0];
+        let mut scan: BTreeMap<VoxelIndex, bool> = BTreeMap::new();
+        for ray in rays {
+            for voxel in crossed(inside(&ray.origin), inside(&ray.end)) {
+                scan.entry(voxel).or_insert(false);
+            }
+            if ray.is_hit {
+                let [x, y, z] = inside(&ray.end).map(|at| at.floor() as i32);
+                scan.insert(voxel(x, y, z), true);
+            }
+        }
+        for (voxel, is_hit) in scan {
+            let value = self.0.entry(voxel).or_insert(128.0);
+            let change = if is_hit {
+                f64::from(update.hit)
+            } else {
+                -f64::from(update.miss)
+            };
+            let (least, greatest) = (steps.values.least, steps.values.greatest);
+            *value = (*value + change).clamp(least.into(), greatest.into());
+        }
+    }
+}
+
+fn states(octree: &Octree) -> BTreeMap<VoxelIndex, VoxelState> {
+    let mut states = BTreeMap::new();
+    for cube in octree.cubes() {
+        let edge = cube.edge.cast_signed();
+        for n in 0..edge * edge * edge {
+            let first = cube.first;
+            let at = voxel(
+                first.x + n % edge,
+                first.y + n / edge % edge,
+                first.z + n / (edge * edge),
+            );
+            assert_eq!(states.insert(at, cube.state), None, "{at:?} twice");
+        }
+    }
+    states
+}
+
+prop_compose! {
+    fn point(reach_m: f64)(x in -reach_m..reach_m, y in -reach_m..reach_m, z in -reach_m..reach_m) -> [f64; 3] {
+        [x, y, z]
+    }
+}
+
+prop_compose! {
+    /// Scans of few beams from near the same place, so that voxels are met again and again.
+    fn scans()(
+        scans in prop::collection::vec(
+            (point(0.2), prop::collection::vec((point(2.5), any::<bool>()), 1..25)), 1..12)
+    ) -> Vec<Vec<Ray>> {
+        let of_scan = |(origin, beams): ([f64; 3], Vec<([f64; 3], bool)>)| {
+            beams.into_iter().map(|(end, is_hit)| ray(origin, end, is_hit)).collect()
+        };
+        scans.into_iter().map(of_scan).collect()
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn it_is_the_map_that_the_formulas_give(scans in scans()) {
+        let mut octree = octree(1);
+        let mut reference = Reference::default();
+        // Again and again, so that voxels come to their limits and bricks are pruned.
+        for scan in scans.iter().cycle().take(scans.len() * 9) {
+            octree.integrate(SENSOR, scan.iter().copied());
+            reference.integrate(scan, &octree.steps);
+        }
+        let expected: BTreeMap<_, _> = reference.0.iter().map(|(&voxel, &value)| {
+            (voxel, if value > 128.0 { VoxelState::Occupied } else { VoxelState::Free })
+        }).collect();
+        prop_assert_eq!(states(&octree), expected);
+        for (&voxel, &value) in &reference.0 {
+            prop_assert_eq!(f64::from(octree.steps.values.least.max(1)) <= value, true);
+            let p = octree.probability(voxel).unwrap();
+            let wanted = 1.0 / (1.0 + libm::exp(-octree.steps.log_odds(value as u8)));
+            prop_assert!((p - wanted).abs() < 1e-12, "{:?}: {} is not {}", voxel, p, wanted);
+        }
+    }
+
+    #[test]
+    fn two_threads_make_the_same_map(scans in scans()) {
+        let (mut one, mut two) = (octree(1), octree(2));
+        for scan in &scans {
+            one.integrate(SENSOR, scan.iter().copied());
+            two.integrate(SENSOR, scan.iter().copied());
+            prop_assert_eq!(one.take_changed(), two.take_changed());
+        }
+        prop_assert_eq!(states(&one), states(&two));
+        let values = |octree: &Octree| -> Vec<_> {
+            states(octree).keys().map(|&voxel| octree.probability(voxel)).collect()
+        };
+        prop_assert_eq!(values(&one), values(&two));
+    }
+
+    /// Whoever reads the changed columns again knows all that has changed, and what a coarser level says is what
+    /// its voxels say.
+    #[test]
+    fn changes_are_told_and_coarser_levels_agree(scans in scans(), probe in point(2.5)) {
+        let mut octree = octree(1);
+        let mut known = BTreeMap::new();
+        for scan in &scans {
+            octree.integrate(SENSOR, scan.iter().copied());
+            let changed = octree.take_changed();
+            let is_changed = |voxel: &VoxelIndex| {
+                changed.contains(&BrickColumn { x: voxel.x >> 2, y: voxel.y >> 2 })
+            };
+            let now = states(&octree);
+            known.retain(|voxel, _| !is_changed(voxel));
+            known.extend(now.iter().filter(|(voxel, _)| is_changed(voxel)).map(|(&v, &s)| (v, s)));
+            prop_assert_eq!(&known, &now);
+        }
+        let probe = VoxelIndex::containing(probe.into(), 0.1);
+        for level in 0..9 {
+            let part = |at: i32| at >> level;
+            let inside = known.iter().filter(|(at, _)| {
+                part(at.x) == part(probe.x) && part(at.y) == part(probe.y) && part(at.z) == part(probe.z)
+            });
+            let expected = inside.map(|(_, &state)| state).max().unwrap_or(VoxelState::Unknown);
+            prop_assert_eq!(octree.state_at_level(probe, level), expected, "level {}", level);
+        }
+    }
+}
+
+#[test]
+fn columns_of_bricks_hold_the_states_of_their_voxels() {
+    let mut octree = octree(1);
+    octree.integrate(SENSOR, [ray([0.05, 0.05, 2.55], [0.05, 0.05, -2.55], true)]);
+    octree.integrate(
+        SENSOR,
+        [ray([-0.05, 0.35, 2.55], [-0.05, 0.35, 0.15], true)],
+    );
+    let read =
+        |x, from, to| -> Vec<_> { octree.columns(BrickColumn { x, y: 0 }, from, to).collect() };
+    let first = read(0, -26, 26);
+    let z: Vec<_> = first.iter().map(|layer| layer.z).collect();
+    assert_eq!(
+        z,
+        [-28, -24, -20, -16, -12, -8, -4, 0, 4, 8, 12, 16, 20, 24]
+    );
+    assert_eq!(
+        (first[0].known, first[0].occupied),
+        ([0, 0, 1, 1], [0, 0, 1, 0])
+    );
+    let other = read(-1, 0, 3);
+    assert_eq!(other.len(), 1);
+    assert_eq!(
+        other[0].known,
+        [0, 1 << 15, 1 << 15, 1 << 15],
+        "the last of its sixteen columns"
+    );
+    assert_eq!(other[0].occupied, [0, 1 << 15, 0, 0]);
+}
+
+#[test]
+fn what_saturates_takes_no_memory() {
+    let mut octree = octree(1);
+    let beams = || {
+        (-60..60).flat_map(|y| {
+            (-60..60).map(move |z| {
+                let (y, z) = (f64::from(y) * 0.05, f64::from(z) * 0.05);
+                ray([-4.0, y, z], [4.0, y, z], false)
+            })
+        })
+    };
+    octree.integrate(SENSOR, beams());
+    let stored = octree.bytes();
+    for _ in 0..8 {
+        octree.integrate(SENSOR, beams());
+    }
+    assert!(
+        octree.bytes() <= stored,
+        "{} after {stored}",
+        octree.bytes()
+    );
+    let bricks: usize = octree
+        .blocks
+        .iter()
+        .map(|block| block.stored().0 + block.stored().1)
+        .sum();
+    assert!(bricks < 20 * 15 * 15 / 3, "{bricks} bricks are left");
+    assert_eq!(octree.state(voxel(3, 3, 3)), VoxelState::Free);
+}
+
+#[test]
+fn beyond_the_limit_the_farthest_bricks_go_and_what_was_there_is_unknown() {
+    let config = OctreeConfig {
+        memory_limit_mb: 1,
+        ..config()
+    };
+    let mut octree = Octree::new(&config, &[model()], 1);
+    let mut evicted = 0;
+    for n in 0..400 {
+        let x = f64::from(n) * 0.5;
+        let beams = (0..90).map(|beam| {
+            let angle = f64::from(beam) * 0.07;
+            ray(
+                [x, 0.0, 0.0],
+                [
+                    x + 6.0 * libm::cos(angle),
+                    6.0 * libm::sin(angle),
+                    libm::sin(angle),
+                ],
+                true,
+            )
+        });
+        octree.integrate(SENSOR, beams);
+        evicted += octree.keep_limit(Point3::new(x, 0.0, 0.0));
+        assert!(octree.bytes < 1_000_000, "{} after {n} scans", octree.bytes);
+        let all: usize = octree.blocks.iter().map(Block::bytes).sum();
+        assert_eq!(octree.bytes, all);
+    }
+    assert!(evicted > 1000, "{evicted}");
+    assert_eq!(octree.state(voxel(1995, 0, 0)), VoxelState::Free);
+    assert_eq!(octree.state(voxel(5, 0, 0)), VoxelState::Unknown);
+    assert!(
+        octree.take_changed().contains(&BrickColumn { x: 0, y: 0 }),
+        "it became unknown"
+    );
+}
+
+#[test]
+fn beams_without_a_place_are_counted_and_the_others_kept() {
+    let mut octree = octree(1);
+    let unplaced = octree.integrate(
+        SENSOR,
+        [
+            ray([0.0; 3], [f64::NAN, 0.0, 0.0], true),
+            ray([0.0; 3], [1e9, 0.0, 0.0], true),
+            ray([1e12, 0.0, 0.0], [1e12, 1.0, 0.0], true),
+            ray([0.05; 3], [1.05, 0.05, 0.05], true),
+            ray([0.05; 3], [f64::INFINITY, 0.05, 0.05], false),
+        ],
+    );
+    assert_eq!(unplaced, 4);
+    assert_eq!(
+        octree.counts(),
+        VoxelCounts {
+            occupied: 1,
+            free: 10
+        }
+    );
+    assert_eq!(octree.integrate(SENSOR, []), 0);
+}
+
+#[test]
+fn far_beams_at_fine_voxels_share_slots_and_nothing_else() {
+    let config = OctreeConfig {
+        cell_m: 0.02,
+        ..config()
+    };
+    let mut octree = Octree::new(&config, &[model()], 1);
+    let beams = [
+        [100.01, 0.01, 0.01],
+        [-100.01, 50.01, 0.01],
+        [0.01, -100.01, 60.01],
+    ];
+    octree.integrate(SENSOR, beams.map(|end| ray([0.01; 3], end, true)));
+    let mut expected = Reference::default();
+    // The reference has voxels of 0.1 m.
+    let scaled = beams.map(|end| ray([0.05; 3], end.map(|at| at * 5.0), true));
+    expected.integrate(&scaled, &octree.steps);
+    assert_eq!(octree.counts().occupied, 3);
+    let free = octree.counts().free;
+    assert!(
+        free.abs_diff(expected.0.len() as u64 - 3) <= 2,
+        "{free}, {}",
+        expected.0.len()
+    );
+}
+
+#[test]
+fn hits_tell_where_the_surface_lies() {
+    let mut octree = octree(1);
+    let end = [1.03, 0.07, 0.02];
+    let hit = SurfaceHit {
+        point: end.into(),
+        intra: 0.5,
+        inter: f32::NAN,
+    };
+    octree.add_surface(&hit, 0.3);
+    assert_eq!(
+        octree.surface(voxel(10, 0, 0)),
+        None,
+        "its scan has not been added"
+    );
+    octree.integrate(SENSOR, [ray([0.0; 3], end, true)]);
+    octree.take_changed();
+    octree.add_surface(&hit, 0.3);
+    let surface = octree.surface(voxel(10, 0, 0)).unwrap();
+    let mean = surface.mean();
+    assert!(
+        (mean - nalgebra::Vector3::new(0.3, 0.7, 0.2)).amax() < 2e-3,
+        "{mean}"
+    );
+    assert_eq!((surface.intra(), surface.inter()), (Some(0.5), None));
+    assert_eq!(octree.take_changed(), [BrickColumn { x: 2, y: 0 }]);
+    assert_eq!(octree.occupied().count(), 1);
+}
