@@ -1,0 +1,258 @@
+//! Places and headings at which a boat's footprint lies on gentle ground behind clear water.
+
+use std::f64::consts::{SQRT_2, TAU};
+
+use nalgebra::Vector2;
+
+use super::docking::BoatFootprint;
+use super::docking_window::{Counts, DockingWindow, Ground};
+
+/// Headings that are tried, 15° apart.
+const HEADINGS: usize = 24;
+/// Least share of the cells below the boat that are of moderate cost. The rest may be level or unknown: a
+/// tilting laser leaves holes. None may be fatal.
+const LEAST_MODERATE: f64 = 0.9;
+/// Least share of the cells behind the boat that are clear water. The rest may be unknown or the edge of the
+/// ramp, which the waterline cuts at an angle. None may be fatal.
+const LEAST_WATER: f64 = 0.8;
+/// Boats longer than this many cells find no berth: a bound on work and memory.
+const MAX_CELLS: f64 = 256.0;
+
+/// A boat on land.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Berth {
+    /// The place of the middle cell of its footprint.
+    pub(super) centre: usize,
+    /// Which of the headings.
+    pub(super) heading: usize,
+}
+
+/// What a boat covers at each heading, in cells.
+#[derive(Clone, Debug, Default)]
+pub(super) struct BerthShapes {
+    /// One per heading; empty where the boat is too large.
+    shapes: Vec<BerthShape>,
+    /// From the middle of a berth it is no farther to clear water, cells.
+    most_to_water: u32,
+    /// From the middle of a berth it is farther to a fatal cell, cells.
+    too_near_to_fatal: u32,
+}
+
+#[derive(Clone, Debug)]
+struct BerthShape {
+    direction: Vector2<f64>,
+    footprint: Shape,
+    /// As large as the footprint, and right behind it.
+    water: Shape,
+    /// Cells of moderate cost that the footprint must have,
+    least_moderate: u32,
+    /// and of clear water that must be behind it.
+    least_water: u32,
+}
+
+/// A set of cells around a middle one, as stretches of rows.
+#[derive(Clone, Debug, Default)]
+struct Shape {
+    stretches: Vec<Stretch>,
+    cells: u32,
+}
+
+/// Columns `from .. to` of row `y`, counted from the middle cell.
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    y: i32,
+    from: i32,
+    to: i32,
+}
+
+impl BerthShapes {
+    pub(super) fn new(boat: &BoatFootprint, cell_m: f64) -> Self {
+        let cells = |metres: f64| metres / cell_m;
+        let (length, width) = (cells(boat.length_m), cells(boat.width_m));
+        let fits = |size: f64| size > 0.0 && size <= MAX_CELLS;
+        if !(fits(length) && fits(width)) {
+            return Self::default();
+        }
+        let shapes = (0..HEADINGS).map(|heading| {
+            let angle_rad = TAU * heading as f64 / HEADINGS as f64;
+            let direction = Vector2::new(libm::cos(angle_rad), libm::sin(angle_rad));
+            let rectangle = |ahead: f64| Shape::rectangle(direction, ahead, length, width);
+            let (footprint, water) = (rectangle(0.0), rectangle(-length));
+            BerthShape {
+                direction,
+                least_moderate: footprint.share(LEAST_MODERATE),
+                // Of a boat so small that no cell is behind it none is known to be water.
+                least_water: water.share(LEAST_WATER).max(1),
+                footprint,
+                water,
+            }
+        });
+        // No cell of the water behind a berth is farther than this.
+        let to_water = 1.5 * length + 0.5 * width;
+        // So many steps, all of them over corners, are within the circle that fits into the footprint.
+        let to_side = 0.5 * width.min(length) / SQRT_2;
+        Self {
+            shapes: shapes.collect(),
+            most_to_water: to_water as u32 + 1,
+            too_near_to_fatal: to_side as u32,
+        }
+    }
+
+    pub(super) const fn headings(&self) -> usize {
+        self.shapes.len()
+    }
+
+    /// Where the bow points.
+    pub(super) fn direction(&self, heading: usize) -> Vector2<f64> {
+        self.shapes[heading].direction
+    }
+
+    /// All berths, by place and heading.
+    pub(super) fn berths(&self, window: &DockingWindow<'_>) -> Vec<Berth> {
+        let mut berths = Vec::new();
+        let to_water = window.steps_to(Ground::ClearWater);
+        let to_fatal = window.steps_to(Ground::Fatal);
+        for (centre, (to_water, to_fatal)) in to_water.into_iter().zip(to_fatal).enumerate() {
+            // Most places are ruled out without a look at each heading.
+            if window.ground(centre) != Ground::Moderate
+                || to_water > self.most_to_water
+                || to_fatal <= self.too_near_to_fatal
+            {
+                continue;
+            }
+            for (heading, shape) in self.shapes.iter().enumerate() {
+                if shape.is_berth(window, centre) {
+                    berths.push(Berth { centre, heading });
+                }
+            }
+        }
+        berths
+    }
+
+    /// The places of the cells below a boat.
+    pub(super) fn cells<'a>(
+        &'a self,
+        window: &'a DockingWindow<'_>,
+        berth: Berth,
+    ) -> impl Iterator<Item = usize> + 'a {
+        let shape = &self.shapes[berth.heading].footprint;
+        shape.places(window, berth.centre).flatten()
+    }
+}
+
+impl BerthShape {
+    fn is_berth(&self, window: &DockingWindow<'_>, centre: usize) -> bool {
+        let below = self.footprint.counts(window, centre);
+        let holds = |below: Counts| below.moderate >= self.least_moderate;
+        if !below.is_some_and(holds) {
+            return false;
+        }
+        let behind = self.water.counts(window, centre);
+        behind.is_some_and(|behind| behind.water >= self.least_water)
+    }
+}
+
+impl Shape {
+    /// The cells whose centres are in a rectangle of `length` along `direction` and `width` across, cells,
+    /// its centre `ahead` cells from that of the middle cell.
+    fn rectangle(direction: Vector2<f64>, ahead: f64, length: f64, width: f64) -> Self {
+        let reach = libm::ceil(ahead.abs() + 0.5 * (length + width)) as i32;
+        let is_inside = |x: i32, y: i32| {
+            let cell = Vector2::new(f64::from(x), f64::from(y));
+            let (along, across) = (cell.dot(&direction) - ahead, cell.perp(&direction));
+            along.abs() <= 0.5 * length && across.abs() <= 0.5 * width
+        };
+        let mut shape = Self::default();
+        for y in -reach..=reach {
+            // A rectangle is convex: one stretch a row.
+            let mut inside = (-reach..=reach).filter(|&x| is_inside(x, y));
+            if let Some(from) = inside.next() {
+                let to = inside.next_back().unwrap_or(from) + 1;
+                shape.stretches.push(Stretch { y, from, to });
+                shape.cells += to.abs_diff(from);
+            }
+        }
+        shape
+    }
+
+    fn share(&self, share: f64) -> u32 {
+        libm::ceil(share * f64::from(self.cells)) as u32
+    }
+
+    /// Where its cells are, as far as the window reaches.
+    fn places<'a>(
+        &'a self,
+        window: &'a DockingWindow<'_>,
+        centre: usize,
+    ) -> impl Iterator<Item = std::ops::Range<usize>> + 'a {
+        let (x, y) = (
+            (centre % window.width()).cast_signed(),
+            (centre / window.width()).cast_signed(),
+        );
+        self.stretches.iter().map(move |stretch| {
+            let along = |cells: i32| x + cells as isize;
+            window.stretch(
+                y + stretch.y as isize,
+                along(stretch.from),
+                along(stretch.to),
+            )
+        })
+    }
+
+    /// What stands on its cells; `None` where any is fatal.
+    fn counts(&self, window: &DockingWindow<'_>, centre: usize) -> Option<Counts> {
+        let mut counts = Counts::default();
+        for stretch in self.places(window, centre) {
+            counts += window.counts(stretch);
+            if counts.fatal > 0 {
+                return None;
+            }
+        }
+        Some(counts)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::mapping::docking_window::DockingColumn;
+    use crate::mapping::grid::CellIndex;
+
+    proptest! {
+        /// What is ruled out beforehand would have been no berth.
+        #[test]
+        fn no_berth_is_overlooked(
+            kinds in prop::collection::vec(
+                prop_oneof![
+                    6 => Just((0.0, true)),
+                    6 => Just((0.5, false)),
+                    1 => Just((1.0, false)),
+                    1 => Just((f32::NAN, false)),
+                ],
+                16,
+            ),
+            length_m in 0.5..5.0_f64,
+            width_m in 0.5..5.0_f64,
+        ) {
+            let boat = BoatFootprint { length_m, width_m };
+            let shapes = BerthShapes::new(&boat, 1.0);
+            // Patches of 4 × 4 columns.
+            let columns: Vec<_> = (0..256)
+                .map(|at| kinds[at / 64 * 4 + at % 16 / 4])
+                .map(|(cost, is_clear_water)| DockingColumn { cost, is_clear_water })
+                .collect();
+            let window = DockingWindow::new(CellIndex { x: 0, y: 0 }, 16, 1.0, &columns);
+            let all = (0..256).flat_map(|centre| {
+                let headings = 0..shapes.headings();
+                headings.map(move |heading| Berth { centre, heading })
+            });
+            let berths = all.filter(|berth| {
+                window.ground(berth.centre) == Ground::Moderate
+                    && shapes.shapes[berth.heading].is_berth(&window, berth.centre)
+            });
+            prop_assert_eq!(shapes.berths(&window), berths.collect::<Vec<_>>());
+        }
+    }
+}
