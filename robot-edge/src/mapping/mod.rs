@@ -4,9 +4,12 @@
 //! nothing of the wire. The same scans give the same cells, bit for bit, at any speed and on any platform.
 
 pub mod config;
+pub mod cost_config;
 pub mod elevation_config;
 pub mod occupancy_config;
+pub mod octree_config;
 pub mod posed_scan;
+pub mod vehicle_shape;
 
 pub mod grid;
 pub mod log_odds;
@@ -24,20 +27,51 @@ mod scan_hits;
 mod sight_lines;
 pub mod terrain;
 
+pub mod octree;
+pub mod radial_filter;
+pub mod voxel;
+
+mod column_window;
+pub mod columns;
+pub mod cost_map;
+mod slope;
+
+pub mod inter_scan;
+pub mod intra_scan;
+
+pub mod majority_vote;
+pub mod obstacle_voxel;
+pub mod rigidity;
+pub mod shore;
+pub mod shore_clusters;
+pub mod shore_layer;
+pub mod shore_numbers;
+
+mod berth;
+pub mod docking;
+pub mod docking_window;
+
+pub mod voxel_layers;
+mod waterline;
+
 use nalgebra::Point3;
 
 use crate::drops::{DropCounts, DropReason};
 use config::MappingConfig;
 use ground_plane::GroundChange;
 use occupancy_grid::OccupancyGrid;
+use octree_config::RangeSensorModel;
 use posed_scan::PosedScan;
 use terrain::Terrain;
+use vehicle_shape::VehicleShape;
+use voxel_layers::VoxelLayers;
 
 /// All map layers of one vehicle.
 #[derive(Clone, Debug)]
 pub struct Mapper {
     occupancy: Option<OccupancyGrid>,
     terrain: Option<Terrain>,
+    voxels: Option<VoxelLayers>,
     vehicle_in_odom: Point3<f64>,
     resets: u32,
 }
@@ -53,18 +87,28 @@ pub struct MapReport {
     pub dropped_beams: DropCounts,
     /// The ground plane was taken anew, and the maps above it erased.
     pub ground_change: Option<GroundChange>,
+    /// Bricks of the octree that were evicted to keep its memory limit.
+    pub evicted_bricks: u32,
 }
 
 impl Mapper {
-    /// Empty maps of a vehicle whose axles are `wheelbase_m` apart.
-    pub fn new(config: &MappingConfig, wheelbase_m: f64) -> Self {
+    /// Empty maps of a vehicle with these range sensors, in the order of their numbers.
+    pub fn new(
+        config: &MappingConfig,
+        vehicle: VehicleShape,
+        sensors: &[RangeSensorModel],
+    ) -> Self {
         let occupancy = &config.occupancy;
         Self {
             occupancy: occupancy.enabled.then(|| OccupancyGrid::new(occupancy)),
             terrain: config
                 .elevation
                 .enabled
-                .then(|| Terrain::new(config, wheelbase_m)),
+                .then(|| Terrain::new(config, vehicle.wheelbase_m)),
+            voxels: config
+                .octree
+                .enabled
+                .then(|| VoxelLayers::new(config, vehicle, sensors)),
             vehicle_in_odom: Point3::origin(),
             resets: 0,
         }
@@ -90,7 +134,26 @@ impl Mapper {
                 report.count_beams(points.points, misses, lost);
             }
         }
+        if let Some(voxels) = &mut self.voxels {
+            let mapped = voxels.integrate(scan);
+            report.evicted_bricks = mapped.evicted_bricks;
+            if self.occupancy.is_none() && self.terrain.is_none() {
+                let lost = (DropReason::OutOfBounds, mapped.out_of_bounds);
+                report.count_beams(mapped.hits, mapped.misses, lost);
+                let isolated = mapped.isolated.into();
+                report
+                    .dropped_beams
+                    .add_many(DropReason::Isolated, isolated);
+            }
+        }
         report
+    }
+
+    /// Brings every map up to date that is computed only now and then.
+    pub fn refresh(&mut self) {
+        if let Some(voxels) = &mut self.voxels {
+            voxels.refresh();
+        }
     }
 
     /// Where the vehicle was at the last scan, metres.
@@ -118,6 +181,16 @@ impl Mapper {
         self.terrain.as_mut()
     }
 
+    /// Octree, slope cost and shores, where they are mapped.
+    pub const fn voxels(&self) -> Option<&VoxelLayers> {
+        self.voxels.as_ref()
+    }
+
+    /// Octree, slope cost and shores, to take their changes.
+    pub const fn voxels_mut(&mut self) -> Option<&mut VoxelLayers> {
+        self.voxels.as_mut()
+    }
+
     /// Forgets everything in every layer: what was mapped does not fit what comes.
     pub fn reset(&mut self) {
         self.resets += 1;
@@ -126,6 +199,9 @@ impl Mapper {
         }
         if let Some(terrain) = &mut self.terrain {
             terrain.reset();
+        }
+        if let Some(voxels) = &mut self.voxels {
+            voxels.reset();
         }
     }
 

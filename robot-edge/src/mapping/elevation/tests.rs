@@ -2,7 +2,7 @@ use nalgebra::Translation3;
 
 use super::*;
 use crate::mapping::elevation_cell::CellClass;
-use crate::mapping::posed_scan::PosedBeam;
+use crate::mapping::posed_scan::{PosedBeam, SensorId};
 
 const SENSOR: Point3<f64> = Point3::new(0.25, 0.0, 1.08);
 
@@ -27,13 +27,18 @@ fn scan(time_s: f64, x_m: f64, points: &[[f64; 3]]) -> PosedScan {
     );
     PosedScan {
         stamp: RobotTime::from_secs_f64(time_s).unwrap(),
+        sensor: SensorId(0),
+        beam_step_rad: 0.004,
         odom_from_base,
         beams: points
             .iter()
-            .map(|&point| PosedBeam {
+            .zip(0..)
+            .map(|(&point, index)| PosedBeam {
                 origin_in_odom: odom_from_base * SENSOR,
                 end_in_odom: point.into(),
                 outcome: BeamOutcome::Hit,
+                index,
+                range_m: 1.0,
             })
             .collect(),
     }

@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use proptest::prelude::*;
 
 use super::*;
-use crate::mapping::posed_scan::PosedBeam;
+use crate::mapping::posed_scan::{PosedBeam, SensorId};
 use crate::pose::Pose;
 use crate::robot_time::RobotTime;
 
@@ -15,13 +15,18 @@ fn scan(beams: &[Beam]) -> PosedScan {
     let point = |(x, y)| Point3::new(x, y, 0.0);
     PosedScan {
         stamp: RobotTime::from_nanos(0),
+        sensor: SensorId(0),
+        beam_step_rad: 0.004,
         odom_from_base: Pose::identity(),
         beams: beams
             .iter()
-            .map(|&(origin, end, outcome)| PosedBeam {
+            .zip(0..)
+            .map(|(&(origin, end, outcome), index)| PosedBeam {
                 origin_in_odom: point(origin),
                 end_in_odom: point(end),
                 outcome,
+                index,
+                range_m: 1.0,
             })
             .collect(),
     }

@@ -1,0 +1,351 @@
+//! How steep a column is, from what lies around it (\[HYB\] §5.1, with heights in place of voxel indices).
+//!
+//! A tile's sixteen columns are done at once: the sums of the least squares are those of a box of columns, first
+//! along rows and then across them, and every step is a loop over plain numbers that the compiler makes vectors of.
+
+use super::columns::{Column, ColumnKind, TILE_COLUMNS, TILE_EDGE};
+
+/// Columns around one that count, each way.
+pub(super) const REACH: usize = 3;
+/// [`REACH`] for indices, which are signed.
+pub(super) const REACH_COLUMNS: i32 = 3;
+/// Columns along the edge of what a tile needs.
+pub(super) const PATCH_EDGE: usize = TILE_EDGE + 2 * REACH;
+/// Columns of what a tile needs.
+pub(super) const PATCH_COLUMNS: usize = PATCH_EDGE * PATCH_EDGE;
+
+/// A tile and the columns around it, rows of growing y.
+pub(super) type Patch = [Column; PATCH_COLUMNS];
+
+/// The slopes of the columns of a tile, rise over run; NaN where unknown.
+///
+/// That of the plane that fits the 7×7 columns around a column to half a voxel; where none does, Δ of the document,
+/// from the ground of each of them and of its own up to its top. Of a column where no beam met the ground, only a
+/// plane says something.
+///
+/// On water, where the ground is as deep as the vehicle reaches, land is steeper than anything; only a plane that comes
+/// out of the water nearby, `beach`, is a slope.
+pub(super) fn slopes(patch: &Patch, cell_m: f32, beach: Option<&Beach>) -> [f32; TILE_COLUMNS] {
+    let points = Points::of(patch, cell_m, beach);
+    let planes = Planes::of(&points);
+    std::array::from_fn(|column| {
+        let window = Window {
+            x: column % TILE_EDGE,
+            y: column / TILE_EDGE,
+        };
+        let own = window.middle();
+        let plane = || {
+            planes
+                .get(column)
+                .filter(|plane| points.fit(*plane, window, 0.5 * cell_m))
+        };
+        let land = || {
+            let [x, y] = [0, 1].map(|axis| points.ground[axis][own]);
+            plane().filter(|plane| {
+                let water_m = beach.map(|beach| beach.water_m - points.reference_m);
+                let above_m = water_m.map_or(0.0, |water_m| plane.height(x, y) - water_m);
+                let reach_m = beach.map_or(0.0, |beach| beach.reach_m);
+                above_m <= plane.slope() * reach_m
+            })
+        };
+        match points.kind[own] {
+            PointKind::Unknown => f32::NAN,
+            PointKind::Water => 0.0,
+            PointKind::Below => plane().map_or(f32::NAN, Plane::slope),
+            PointKind::Overlooked => land().map_or(0.0, Plane::slope),
+            PointKind::Dry => land().map_or(f32::INFINITY, Plane::slope),
+            PointKind::Ground | PointKind::Obstacle if points.is_alone(window) => f32::NAN,
+            PointKind::Ground | PointKind::Obstacle => {
+                plane().map_or_else(|| points.steepest(window, cell_m), Plane::slope)
+            }
+        }
+    })
+}
+
+/// Where land that a boat can land on comes out of the water.
+pub(super) struct Beach {
+    /// Height of the water, z of `odom`, metres.
+    pub(super) water_m: f32,
+    /// It is no farther away, metres.
+    pub(super) reach_m: f32,
+}
+
+/// What a column is to the slopes around it.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum PointKind {
+    Unknown,
+    /// Water and nothing on it: level, whatever rises beside it.
+    Water,
+    /// Ground that was hit and nothing on it.
+    Ground,
+    /// Something stands there.
+    Obstacle,
+    /// Where the ground lies is not known, but that it is no higher than what was seen through.
+    Below,
+    /// The same beside water.
+    Overlooked,
+    /// Beside water: what was hit, and nothing seen through beneath it.
+    Dry,
+}
+
+/// The columns of a patch, a number of each in a row; x and y from the patch's middle, z from a height nearby, metres.
+struct Points {
+    /// The height that z is from, metres.
+    reference_m: f32,
+    kind: [PointKind; PATCH_COLUMNS],
+    /// 1 where the top counts for a plane.
+    weight: Row,
+    top: [Row; 3],
+    /// Of a column that nothing hit the upper side of its lowest free voxel: the ground is no higher.
+    ground: [Row; 3],
+    /// What must not be above a plane, nor below it; far on the other side where nothing needs to be.
+    highest: Row,
+    lowest: Row,
+}
+
+type Row = [f32; PATCH_COLUMNS];
+
+/// Farther than anything from a plane, metres.
+const FAR_M: f32 = 1e6;
+
+impl PointKind {
+    const fn of(column: &Column) -> Self {
+        let is_clear = column.top_z <= column.ground_z;
+        match (column.kind, is_clear) {
+            (ColumnKind::Unknown, _) => Self::Unknown,
+            (ColumnKind::Inferred, true) => Self::Below,
+            (ColumnKind::Sampled, true) => Self::Ground,
+            (ColumnKind::Water, true) => Self::Water,
+            (ColumnKind::Overlooked, true) => Self::Overlooked,
+            (ColumnKind::Dry, _) => Self::Dry,
+            (
+                ColumnKind::Inferred
+                | ColumnKind::Sampled
+                | ColumnKind::Water
+                | ColumnKind::Overlooked,
+                false,
+            ) => Self::Obstacle,
+        }
+    }
+}
+
+impl Points {
+    fn of(patch: &Patch, cell_m: f32, beach: Option<&Beach>) -> Self {
+        let middle = patch[PATCH_EDGE * (REACH + 1) + REACH + 1];
+        let reference_m = middle.ground_z as f32 * cell_m;
+        let water_m = beach.map_or(-FAR_M, |beach| beach.water_m);
+        let mut points = Self {
+            reference_m,
+            kind: std::array::from_fn(|n| PointKind::of(&patch[n])),
+            weight: [0.0; PATCH_COLUMNS],
+            top: [[0.0; PATCH_COLUMNS]; 3],
+            ground: [[0.0; PATCH_COLUMNS]; 3],
+            highest: [-FAR_M; PATCH_COLUMNS],
+            lowest: [FAR_M; PATCH_COLUMNS],
+        };
+        for (n, column) in patch.iter().enumerate() {
+            let corner = [n % PATCH_EDGE, n / PATCH_EDGE];
+            let corner = corner.map(|at| (at as f32 - 0.5 * PATCH_EDGE as f32) * cell_m);
+            let [top, mut ground] = [column.top_m, column.ground_m]
+                .map(|[x, y, z]| [corner[0] + x, corner[1] + y, z - reference_m]);
+            let kind = points.kind[n];
+            if column.kind == ColumnKind::Inferred {
+                ground[2] = (column.ground_z + 2) as f32 * cell_m - reference_m;
+            }
+            for axis in 0..3 {
+                points.top[axis][n] = top[axis];
+                points.ground[axis][n] = ground[axis];
+            }
+            let is_hit = matches!(
+                kind,
+                PointKind::Ground | PointKind::Obstacle | PointKind::Dry
+            );
+            if is_hit {
+                points.weight[n] = 1.0;
+                points.highest[n] = top[2];
+            }
+            points.lowest[n] = match kind {
+                PointKind::Unknown => FAR_M,
+                // How deep it is beneath what light comes back from, nobody knows.
+                PointKind::Water => ground[2].max(water_m - reference_m),
+                PointKind::Ground
+                | PointKind::Obstacle
+                | PointKind::Below
+                | PointKind::Overlooked
+                | PointKind::Dry => ground[2],
+            };
+        }
+        points
+    }
+
+    /// Whether nothing else is known around the middle of a window.
+    fn is_alone(&self, window: Window) -> bool {
+        let own = window.middle();
+        window
+            .columns()
+            .all(|n| n == own || self.kind[n] == PointKind::Unknown)
+    }
+
+    /// Whether nothing is farther from the plane than `margin_m`: neither what was hit, nor a place that far below
+    /// it that was seen through. That the ground lies beneath what was seen above the plane says nothing against it.
+    fn fit(&self, plane: Plane, window: Window, margin_m: f32) -> bool {
+        let mut misfits = 0;
+        for row in window.rows() {
+            let [top_x, top_y] = [&self.top[0][row.clone()], &self.top[1][row.clone()]];
+            let [ground_x, ground_y] = [&self.ground[0][row.clone()], &self.ground[1][row.clone()]];
+            let (highest, lowest) = (&self.highest[row.clone()], &self.lowest[row]);
+            for n in 0..WINDOW {
+                let above = highest[n] - plane.height(top_x[n], top_y[n]);
+                let below = plane.height(ground_x[n], ground_y[n]) - lowest[n];
+                misfits |= u32::from(above > margin_m) | u32::from(below > margin_m);
+            }
+        }
+        misfits == 0 && self.tops_fit(plane, window, margin_m)
+    }
+
+    /// Whether no obstacle's top is below the plane; of what has none its ground is the top.
+    fn tops_fit(&self, plane: Plane, window: Window, margin_m: f32) -> bool {
+        let [x, y, z] = &self.top;
+        window.columns().all(|n| {
+            self.kind[n] != PointKind::Obstacle || plane.height(x[n], y[n]) - z[n] <= margin_m
+        })
+    }
+
+    /// Δ of the document: from the ground around it, and its own, up to its top.
+    fn steepest(&self, window: Window, cell_m: f32) -> f32 {
+        let own = window.middle();
+        let [x, y, top_m] = [0, 1, 2].map(|axis| self.top[axis][own]);
+        let rise = |n: usize| {
+            let [dx, dy] = [x - self.ground[0][n], y - self.ground[1][n]];
+            (top_m - self.ground[2][n]) / libm::sqrtf(dx * dx + dy * dy).max(cell_m)
+        };
+        let known = window
+            .columns()
+            .filter(|&n| self.kind[n] != PointKind::Unknown);
+        known.map(rise).fold(0.0, f32::max)
+    }
+}
+
+/// z = a·x + b·y + c.
+#[derive(Clone, Copy)]
+struct Plane {
+    a: f32,
+    b: f32,
+    c: f32,
+}
+
+impl Plane {
+    fn slope(self) -> f32 {
+        libm::sqrtf(self.a * self.a + self.b * self.b)
+    }
+
+    #[inline]
+    fn height(self, x: f32, y: f32) -> f32 {
+        self.a * x + self.b * y + self.c
+    }
+}
+
+/// Sums over the windows of the sixteen columns: n, x, y, z, xx, xy, yy, xz, yz.
+struct Planes([[f32; TILE_COLUMNS]; SUMS]);
+
+const SUMS: usize = 9;
+/// Of the spread of points across their main direction, squared, to that along it.
+const MIN_SPREAD: f32 = 0.02;
+
+impl Planes {
+    fn of(points: &Points) -> Self {
+        let [x, y, z] = &points.top;
+        let w = &points.weight;
+        let products: [Row; SUMS] = std::array::from_fn(|sum| {
+            let mut row = [0.0; PATCH_COLUMNS];
+            for n in 0..PATCH_COLUMNS {
+                row[n] = w[n]
+                    * match sum {
+                        0 => 1.0,
+                        1 => x[n],
+                        2 => y[n],
+                        3 => z[n],
+                        4 => x[n] * x[n],
+                        5 => x[n] * y[n],
+                        6 => y[n] * y[n],
+                        7 => x[n] * z[n],
+                        _ => y[n] * z[n],
+                    };
+            }
+            row
+        });
+        Self(products.map(|row| window_sums(&row)))
+    }
+
+    /// The least squares plane through what was hit around a column; `None` where that lies nearly on one line,
+    /// about which a plane could stand at any angle.
+    fn get(&self, column: usize) -> Option<Plane> {
+        let [n, x, y, z, xx, xy, yy, xz, yz] = self.0.map(|sums| sums[column]);
+        if n < 3.0 {
+            return None;
+        }
+        let mean = [x / n, y / n, z / n];
+        let (xx, xy, yy) = (xx - x * mean[0], xy - x * mean[1], yy - y * mean[1]);
+        let (xz, yz) = (xz - x * mean[2], yz - y * mean[2]);
+        let determinant = xx * yy - xy * xy;
+        let is_spread = determinant > MIN_SPREAD * (xx + yy) * (xx + yy);
+        is_spread.then(|| {
+            let a = (xz * yy - yz * xy) / determinant;
+            let b = (yz * xx - xz * xy) / determinant;
+            Plane {
+                a,
+                b,
+                c: mean[2] - a * mean[0] - b * mean[1],
+            }
+        })
+    }
+}
+
+/// Sums over the window of each column of the tile.
+fn window_sums(row: &Row) -> [f32; TILE_COLUMNS] {
+    let mut along = [[0.0; TILE_EDGE]; PATCH_EDGE];
+    for (sums, row) in along.iter_mut().zip(row.chunks_exact(PATCH_EDGE)) {
+        for step in 0..WINDOW {
+            for (x, sum) in sums.iter_mut().enumerate() {
+                *sum += row[x + step];
+            }
+        }
+    }
+    let mut sums = [0.0; TILE_COLUMNS];
+    for (y, sums) in sums.chunks_exact_mut(TILE_EDGE).enumerate() {
+        for along in &along[y..y + WINDOW] {
+            for (sum, part) in sums.iter_mut().zip(along) {
+                *sum += part;
+            }
+        }
+    }
+    sums
+}
+
+/// The columns up to [`REACH`] around a column of a tile.
+#[derive(Clone, Copy)]
+struct Window {
+    x: usize,
+    y: usize,
+}
+
+/// Columns along the edge of a window.
+const WINDOW: usize = 2 * REACH + 1;
+
+impl Window {
+    const fn middle(self) -> usize {
+        (self.y + REACH) * PATCH_EDGE + self.x + REACH
+    }
+
+    /// Their places in the patch, row by row.
+    fn rows(self) -> impl Iterator<Item = std::ops::Range<usize>> + Clone {
+        (0..WINDOW).map(move |row| {
+            let first = (self.y + row) * PATCH_EDGE + self.x;
+            first..first + WINDOW
+        })
+    }
+
+    fn columns(self) -> impl Iterator<Item = usize> + Clone {
+        self.rows().flatten()
+    }
+}
