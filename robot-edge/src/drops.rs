@@ -25,6 +25,14 @@ pub enum DropReason {
     /// wrapped or was reset.
     WheelJump,
 
+    // Satellite positions.
+    /// The receiver says that it has no fix.
+    NoFix,
+    /// A latitude, longitude or altitude that is not finite or not on Earth.
+    BadFix,
+    /// Farther from the fixes before than the vehicle drives, and not borne out by those behind.
+    FixLeap,
+
     // Scans.
     /// No beams, or angles or times that are not finite.
     BadScan,
@@ -46,6 +54,8 @@ pub enum DropReason {
     InvalidRange,
     /// A hit on the vehicle itself.
     OwnBody,
+    /// A hit that nothing beside it confirms.
+    Isolated,
     /// So far from `odom`'s origin that the map has no cell for it.
     OutOfBounds,
     /// A hit beyond the window of a map that moves with the vehicle.
@@ -63,6 +73,9 @@ impl DropReason {
             Self::BadPose => "bad_pose",
             Self::Late => "late",
             Self::WheelJump => "wheel_jump",
+            Self::NoFix => "no_fix",
+            Self::BadFix => "bad_fix",
+            Self::FixLeap => "fix_leap",
             Self::BadScan => "bad_scan",
             Self::NoPose => "no_pose",
             Self::BeforeFirstPose => "before_first_pose",
@@ -72,6 +85,7 @@ impl DropReason {
             Self::QueueFull => "queue_full",
             Self::InvalidRange => "invalid_range",
             Self::OwnBody => "own_body",
+            Self::Isolated => "isolated",
             Self::OutOfBounds => "out_of_bounds",
             Self::OutsideWindow => "outside_window",
         }

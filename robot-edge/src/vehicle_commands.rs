@@ -71,14 +71,17 @@ fn write_essentials(config: &Config, out: &mut dyn Write) -> io::Result<()> {
 
 fn sensor_essentials(sensor: &SensorConfig) -> String {
     match sensor {
-        SensorConfig::LaserScan(laser) => {
+        SensorConfig::LaserScan(sensor) | SensorConfig::Sonar(sensor) => {
             let range = |range_m: Option<f64>| {
                 range_m.map_or("as its messages say".to_owned(), |range_m| {
                     format!("{range_m} m")
                 })
             };
-            let (from, to) = (range(laser.range_min_m), range(laser.range_max_m));
-            format!("ranges from {from} to {to}")
+            let (from, to) = (range(sensor.range_min_m), range(sensor.range_max_m));
+            let tilted = sensor.tilt.as_ref().map_or(String::new(), |tilt| {
+                format!(", tilted by joint {}", tilt.joint)
+            });
+            format!("ranges from {from} to {to}{tilted}")
         }
         SensorConfig::WheelEncoders(encoders) => format!(
             "joints {} and {}, wheels of radius {} m",
@@ -89,6 +92,13 @@ fn sensor_essentials(sensor: &SensorConfig) -> String {
             format!(
                 "turned by {}°, {}°, {}°",
                 mount.roll_deg, mount.pitch_deg, mount.yaw_deg
+            )
+        }
+        SensorConfig::Gps(gps) => {
+            let antenna = &gps.mount;
+            format!(
+                "antenna at {} m, {} m, {} m",
+                antenna.x_m, antenna.y_m, antenna.z_m
             )
         }
     }
@@ -113,7 +123,9 @@ mod tests {
         let (exit, text) = checked(
             "preset = \"pioneer\"\nsensors.laser.topic = \"/front\"\n\
              sensors.wheels = { kind = \"wheel_encoders\", wheel_radius_m = 0.0975 }\n\
-             sensors.ahrs = { kind = \"imu\", mount.yaw_deg = 90 }",
+             sensors.ahrs = { kind = \"imu\", mount.yaw_deg = 90 }\n\
+             sensors.gps = { kind = \"gps\", mount.z_m = 1.5 }\n\
+             sensors.sonar = { kind = \"sonar\", tilt.joint = \"tilt\" }",
         );
         assert_eq!(exit, Exit::Done);
         assert_eq!(
@@ -121,7 +133,10 @@ mod tests {
             "ok\n\
              vehicle: pioneer, 0.455 × 0.381 × 0.237 m, at most 1.2 m/s and 5.24 rad/s\n\
              sensor ahrs: imu, topic by type, turned by 0°, 0°, 90°\n\
+             sensor gps: gps, topic by type, antenna at 0 m, 0 m, 1.5 m\n\
              sensor laser: laser_scan, topic /front, ranges from 0.02 m to 5.6 m\n\
+             sensor sonar: sonar, topic by type, ranges from as its messages say to as its messages say, \
+             tilted by joint tilt\n\
              sensor wheels: wheel_encoders, topic by type, joints left_wheel_joint and \
              right_wheel_joint, wheels of radius 0.0975 m\n\
              occupancy: cells of 0.1 m, at most 256 MB\n\
@@ -147,10 +162,10 @@ mod tests {
         list(&mut out).unwrap();
         let text = String::from_utf8(out).unwrap();
         assert!(
-            text.starts_with("generic2d  One horizontal laser"),
+            text.starts_with("generic2d   One horizontal laser"),
             "{text}"
         );
-        assert!(text.contains("\npioneer    Pioneer 3-DX"), "{text}");
+        assert!(text.contains("\npioneer     Pioneer 3-DX"), "{text}");
 
         for preset in PRESETS {
             let mut out = Vec::new();

@@ -1,37 +1,76 @@
 //! From the configuration to what placing beams needs.
 
 use crate::config::sensors::MAIN_LASER;
-use crate::config::{Config, LaserScanConfig, SensorConfig, WheelsAndAttitude};
+use crate::config::{
+    Config, FixesAndAttitude, ImuConfig, RangeSensor, RangeSensorConfig, TiltConfig,
+    WheelsAndAttitude,
+};
 use crate::exit::UsageError;
-use crate::localization::beam_projection::{Footprint, SensorSettings};
+use crate::localization::attitude_track::AttitudeSettings;
+use crate::localization::beam_projection::{BodyBox, SensorSettings};
 use crate::localization::dead_reckoning::DeadReckoningSettings;
-use crate::localization::placer::{PlacerSettings, PoseOrigin};
+use crate::localization::placer::{
+    MountOrigin, PlacerSettings, PoseOrigin, PoseStreams, RangeSensorSettings,
+};
 use crate::localization::pose_jump::JumpLimit;
 use crate::localization::pose_track::Reach;
+use crate::localization::satellite_positioning::SatelliteSettings;
+use crate::localization::tilt::TiltSettings;
 use crate::localization::wheel_odometer::WheelSettings;
+use crate::mapping::posed_scan::SensorId;
+use crate::measurement::StreamId;
+use crate::recording::survey::range_sensors::WantedSensor;
 use crate::robot_time::RobotDuration;
 
-/// The settings of the laser that is mapped.
+/// What was decided before the first measurement.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Placing {
+    /// Where poses come from.
+    pub origin: PoseOrigin,
+    /// The streams of the sensors that they are made of.
+    pub pose_streams: PoseStreams,
+    /// The range sensors that are mapped, in the order of their ids.
+    pub sensors: Vec<PlannedSensor>,
+}
+
+/// A range sensor whose scans are mapped.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlannedSensor {
+    /// Which of the vehicle's it is.
+    pub id: SensorId,
+    /// The stream of its scans; where `None`, every scan is its own.
+    pub stream: Option<StreamId>,
+    /// Who says where it sits.
+    pub mount: MountOrigin,
+    /// The stream of the angles of its tilt, where it is tilted and no transform says how far.
+    pub tilt_stream: Option<StreamId>,
+    /// The range from which on it sees nothing where neither its messages nor the configuration say so, metres.
+    pub range_max_m: Option<f32>,
+}
+
+/// The vehicle's range sensors, in the order of their names.
 ///
 /// # Errors
-/// Where the vehicle has none.
-pub fn main_laser(config: &Config) -> Result<&LaserScanConfig, UsageError> {
-    match config.sensors.get(MAIN_LASER) {
-        Some(SensorConfig::LaserScan(laser)) => Ok(laser),
-        Some(other @ (SensorConfig::WheelEncoders(_) | SensorConfig::Imu(_))) => {
-            Err(UsageError(format!(
-                "vehicle {:?}: the sensor named `{MAIN_LASER}` is of kind {:?}, but the main laser has this \
-                 name: call the other something else",
-                config.vehicle.name,
-                other.kind()
-            )))
-        }
-        None => Err(UsageError(format!(
-            "vehicle {:?} has no sensor named `{MAIN_LASER}`, so there is nothing to map: name one in \
-             [sensors.{MAIN_LASER}]",
+/// Where it has none.
+pub fn range_sensors(config: &Config) -> Result<Vec<RangeSensor<'_>>, UsageError> {
+    let sensors = config.range_sensors();
+    if sensors.is_empty() {
+        return Err(UsageError(format!(
+            "vehicle {:?} has no range sensor, so there is nothing to map: name one of kind \"laser_scan\" or \
+             \"sonar\", for example in [sensors.{MAIN_LASER}]",
             config.vehicle.name
-        ))),
+        )));
     }
+    Ok(sensors)
+}
+
+/// The same for choosing the streams of their scans.
+pub(super) fn wanted<'a>(sensors: &[RangeSensor<'a>]) -> Vec<WantedSensor<'a>> {
+    let wanted = sensors.iter().map(|sensor| WantedSensor {
+        name: sensor.name,
+        topic: sensor.config.topic.as_deref(),
+    });
+    wanted.collect()
 }
 
 /// By how much poses may be faster than the vehicle's greatest speed before they are a jump or a wheel's
@@ -50,45 +89,99 @@ pub fn poses_from_wheels(config: &Config, sensors: &WheelsAndAttitude<'_>) -> Po
             max_speed_mps: SPEED_MARGIN * config.vehicle.max_speed_mps,
         },
         wheels_time_offset: seconds(encoders.time_offset_s),
-        attitude_time_offset: seconds(imu.time_offset_s),
-        base_from_imu: imu.mount.base_from_sensor().rotation,
-        smoothing: seconds(config.localization.attitude_smoothing_s),
+        attitude: attitude(config, imu),
         max_gap: seconds(config.localization.max_gap_s),
     })
 }
 
-/// How the main laser's beams are placed.
-pub fn placer_settings(
-    config: &Config,
-    laser: &LaserScanConfig,
-    origin: PoseOrigin,
-) -> PlacerSettings {
+/// Poses from the configured satellite receiver and attitude sensor.
+pub fn poses_from_fixes(config: &Config, sensors: &FixesAndAttitude<'_>) -> PoseOrigin {
+    let seconds = RobotDuration::from_secs_f64;
+    let ((_, gps), (_, imu)) = (sensors.gps, sensors.imu);
+    PoseOrigin::Gps(SatelliteSettings {
+        fix_time_offset: seconds(gps.time_offset_s),
+        antenna_in_base: gps.mount.base_from_sensor().translation.vector,
+        attitude: attitude(config, imu),
+        leap: jump_limit(config),
+        max_gap: seconds(config.localization.max_gap_s),
+    })
+}
+
+fn attitude(config: &Config, imu: &ImuConfig) -> AttitudeSettings {
+    let seconds = RobotDuration::from_secs_f64;
+    AttitudeSettings {
+        time_offset: seconds(imu.time_offset_s),
+        base_from_imu: imu.mount.base_from_sensor().rotation,
+        smoothing: seconds(config.localization.attitude_smoothing_s),
+    }
+}
+
+fn jump_limit(config: &Config) -> JumpLimit {
+    JumpLimit {
+        slack_m: config.localization.jump_m,
+        speed_mps: SPEED_MARGIN * config.vehicle.max_speed_mps,
+    }
+}
+
+/// How the beams of the vehicle's range sensors are placed.
+pub fn placer_settings(config: &Config, placing: &Placing) -> PlacerSettings {
     let localization = &config.localization;
     let seconds = RobotDuration::from_secs_f64;
+    let of_vehicle = config.range_sensors();
+    let sensors = placing.sensors.iter().filter_map(|planned| {
+        let sensor = of_vehicle.get(usize::from(planned.id.0))?;
+        Some(range_sensor(planned, sensor.config))
+    });
+    let vehicle = &config.vehicle;
     PlacerSettings {
-        origin,
+        origin: placing.origin.clone(),
+        pose_streams: placing.pose_streams,
         base_frame: localization.base_frame.as_str().into(),
         reach: Reach {
             max_gap: seconds(localization.max_gap_s),
             max_extrapolation: seconds(localization.max_extrapolation_s),
-            jump: JumpLimit {
-                slack_m: localization.jump_m,
-                speed_mps: SPEED_MARGIN * config.vehicle.max_speed_mps,
-            },
+            jump: jump_limit(config),
         },
         keep: seconds(localization.buffer_s),
         wait: seconds(localization.wait_s),
         max_waiting: localization.max_waiting_scans,
-        sensor: SensorSettings {
-            range_min_m: laser.range_min_m.map(|range_m| range_m as f32),
-            range_max_m: laser.range_max_m.map(|range_m| range_m as f32),
-            zero: laser.zero,
-            time_offset: seconds(laser.time_offset_s),
-            base_from_sensor: laser.mount.base_from_sensor(),
+        sensors: sensors.collect(),
+        body: BodyBox {
+            length_m: vehicle.length_m,
+            width_m: vehicle.width_m,
+            lowest_m: vehicle.lowest_point_m,
+            highest_m: vehicle.lowest_point_m + vehicle.height_m,
         },
-        footprint: Footprint {
-            length_m: config.vehicle.length_m,
-            width_m: config.vehicle.width_m,
+    }
+}
+
+fn range_sensor(planned: &PlannedSensor, config: &RangeSensorConfig) -> RangeSensorSettings {
+    let range_m = |range_m: Option<f64>| range_m.map(|range_m| range_m as f32);
+    let tilt = |stream| {
+        let tilt = config.tilt.as_ref()?;
+        Some(tilt_settings(tilt, stream))
+    };
+    RangeSensorSettings {
+        stream: planned.stream,
+        beams: SensorSettings {
+            id: planned.id,
+            range_min_m: range_m(config.range_min_m),
+            range_max_m: range_m(config.range_max_m).or(planned.range_max_m),
+            zero: config.zero,
+            time_offset: RobotDuration::from_secs_f64(config.time_offset_s),
+            base_from_sensor: config.mount.base_from_sensor(),
         },
+        mount: planned.mount,
+        tilt: planned.tilt_stream.and_then(tilt),
+    }
+}
+
+fn tilt_settings(tilt: &TiltConfig, stream: StreamId) -> TiltSettings {
+    TiltSettings {
+        joint: tilt.joint.clone(),
+        stream: Some(stream),
+        scale: tilt.scale,
+        offset_rad: tilt.offset_deg.to_radians(),
+        time_offset: RobotDuration::from_secs_f64(tilt.time_offset_s),
     }
 }

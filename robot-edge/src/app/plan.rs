@@ -1,27 +1,28 @@
-//! What of a recording is mapped: which laser, and where its poses come from. Decided before the replay.
+//! What of a recording is mapped: which range sensors, and where poses come from. Decided before the replay.
 
-use self::wheels::WheelStreams;
-use super::placing::poses_from_wheels;
-use crate::config::{Config, WheelsAndAttitude};
+use self::range_sensors::Found;
+use super::placing::{Placing, poses_from_fixes, poses_from_wheels};
+use crate::config::{Config, FixesAndAttitude, WheelsAndAttitude};
 use crate::exit::UsageError;
 use crate::localization::config::{LocalizationConfig, PoseSource};
-use crate::localization::placer::{MountOrigin, ODOMETRY_FRAME, PoseOrigin};
+use crate::localization::placer::{MountOrigin, ODOMETRY_FRAME, PoseOrigin, PoseStreams};
 use crate::recording::Format;
 use crate::recording::survey::Survey;
-use crate::recording::survey::scans::ScanSurvey;
 
-mod wheels;
+mod choose;
+mod pose_streams;
+mod range_sensors;
 
 /// What is replayed.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Plan {
-    /// The laser's topic or message name.
-    pub(super) laser: String,
-    /// Where poses come from.
-    pub(super) origin: PoseOrigin,
+    /// Each range sensor's name and its topic or message name.
+    pub(super) sensors: Vec<(String, String)>,
+    /// How beams are placed.
+    pub(super) placing: Placing,
     /// The streams that are needed.
     pub(super) streams: Vec<String>,
-    /// The range from which on the laser sees nothing, where its messages do not say so, metres.
+    /// The range from which on the only laser sees nothing, where its messages do not say so, metres.
     pub(super) unsaid_miss_from_m: Option<f32>,
     /// What a person should know of these decisions.
     pub(super) notes: Vec<String>,
@@ -31,31 +32,36 @@ pub(super) struct Plan {
 ///
 /// # Errors
 /// Where nothing fits, or several things do: the message lists them and says what to type.
-pub(super) fn plan(
-    survey: &Survey,
-    topic: Option<&str>,
-    config: &Config,
-) -> Result<Plan, UsageError> {
-    let scan = choose_laser(survey, topic)?;
-    let laser = stream_name(survey, scan);
-    let mut notes = Vec::new();
+pub(super) fn plan(survey: &Survey, config: &Config) -> Result<Plan, UsageError> {
+    let (found, missing) = range_sensors::find(survey, config)?;
     let Chosen {
         origin,
-        wheel_streams,
-    } = choose_origin(survey, scan, config)?;
-    let mut names = vec![laser.clone()];
+        pose_streams,
+    } = choose_origin(survey, &found, config)?;
+    let mut sensors = range_sensors::place(survey, &found, &origin, config)?;
+    let topics = found.iter().map(|found| survey.name_of(found.scans));
+    let mut streams: Vec<_> = topics.clone().map(str::to_owned).collect();
+    let mut notes = Vec::new();
+    for sensor in missing {
+        notes.push(format!("{sensor}: it has no scans of this sensor"));
+    }
+    let lasers = range_sensors::in_words(&found);
     match &origin {
         PoseOrigin::Log => notes.push(format!(
-            "poses: those that {laser} brings for its own scans"
+            "poses: those that {} brings for its own scans",
+            streams.join(" and ")
         )),
-        PoseOrigin::Tf { fixed_frame, mount } => {
+        PoseOrigin::Tf { fixed_frame } => {
             notes.push(format!("poses: transforms up to frame {fixed_frame}"));
-            if *mount == MountOrigin::Configured {
-                notes.push(
-                    "the laser's mounting: as configured, the transforms do not say".to_owned(),
-                );
+            for (found, planned) in found.iter().zip(&sensors) {
+                if planned.mount == MountOrigin::Configured {
+                    notes.push(format!(
+                        "the {}'s mounting: as configured, the transforms do not say",
+                        found.sensor.name
+                    ));
+                }
             }
-            names.extend(streams_of_type(
+            streams.extend(streams_of_type(
                 survey,
                 &["tf2_msgs/TFMessage", "tf/tfMessage"],
             ));
@@ -63,129 +69,153 @@ pub(super) fn plan(
         PoseOrigin::Odometry => {
             let odometry = choose_odometry(survey)?;
             notes.push(format!(
-                "poses: {odometry}, with the configured mounting of the laser"
+                "poses: {odometry}, with the configured mounting of {lasers}"
             ));
-            names.push(odometry);
+            streams.push(odometry);
         }
-        PoseOrigin::Wheels(_) => {
-            if let Some(WheelStreams { encoders, attitude }) = wheel_streams {
-                notes.push(format!(
-                    "poses: wheels of {encoders} and attitude of {attitude}, with the configured mounting \
-                     of the laser"
-                ));
-                names.extend([encoders, attitude]);
-            }
+        PoseOrigin::Wheels(_) | PoseOrigin::Gps(_) => {
+            let named = |stream| choose::name(survey, stream).to_owned();
+            let PoseStreams {
+                wheels,
+                attitude,
+                fixes,
+            } = pose_streams;
+            let of = match (wheels.map(named), fixes.map(named)) {
+                (Some(wheels), _) => format!("wheels of {wheels}"),
+                (None, Some(fixes)) => format!("satellite fixes of {fixes}"),
+                (None, None) => String::new(),
+            };
+            let attitude_of = attitude.map(named).unwrap_or_default();
+            notes.push(format!(
+                "poses: {of} and attitude of {attitude_of}, with the configured mounting of {lasers}"
+            ));
+            streams.extend([wheels, fixes, attitude].into_iter().flatten().map(named));
         }
         PoseOrigin::Static => notes.push("poses: the vehicle stands still".to_owned()),
     }
-    let unsaid_miss_from_m = (survey.format == Format::Carmen)
-        .then(|| scan.unsaid_miss_from_m())
-        .flatten();
-    if let Some(range_m) = unsaid_miss_from_m {
+    let tilts = sensors.iter().filter_map(|sensor| sensor.tilt_stream);
+    streams.extend(tilts.map(|stream| choose::name(survey, stream).to_owned()));
+    notes.extend(range_sensors::tilt_notes(survey, &found, &sensors));
+    let mut unsaid_miss_from_m = None;
+    let is_alone = found.len() == 1;
+    for (found, planned) in found.iter().zip(&mut sensors) {
+        let is_carmen = survey.format == Format::Carmen;
+        let unsaid = found.scans.unsaid_miss_from_m().filter(|_| is_carmen);
+        let Some(range_m) = unsaid else { continue };
+        // The reader knows one limit, so several lasers have theirs each.
+        if is_alone {
+            unsaid_miss_from_m = unsaid;
+        } else {
+            planned.range_max_m = unsaid;
+        }
         notes.push(format!(
-            "{laser} reports {range_m} m where it sees nothing: such beams are misses"
+            "{} reports {range_m} m where it sees nothing: such beams are misses",
+            survey.name_of(found.scans)
         ));
     }
     if !survey.is_complete() {
         notes.push("decided from the beginning of the recording, which is long".to_owned());
     }
+    let named = found.iter().map(|found| found.sensor.name.to_owned());
     Ok(Plan {
-        laser,
-        origin,
-        streams: names,
+        sensors: named.zip(topics.map(str::to_owned)).collect(),
+        placing: Placing {
+            origin,
+            pose_streams,
+            sensors,
+        },
+        streams: without_repeats(streams),
         unsaid_miss_from_m,
         notes,
     })
 }
 
-fn choose_laser<'a>(survey: &'a Survey, topic: Option<&str>) -> Result<&'a ScanSurvey, UsageError> {
-    let path = survey.path.display();
-    let names = || {
-        let names: Vec<_> = survey
-            .scans
-            .iter()
-            .map(|scan| stream_name(survey, scan))
-            .collect();
-        names.join(", ")
-    };
-    if let Some(topic) = topic {
-        let chosen = survey
-            .scans
-            .iter()
-            .find(|scan| stream_name(survey, scan) == topic);
-        return chosen.ok_or_else(|| {
-            let have = if survey.scans.is_empty() { "no scans at all".to_owned() } else { names() };
-            UsageError(format!(
-                "{path}: no scans on {topic:?}, which `--topic laser=` or the configuration names; it has {have}"
-            ))
-        });
+fn without_repeats(names: Vec<String>) -> Vec<String> {
+    let mut once = Vec::with_capacity(names.len());
+    for name in names {
+        if !once.contains(&name) {
+            once.push(name);
+        }
     }
-    match &survey.scans[..] {
-        [] => Err(UsageError(format!(
-            "{path}: there is no range sensor in it, so there is nothing to map; `robot-edge info {path}` \
-             lists what it holds"
-        ))),
-        [scan] => Ok(scan),
-        [scan, ..] => Err(UsageError(format!(
-            "{path}: several topics carry scans: {}. Choose one, for example --topic laser={}",
-            names(),
-            stream_name(survey, scan)
-        ))),
-    }
+    once
 }
 
-/// Where poses come from, and the streams of wheels where it is those.
+/// Where poses come from, and the streams of the sensors that they are made of.
 struct Chosen {
     origin: PoseOrigin,
-    wheel_streams: Option<WheelStreams>,
+    pose_streams: PoseStreams,
 }
 
 fn choose_origin(
     survey: &Survey,
-    scan: &ScanSurvey,
+    found: &[Found<'_>],
     config: &Config,
 ) -> Result<Chosen, UsageError> {
     let localization = &config.localization;
-    let tf = || from_tree(survey, scan, localization);
-    let log = || scan.has_own_poses.then_some(PoseOrigin::Log);
+    let of_wheels = || made_of_wheels(survey, config);
+    let of_fixes = || made_of_fixes(survey, config);
+    let ready_made = |origin| Chosen {
+        origin,
+        pose_streams: PoseStreams::default(),
+    };
+    let tf = || from_tree(survey, found, localization);
+    let log = || {
+        let all = found.iter().all(|found| found.scans.has_own_poses);
+        all.then_some(PoseOrigin::Log)
+    };
     let odometry = || (!survey.odometry.is_empty()).then_some(PoseOrigin::Odometry);
-    let mut wheel_streams = None;
-    let found = match localization.source {
-        PoseSource::Auto => log().or_else(tf).or_else(odometry),
-        PoseSource::Log => log(),
-        PoseSource::Tf => tf(),
-        PoseSource::Odometry => odometry(),
-        PoseSource::Static => Some(PoseOrigin::Static),
-        PoseSource::Wheels => None,
+    let chosen = match localization.source {
+        PoseSource::Auto => match log().or_else(tf).or_else(odometry).map(ready_made) {
+            Some(chosen) => Some(chosen),
+            None => match of_wheels()? {
+                Some(chosen) => Some(chosen),
+                None => of_fixes()?,
+            },
+        },
+        PoseSource::Log => log().map(ready_made),
+        PoseSource::Tf => tf().map(ready_made),
+        PoseSource::Odometry => odometry().map(ready_made),
+        PoseSource::Static => Some(ready_made(PoseOrigin::Static)),
+        PoseSource::Wheels => of_wheels()?,
+        PoseSource::Gps => of_fixes()?,
     };
-    let takes_wheels = matches!(localization.source, PoseSource::Auto | PoseSource::Wheels);
-    let found = match (found, WheelsAndAttitude::of(&config.sensors)) {
-        (None, Ok(sensors)) if takes_wheels => {
-            wheel_streams = wheels::choose(survey, &sensors)?;
-            let origin = || poses_from_wheels(config, &sensors);
-            wheel_streams.is_some().then(origin)
-        }
-        (found, _) => found,
-    };
+    let origin = chosen.as_ref().map(|chosen| &chosen.origin);
     let wants_frame = matches!(localization.source, PoseSource::Auto | PoseSource::Tf);
     if let Some(wanted) = &localization.fixed_frame
         && wants_frame
-        && found != Some(PoseOrigin::Log)
-        && !has_fixed_frame(survey, found.as_ref(), wanted)
+        && origin != Some(&PoseOrigin::Log)
+        && !has_fixed_frame(survey, origin, wanted)
     {
         return Err(UsageError(format!(
-            "{}: no frame {wanted:?} in which the laser moves (localization.fixed_frame): {}",
+            "{}: no frame {wanted:?} in which {} moves (localization.fixed_frame): {}",
             survey.path.display(),
+            range_sensors::in_words(found),
             what_poses_there_are(survey)
         )));
     }
-    match found {
-        Some(origin) => Ok(Chosen {
-            origin,
-            wheel_streams,
-        }),
-        None => Err(nothing_says_where(survey, scan, localization.source)),
-    }
+    chosen.ok_or_else(|| nothing_says_where(survey, found, localization.source))
+}
+
+fn made_of_wheels(survey: &Survey, config: &Config) -> Result<Option<Chosen>, UsageError> {
+    let Ok(sensors) = WheelsAndAttitude::of(&config.sensors) else {
+        return Ok(None);
+    };
+    let chosen = |pose_streams| Chosen {
+        origin: poses_from_wheels(config, &sensors),
+        pose_streams,
+    };
+    Ok(pose_streams::of_wheels(survey, &sensors)?.map(chosen))
+}
+
+fn made_of_fixes(survey: &Survey, config: &Config) -> Result<Option<Chosen>, UsageError> {
+    let Ok(sensors) = FixesAndAttitude::of(&config.sensors) else {
+        return Ok(None);
+    };
+    let chosen = |pose_streams| Chosen {
+        origin: poses_from_fixes(config, &sensors),
+        pose_streams,
+    };
+    Ok(pose_streams::of_fixes(survey, &sensors)?.map(chosen))
 }
 
 /// Transforms were followed up to that frame, or there are only odometry messages, which call theirs so.
@@ -195,15 +225,16 @@ fn has_fixed_frame(survey: &Survey, found: Option<&PoseOrigin>, wanted: &str) ->
             .odometry
             .iter()
             .any(|odometry| *odometry.parent == *wanted),
-        Some(PoseOrigin::Wheels(_)) => wanted == ODOMETRY_FRAME,
+        Some(PoseOrigin::Wheels(_) | PoseOrigin::Gps(_)) => wanted == ODOMETRY_FRAME,
         Some(PoseOrigin::Log | PoseOrigin::Tf { .. } | PoseOrigin::Static) => true,
         None => false,
     }
 }
 
-fn nothing_says_where(survey: &Survey, scan: &ScanSurvey, source: PoseSource) -> UsageError {
+fn nothing_says_where(survey: &Survey, found: &[Found<'_>], source: PoseSource) -> UsageError {
     let path = survey.path.display();
     let there_is = what_poses_there_are(survey);
+    let lasers = range_sensors::in_words(found);
     let (wanted, lacks) = match source {
         PoseSource::Log => ("log", "its scans bring no poses of their own"),
         PoseSource::Tf => ("tf", "no transforms lead up to a frame in which it moves"),
@@ -216,49 +247,52 @@ fn nothing_says_where(survey: &Survey, scan: &ScanSurvey, source: PoseSource) ->
                 (false, _) => "there are no attitudes (sensor_msgs/Imu)",
             },
         ),
+        PoseSource::Gps => (
+            "gps",
+            match (survey.fixes.is_empty(), survey.attitudes.is_empty()) {
+                (true, true) => "there are neither satellite fixes nor attitudes",
+                (true, false) => "there are no satellite fixes (sensor_msgs/NavSatFix)",
+                (false, _) => "there are no attitudes (sensor_msgs/Imu)",
+            },
+        ),
         PoseSource::Auto | PoseSource::Static => {
             let leads = match survey.frames.edges().next() {
                 Some(_) => format!(
                     ", and none leads from {} up to a frame in which it moves",
-                    scan.frame
+                    found.first().map_or("", |found| &*found.scans.frame)
                 ),
                 None => String::new(),
             };
-            let wheels = wheels::there_are(survey).map_or(String::new(), |there_are| {
-                format!(
-                    ". {there_are}: poses can be reckoned from them if the vehicle's configuration has a \
-                     sensor of kind \"wheel_encoders\" and one of kind \"imu\""
-                )
-            });
+            let wheels = pose_streams::there_are(survey)
+                .map_or(String::new(), |there_are| format!(". {there_are}"));
             return UsageError(format!(
-                "{path}: nothing in it says where the laser was: {there_is}{leads}{wheels}. If the vehicle \
+                "{path}: nothing in it says where {lasers} was: {there_is}{leads}{wheels}. If the vehicle \
                  stood still, map it with --set localization.source=static"
             ));
         }
     };
     UsageError(format!(
-        "{path}: nothing in it says where the laser was, as localization.source = {wanted:?} wants it: \
+        "{path}: nothing in it says where {lasers} was, as localization.source = {wanted:?} wants it: \
          {lacks}; {there_is}. --set localization.source=auto takes what there is"
     ))
 }
 
-/// The frame that stands still above the laser (or above the vehicle that carries it), if something moves
+/// The frame that stands still above a range sensor (or above the vehicle that carries it), if something moves
 /// on the way.
 fn from_tree(
     survey: &Survey,
-    scan: &ScanSurvey,
+    found: &[Found<'_>],
     localization: &LocalizationConfig,
 ) -> Option<PoseOrigin> {
     let base_frame = localization.base_frame.as_str();
-    let starts = [
-        (&*scan.frame, MountOrigin::Tree),
-        (base_frame, MountOrigin::Configured),
-    ];
-    starts.into_iter().find_map(|(start, mount)| {
-        let wanted = localization.fixed_frame.as_deref();
-        let fixed_frame = survey.frames.fixed_above(start, base_frame, wanted)?;
-        Some(PoseOrigin::Tf { fixed_frame, mount })
-    })
+    let wanted = localization.fixed_frame.as_deref();
+    let starts = found
+        .iter()
+        .flat_map(|found| [&*found.scans.frame, base_frame]);
+    starts
+        .filter_map(|start| survey.frames.fixed_above(start, base_frame, wanted))
+        .map(|fixed_frame| PoseOrigin::Tf { fixed_frame })
+        .next()
 }
 
 fn choose_odometry(survey: &Survey) -> Result<String, UsageError> {
@@ -308,13 +342,6 @@ fn streams_of_type(survey: &Survey, types: &[&str]) -> Vec<String> {
         .filter(|stream| types.contains(&stream.type_name.as_str()))
         .map(|stream| stream.name.clone())
         .collect()
-}
-
-fn stream_name(survey: &Survey, scan: &ScanSurvey) -> String {
-    survey
-        .stream(scan.stream)
-        .map(|summary| summary.stream.name.clone())
-        .unwrap_or_default()
 }
 
 #[cfg(test)]

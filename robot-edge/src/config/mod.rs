@@ -27,13 +27,16 @@ pub use error::{ConfigError, Fault, Origin, Problem};
 pub use load::load;
 pub use overrides::Override;
 pub use sensors::{
-    ImuConfig, LaserScanConfig, Mount, SensorConfig, WheelEncodersConfig, WheelsAndAttitude,
+    FixesAndAttitude, GpsConfig, ImuConfig, Mount, RangeSensor, RangeSensorConfig, SensorConfig,
+    TiltConfig, WheelEncodersConfig, WheelsAndAttitude,
 };
 pub use vehicle::VehicleConfig;
 
 use crate::link::config::LinkConfig;
 use crate::localization::config::LocalizationConfig;
 use crate::mapping::config::MappingConfig;
+use crate::mapping::octree_config::RangeSensorModel;
+use crate::mapping::posed_scan::SensorId;
 use crate::streaming::config::StreamingConfig;
 
 /// Everything that can be set, by module.
@@ -54,10 +57,35 @@ pub struct Config {
     pub link: LinkConfig,
 }
 
+impl Config {
+    /// The sensors whose scans are mapped, in the order of their names; a [`SensorId`] is an index into them.
+    pub fn range_sensors(&self) -> Vec<RangeSensor<'_>> {
+        let of_range = self.sensors.iter().filter_map(|(name, sensor)| {
+            Some((name.as_str(), sensor.range_sensor()?, sensor.range_model()?))
+        });
+        let ids = (0..=u8::MAX).map(SensorId);
+        let sensor = |(id, (name, config, model))| RangeSensor {
+            id,
+            name,
+            config,
+            model,
+        };
+        ids.zip(of_range).map(sensor).collect()
+    }
+
+    /// What the octree must know of each of them, in the same order.
+    pub fn range_models(&self) -> Vec<RangeSensorModel> {
+        self.range_sensors()
+            .iter()
+            .map(|sensor| sensor.model)
+            .collect()
+    }
+}
+
 impl Default for Config {
     /// One planar laser on a vehicle nothing else is known of: the preset `generic2d`.
     fn default() -> Self {
-        let laser = SensorConfig::LaserScan(LaserScanConfig::default());
+        let laser = SensorConfig::LaserScan(RangeSensorConfig::default());
         Self {
             vehicle: VehicleConfig::default(),
             sensors: BTreeMap::from([(sensors::MAIN_LASER.to_owned(), laser)]),

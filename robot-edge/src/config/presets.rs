@@ -39,8 +39,16 @@ pub const PRESETS: &[Preset] = &[
         text: include_str!("../../vehicles/holos.toml"),
     },
     Preset {
+        name: "introbot",
+        text: include_str!("../../vehicles/introbot.toml"),
+    },
+    Preset {
         name: "pioneer",
         text: include_str!("../../vehicles/pioneer.toml"),
+    },
+    Preset {
+        name: "riverwatch",
+        text: include_str!("../../vehicles/riverwatch.toml"),
     },
 ];
 

@@ -1,12 +1,17 @@
 //! Settings of `[sensors.<name>]`.
 
-use std::collections::BTreeMap;
-
-use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use crate::localization::beam_range::ZeroRange;
-use crate::pose::Pose;
+use crate::mapping::octree_config::RangeSensorModel;
+use crate::mapping::posed_scan::SensorId;
+
+mod mount;
+mod pose_sensors;
+mod range_sensor;
+
+pub use mount::Mount;
+pub use pose_sensors::{FixesAndAttitude, WheelsAndAttitude};
+pub use range_sensor::{RangeSensorConfig, TiltConfig};
 
 /// Name of the sensor that is the vehicle's main laser.
 pub const MAIN_LASER: &str = "laser";
@@ -16,61 +21,108 @@ pub const MAIN_LASER: &str = "laser";
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum SensorConfig {
     /// A planar laser whose sweeps come as `sensor_msgs/LaserScan` or as a CARMEN laser line.
-    LaserScan(LaserScanConfig),
+    LaserScan(RangeSensorConfig),
+    /// A planar sonar whose sweeps come as `sensor_msgs/LaserScan`.
+    Sonar(RangeSensorConfig),
     /// Encoders on the wheels of both sides, whose angles come as `sensor_msgs/JointState`.
     WheelEncoders(WheelEncodersConfig),
     /// An attitude sensor (AHRS), whose orientation comes as `sensor_msgs/Imu`.
     Imu(ImuConfig),
+    /// A satellite receiver, whose positions come as `sensor_msgs/NavSatFix`.
+    Gps(GpsConfig),
+}
+
+/// A sensor whose scans are mapped.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RangeSensor<'a> {
+    /// Its place among them, in the order of their names.
+    pub id: SensorId,
+    /// Its name.
+    pub name: &'a str,
+    /// Its settings.
+    pub config: &'a RangeSensorConfig,
+    /// What the octree must know of it.
+    pub model: RangeSensorModel,
 }
 
 impl SensorConfig {
     /// Every value of `kind`.
-    pub(super) const KINDS: &[&str] = &["laser_scan", "wheel_encoders", "imu"];
+    pub(super) const KINDS: &[&str] = &["laser_scan", "sonar", "wheel_encoders", "imu", "gps"];
 
     /// The value of `kind`.
     pub const fn kind(&self) -> &'static str {
         match self {
             Self::LaserScan(_) => "laser_scan",
+            Self::Sonar(_) => "sonar",
             Self::WheelEncoders(_) => "wheel_encoders",
             Self::Imu(_) => "imu",
+            Self::Gps(_) => "gps",
         }
     }
 
     /// Topic or message name; where absent, the only stream whose type fits.
     pub fn topic(&self) -> Option<&str> {
         match self {
-            Self::LaserScan(laser) => laser.topic.as_deref(),
+            Self::LaserScan(range) | Self::Sonar(range) => range.topic.as_deref(),
             Self::WheelEncoders(encoders) => encoders.topic.as_deref(),
             Self::Imu(imu) => imu.topic.as_deref(),
+            Self::Gps(gps) => gps.topic.as_deref(),
+        }
+    }
+
+    /// The settings of a range sensor; `None` of others.
+    pub const fn range_sensor(&self) -> Option<&RangeSensorConfig> {
+        match self {
+            Self::LaserScan(range) | Self::Sonar(range) => Some(range),
+            Self::WheelEncoders(_) | Self::Imu(_) | Self::Gps(_) => None,
+        }
+    }
+
+    /// What the octree must know of a range sensor; `None` of others.
+    pub fn range_model(&self) -> Option<RangeSensorModel> {
+        let (range, of_kind) = match self {
+            Self::LaserScan(range) => (range, RangeSensorModel::default()),
+            Self::Sonar(range) => (range, SONAR),
+            Self::WheelEncoders(_) | Self::Imu(_) | Self::Gps(_) => return None,
+        };
+        let min_neighbours = range.min_neighbours.and_then(|least| least.try_into().ok());
+        Some(RangeSensorModel {
+            p_hit: range.p_hit.unwrap_or(of_kind.p_hit),
+            p_miss: range.p_miss.unwrap_or(of_kind.p_miss),
+            min_neighbours: min_neighbours.unwrap_or(of_kind.min_neighbours),
+            has_metrics: of_kind.has_metrics,
+        })
+    }
+
+    const fn wheel_encoders(&self) -> Option<&WheelEncodersConfig> {
+        match self {
+            Self::WheelEncoders(encoders) => Some(encoders),
+            Self::LaserScan(_) | Self::Sonar(_) | Self::Imu(_) | Self::Gps(_) => None,
+        }
+    }
+
+    const fn imu(&self) -> Option<&ImuConfig> {
+        match self {
+            Self::Imu(imu) => Some(imu),
+            Self::LaserScan(_) | Self::Sonar(_) | Self::WheelEncoders(_) | Self::Gps(_) => None,
+        }
+    }
+
+    const fn gps(&self) -> Option<&GpsConfig> {
+        match self {
+            Self::Gps(gps) => Some(gps),
+            Self::LaserScan(_) | Self::Sonar(_) | Self::WheelEncoders(_) | Self::Imu(_) => None,
         }
     }
 }
 
-/// A planar laser.
-#[derive(Clone, Debug, PartialEq, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct LaserScanConfig {
-    /// Topic or message name; where absent, the only stream whose type fits.
-    pub topic: Option<String>,
-    /// Replaces the message's smallest range, metres.
-    pub range_min_m: Option<f64>,
-    /// Replaces the message's greatest range, metres; ranges at or above it are misses.
-    pub range_max_m: Option<f64>,
-    /// Added to the stamps to make up for latency, seconds.
-    pub time_offset_s: f64,
-    /// What a range of zero means.
-    pub zero: ZeroRange,
-    /// Where the sensor sits on the vehicle, where no transform of the source says so.
-    pub mount: Mount,
-    /// Device, for people and for simulation.
-    pub model: Option<String>,
-    /// Beams in a sweep, for simulation.
-    pub beams: Option<u32>,
-    /// Angle from the first beam to the last, degrees, for simulation.
-    pub field_of_view_deg: Option<f64>,
-    /// Sweeps per second, for simulation.
-    pub rate_hz: Option<f64>,
-}
+/// The sonar of \[HYB\]'s riverwatch (§4.3.1); water carries echoes and no vegetation, so its beams tell none.
+const SONAR: RangeSensorModel = RangeSensorModel {
+    p_hit: 0.7,
+    p_miss: 0.45,
+    min_neighbours: 1,
+    has_metrics: false,
+};
 
 /// Encoders on a wheel of either side.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -112,103 +164,14 @@ pub struct ImuConfig {
     pub mount: Mount,
 }
 
-/// What poses are reckoned from where nothing else says them, each with the name of its sensor.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct WheelsAndAttitude<'a> {
-    /// The only encoders.
-    pub encoders: (&'a str, &'a WheelEncodersConfig),
-    /// The only attitude sensor.
-    pub imu: (&'a str, &'a ImuConfig),
-}
-
-impl<'a> WheelsAndAttitude<'a> {
-    /// Those of `sensors`.
-    ///
-    /// # Errors
-    /// Unless there is exactly one of each: how many encoders and attitude sensors there are.
-    pub fn of(sensors: &'a BTreeMap<String, SensorConfig>) -> Result<Self, (usize, usize)> {
-        let (mut encoders, mut imus) = (Vec::new(), Vec::new());
-        for (name, sensor) in sensors {
-            match sensor {
-                SensorConfig::LaserScan(_) => {}
-                SensorConfig::WheelEncoders(config) => encoders.push((name.as_str(), config)),
-                SensorConfig::Imu(config) => imus.push((name.as_str(), config)),
-            }
-        }
-        match (&encoders[..], &imus[..]) {
-            ([encoders], [imu]) => Ok(Self {
-                encoders: *encoders,
-                imu: *imu,
-            }),
-            (encoders, imus) => Err((encoders.len(), imus.len())),
-        }
-    }
-}
-
-/// Pose of a sensor in the base frame (x forward, y left, z up; REP-103).
-#[derive(Clone, Copy, Debug, PartialEq, Default, Deserialize)]
+/// A satellite receiver.
+#[derive(Clone, Debug, PartialEq, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Mount {
-    /// Forward, metres.
-    pub x_m: f64,
-    /// Left, metres.
-    pub y_m: f64,
-    /// Up, metres.
-    pub z_m: f64,
-    /// About x, degrees: positive is right side down.
-    pub roll_deg: f64,
-    /// About y, degrees: positive is nose down.
-    pub pitch_deg: f64,
-    /// About z, degrees: positive is to the left.
-    pub yaw_deg: f64,
-}
-
-impl Mount {
-    /// Moves points from the sensor's frame into the base frame: roll, then pitch, then yaw, all about the
-    /// base's axes, as URDF writes them.
-    pub fn base_from_sensor(&self) -> Pose {
-        let about = |axis: usize, angle_deg: f64| {
-            let half_rad = 0.5 * angle_deg.to_radians();
-            let mut imaginary = [0.0; 3];
-            imaginary[axis] = libm::sin(half_rad);
-            let [i, j, k] = imaginary;
-            UnitQuaternion::new_normalize(nalgebra::Quaternion::new(libm::cos(half_rad), i, j, k))
-        };
-        Pose::from_parts(
-            Translation3::from(Vector3::new(self.x_m, self.y_m, self.z_m)),
-            about(2, self.yaw_deg) * about(1, self.pitch_deg) * about(0, self.roll_deg),
-        )
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use nalgebra::Point3;
-
-    #[test]
-    fn a_mount_turns_roll_then_pitch_then_yaw() {
-        let mount = Mount {
-            x_m: 1.0,
-            roll_deg: 90.0,
-            yaw_deg: 90.0,
-            ..Mount::default()
-        };
-        // Sensor's y goes up by the roll and stays there; sensor's x goes left by the yaw.
-        let base_from_sensor = mount.base_from_sensor();
-        let up = base_from_sensor * Point3::new(0.0, 1.0, 0.0);
-        let left = base_from_sensor * Point3::new(1.0, 0.0, 0.0);
-        assert!((up - Point3::new(1.0, 0.0, 1.0)).norm() < 1e-12, "{up}");
-        assert!((left - Point3::new(1.0, 1.0, 0.0)).norm() < 1e-12, "{left}");
-    }
-
-    #[test]
-    fn positive_pitch_is_nose_down() {
-        let mount = Mount {
-            pitch_deg: 7.5,
-            ..Mount::default()
-        };
-        let ahead = mount.base_from_sensor() * Point3::new(8.274, 0.0, 0.0);
-        assert!((ahead.z + 1.08).abs() < 1e-3, "{ahead}");
-    }
+pub struct GpsConfig {
+    /// Topic; where absent, the only stream of fixes.
+    pub topic: Option<String>,
+    /// Added to the stamps to make up for latency, seconds.
+    pub time_offset_s: f64,
+    /// Where the antenna sits on the vehicle; only the place matters.
+    pub mount: Mount,
 }

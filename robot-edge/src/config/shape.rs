@@ -12,7 +12,7 @@ use serde::de::value::Error;
 use serde::de::{DeserializeSeed, Deserializer, Error as _, IntoDeserializer, MapAccess, Visitor};
 use serde::forward_to_deserialize_any;
 
-use super::sensors::{ImuConfig, LaserScanConfig, SensorConfig, WheelEncodersConfig};
+use super::sensors::{GpsConfig, ImuConfig, RangeSensorConfig, SensorConfig, WheelEncodersConfig};
 use super::{Config, sensors};
 
 /// The kind of each sensor, by name, as far as it is named.
@@ -41,9 +41,11 @@ impl SensorShapes {
     fn of_config() -> Result<Self, Error> {
         // An internally tagged enum does not tell its fields: its variants are asked one by one.
         let mut by_kind = BTreeMap::from([
-            ("laser_scan", Shape::of::<LaserScanConfig>()?),
+            ("laser_scan", Shape::of::<RangeSensorConfig>()?),
+            ("sonar", Shape::of::<RangeSensorConfig>()?),
             ("wheel_encoders", Shape::of::<WheelEncodersConfig>()?),
             ("imu", Shape::of::<ImuConfig>()?),
+            ("gps", Shape::of::<GpsConfig>()?),
         ]);
         let mut any = BTreeMap::new();
         for shape in by_kind.values_mut() {
@@ -317,7 +319,7 @@ mod tests {
         assert_eq!(expected("sensors.laser.mount"), Expected::Table);
         assert_eq!(
             expected("sensors.laser.kind"),
-            Expected::OneOf(&["laser_scan", "wheel_encoders", "imu"])
+            Expected::OneOf(&["laser_scan", "sonar", "wheel_encoders", "imu", "gps"])
         );
         assert_eq!(
             expected("mapping.occupancy.miss"),
@@ -339,11 +341,13 @@ mod tests {
                 keys.iter()
                     .any(|(path, _)| *path == format!("sensors.s.{key}"))
             };
-            ["beams", "wheel_radius_m", "mount.yaw_deg"].map(has)
+            ["tilt.joint", "wheel_radius_m", "mount.yaw_deg"].map(has)
         };
         assert_eq!(only_of("laser_scan"), [true, false, true]);
         assert_eq!(only_of("wheel_encoders"), [false, true, false]);
+        assert_eq!(only_of("sonar"), [true, false, true]);
         assert_eq!(only_of("imu"), [false, false, true]);
+        assert_eq!(only_of("gps"), [false, false, true]);
         for kind in SensorConfig::KINDS {
             let sensor: SensorConfig = toml::from_str(&format!("kind = \"{kind}\"")).unwrap();
             assert_eq!(sensor.kind(), *kind);

@@ -3,6 +3,7 @@
 use self::localization::{localization, pose_sensors};
 use self::sensors::sensor;
 use self::terrain::terrain;
+use self::voxels::voxels;
 use super::checks::{Allowed, Checks, as_toml};
 use super::error::Fault;
 use super::layer::quoted;
@@ -16,6 +17,7 @@ use crate::streaming::config::StreamingConfig;
 mod localization;
 mod sensors;
 mod terrain;
+mod voxels;
 
 /// Most sensors on one vehicle.
 pub(super) const MAX_SENSORS: usize = 32;
@@ -42,6 +44,7 @@ impl Config {
         pose_sensors(&mut checks, self);
         mapping(&mut checks, &self.mapping);
         terrain(&mut checks, &self.mapping);
+        voxels(&mut checks, &self.mapping);
         streaming(&mut checks, &self.streaming);
         link(&mut checks, &self.link);
         checks.into_faults()
@@ -78,6 +81,12 @@ fn vehicle(checks: &mut Checks, vehicle: &VehicleConfig) {
     checks.number("vehicle.length_m", vehicle.length_m, size, body);
     checks.number("vehicle.width_m", vehicle.width_m, size, body);
     checks.number("vehicle.height_m", vehicle.height_m, size, body);
+    checks.number(
+        "vehicle.lowest_point_m",
+        vehicle.lowest_point_m,
+        Allowed::Within(-10.0, 10.0),
+        "it is the height of the vehicle's lowest part above its base frame",
+    );
     if let Some(wheelbase_m) = vehicle.wheelbase_m
         && !(wheelbase_m > 0.0 && wheelbase_m <= vehicle.length_m)
     {

@@ -2,6 +2,8 @@
 
 use serde::Deserialize;
 
+use crate::mapping::vehicle_shape::VehicleShape;
+
 /// The vehicle's body and limits.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -14,6 +16,8 @@ pub struct VehicleConfig {
     pub width_m: f64,
     /// Extent along z from the ground up, metres.
     pub height_m: f64,
+    /// Height of its lowest part above the base frame, metres: negative for a hull.
+    pub lowest_point_m: f64,
     /// Distance of the axles, metres; where absent, the length.
     pub wheelbase_m: Option<f64>,
     /// Greatest speed, metres per second.
@@ -30,6 +34,7 @@ impl Default for VehicleConfig {
             length_m: 0.5,
             width_m: 0.5,
             height_m: 0.5,
+            lowest_point_m: 0.0,
             wheelbase_m: None,
             max_speed_mps: 1.0,
             max_turn_rate_radps: 1.0,
@@ -38,6 +43,17 @@ impl Default for VehicleConfig {
 }
 
 impl VehicleConfig {
+    /// What mapping must know of it.
+    pub fn shape(&self) -> VehicleShape {
+        VehicleShape {
+            length_m: self.length_m,
+            width_m: self.width_m,
+            height_m: self.height_m,
+            lowest_point_m: self.lowest_point_m,
+            wheelbase_m: self.wheelbase_m(),
+        }
+    }
+
     /// Distance of the axles, metres; at most the length, which stands in where it is not known.
     pub fn wheelbase_m(&self) -> f64 {
         self.wheelbase_m.unwrap_or(self.length_m)

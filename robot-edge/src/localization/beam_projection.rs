@@ -1,11 +1,11 @@
 //! One scan and the sensor's poses in, placed beams out.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use super::beam_fan::BeamFan;
 use super::beam_range::{RangeRule, ZeroRange};
 use crate::drops::{DropCounts, DropReason};
-use crate::mapping::posed_scan::{BeamOutcome, PosedBeam, PosedScan};
+use crate::mapping::posed_scan::{BeamOutcome, PosedBeam, PosedScan, SensorId};
 use crate::pose::Pose;
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::scan::Scan;
@@ -13,6 +13,8 @@ use crate::scan::Scan;
 /// The sensor whose scans are placed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorSettings {
+    /// Which of the vehicle's range sensors it is.
+    pub id: SensorId,
     /// Replaces the scans' own smallest range, metres.
     pub range_min_m: Option<f32>,
     /// Replaces the scans' own greatest range, metres.
@@ -25,18 +27,48 @@ pub struct SensorSettings {
     pub base_from_sensor: Pose,
 }
 
-/// The vehicle's outline, centred on its frame: hits inside it are the vehicle itself.
+/// The box that the vehicle fills, centred on its frame in x and y: hits inside it are the vehicle itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Footprint {
+pub struct BodyBox {
     /// Along x, metres.
     pub length_m: f64,
     /// Along y, metres.
     pub width_m: f64,
+    /// Its lowest part above the vehicle's frame, metres: negative for a hull.
+    pub lowest_m: f64,
+    /// Its highest part above the vehicle's frame, metres.
+    pub highest_m: f64,
 }
 
-impl Footprint {
+/// What noise may carry a hit on the body's top or bottom out of it, metres.
+const HEIGHT_MARGIN_M: f64 = 0.05;
+
+impl BodyBox {
+    /// Made so high that it holds a sensor at this height: a body whose height is assumed too low would
+    /// let a sensor on its top see the mast that carries it.
+    fn up_to_sensor(self, sensor_z_m: f64) -> Self {
+        Self {
+            lowest_m: self.lowest_m.min(sensor_z_m) - HEIGHT_MARGIN_M,
+            highest_m: self.highest_m.max(sensor_z_m) + HEIGHT_MARGIN_M,
+            ..self
+        }
+    }
+
     fn contains(&self, point_in_base: &Point3<f64>) -> bool {
-        point_in_base.x.abs() < 0.5 * self.length_m && point_in_base.y.abs() < 0.5 * self.width_m
+        point_in_base.x.abs() < 0.5 * self.length_m
+            && point_in_base.y.abs() < 0.5 * self.width_m
+            && (self.lowest_m..=self.highest_m).contains(&point_in_base.z)
+    }
+
+    /// The distance from a point that no part of it exceeds, metres.
+    fn reach_m(&self, point_in_base: &Point3<f64>) -> f64 {
+        let middle_m = 0.5 * (self.lowest_m + self.highest_m);
+        let half = Vector3::new(
+            0.5 * self.length_m,
+            0.5 * self.width_m,
+            0.5 * (self.highest_m - self.lowest_m),
+        );
+        (point_in_base - Point3::new(0.0, 0.0, middle_m)).norm() + half.norm()
     }
 }
 
@@ -44,7 +76,7 @@ impl Footprint {
 #[derive(Clone, Debug)]
 pub struct BeamProjector {
     sensor: SensorSettings,
-    footprint: Footprint,
+    body: BodyBox,
     fan: BeamFan,
     beams_in: u64,
     dropped_beams: DropCounts,
@@ -52,11 +84,11 @@ pub struct BeamProjector {
 
 impl BeamProjector {
     /// For one sensor on one vehicle.
-    pub fn new(sensor: SensorSettings, footprint: Footprint) -> Self {
+    pub fn new(sensor: SensorSettings, body: BodyBox) -> Self {
         let fan = BeamFan::default();
         Self {
             sensor,
-            footprint,
+            body,
             fan,
             beams_in: 0,
             dropped_beams: DropCounts::default(),
@@ -83,14 +115,9 @@ impl BeamProjector {
         let sweeps = scan.time_increment_s > 0.0;
         let mut odom_from_sensor = odom_from_sensor_at(first_beam)?;
         let base_from_odom = odom_from_base.inverse();
-        // No hit farther than this can be on the vehicle.
-        let sensor_offset_m = (base_from_odom * odom_from_sensor)
-            .translation
-            .vector
-            .xy()
-            .norm();
-        let diagonal_m = libm::hypot(self.footprint.length_m, self.footprint.width_m);
-        let body_reach_m = sensor_offset_m + 0.5 * diagonal_m;
+        let sensor_in_base = base_from_odom * Point3::from(odom_from_sensor.translation.vector);
+        let body = self.body.up_to_sensor(sensor_in_base.z);
+        let body_reach_m = body.reach_m(&sensor_in_base);
 
         let mut beams = Vec::with_capacity(scan.ranges_m.len());
         let (mut invalid, mut own_body) = (0, 0);
@@ -111,7 +138,7 @@ impl BeamProjector {
             let end_in_odom = odom_from_sensor * Point3::new(length_m * cos, length_m * sin, 0.0);
             if outcome == BeamOutcome::Hit
                 && length_m < body_reach_m
-                && self.footprint.contains(&(base_from_odom * end_in_odom))
+                && body.contains(&(base_from_odom * end_in_odom))
             {
                 own_body += 1;
                 continue;
@@ -121,6 +148,8 @@ impl BeamProjector {
                 origin_in_odom,
                 end_in_odom,
                 outcome,
+                index: beam as u32,
+                range_m: length_m as f32,
             });
         }
         self.beams_in += scan.ranges_m.len() as u64;
@@ -129,6 +158,8 @@ impl BeamProjector {
         self.dropped_beams.add_many(DropReason::OwnBody, own_body);
         Ok(PosedScan {
             stamp: first_beam,
+            sensor: self.sensor.id,
+            beam_step_rad: f64::from(scan.angle_increment_rad.abs()),
             odom_from_base,
             beams,
         })

@@ -24,7 +24,8 @@ pub struct LocalizationConfig {
     pub buffer_s: f64,
     /// Most scans that wait for a pose; the oldest is dropped and counted when there are more.
     pub max_waiting_scans: usize,
-    /// Window of the centred moving average over the attitude, for poses from wheels, seconds; 0 is none.
+    /// Window of the centred moving average over the attitude, for poses from wheels and of a satellite
+    /// receiver, seconds; 0 is none.
     pub attitude_smoothing_s: f64,
     /// Consecutive poses that are farther apart than this, and than driving explains, are a jump, metres.
     pub jump_m: f64,
@@ -56,6 +57,8 @@ pub enum PoseSource {
     Log,
     /// Reckoned from wheel encoders and an attitude sensor.
     Wheels,
+    /// Positions of a satellite receiver, with the attitude of an attitude sensor.
+    Gps,
     /// The vehicle does not move.
     Static,
 }

@@ -1,23 +1,27 @@
 //! Measurements in stamp order in, posed scans out: waits for poses, places beams, counts drops.
 
-use std::collections::VecDeque;
-
 use self::jumps::WaitingJumps;
-use super::beam_projection::BeamProjector;
-use super::dead_reckoning::{DeadReckoning, StampedPose};
+use self::range_sensor::{RangeSensor, WaitingScan};
+use self::reckoning::Reckoning;
+use super::dead_reckoning::StampedPose;
+use super::geodesy::GeodeticPoint;
 use super::pose_jump::PoseJump;
-use super::transform_buffer::{Path, TransformBuffer};
+use super::transform_buffer::TransformBuffer;
 use crate::drops::{DropCounts, DropReason};
 use crate::mapping::posed_scan::PosedScan;
-use crate::measurement::{FrameId, Measurement, MeasurementData, OwnPose};
-use crate::pose::Pose;
+use crate::measurement::{FrameId, Measurement, MeasurementData, OwnPose, StreamId};
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::scan::Scan;
 
 mod jumps;
+mod range_sensor;
+mod reckoning;
 mod settings;
 
-pub use settings::{MountOrigin, PlacerCounts, PlacerSettings, PoseOrigin};
+pub use settings::{
+    MountOrigin, PlacerCounts, PlacerSettings, PoseOrigin, PoseStreams, RangeSensorSettings,
+    SensorCounts,
+};
 
 /// What comes out of a [`BeamPlacer`], in the order of the data.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,60 +35,55 @@ pub enum Placed {
 /// Places scans. A scan waits until there is a pose after its last beam, or until the stamps of the data
 /// have passed it by `wait`: time of the data only, never of a clock, so that any replay speed gives the
 /// same map.
+///
+/// The scans of all sensors come out in the order of their first beams, time offsets applied; of equal ones in
+/// the order of the sensors' ids as far as both wait. A scan therefore waits for an earlier one of another
+/// sensor that has no pose yet (it too waits no longer than `wait`), and for as long as a smaller time offset
+/// could bring an earlier one; it never waits for a sensor that is silent. Each sensor has a queue of its
+/// own, so that many scans of a fast one push out none of a slow one. A scan that is older than one that
+/// came out already is late.
 #[derive(Debug)]
 pub struct BeamPlacer {
     settings: PlacerSettings,
     tree: TransformBuffer,
     newest: RobotTime,
-    waiting: VecDeque<WaitingScan>,
-    projector: BeamProjector,
-    scans_in: u64,
-    scans_placed: u64,
-    dropped_scans: DropCounts,
-    reckoning: Option<DeadReckoning>,
+    /// First beam of the newest scan that came out of a queue.
+    newest_out: RobotTime,
+    sensors: Vec<RangeSensor>,
+    reckoning: Option<Reckoning>,
     reckoned: Vec<StampedPose>,
+    /// Angles of tilts that were left out.
+    dropped_tilts: DropCounts,
     jumps: WaitingJumps,
-    newest_scan: RobotTime,
     /// Of scans that bring their own.
     last_own_pose: Option<StampedPose>,
 }
 
-#[derive(Debug)]
-struct WaitingScan {
-    first_beam: RobotTime,
-    last_beam: RobotTime,
-    frame: FrameId,
-    scan: Scan,
-}
-
-/// Name under which poses of odometry and of wheels stand in the tree, whatever its messages call their frame.
+/// Name under which poses of odometry, of wheels and of fixes stand in the tree, whatever their messages call
+/// their frame.
 pub const ODOMETRY_FRAME: &str = "odom";
 
 impl BeamPlacer {
     /// With no poses yet.
     pub fn new(mut settings: PlacerSettings) -> Self {
-        let reckoning = match &settings.origin {
-            PoseOrigin::Wheels(sensors) => {
-                settings.wait = settings.wait + sensors.lag();
-                settings.keep = settings.keep + sensors.lag();
-                Some(DeadReckoning::new(sensors.clone()))
-            }
-            PoseOrigin::Log | PoseOrigin::Tf { .. } | PoseOrigin::Odometry | PoseOrigin::Static => {
-                None
-            }
-        };
+        let new = |sensor: &RangeSensorSettings| RangeSensor::new(sensor.clone(), settings.body);
+        let mut sensors: Vec<_> = settings.sensors.iter().map(new).collect();
+        let longest_hold = range_sensor::set_holds(&mut sensors);
+        let tilts = settings.sensors.iter().filter_map(|s| s.tilt.as_ref());
+        let lag = tilts.fold(reckoning::lag(&settings.origin), |lag, tilt| {
+            lag.max(tilt.lag())
+        });
+        settings.wait = settings.wait + lag;
+        settings.keep = settings.keep + lag + longest_hold;
         Self {
             tree: TransformBuffer::new(settings.reach),
             newest: RobotTime::MIN,
-            waiting: VecDeque::new(),
-            projector: BeamProjector::new(settings.sensor.clone(), settings.footprint),
-            scans_in: 0,
-            scans_placed: 0,
-            dropped_scans: DropCounts::default(),
-            reckoning,
+            newest_out: RobotTime::MIN,
+            sensors,
+            reckoning: Reckoning::of(&settings.origin, settings.pose_streams),
             reckoned: Vec::new(),
+            dropped_tilts: DropCounts::default(),
             jumps: WaitingJumps::default(),
-            newest_scan: RobotTime::MIN,
             last_own_pose: None,
             settings,
         }
@@ -96,12 +95,21 @@ impl BeamPlacer {
         if !measurement.is_timeless() {
             self.newest = self.newest.max(measurement.stamp);
         }
+        if let Some(reckoning) = &mut self.reckoning {
+            reckoning.push(&measurement, &mut self.reckoned);
+            self.take_reckoned();
+        }
         let Measurement {
-            stamp, frame, data, ..
+            stamp,
+            stream,
+            frame,
+            data,
         } = measurement;
         match data {
             MeasurementData::Scan { scan, own_pose } => {
-                self.take_scan(stamp, frame, scan, own_pose, out);
+                if let Some(sensor) = self.sensors.iter().position(|s| s.takes(stream)) {
+                    self.take_scan(sensor, stamp, frame, scan, own_pose, out);
+                }
             }
             MeasurementData::Transform {
                 child,
@@ -120,20 +128,10 @@ impl BeamPlacer {
                     self.insert_odometry((stamp, odom_from_base));
                 }
             }
-            MeasurementData::Imu(sample) => {
-                if let Some(reckoning) = &mut self.reckoning {
-                    reckoning.push_attitude(stamp, &sample, &mut self.reckoned);
-                    self.take_reckoned();
-                }
-            }
-            MeasurementData::Joints(joints) => {
-                if let Some(reckoning) = &mut self.reckoning {
-                    reckoning.push_joints(stamp, &joints, &mut self.reckoned);
-                    self.take_reckoned();
-                }
-            }
-            // Neither a pose nor a scan.
-            MeasurementData::Fix(_)
+            MeasurementData::Joints(joints) => self.tilt(stamp, stream, &joints),
+            // No scan, and if a pose, taken already.
+            MeasurementData::Imu(_)
+            | MeasurementData::Fix(_)
             | MeasurementData::Twist(_)
             | MeasurementData::PointCloud(_) => {}
         }
@@ -151,7 +149,8 @@ impl BeamPlacer {
             reckoning.reset();
         }
         self.newest = RobotTime::MIN;
-        self.newest_scan = RobotTime::MIN;
+        self.newest_out = RobotTime::MIN;
+        self.sensors.iter_mut().for_each(RangeSensor::reset_clock);
         self.last_own_pose = None;
     }
 
@@ -161,90 +160,95 @@ impl BeamPlacer {
             reckoning.finish(&mut self.reckoned);
             self.take_reckoned();
         }
-        self.place_waiting(|_, _| true, out);
+        self.place_waiting(|_, _, _| true, out);
         let base_frame = FrameId::clone(&self.settings.base_frame);
         self.tell_jumps(RobotTime::MAX, &base_frame, out);
     }
 
     /// What became of scans and beams so far.
     pub fn counts(&self) -> PlacerCounts {
-        PlacerCounts {
-            scans_in: self.scans_in,
-            scans_placed: self.scans_placed,
-            dropped_scans: self.dropped_scans.clone(),
-            dropped_poses: self
-                .reckoning
-                .as_ref()
-                .map(|reckoning| reckoning.drops().clone())
-                .unwrap_or_default(),
-            beams_in: self.projector.beams_in(),
-            dropped_beams: self.projector.dropped_beams().clone(),
+        let mut counts = PlacerCounts {
+            dropped_poses: self.dropped_tilts.clone(),
+            ..PlacerCounts::default()
+        };
+        if let Some(reckoning) = &self.reckoning {
+            counts.dropped_poses.merge(reckoning.drops());
         }
+        for sensor in &self.sensors {
+            counts.add(sensor.counts());
+        }
+        counts
+    }
+
+    /// Where the origin of `odom` lies on Earth: the first satellite fix, where poses are made of fixes.
+    pub fn datum(&self) -> Option<GeodeticPoint> {
+        self.reckoning.as_ref()?.datum()
     }
 
     fn take_scan(
         &mut self,
+        sensor: usize,
         stamp: RobotTime,
         frame: FrameId,
         scan: Scan,
         own_pose: Option<OwnPose>,
         out: &mut Vec<Placed>,
     ) {
-        self.scans_in += 1;
-        let Some(sweep) = scan.sweep_duration() else {
-            return self.dropped_scans.add(DropReason::BadScan);
+        let of = &mut self.sensors[sensor];
+        let Some((first_beam, last_beam)) = of.times(stamp, &scan) else {
+            return;
         };
-        let first_beam = stamp + self.settings.sensor.time_offset;
-        let base_from_sensor = self.settings.sensor.base_from_sensor;
-        // A log's scans bring their poses, so that it does not matter when they were.
         if self.settings.origin != PoseOrigin::Log {
-            if first_beam < self.newest_scan {
-                return self.dropped_scans.add(DropReason::Late);
-            }
-            self.newest_scan = first_beam;
+            let waiting = WaitingScan {
+                first_beam,
+                last_beam,
+                in_turn: stamp + of.hold,
+                frame,
+                scan,
+            };
+            return of.wait(waiting, self.newest_out, self.settings.max_waiting);
         }
-        let posed = match (&self.settings.origin, own_pose) {
-            (
-                PoseOrigin::Log,
-                Some(OwnPose {
-                    odom_from_base,
-                    odom_from_sensor,
-                }),
-            ) => {
+        // A log's scans bring their poses, so that it does not matter when they were.
+        let posed = match own_pose {
+            Some(OwnPose {
+                odom_from_base,
+                odom_from_sensor,
+            }) => {
                 let own_pose = (first_beam, odom_from_base);
                 let before = self.last_own_pose.replace(own_pose);
                 let jump =
                     before.and_then(|before| self.settings.reach.jump.between(&before, &own_pose));
                 out.extend(jump.map(Placed::Jump));
-                self.projector
+                of.projector
                     .project(&scan, first_beam, odom_from_base, |_| Ok(odom_from_sensor))
             }
-            (PoseOrigin::Log, None) => Err(DropReason::NoPose),
-            (PoseOrigin::Static, _) => {
-                self.projector
-                    .project(&scan, first_beam, Pose::identity(), |_| {
-                        Ok(base_from_sensor)
-                    })
-            }
-            (PoseOrigin::Tf { .. } | PoseOrigin::Odometry | PoseOrigin::Wheels(_), _) => {
-                let last_beam = first_beam + sweep;
-                return self.wait(WaitingScan {
-                    first_beam,
-                    last_beam,
-                    frame,
-                    scan,
-                });
-            }
+            None => Err(DropReason::NoPose),
         };
-        self.settle(posed, out);
+        of.settle(posed, out);
     }
 
-    fn wait(&mut self, scan: WaitingScan) {
-        if self.waiting.len() >= self.settings.max_waiting.max(1) {
-            self.waiting.pop_front();
-            self.dropped_scans.add(DropReason::QueueFull);
+    /// Takes the angles of tilting sensors.
+    fn tilt(&mut self, stamp: RobotTime, stream: StreamId, joints: &[(String, f64)]) {
+        for sensor in &self.sensors {
+            let Some(tilt) = sensor
+                .settings
+                .tilt
+                .as_ref()
+                .filter(|t| t.listens_to(stream))
+            else {
+                continue;
+            };
+            match tilt.pose(stamp, joints, &sensor.settings.beams.base_from_sensor) {
+                Some(Ok((stamp, base_from_sensor))) => {
+                    let (base, frame) = (&self.settings.base_frame, &sensor.tilted_frame);
+                    // It turns where it is, and so it never jumps.
+                    self.tree
+                        .insert(base, frame, stamp, base_from_sensor, false);
+                }
+                Some(Err(reason)) => self.dropped_tilts.add(reason),
+                None => {}
+            }
         }
-        self.waiting.push_back(scan);
     }
 
     fn insert_odometry(&mut self, (stamp, odom_from_base): StampedPose) {
@@ -267,7 +271,7 @@ impl BeamPlacer {
     /// Tells the jumps up to `stamp` that moved the vehicle, or the sensor where the tree does not know the
     /// vehicle.
     fn tell_jumps(&mut self, stamp: RobotTime, sensor_frame: &FrameId, out: &mut Vec<Placed>) {
-        let fixed_frame = fixed_frame(&self.settings.origin);
+        let fixed_frame = self.settings.fixed_frame();
         for (frame, jump) in self.jumps.take_until(stamp) {
             let moves = |source| self.tree.is_between(fixed_frame, source, &frame);
             if moves(&self.settings.base_frame)
@@ -279,36 +283,37 @@ impl BeamPlacer {
         }
     }
 
-    fn settle(&mut self, posed: Result<PosedScan, DropReason>, out: &mut Vec<Placed>) {
-        match posed {
-            Ok(posed) => {
-                self.scans_placed += 1;
-                out.push(Placed::Scan(posed));
-            }
-            Err(reason) => self.dropped_scans.add(reason),
-        }
-    }
-
     fn place_waiting(
         &mut self,
-        ready: impl Fn(&Self, &WaitingScan) -> bool,
+        ready: impl Fn(&Self, usize, &WaitingScan) -> bool,
         out: &mut Vec<Placed>,
     ) {
-        while self.waiting.front().is_some_and(|scan| ready(self, scan)) {
-            if let Some(scan) = self.waiting.pop_front() {
-                self.tell_jumps(scan.first_beam, &scan.frame, out);
-                let posed = self.place_from_tree(&scan);
-                self.settle(posed, out);
-            }
+        while let Some((sensor, scan)) = self.next_in_turn()
+            && ready(self, sensor, scan)
+            && let Some(scan) = self.sensors[sensor].take_next()
+        {
+            self.newest_out = scan.first_beam;
+            self.tell_jumps(scan.first_beam, &scan.frame, out);
+            let posed = self.place_from_tree(sensor, &scan);
+            self.sensors[sensor].settle(posed, out);
         }
     }
 
-    fn is_ready(&self, scan: &WaitingScan) -> bool {
+    /// Of the scans that wait, the one whose first beam was first, and its sensor.
+    fn next_in_turn(&self) -> Option<(usize, &WaitingScan)> {
+        let heads = self.sensors.iter().enumerate();
+        heads
+            .filter_map(|(sensor, waiting)| Some((sensor, waiting.next()?)))
+            .min_by_key(|(_, scan)| scan.first_beam)
+    }
+
+    fn is_ready(&self, sensor: usize, scan: &WaitingScan) -> bool {
+        if self.newest < scan.in_turn {
+            return false;
+        }
         let passed_by = |wait| self.newest > scan.last_beam + wait;
-        match self
-            .sensor_path(&scan.frame)
-            .and_then(|(path, _)| path.newest())
-        {
+        let path = self.sensors[sensor].path(&self.tree, &self.settings, &scan.frame);
+        match path.and_then(|(path, _)| path.newest()) {
             Some(newest) if newest > scan.last_beam => true,
             // Of equal stamps the later wins, so wait until no other can come.
             Some(newest) if newest == scan.last_beam => passed_by(RobotDuration::ZERO),
@@ -316,66 +321,29 @@ impl BeamPlacer {
         }
     }
 
-    fn place_from_tree(&mut self, scan: &WaitingScan) -> Result<PosedScan, DropReason> {
-        let fixed_frame = fixed_frame(&self.settings.origin);
-        let tree = &self.tree;
-        let (path, mount) = sensor_path(tree, fixed_frame, &scan.frame, &self.settings)
+    fn place_from_tree(
+        &mut self,
+        sensor: usize,
+        scan: &WaitingScan,
+    ) -> Result<PosedScan, DropReason> {
+        let (tree, settings, of) = (&self.tree, &self.settings, &mut self.sensors[sensor]);
+        let (path, mount) = of
+            .path(tree, settings, &scan.frame)
             .ok_or(DropReason::NoPose)?;
-        let mut sensor = path.sampler();
-        let odom_from_base = match tree.path(fixed_frame, &self.settings.base_frame) {
+        let mut sampler = path.sampler();
+        let odom_from_base = match tree.path(settings.fixed_frame(), &settings.base_frame) {
             Some(path) => path.sampler().pose_at(scan.first_beam)?,
             // The tree has no frame for the vehicle: the mounting says where it is.
             None => {
-                sensor.pose_at(scan.first_beam)?
+                sampler.pose_at(scan.first_beam)?
                     * mount
-                    * self.settings.sensor.base_from_sensor.inverse()
+                    * of.settings.beams.base_from_sensor.inverse()
             }
         };
-        self.projector
+        of.projector
             .project(&scan.scan, scan.first_beam, odom_from_base, |stamp| {
-                Ok(sensor.pose_at(stamp)? * mount)
+                Ok(sampler.pose_at(stamp)? * mount)
             })
-    }
-
-    fn sensor_path(&self, sensor_frame: &FrameId) -> Option<(Path<'_>, Pose)> {
-        let fixed_frame = fixed_frame(&self.settings.origin);
-        sensor_path(&self.tree, fixed_frame, sensor_frame, &self.settings)
-    }
-}
-
-fn fixed_frame(origin: &PoseOrigin) -> &str {
-    match origin {
-        PoseOrigin::Tf { fixed_frame, .. } => fixed_frame,
-        PoseOrigin::Odometry | PoseOrigin::Wheels(_) | PoseOrigin::Log | PoseOrigin::Static => {
-            ODOMETRY_FRAME
-        }
-    }
-}
-
-/// The way from the sensor to the map: `fixed_from_sensor = path · mount`, where the mounting is the identity
-/// if the tree reaches the sensor.
-fn sensor_path<'a>(
-    tree: &'a TransformBuffer,
-    fixed_frame: &str,
-    sensor_frame: &FrameId,
-    settings: &PlacerSettings,
-) -> Option<(Path<'a>, Pose)> {
-    match settings.origin {
-        PoseOrigin::Tf {
-            mount: MountOrigin::Tree,
-            ..
-        } => Some((tree.path(fixed_frame, sensor_frame)?, Pose::identity())),
-        PoseOrigin::Tf {
-            mount: MountOrigin::Configured,
-            ..
-        }
-        | PoseOrigin::Odometry
-        | PoseOrigin::Wheels(_)
-        | PoseOrigin::Log
-        | PoseOrigin::Static => {
-            let path = tree.path(fixed_frame, &settings.base_frame)?;
-            Some((path, settings.sensor.base_from_sensor))
-        }
     }
 }
 

@@ -18,7 +18,7 @@ mod loss_log;
 pub mod mcap;
 pub mod rosbag;
 #[cfg(test)]
-mod shared_data;
+pub(crate) mod shared_data;
 pub mod stamp_order;
 pub mod survey;
 pub mod writer;

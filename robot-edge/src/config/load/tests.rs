@@ -9,7 +9,7 @@ use super::*;
 use crate::config::error::{Hint, Origin};
 use crate::config::presets::PRESETS;
 use crate::config::sensors::{
-    ImuConfig, LaserScanConfig, SensorConfig, WheelEncodersConfig, WheelsAndAttitude,
+    ImuConfig, RangeSensorConfig, SensorConfig, WheelEncodersConfig, WheelsAndAttitude,
 };
 use crate::localization::config::PoseSource;
 
@@ -30,7 +30,7 @@ fn set_fault(setting: &str) -> String {
     faults[0].to_string()
 }
 
-fn laser(config: &Config) -> &LaserScanConfig {
+fn laser(config: &Config) -> &RangeSensorConfig {
     let SensorConfig::LaserScan(laser) = &config.sensors["laser"] else {
         panic!("{:?}", config.sensors);
     };
@@ -111,7 +111,10 @@ fn the_generic_preset_shows_every_kind_of_sensor_with_its_defaults() {
     let config = file(uncommented(GENERIC.text)).unwrap();
     let mut kinds: Vec<_> = config.sensors.values().map(SensorConfig::kind).collect();
     kinds.sort_unstable();
-    assert_eq!(kinds, ["imu", "laser_scan", "wheel_encoders"]);
+    assert_eq!(
+        kinds,
+        ["gps", "imu", "laser_scan", "sonar", "wheel_encoders"]
+    );
     let sensors = WheelsAndAttitude::of(&config.sensors).unwrap();
     let topic = |topic: &str| Some(topic.to_owned());
     assert_eq!(
@@ -247,7 +250,7 @@ fn misspelt_keys_are_named_with_the_nearest() {
 #[test]
 fn a_sensor_that_is_not_there_is_not_invented() {
     let expected = "the vehicle has no sensor of this name; it has: laser. \
-                    To add one, set its `kind` (laser_scan, wheel_encoders, imu)";
+                    To add one, set its `kind` (laser_scan, sonar, wheel_encoders, imu, gps)";
     assert_eq!(
         set_fault("sensors.lazer.range_max_m=5"),
         format!("--set: `sensors.lazer`: {expected}")
@@ -386,8 +389,9 @@ fn wrong_types_are_named_with_what_is_expected() {
             "expected one of \"unknown\", \"free\", found the text \"fre\"",
         ),
         (
-            "sensors.laser.kind=sonar",
-            "expected one of \"laser_scan\", \"wheel_encoders\", \"imu\", found the text \"sonar\"",
+            "sensors.laser.kind=radar",
+            "expected one of \"laser_scan\", \"sonar\", \"wheel_encoders\", \"imu\", \"gps\", found the \
+             text \"radar\"",
         ),
     ] {
         let key = setting.split('=').next().unwrap().trim_end_matches(".x");
@@ -397,7 +401,7 @@ fn wrong_types_are_named_with_what_is_expected() {
 
 #[test]
 fn faults_in_files_say_line_and_column_and_all_are_told() {
-    let text = "[vehicle]\nname = \"é\"\n  width = 1\n[localization]\nsource = \"gps\"\n\
+    let text = "[vehicle]\nname = \"é\"\n  width = 1\n[localization]\nsource = \"stars\"\n\
                 wait_s = true\n[mapping]\noccupancy = { miss = \"é\", cell = 1 }";
     let faults = faults(file(text));
     let told: Vec<(usize, usize, &str)> = faults
@@ -456,13 +460,13 @@ fn an_unknown_vehicle_gets_the_list() {
     let error = load("pionneer", &[]).unwrap_err().to_string();
     assert!(
         error.starts_with(
-            "there is no vehicle `pionneer`: did you mean `pioneer`? Presets: generic2d, holos, pioneer."
+            "there is no vehicle `pionneer`: did you mean `pioneer`? Presets: generic2d, holos, introbot, pioneer, riverwatch."
         ),
         "{error}"
     );
     let error = load("toaster", &[]).unwrap_err().to_string();
     assert!(
-        error.starts_with("there is no vehicle `toaster`. Presets: generic2d, holos, pioneer."),
+        error.starts_with("there is no vehicle `toaster`. Presets: generic2d, holos, introbot, pioneer, riverwatch."),
         "{error}"
     );
 }

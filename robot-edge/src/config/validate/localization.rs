@@ -2,7 +2,7 @@
 
 use crate::config::checks::{Allowed, Checks, as_toml};
 use crate::config::layer::quoted;
-use crate::config::{Config, WheelsAndAttitude};
+use crate::config::{Config, FixesAndAttitude, WheelsAndAttitude};
 use crate::localization::config::{LocalizationConfig, PoseSource};
 
 pub(super) fn localization(checks: &mut Checks, localization: &LocalizationConfig) {
@@ -76,17 +76,33 @@ pub(super) fn localization(checks: &mut Checks, localization: &LocalizationConfi
 
 /// What poses are reckoned from must be there.
 pub(super) fn pose_sensors(checks: &mut Checks, config: &Config) {
-    if config.localization.source != PoseSource::Wheels {
-        return;
-    }
-    if let Err((encoders, imus)) = WheelsAndAttitude::of(&config.sensors) {
+    let (source, why, kind, found) = match config.localization.source {
+        PoseSource::Auto
+        | PoseSource::Tf
+        | PoseSource::Odometry
+        | PoseSource::Log
+        | PoseSource::Static => return,
+        PoseSource::Wheels => (
+            "wheels",
+            "poses are reckoned from the wheels and the attitude",
+            "wheel_encoders",
+            WheelsAndAttitude::of(&config.sensors).map(|_| ()),
+        ),
+        PoseSource::Gps => (
+            "gps",
+            "poses are made of the receiver's positions and the attitude",
+            "gps",
+            FixesAndAttitude::of(&config.sensors).map(|_| ()),
+        ),
+    };
+    if let Err((others, imus)) = found {
         checks.fault(
             "localization.source",
-            "\"wheels\"".to_owned(),
-            "poses are reckoned from the wheels and the attitude",
+            format!("\"{source}\""),
+            why,
             format!(
-                "with one sensor of kind \"wheel_encoders\" (there are {encoders}) and one of kind \
-                 \"imu\" (there are {imus})"
+                "with one sensor of kind \"{kind}\" (there are {others}) and one of kind \"imu\" (there \
+                 are {imus})"
             ),
         );
     }

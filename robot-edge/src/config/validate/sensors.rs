@@ -3,7 +3,7 @@
 use crate::config::checks::{Allowed, Checks, as_toml};
 use crate::config::layer::quoted;
 use crate::config::sensors::{
-    ImuConfig, LaserScanConfig, Mount, SensorConfig, WheelEncodersConfig,
+    Mount, RangeSensorConfig, SensorConfig, TiltConfig, WheelEncodersConfig,
 };
 
 pub(super) fn sensor(checks: &mut Checks, name: &str, sensor: &SensorConfig) {
@@ -13,21 +13,29 @@ pub(super) fn sensor(checks: &mut Checks, name: &str, sensor: &SensorConfig) {
         checks.name(&key, topic, "no stream can have this name");
     }
     match sensor {
-        SensorConfig::LaserScan(laser) => laser_scan(checks, &path, laser),
+        SensorConfig::LaserScan(range) | SensorConfig::Sonar(range) => {
+            ranges(checks, &path, range);
+            octree_model(checks, &path, range);
+            if let Some(servo) = &range.tilt {
+                tilt(checks, &path, servo);
+            }
+            placed(checks, &path, range.time_offset_s, &range.mount);
+        }
         SensorConfig::WheelEncoders(encoders) => wheel_encoders(checks, &path, encoders),
-        SensorConfig::Imu(imu) => attitude(checks, &path, imu),
+        SensorConfig::Imu(imu) => placed(checks, &path, imu.time_offset_s, &imu.mount),
+        SensorConfig::Gps(gps) => placed(checks, &path, gps.time_offset_s, &gps.mount),
     }
 }
 
-fn laser_scan(checks: &mut Checks, path: &str, laser: &LaserScanConfig) {
+fn ranges(checks: &mut Checks, path: &str, laser: &RangeSensorConfig) {
     let key = |name: &str| format!("{path}.{name}");
-    let ranges = "ranges are metres along a beam";
+    let along = "ranges are metres along a beam";
     if let Some(range_min_m) = laser.range_min_m {
         checks.number(
             &key("range_min_m"),
             range_min_m,
             Allowed::Within(0.0, 10_000.0),
-            ranges,
+            along,
         );
     }
     if let Some(range_max_m) = laser.range_max_m {
@@ -35,7 +43,7 @@ fn laser_scan(checks: &mut Checks, path: &str, laser: &LaserScanConfig) {
             &key("range_max_m"),
             range_max_m,
             Allowed::PositiveUpTo(10_000.0),
-            ranges,
+            along,
         );
     }
     if let (Some(range_min_m), Some(range_max_m)) = (laser.range_min_m, laser.range_max_m)
@@ -49,8 +57,6 @@ fn laser_scan(checks: &mut Checks, path: &str, laser: &LaserScanConfig) {
             format!("above range_min_m = {range_min_m}"),
         );
     }
-    time_offset(checks, path, laser.time_offset_s);
-    mount(checks, path, &laser.mount);
     if let Some(model) = &laser.model {
         checks.name(&key("model"), model, "a device has a name");
     }
@@ -101,9 +107,60 @@ fn wheel_encoders(checks: &mut Checks, path: &str, encoders: &WheelEncodersConfi
     time_offset(checks, path, encoders.time_offset_s);
 }
 
-fn attitude(checks: &mut Checks, path: &str, imu: &ImuConfig) {
-    time_offset(checks, path, imu.time_offset_s);
-    mount(checks, path, &imu.mount);
+/// Most neighbours that a hit has: two beams on either side, and the same five of the scan before.
+const MOST_NEIGHBOURS: u64 = 9;
+
+fn octree_model(checks: &mut Checks, path: &str, range: &RangeSensorConfig) {
+    let key = |name: &str| format!("{path}.{name}");
+    if let Some(p_hit) = range.p_hit {
+        let why = "a hit must make a voxel more likely to be occupied";
+        let allowed = Allowed::Within(0.501, 0.999);
+        checks.number(&key("p_hit"), p_hit, allowed, why);
+    }
+    if let Some(p_miss) = range.p_miss {
+        let why = "seeing through a voxel must make it less likely to be occupied";
+        let allowed = Allowed::Within(0.001, 0.499);
+        checks.number(&key("p_miss"), p_miss, allowed, why);
+    }
+    if let Some(least) = range.min_neighbours {
+        let why = "a hit has no more neighbours";
+        let name = key("min_neighbours");
+        checks.whole(&name, least.into(), 0, MOST_NEIGHBOURS, why);
+    }
+}
+
+fn tilt(checks: &mut Checks, path: &str, tilt: &TiltConfig) {
+    let path = format!("{path}.tilt");
+    let key = |name: &str| format!("{path}.{name}");
+    if let Some(topic) = &tilt.topic {
+        checks.name(&key("topic"), topic, "no stream can have this name");
+    }
+    checks.name(&key("joint"), &tilt.joint, "no joint can have this name");
+    if tilt.scale == 0.0 {
+        let why = "the sensor would not tilt";
+        let allowed = "-100 to 100, not 0".to_owned();
+        checks.fault(&key("scale"), as_toml(tilt.scale), why, allowed);
+    } else {
+        let why = "it is the gear between joint and sensor";
+        checks.number(
+            &key("scale"),
+            tilt.scale,
+            Allowed::Within(-100.0, 100.0),
+            why,
+        );
+    }
+    checks.number(
+        &key("offset_deg"),
+        tilt.offset_deg,
+        Allowed::Within(-360.0, 360.0),
+        "angles are degrees, at most one turn",
+    );
+    time_offset(checks, &path, tilt.time_offset_s);
+}
+
+fn placed(checks: &mut Checks, path: &str, time_offset_s: f64, on_vehicle: &Mount) {
+    time_offset(checks, path, time_offset_s);
+    mount(checks, path, on_vehicle);
 }
 
 fn time_offset(checks: &mut Checks, path: &str, time_offset_s: f64) {

@@ -12,14 +12,14 @@ pub(super) fn terrain(checks: &mut Checks, mapping: &MappingConfig) {
         elevation,
         obstacle,
         ground,
-        threads: _,
+        ..
     } = mapping;
-    if !occupancy.enabled && !elevation.enabled {
+    if !occupancy.enabled && !elevation.enabled && !mapping.octree.enabled {
         checks.fault(
             "mapping.occupancy.enabled",
             "false".to_owned(),
             "nothing would be mapped",
-            "true, here or in mapping.elevation.enabled".to_owned(),
+            "true, here, in mapping.elevation.enabled or in mapping.octree.enabled".to_owned(),
         );
     }
     let mut number = |key: &str, value: f64, allowed, why| {

@@ -5,7 +5,8 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::config::Mount;
-use crate::pose::planar;
+use crate::localization::joined_samples::MAX_SAMPLES;
+use crate::pose::{self, planar};
 
 const RADIUS_M: f64 = 0.125;
 
@@ -22,11 +23,19 @@ fn settings() -> DeadReckoningSettings {
             max_speed_mps: 9.0,
         },
         wheels_time_offset: RobotDuration::ZERO,
-        attitude_time_offset: RobotDuration::ZERO,
-        base_from_imu: UnitQuaternion::identity(),
-        smoothing: RobotDuration::ZERO,
+        attitude: AttitudeSettings {
+            time_offset: RobotDuration::ZERO,
+            base_from_imu: UnitQuaternion::identity(),
+            smoothing: RobotDuration::ZERO,
+        },
         max_gap: RobotDuration::from_millis(500),
     }
+}
+
+fn smoothed(window_ms: i64) -> DeadReckoningSettings {
+    let mut settings = settings();
+    settings.attitude.smoothing = RobotDuration::from_millis(window_ms);
+    settings
 }
 
 #[derive(Clone, Debug)]
@@ -182,8 +191,7 @@ proptest! {
     #[test]
     fn a_smooth_drive_in_space_is_followed(drive in Drive::any()) {
         for (smoothing_ms, within_m) in [(0, 1e-3), (100, 0.01)] {
-            let smoothing = RobotDuration::from_millis(smoothing_ms);
-            let poses = reckoned(DeadReckoningSettings { smoothing, ..settings() }, &drive.messages());
+            let poses = reckoned(smoothed(smoothing_ms), &drive.messages());
             prop_assert_eq!(poses.len(), 601);
             for (stamp, pose) in poses.iter().step_by(50) {
                 let secs = stamp.as_secs_f64();
@@ -215,8 +223,7 @@ proptest! {
     #[test]
     fn a_sensor_that_is_late_gives_the_same_poses_with_its_offset(drive in Drive::any()) {
         let messages = drive.messages();
-        let smoothing = RobotDuration::from_millis(100);
-        let on_time = DeadReckoningSettings { smoothing, ..settings() };
+        let on_time = smoothed(100);
         let expected = reckoned(on_time.clone(), &messages);
         let by = RobotDuration::from_millis(200);
         let back = RobotDuration::from_millis(-200);
@@ -224,7 +231,8 @@ proptest! {
         let wheels_late = DeadReckoningSettings { wheels_time_offset: back, ..on_time.clone() };
         prop_assert_eq!(&reckoned(wheels_late, &wheels), &expected);
         let attitude = late(&messages, by, |message| matches!(message, Message::Imu(_)));
-        let attitude_late = DeadReckoningSettings { attitude_time_offset: back, ..on_time.clone() };
+        let mut attitude_late = on_time.clone();
+        attitude_late.attitude.time_offset = back;
         prop_assert_eq!(&reckoned(attitude_late, &attitude), &expected);
         // Without the offset they differ, unless the vehicle stands.
         if drive.speed_mps.abs() > 0.5 {
@@ -246,7 +254,8 @@ proptest! {
                 *attitude *= base_from_imu;
             }
         }
-        let settings_turned = DeadReckoningSettings { base_from_imu, ..settings() };
+        let mut settings_turned = settings();
+        settings_turned.attitude.base_from_imu = base_from_imu;
         let straight = reckoned(settings(), &messages);
         for (got, expected) in reckoned(settings_turned, &of_sensor).iter().zip(straight) {
             prop_assert!((got.1.translation.vector - expected.1.translation.vector).norm() < 1e-9);
@@ -262,9 +271,8 @@ proptest! {
         offset_s in -3600.0..3600.0f64,
     ) {
         let mut reckoning = DeadReckoning::new(DeadReckoningSettings {
-            smoothing: RobotDuration::from_millis(100),
             wheels_time_offset: RobotDuration::from_secs_f64(offset_s),
-            ..settings()
+            ..smoothed(100)
         });
         let mut out = Vec::new();
         for (nanos, is_imu, values, is_sensible) in messages {
@@ -420,7 +428,7 @@ fn memory_is_bounded_whichever_sensor_is_missing() {
     for n in 0..15_000 {
         push(&mut reckoning, &level(f64::from(n) * 0.01), &mut out);
     }
-    assert_eq!(reckoning.attitudes.0.len(), MAX_SAMPLES);
+    assert_eq!(reckoning.joined.kept().1, MAX_SAMPLES);
     push(&mut reckoning, &wheels(149.98), &mut out);
     push(&mut reckoning, &wheels(149.99), &mut out);
     assert_eq!(out.len(), 2);
@@ -429,7 +437,7 @@ fn memory_is_bounded_whichever_sensor_is_missing() {
     for n in 15_000..30_000 {
         push(&mut reckoning, &wheels(f64::from(n) * 0.01), &mut out);
     }
-    assert_eq!(reckoning.ways.0.len(), MAX_SAMPLES);
+    assert_eq!(reckoning.joined.kept().0, MAX_SAMPLES);
     assert_eq!(reckoning.drops().get(DropReason::QueueFull), 5001);
     for n in 30_000..30_010 {
         push(&mut reckoning, &level(f64::from(n) * 0.01), &mut out);
@@ -469,12 +477,9 @@ fn a_clock_that_starts_anew_begins_at_the_origin() {
 fn the_lag_is_that_of_the_slower_sensor() {
     let ms = RobotDuration::from_millis;
     let lag = |wheels_ms, attitude_ms, smoothing_ms| {
-        let settings = DeadReckoningSettings {
-            wheels_time_offset: ms(wheels_ms),
-            attitude_time_offset: ms(attitude_ms),
-            smoothing: ms(smoothing_ms),
-            ..settings()
-        };
+        let mut settings = smoothed(smoothing_ms);
+        settings.wheels_time_offset = ms(wheels_ms);
+        settings.attitude.time_offset = ms(attitude_ms);
         settings.lag()
     };
     assert_eq!(lag(0, 0, 100), ms(50));

@@ -1,15 +1,18 @@
-use nalgebra::Point3;
+use nalgebra::{Point3, Quaternion, UnitQuaternion};
 
 use super::*;
-use crate::localization::beam_projection::{Footprint, SensorSettings};
+use crate::localization::attitude_track::AttitudeSettings;
+use crate::localization::beam_projection::{BodyBox, SensorSettings};
 use crate::localization::beam_range::ZeroRange;
 use crate::localization::dead_reckoning::DeadReckoningSettings;
 use crate::localization::pose_jump::JumpLimit;
 use crate::localization::pose_track::Reach;
 use crate::localization::wheel_odometer::WheelSettings;
-use crate::mapping::posed_scan::BeamOutcome;
+use crate::mapping::posed_scan::{BeamOutcome, SensorId};
 use crate::measurement::{ImuSample, StreamId};
-use crate::pose::planar;
+use crate::pose::{Pose, planar};
+
+mod many_sensors;
 
 fn at(secs: f64) -> RobotTime {
     RobotTime::from_secs_f64(secs).unwrap()
@@ -30,16 +33,25 @@ fn settings(origin: PoseOrigin) -> PlacerSettings {
         keep: RobotDuration::from_millis(10_000),
         wait: RobotDuration::from_millis(100),
         max_waiting: 4,
-        sensor: SensorSettings {
-            range_min_m: None,
-            range_max_m: None,
-            zero: ZeroRange::Invalid,
-            time_offset: RobotDuration::ZERO,
-            base_from_sensor: planar(1.0, 0.0, 0.0),
-        },
-        footprint: Footprint {
+        pose_streams: PoseStreams::default(),
+        sensors: vec![RangeSensorSettings {
+            stream: None,
+            beams: SensorSettings {
+                id: SensorId(0),
+                range_min_m: None,
+                range_max_m: None,
+                zero: ZeroRange::Invalid,
+                time_offset: RobotDuration::ZERO,
+                base_from_sensor: planar(1.0, 0.0, 0.0),
+            },
+            mount: MountOrigin::Configured,
+            tilt: None,
+        }],
+        body: BodyBox {
             length_m: 0.4,
             width_m: 0.4,
+            lowest_m: 0.0,
+            highest_m: 0.5,
         },
     }
 }
@@ -47,7 +59,6 @@ fn settings(origin: PoseOrigin) -> PlacerSettings {
 fn tf() -> PoseOrigin {
     PoseOrigin::Tf {
         fixed_frame: "odom".into(),
-        mount: MountOrigin::Configured,
     }
 }
 
@@ -233,7 +244,7 @@ fn every_lost_scan_has_its_reason() {
 #[test]
 fn invalid_beams_and_the_vehicle_itself_are_left_out_and_counted() {
     let mut still = settings(PoseOrigin::Static);
-    still.sensor.base_from_sensor = planar(-0.15, 0.0, 0.0);
+    still.sensors[0].beams.base_from_sensor = planar(-0.15, 0.0, 0.0);
     let ranges = [f32::NAN, 0.0, 0.2, 0.34, 0.36, 5.0, f32::INFINITY];
     let (placed, counts) = run(still, vec![scan(1.0, 0.0, &ranges)]);
     assert_eq!(placed, [[0.21, 4.85, 19.85]]);
@@ -267,7 +278,7 @@ fn a_log_places_its_beams_with_the_lasers_pose_not_the_robots() {
 #[test]
 fn a_time_offset_moves_the_scan_along_the_track() {
     let mut late = settings(PoseOrigin::Odometry);
-    late.sensor.time_offset = RobotDuration::from_millis(-100);
+    late.sensors[0].beams.time_offset = RobotDuration::from_millis(-100);
     let odometry = |secs, x| {
         let data = MeasurementData::Odometry {
             child: "base_footprint".into(),
@@ -294,10 +305,7 @@ fn a_static_transform_of_another_clock_hurries_nothing() {
         measurement(secs, "base_link", data)
     };
     let mut settings = settings(tf());
-    settings.origin = PoseOrigin::Tf {
-        fixed_frame: "odom".into(),
-        mount: MountOrigin::Tree,
-    };
+    settings.sensors[0].mount = MountOrigin::Tree;
     // The mounting comes late, stamped by the wall clock: the scan waits for it and for its pose.
     let input = vec![
         pose(1.0, 0.0),
@@ -548,6 +556,12 @@ fn the_number_and_the_step_of_beams_may_change_in_mid_stream() {
     assert_eq!(counts.dropped_scans.total(), 0);
 }
 
+const ATTITUDE: AttitudeSettings = AttitudeSettings {
+    time_offset: RobotDuration::ZERO,
+    base_from_imu: UnitQuaternion::new_unchecked(Quaternion::new(1.0, 0.0, 0.0, 0.0)),
+    smoothing: RobotDuration::from_millis(100),
+};
+
 fn wheels(wheels_offset_ms: i64) -> PoseOrigin {
     PoseOrigin::Wheels(DeadReckoningSettings {
         wheels: WheelSettings {
@@ -557,9 +571,7 @@ fn wheels(wheels_offset_ms: i64) -> PoseOrigin {
             max_speed_mps: 9.0,
         },
         wheels_time_offset: RobotDuration::from_millis(wheels_offset_ms),
-        attitude_time_offset: RobotDuration::ZERO,
-        base_from_imu: Pose::identity().rotation,
-        smoothing: RobotDuration::from_millis(100),
+        attitude: ATTITUDE,
         max_gap: RobotDuration::from_millis(500),
     })
 }

@@ -112,6 +112,23 @@ impl FrameSurvey {
         chosen.map(|(frame, _)| FrameId::clone(frame))
     }
 
+    /// Whether `start` moves in `base_frame`, or, where that is not above it, in anything.
+    pub fn moves_in(&self, start: &str, base_frame: &str) -> bool {
+        let way = self.way_up(start);
+        let at_base = way.iter().position(|(frame, _)| ***frame == *base_frame);
+        let below = at_base.map_or(&way[..], |at_base| &way[..=at_base]);
+        below.iter().any(|(_, edge)| !edge.is_static)
+    }
+
+    /// Whether `target` is `start` or above it.
+    pub fn is_above(&self, target: &str, start: &str) -> bool {
+        target == start
+            || self
+                .way_up(start)
+                .iter()
+                .any(|(frame, _)| ***frame == *target)
+    }
+
     fn parent_of(&self, child: &str) -> Option<(&FrameId, &FrameEdge)> {
         let from: (FrameId, FrameId) = (child.into(), "".into());
         let ((found, parent), edge) = self.edges.range(from..).next()?;
@@ -182,6 +199,22 @@ mod tests {
         assert_eq!(fixed(&mount_only, "laser", None), None);
         let still = survey(&[("odom", "base_link", true), ("base_link", "laser", true)]);
         assert_eq!(fixed(&still, "laser", None), None);
+    }
+
+    #[test]
+    fn a_mounting_that_moves_is_told_from_one_that_does_not() {
+        let tree = survey(&[
+            ("odom", "base_link", false),
+            ("base_link", "mast", true),
+            ("mast", "sonar", true),
+            ("mast", "laser", false),
+        ]);
+        assert!(tree.moves_in("laser", "base_link"));
+        assert!(!tree.moves_in("sonar", "base_link"));
+        assert!(tree.moves_in("sonar", "nowhere"));
+        assert!(!tree.moves_in("nothing", "base_link"));
+        assert!(tree.is_above("odom", "sonar") && tree.is_above("odom", "odom"));
+        assert!(!tree.is_above("laser", "sonar"));
     }
 
     #[test]

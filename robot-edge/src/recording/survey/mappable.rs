@@ -3,8 +3,10 @@
 use std::fmt;
 
 use super::Survey;
+use super::range_sensors::WantedSensor;
 use super::scans::ScanSurvey;
-use crate::localization::config::LocalizationConfig;
+use crate::config::{self, Config, FixesAndAttitude, presets};
+use crate::localization::config::{LocalizationConfig, PoseSource};
 use crate::measurement::StreamId;
 
 /// Whether a recording can be mapped.
@@ -16,7 +18,8 @@ pub enum Mappable {
         laser: StreamId,
         /// Where its poses come from, in words.
         pose_source: String,
-        /// Whether there are more range sensors, so that one must be named.
+        /// Whether there are more range sensors, so that one must be named: those of a vehicle that the
+        /// recording names and that has them all are mapped together.
         must_be_named: bool,
     },
     /// There are range sensors, but nothing says where they were.
@@ -36,16 +39,62 @@ impl Survey {
             Some((scan, pose_source)) => Mappable::Yes {
                 laser: scan.stream,
                 pose_source,
-                must_be_named: self.scans.len() > 1,
+                must_be_named: self.scans.len() > 1 && self.sensors_of_vehicle().is_none(),
             },
             None if self.scans.is_empty() => Mappable::NoRangeSensor,
             None => Mappable::NoPoseSource,
         }
     }
 
+    /// The settings of the vehicle that the recording names, if it is one that comes with the program.
+    fn config_of_vehicle(&self) -> Option<Config> {
+        let preset = presets::get(self.vehicle.as_deref()?).ok()?;
+        config::load(preset.name, &[]).ok()
+    }
+
+    /// The range sensors of that vehicle, if they can be told apart here: each sensor's name and stream.
+    fn sensors_of_vehicle(&self) -> Option<Vec<(String, StreamId)>> {
+        let config = self.config_of_vehicle()?;
+        let sensors = config.range_sensors();
+        let wanted: Vec<_> = sensors
+            .iter()
+            .map(|sensor| WantedSensor {
+                name: sensor.name,
+                topic: sensor.config.topic.as_deref(),
+            })
+            .collect();
+        let assigned = self.assign_scans(&wanted).ok()?;
+        let named = sensors.iter().zip(assigned);
+        Some(
+            named
+                .filter_map(|(sensor, scans)| Some((sensor.name.to_owned(), scans?.stream)))
+                .collect(),
+        )
+    }
+
+    fn write_sensors_of_vehicle(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (Some(vehicle), Some(sensors)) = (&self.vehicle, self.sensors_of_vehicle()) else {
+            return Ok(());
+        };
+        if sensors.len() > 1 {
+            let named = sensors.iter().map(|(name, stream)| {
+                let topic = self.stream(*stream).map_or("", |s| &*s.stream.name);
+                format!("{name} ({topic})")
+            });
+            let named: Vec<_> = named.collect();
+            writeln!(f, "  as {vehicle}, with {}", named.join(" and "))?;
+        }
+        Ok(())
+    }
+
     fn pose_source(&self, scan: &ScanSurvey) -> Option<String> {
         if scan.has_own_poses {
             return Some("every scan brings its pose".to_owned());
+        }
+        if let Some(config) = self.config_of_vehicle()
+            && config.localization.source == PoseSource::Gps
+        {
+            return self.fixes_and_attitudes();
         }
         // As a replay decides with its default settings.
         let base_frame = LocalizationConfig::default().base_frame;
@@ -54,11 +103,26 @@ impl Survey {
                 return Some(format!("transforms lead from {start} to {fixed_frame}"));
             }
         }
-        let odometry = self.best_odometry()?;
+        let Some(odometry) = self.best_odometry() else {
+            return self.fixes_and_attitudes();
+        };
         let name = &self.stream(odometry.stream)?.stream.name;
         Some(format!(
             "{name} gives poses of {} in {}",
             odometry.child, odometry.parent
+        ))
+    }
+
+    /// What poses are made of where a vehicle that the recording names has a receiver and an attitude sensor.
+    fn fixes_and_attitudes(&self) -> Option<String> {
+        let config = self.config_of_vehicle()?;
+        FixesAndAttitude::of(&config.sensors).ok()?;
+        let fixes = self.fixes.iter().find(|fixes| fixes.fixed > 0)?;
+        let attitudes = self.attitudes.iter().find(|a| a.oriented > 0)?;
+        let name = |stream| Some(&*self.stream(stream)?.stream.name);
+        let (fixes, attitudes) = (name(fixes.stream)?, name(attitudes.stream)?);
+        Some(format!(
+            "satellite fixes of {fixes} and attitude of {attitudes} give poses"
         ))
     }
 
@@ -74,12 +138,14 @@ impl Survey {
                     .stream(laser)
                     .map_or("", |summary| &summary.stream.name);
                 writeln!(f, "  {pose_source}")?;
+                self.write_sensors_of_vehicle(f)?;
                 write!(f, "  robot-edge replay {file}")?;
                 if must_be_named {
                     write!(f, " --topic laser={}", shell_quoted(name))?;
                 }
                 writeln!(f)?;
-                for other in self.scans.iter().filter(|scan| scan.stream != laser) {
+                let others = self.scans.iter().filter(|scan| scan.stream != laser);
+                for other in others.filter(|_| must_be_named) {
                     if let Some(other) = self.stream(other.stream) {
                         writeln!(
                             f,

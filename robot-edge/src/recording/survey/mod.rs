@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use self::fixes::FixSurvey;
 use self::frames::FrameSurvey;
 use self::scans::ScanSurvey;
 use self::stamps::StampSurvey;
@@ -11,9 +12,11 @@ use crate::drops::DropCounts;
 use crate::measurement::{FrameId, Measurement, MeasurementData, StreamId};
 use crate::robot_time::{RobotDuration, RobotTime};
 
+pub mod fixes;
 pub mod frames;
 pub mod greatest_range;
 mod mappable;
+pub mod range_sensors;
 mod report;
 pub mod scans;
 pub mod stamps;
@@ -50,6 +53,8 @@ pub struct Survey {
     pub joints: Vec<JointSurvey>,
     /// The streams of attitudes.
     pub attitudes: Vec<AttitudeSurvey>,
+    /// The streams of satellite fixes.
+    pub fixes: Vec<FixSurvey>,
     /// The vehicle that the metadata names.
     pub vehicle: Option<String>,
     /// What could not be read.
@@ -104,6 +109,7 @@ impl Survey {
             odometry: Vec::new(),
             joints: Vec::new(),
             attitudes: Vec::new(),
+            fixes: Vec::new(),
             vehicle: None,
             losses: DropCounts::default(),
             loss_notes: Vec::new(),
@@ -201,9 +207,17 @@ impl Survey {
                     survey.add(joints);
                 }
             }
-            MeasurementData::Fix(_)
-            | MeasurementData::Twist(_)
-            | MeasurementData::PointCloud(_) => {}
+            MeasurementData::Fix(fix) => {
+                let known = of_stream(
+                    &mut self.fixes,
+                    |f| f.stream == *stream,
+                    || FixSurvey::new(*stream),
+                );
+                if let Some(survey) = known {
+                    survey.add(fix);
+                }
+            }
+            MeasurementData::Twist(_) | MeasurementData::PointCloud(_) => {}
         }
         if !measurement.is_timeless() {
             self.stamps[index].add(*stamp);

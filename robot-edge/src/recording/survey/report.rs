@@ -7,8 +7,11 @@ use super::Survey;
 use super::scans::ScanSurvey;
 use super::stamps::StampSurvey;
 use crate::drops::DropReason;
-use crate::measurement::FrameId;
+use crate::measurement::{FrameId, GeodeticFix};
 use crate::robot_time::RobotDuration;
+
+/// Joints of one stream that the page lists.
+const MAX_JOINTS_LISTED: usize = 12;
 
 impl fmt::Display for Survey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -20,6 +23,7 @@ impl fmt::Display for Survey {
         for scan in &self.scans {
             self.write_scan(f, scan)?;
         }
+        self.write_sensors_of_poses(f)?;
         self.write_frames(f)?;
         self.write_faults(f)?;
         writeln!(f, "\ncan it be mapped?")?;
@@ -122,6 +126,67 @@ impl Survey {
                 f,
                 "    from {miss} m on they repeat: what this laser says where it sees nothing"
             )?;
+        }
+        Ok(())
+    }
+
+    fn write_sensors_of_poses(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = |stream| {
+            self.stream(stream)
+                .map_or("", |summary| &*summary.stream.name)
+        };
+        if !self.joints.is_empty() {
+            writeln!(f, "\njoints")?;
+        }
+        for joints in &self.joints {
+            let listed: Vec<_> = joints
+                .names
+                .iter()
+                .map(String::as_str)
+                .take(MAX_JOINTS_LISTED)
+                .collect();
+            let more = joints.names.len() - listed.len();
+            write!(f, "  {}: {}", name(joints.stream), listed.join(", "))?;
+            if more > 0 {
+                write!(f, " and {more} more")?;
+            }
+            writeln!(f)?;
+        }
+        if !self.attitudes.is_empty() {
+            writeln!(f, "\nattitudes")?;
+        }
+        for attitudes in &self.attitudes {
+            writeln!(
+                f,
+                "  {}: {} of {} give an orientation",
+                name(attitudes.stream),
+                attitudes.oriented,
+                attitudes.count
+            )?;
+        }
+        if !self.fixes.is_empty() {
+            writeln!(f, "\nsatellite fixes")?;
+        }
+        for fixes in &self.fixes {
+            write!(
+                f,
+                "  {}: {} of {} are a fix",
+                name(fixes.stream),
+                fixes.fixed,
+                fixes.count
+            )?;
+            match fixes.first {
+                Some(GeodeticFix {
+                    latitude_deg,
+                    longitude_deg,
+                    altitude_m,
+                    ..
+                }) => writeln!(
+                    f,
+                    ", the first at {latitude_deg:.6}°, {longitude_deg:.6}°, {altitude_m:.1} m"
+                )?,
+                None => writeln!(f)?,
+            }
         }
         Ok(())
     }
@@ -239,6 +304,9 @@ const fn loss_in_words(reason: DropReason) -> &'static str {
         DropReason::BadScan => "scans without beams, or with angles that are not finite",
         DropReason::Late
         | DropReason::WheelJump
+        | DropReason::NoFix
+        | DropReason::BadFix
+        | DropReason::FixLeap
         | DropReason::PoseJump
         | DropReason::NoPose
         | DropReason::BeforeFirstPose
@@ -247,6 +315,7 @@ const fn loss_in_words(reason: DropReason) -> &'static str {
         | DropReason::QueueFull
         | DropReason::InvalidRange
         | DropReason::OwnBody
+        | DropReason::Isolated
         | DropReason::OutOfBounds
         | DropReason::OutsideWindow => reason.as_str(),
     }

@@ -107,6 +107,117 @@ fn of_two_lasers_one_must_be_named() {
     );
 }
 
+/// A boat's recording: each stream's name, type, and what its only message holds.
+struct Boat {
+    streams: Vec<StreamSummary>,
+    messages: Vec<MeasurementData>,
+    yielded: usize,
+    losses: DropCounts,
+}
+
+impl RecordingReader for Boat {
+    fn next_measurement(&mut self) -> Result<Option<Measurement>, RecordingError> {
+        let index = self.yielded;
+        self.yielded += 1;
+        Ok(self.messages.get(index).map(|data| Measurement {
+            stamp: RobotTime::from_nanos(1_000_000_000),
+            stream: StreamId(index as u16),
+            frame: "sensor".into(),
+            data: data.clone(),
+        }))
+    }
+
+    fn streams(&self) -> &[StreamSummary] {
+        &self.streams
+    }
+
+    fn losses(&self) -> &DropCounts {
+        &self.losses
+    }
+
+    fn loss_notes(&self) -> &[String] {
+        &[]
+    }
+
+    fn position(&self) -> Position {
+        Position {
+            bytes_read: 0,
+            bytes_total: 1000,
+        }
+    }
+
+    fn vehicle(&self) -> Option<&str> {
+        Some("riverwatch")
+    }
+}
+
+#[test]
+fn the_sensors_of_a_boat_are_mapped_together() {
+    let scan = || MeasurementData::Scan {
+        scan: crate::scan::Scan {
+            ranges_m: vec![1.0, 2.0],
+            range_max_m: 20.0,
+            ..crate::scan::Scan::default()
+        },
+        own_pose: None,
+    };
+    let joints = vec![("laser_tilt_joint".to_owned(), 0.1)];
+    let attitude = crate::measurement::ImuSample {
+        orientation_xyzw: Some([0.0, 0.0, 0.0, 1.0]),
+        angular_velocity_radps: [0.0; 3],
+        linear_acceleration_mps2: [0.0; 3],
+    };
+    let fix = crate::measurement::GeodeticFix {
+        latitude_deg: 38.51,
+        longitude_deg: -9.17,
+        altitude_m: 53.0,
+        status: 2,
+    };
+    let messages = [
+        ("/sonar", "LaserScan", scan()),
+        ("/scan", "LaserScan", scan()),
+        (
+            "/joint_states",
+            "JointState",
+            MeasurementData::Joints(joints),
+        ),
+        ("/imu/data", "Imu", MeasurementData::Imu(attitude)),
+        ("/fix", "NavSatFix", MeasurementData::Fix(fix)),
+    ];
+    let summary = |(name, type_name, _): &(&str, &str, MeasurementData)| StreamSummary {
+        stream: crate::measurement::Stream {
+            name: (*name).to_owned(),
+            type_name: format!("sensor_msgs/{type_name}"),
+        },
+        understood: true,
+        messages: 1,
+        first: None,
+        last: None,
+    };
+    let mut boat = Boat {
+        streams: messages.iter().map(summary).collect(),
+        messages: messages.iter().map(|(.., data)| data.clone()).collect(),
+        yielded: 0,
+        losses: DropCounts::default(),
+    };
+    let survey = Survey::of_reader(Path::new("lake.mcap"), Format::Mcap, &mut boat).unwrap();
+    let page = survey.to_string();
+    for lines in [
+        "\njoints\n  /joint_states: laser_tilt_joint\n",
+        "\nattitudes\n  /imu/data: 1 of 1 give an orientation\n",
+        "\nsatellite fixes\n  /fix: 1 of 1 are a fix, the first at 38.510000°, -9.170000°, 53.0 m\n",
+    ] {
+        assert!(page.contains(lines), "{page}");
+    }
+    assert!(
+        page.ends_with(
+            "can it be mapped?\n  satellite fixes of /fix and attitude of /imu/data give poses\n  as riverwatch, \
+             with laser (/scan) and sonar (/sonar)\n  robot-edge replay lake.mcap\n"
+        ),
+        "{page}"
+    );
+}
+
 #[test]
 fn lasers_of_published_logs_say_nothing_seen_in_their_own_way() {
     let check = |name: &str, greatest: (f32, u64), miss: Option<f32>, unsaid: Option<f32>| {

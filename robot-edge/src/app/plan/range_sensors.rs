@@ -1,0 +1,163 @@
+//! Which scans of a recording are whose, and who says where each range sensor sits.
+
+use super::choose::{choose_one, joints_in_words, name};
+use crate::app::placing::{PlannedSensor, range_sensors, wanted};
+use crate::config::{Config, RangeSensor, TiltConfig};
+use crate::exit::UsageError;
+use crate::localization::placer::{MountOrigin, PoseOrigin};
+use crate::measurement::StreamId;
+use crate::recording::survey::Survey;
+use crate::recording::survey::range_sensors::Unassigned;
+use crate::recording::survey::scans::ScanSurvey;
+
+/// A range sensor of the vehicle and its scans in the recording.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Found<'a> {
+    pub(super) sensor: RangeSensor<'a>,
+    pub(super) scans: &'a ScanSurvey,
+}
+
+/// The sensors that were recorded, in the order of their names, and the names of the others.
+///
+/// # Errors
+/// Where none or several streams fit: the message lists them and says what to type.
+pub(super) fn find<'a>(
+    survey: &'a Survey,
+    config: &'a Config,
+) -> Result<(Vec<Found<'a>>, Vec<&'a str>), UsageError> {
+    let sensors = range_sensors(config)?;
+    let assigned = survey.assign_scans(&wanted(&sensors)).map_err(|error| {
+        let path = survey.path.display();
+        UsageError(match error {
+            Unassigned::NoScans => {
+                format!("{path}: {error}; `robot-edge info {path}` lists what it holds")
+            }
+            Unassigned::NoSuchStream { .. }
+            | Unassigned::SeveralStreams { .. }
+            | Unassigned::SeveralSensors { .. } => format!("{path}: {error}"),
+        })
+    })?;
+    let (mut found, mut missing) = (Vec::new(), Vec::new());
+    for (sensor, scans) in sensors.into_iter().zip(assigned) {
+        match scans {
+            Some(scans) => found.push(Found { sensor, scans }),
+            None => missing.push(sensor.name),
+        }
+    }
+    Ok((found, missing))
+}
+
+/// How the sensors are placed where poses come from `origin`.
+///
+/// # Errors
+/// Where nothing says where one of them sits.
+pub(super) fn place(
+    survey: &Survey,
+    found: &[Found<'_>],
+    origin: &PoseOrigin,
+    config: &Config,
+) -> Result<Vec<PlannedSensor>, UsageError> {
+    let is_alone = found.len() == 1;
+    let plan = |found: &Found<'_>| {
+        let Found { sensor, scans } = found;
+        let mount = mount_origin(survey, found, origin, &config.localization.base_frame)?;
+        let tilt = sensor
+            .config
+            .tilt
+            .as_ref()
+            .filter(|_| mount == MountOrigin::Configured && *origin != PoseOrigin::Log);
+        let tilt_stream = match tilt {
+            Some(tilt) => Some(tilt_stream(survey, sensor.name, tilt)?),
+            None => None,
+        };
+        Ok(PlannedSensor {
+            id: sensor.id,
+            // The only one there is takes whatever is replayed.
+            stream: (!is_alone).then_some(scans.stream),
+            mount,
+            tilt_stream,
+            range_max_m: None,
+        })
+    };
+    found.iter().map(plan).collect()
+}
+
+/// Transforms say where a sensor sits if they lead from it to the map; of a sensor that a servo tilts, only if it
+/// moves in them.
+fn mount_origin(
+    survey: &Survey,
+    found: &Found<'_>,
+    origin: &PoseOrigin,
+    base_frame: &str,
+) -> Result<MountOrigin, UsageError> {
+    let PoseOrigin::Tf { fixed_frame } = origin else {
+        return Ok(MountOrigin::Configured);
+    };
+    let (frames, frame) = (&survey.frames, &*found.scans.frame);
+    let is_placed = frames.is_above(fixed_frame, frame);
+    let is_tilted_elsewhere =
+        found.sensor.config.tilt.is_some() && !frames.moves_in(frame, base_frame);
+    if is_placed && !is_tilted_elsewhere {
+        return Ok(MountOrigin::Tree);
+    }
+    if frames.is_above(fixed_frame, base_frame) {
+        return Ok(MountOrigin::Configured);
+    }
+    Err(UsageError(format!(
+        "{}: no transforms lead from {frame:?}, the frame of {}, or from {base_frame:?} \
+         (localization.base_frame) up to {fixed_frame:?}, in which the others are mapped",
+        survey.path.display(),
+        found.sensor.name
+    )))
+}
+
+fn tilt_stream(survey: &Survey, sensor: &str, tilt: &TiltConfig) -> Result<StreamId, UsageError> {
+    let with_joint = survey
+        .joints
+        .iter()
+        .filter(|j| j.names.contains(&tilt.joint));
+    let streams: Vec<_> = with_joint.map(|joints| joints.stream).collect();
+    if !streams.is_empty() {
+        let option = format!("--set sensors.{sensor}.tilt.topic=");
+        let carried = format!("angles of {:?}", tilt.joint);
+        return choose_one(survey, &option, &carried, &streams, tilt.topic.as_deref());
+    }
+    let there_are = match joints_in_words(survey) {
+        none if none.is_empty() => "there are no joint angles (sensor_msgs/JointState)".to_owned(),
+        joints => joints,
+    };
+    Err(UsageError(format!(
+        "{}: nothing says how far {sensor} was tilted: no topic has the joint {:?}, which \
+         sensors.{sensor}.tilt.joint names: {there_are}",
+        survey.path.display(),
+        tilt.joint
+    )))
+}
+
+/// Names in a sentence: "the laser", "the laser and the sonar".
+pub(super) fn in_words(found: &[Found<'_>]) -> String {
+    let named: Vec<_> = found
+        .iter()
+        .map(|found| format!("the {}", found.sensor.name))
+        .collect();
+    match &named[..] {
+        [] => String::new(),
+        [one] => one.clone(),
+        [others @ .., last] => format!("{} and {last}", others.join(", ")),
+    }
+}
+
+/// What a person should know of each sensor that is tilted by a servo.
+pub(super) fn tilt_notes(
+    survey: &Survey,
+    found: &[Found<'_>],
+    planned: &[PlannedSensor],
+) -> Vec<String> {
+    let tilted = found.iter().zip(planned).filter_map(|(found, planned)| {
+        let joint = &found.sensor.config.tilt.as_ref()?.joint;
+        let topic = name(survey, planned.tilt_stream?);
+        let sensor = found.sensor.name;
+        Some(format!("{sensor}: tilted as {topic} says of joint {joint}"))
+    });
+    tilted.collect()
+}

@@ -1,0 +1,235 @@
+//! Which stream of a recording is which range sensor of a vehicle.
+
+use std::fmt;
+
+use super::Survey;
+use super::scans::ScanSurvey;
+
+/// A range sensor that the vehicle has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WantedSensor<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// The stream that is its own, as far as that is configured.
+    pub topic: Option<&'a str>,
+}
+
+/// Why the streams of a recording cannot be shared out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Unassigned {
+    /// It has no scans at all.
+    NoScans,
+    /// The stream that is named for a sensor does not carry scans; these do.
+    NoSuchStream {
+        /// Name of the sensor.
+        sensor: String,
+        /// What it names.
+        topic: String,
+        /// What there is.
+        streams: Vec<String>,
+    },
+    /// Several streams could be the sensor's.
+    SeveralStreams {
+        /// Name of the sensor.
+        sensor: String,
+        /// What there is.
+        streams: Vec<String>,
+    },
+    /// Streams could be those of several sensors.
+    SeveralSensors {
+        /// Names of the sensors.
+        sensors: Vec<String>,
+        /// What there is.
+        streams: Vec<String>,
+    },
+}
+
+impl fmt::Display for Unassigned {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let first = |names: &[String]| names.first().cloned().unwrap_or_default();
+        match self {
+            Self::NoScans => write!(
+                f,
+                "there is no range sensor in it, so there is nothing to map"
+            ),
+            Self::NoSuchStream {
+                sensor,
+                topic,
+                streams,
+            } => {
+                let have = match &streams[..] {
+                    [] => "no scans at all".to_owned(),
+                    streams => streams.join(", "),
+                };
+                write!(
+                    f,
+                    "no scans on {topic:?}, which `--topic {sensor}=` or the configuration names; it has {have}"
+                )
+            }
+            Self::SeveralStreams { sensor, streams } => write!(
+                f,
+                "several topics carry scans: {}. Choose one, for example --topic {sensor}={}",
+                streams.join(", "),
+                first(streams)
+            ),
+            Self::SeveralSensors { sensors, streams } => write!(
+                f,
+                "scans on {} could be those of several sensors: {}. Say whose they are, for example --topic \
+                 {}={}",
+                streams.join(", "),
+                sensors.join(", "),
+                first(sensors),
+                first(streams)
+            ),
+        }
+    }
+}
+
+/// Shares out streams of scans, by their names: of each of `sensors` the index of the stream on its topic, or
+/// else of the only one that no other sensor names. `None` for sensors that have no scans, where another has
+/// some, and none are nobody's.
+///
+/// # Errors
+/// Where none or several fit, or no sensor has scans.
+pub fn assign(
+    sensors: &[WantedSensor<'_>],
+    streams: &[&str],
+) -> Result<Vec<Option<usize>>, Unassigned> {
+    let stream_of = |topic: &str| streams.iter().position(|&name| name == topic);
+    let mut assigned: Vec<Option<usize>> = sensors
+        .iter()
+        .map(|sensor| sensor.topic.and_then(stream_of))
+        .collect();
+    let is_left = |stream: &usize| !assigned.contains(&Some(*stream));
+    let left: Vec<usize> = (0..streams.len()).filter(is_left).collect();
+    let unnamed: Vec<usize> = (0..sensors.len())
+        .filter(|&sensor| sensors[sensor].topic.is_none())
+        .collect();
+    let names = |of: &[usize]| {
+        of.iter()
+            .map(|&stream| streams[stream].to_owned())
+            .collect()
+    };
+    match (&unnamed[..], &left[..]) {
+        (&[sensor], &[stream]) => assigned[sensor] = Some(stream),
+        ([], _) | (_, []) => {}
+        (&[sensor], several) => {
+            return Err(Unassigned::SeveralStreams {
+                sensor: sensors[sensor].name.to_owned(),
+                streams: names(several),
+            });
+        }
+        (several, left) => {
+            let sensors = several
+                .iter()
+                .map(|&sensor| sensors[sensor].name.to_owned());
+            return Err(Unassigned::SeveralSensors {
+                sensors: sensors.collect(),
+                streams: names(left),
+            });
+        }
+    }
+    let has_scans = assigned.iter().any(Option::is_some);
+    let are_nobodys = (0..streams.len()).any(|stream| !assigned.contains(&Some(stream)));
+    let missing = sensors.iter().zip(&assigned).find_map(|(sensor, stream)| {
+        let topic = sensor.topic.filter(|_| stream.is_none())?;
+        Some((sensor.name, topic))
+    });
+    match missing {
+        Some((sensor, topic)) if are_nobodys || !has_scans => Err(Unassigned::NoSuchStream {
+            sensor: sensor.to_owned(),
+            topic: topic.to_owned(),
+            streams: streams.iter().map(|&name| name.to_owned()).collect(),
+        }),
+        Some(_) | None if has_scans => Ok(assigned),
+        Some(_) | None => Err(Unassigned::NoScans),
+    }
+}
+
+impl Survey {
+    /// The scans of each of `sensors`, see [`assign`].
+    ///
+    /// # Errors
+    /// Those of [`assign`].
+    pub fn assign_scans(
+        &self,
+        sensors: &[WantedSensor<'_>],
+    ) -> Result<Vec<Option<&ScanSurvey>>, Unassigned> {
+        let streams: Vec<_> = self.scans.iter().map(|scan| self.name_of(scan)).collect();
+        let assigned = assign(sensors, &streams)?;
+        let scans = assigned.into_iter().map(|stream| self.scans.get(stream?));
+        Ok(scans.collect())
+    }
+
+    /// Topic or message name of a stream of scans.
+    pub fn name_of(&self, scan: &ScanSurvey) -> &str {
+        self.stream(scan.stream)
+            .map_or("", |summary| &summary.stream.name)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wanted<'a>(sensors: &[(&'a str, &'a str)]) -> Vec<WantedSensor<'a>> {
+        let wanted = |&(name, topic): &(&'a str, &'a str)| WantedSensor {
+            name,
+            topic: (!topic.is_empty()).then_some(topic),
+        };
+        sensors.iter().map(wanted).collect()
+    }
+
+    fn assigned(sensors: &[(&str, &str)], streams: &[&str]) -> Result<Vec<Option<usize>>, String> {
+        assign(&wanted(sensors), streams).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn topics_come_first_and_the_sensor_without_one_gets_what_is_left() {
+        let boat = [("laser", ""), ("sonar", "/sonar")];
+        assert_eq!(
+            assigned(&boat, &["/sonar", "/scan"]),
+            Ok(vec![Some(1), Some(0)])
+        );
+        assert_eq!(assigned(&boat, &["/sonar"]), Ok(vec![None, Some(0)]));
+        assert_eq!(assigned(&[("laser", "")], &["/any"]), Ok(vec![Some(0)]));
+        // Streams that are nobody's are left alone where every sensor has its own.
+        assert_eq!(
+            assigned(&[("laser", "/b")], &["/a", "/b"]),
+            Ok(vec![Some(1)])
+        );
+    }
+
+    #[test]
+    fn a_sensor_that_was_not_recorded_is_missed_only_where_another_stream_could_be_its_own() {
+        let boat = [("laser", "/scan"), ("sonar", "/sonar")];
+        assert_eq!(assigned(&boat, &["/scan"]), Ok(vec![Some(0), None]));
+        assert_eq!(
+            assigned(&boat, &["/scan", "/deltat"]).unwrap_err(),
+            "no scans on \"/sonar\", which `--topic sonar=` or the configuration names; it has /scan, /deltat"
+        );
+    }
+
+    #[test]
+    fn what_is_open_lists_the_candidates() {
+        let error =
+            |sensors: &[(&str, &str)], streams: &[&str]| assigned(sensors, streams).unwrap_err();
+        assert_eq!(
+            error(
+                &[("laser", ""), ("sonar", "/sonar")],
+                &["/a", "/sonar", "/b"]
+            ),
+            "several topics carry scans: /a, /b. Choose one, for example --topic laser=/a"
+        );
+        assert_eq!(
+            error(&[("front", ""), ("rear", "")], &["/scan"]),
+            "scans on /scan could be those of several sensors: front, rear. Say whose they are, for example \
+             --topic front=/scan"
+        );
+        assert_eq!(
+            error(&[("laser", "")], &[]),
+            "there is no range sensor in it, so there is nothing to map"
+        );
+        assert!(error(&[("laser", "/scan")], &[]).ends_with("it has no scans at all"));
+    }
+}
