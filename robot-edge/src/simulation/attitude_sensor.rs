@@ -55,6 +55,16 @@ impl AttitudeSensor {
         }
     }
 
+    /// `PhidgetSpatial` 3/3/3 on the boat of the hybrid perception document [HYB §2.2], which gives no numbers.
+    /// Full scales of 400°/s and 5 g are those of model 1056; 100 Hz and a noise of 0.1°, of yaw as well, are
+    /// those of our experiments.
+    pub fn phidget_spatial() -> Self {
+        Self {
+            max_turn_rate_radps: 400.0_f64.to_radians(),
+            ..Self::xsens_mti()
+        }
+    }
+
     /// What it reads at `time_s`: the true attitude in the world with noise on roll, pitch and yaw, and turn
     /// rate and specific force without.
     ///

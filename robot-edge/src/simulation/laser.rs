@@ -1,4 +1,4 @@
-//! A planar laser: where its beams point and when, and how its readings err.
+//! A planar laser or sonar: where its beams point and when, and how its readings err.
 
 mod footprint;
 
@@ -10,21 +10,20 @@ use crate::simulation::laser::footprint::Footprint;
 use crate::simulation::noise::NoiseStream;
 use crate::simulation::scene::Scene;
 
-/// A planar laser as its data sheet and its driver describe it.
+/// A planar laser as its data sheet and its driver describe it, or a sonar, whose beams of sound are cast like
+/// light.
 ///
 /// Beams are cast along exactly the f32 angles and at exactly the f32 times that the scan carries, so
 /// that a message describes its sweep without rounding.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlanarLaser {
-    /// Where it is mounted; the mount may have any attitude.
-    pub base_from_laser: Pose,
     /// Beams in a sweep.
     pub beams: u32,
     /// Angle of beam 0, radians.
     pub angle_min_rad: f32,
     /// Angle from a beam to the next, radians.
     pub angle_increment_rad: f32,
-    /// Time from a beam to the next, seconds.
+    /// Time from a beam to the next, seconds; 0 where all leave at once.
     pub time_increment_s: f32,
     /// Sweeps a second.
     pub rate_hz: f64,
@@ -74,10 +73,9 @@ impl LaserNoise {
 impl PlanarLaser {
     /// Hokuyo URG-04LX-UG01. Data sheet: 1024 steps a turn, of which 683 over 240°, one turn in 100 ms,
     /// 20 … 5600 mm.
-    pub fn urg_04lx_ug01(base_from_laser: Pose) -> Self {
+    pub fn urg_04lx_ug01() -> Self {
         let step_rad = std::f64::consts::TAU / 1024.0;
         Self {
-            base_from_laser,
             beams: 683,
             angle_min_rad: (-341.0 * step_rad) as f32,
             angle_increment_rad: step_rad as f32,
@@ -93,10 +91,9 @@ impl PlanarLaser {
     /// SICK LMS111 as the elevation document sets it up [LOD §5]: 120° of its 270°, which the document
     /// counts from 30° to 150° with 90° straight ahead, in steps of 0.25° at 25 Hz. Data sheet: 0.5 … 20 m
     /// and 15 mrad; its mirror turns once a scan, so 1440 steps take 40 ms.
-    pub fn lms111(base_from_laser: Pose) -> Self {
+    pub fn lms111() -> Self {
         let step_rad = 0.25_f64.to_radians();
         Self {
-            base_from_laser,
             beams: 481,
             angle_min_rad: (-240.0 * step_rad) as f32,
             angle_increment_rad: step_rad as f32,
@@ -108,13 +105,60 @@ impl PlanarLaser {
         }
     }
 
+    /// SICK LMS111 over its whole field of view of 270°, as on the land robot of the hybrid perception document
+    /// [HYB §2.1], whose 1040 readings are a misprint: steps of 0.25° make 1081 beams.
+    pub fn lms111_270_deg() -> Self {
+        let step_rad = 0.25_f64.to_radians();
+        Self {
+            beams: 1081,
+            angle_min_rad: (-540.0 * step_rad) as f32,
+            ..Self::lms111()
+        }
+    }
+
+    /// SICK LD-LRS2100 as the boat of that document sets it up [HYB §2.2]: 1440 beams over 360°, beginning
+    /// astern, every 200 ms, to 250 m. Least range (2.5 m) and divergence (3.5 mrad) are assumed: the document
+    /// does not give them.
+    pub fn ld_lrs2100() -> Self {
+        let step_rad = 0.25_f64.to_radians();
+        Self {
+            beams: 1440,
+            angle_min_rad: (-720.0 * step_rad) as f32,
+            angle_increment_rad: step_rad as f32,
+            time_increment_s: (0.2_f64 / 1440.0) as f32,
+            rate_hz: 5.0,
+            range_min_m: 2.5,
+            range_max_m: 250.0,
+            beam_divergence_rad: 0.0035,
+        }
+    }
+
+    /// Imagenex 837B Delta T as the boat of that document sets it up [HYB §2.2]: 240 ranges "equally spaced on
+    /// a 120° interval", here the middles of its 240 parts, all of one ping, ten times a second, to 300 m. The
+    /// least range (0.5 m) and a beam 3° wide are assumed. The time that sound takes, 0.4 s from 300 m and
+    /// back, is not simulated: a reading is of the moment of its stamp, as its driver's would be after
+    /// correction.
+    pub fn delta_t_837b() -> Self {
+        let step_rad = 0.5_f64.to_radians();
+        Self {
+            beams: 240,
+            angle_min_rad: (-119.5 * step_rad) as f32,
+            angle_increment_rad: step_rad as f32,
+            time_increment_s: 0.0,
+            rate_hz: 10.0,
+            range_min_m: 0.5,
+            range_max_m: 300.0,
+            beam_divergence_rad: 3.0_f64.to_radians(),
+        }
+    }
+
     /// Time from beam 0 to the last beam, seconds.
     pub fn sweep_duration_s(&self) -> f64 {
         f64::from(self.beams.saturating_sub(1)) * f64::from(self.time_increment_s)
     }
 
-    /// One sweep whose beam 0 leaves at `start_s`, seconds since the beginning. `world_from_base` gives the
-    /// vehicle's pose at a time in seconds after beam 0.
+    /// One sweep whose beam 0 leaves at `start_s`, seconds since the beginning. `world_from_laser` gives
+    /// its own pose, mount and all, at a time in seconds after beam 0.
     ///
     /// Readings follow REP-117: nothing within range is +∞, too near is −∞, and a dropout is
     /// not-a-number, as `urg_node` gives for the URG's error codes. Every beam draws the same number of
@@ -125,12 +169,12 @@ impl PlanarLaser {
         errors: LaserErrors,
         noise: &mut LaserNoise,
         start_s: f64,
-        world_from_base: impl Fn(f64) -> Pose,
+        world_from_laser: impl Fn(f64) -> Pose,
     ) -> Scan {
         let ranges_m = (0..self.beams)
             .map(|beam| {
                 let after_s = f64::from(beam) * f64::from(self.time_increment_s);
-                let world_from_laser = world_from_base(after_s) * self.base_from_laser;
+                let world_from_laser = world_from_laser(after_s);
                 let range_error_m = errors.range_noise_m * noise.range.normal();
                 let surface_chance = noise.mirror.uniform();
                 let mixed_chance = noise.mixed.uniform();

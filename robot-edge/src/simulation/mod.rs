@@ -5,25 +5,32 @@
 //! that the vehicle's sensors would give, so that everything downstream runs as it does on a recording.
 //! [`truth`] says what a perfect map of the world looks like.
 //!
-//! The frame `odom` is the world's own frame here, and `/odom` and `/tf` are the truth; wheels and AHRS err. The same world,
-//! options and seed give the same measurements, bit for bit, on every platform: trigonometry comes from
-//! `libm`, ray casting from parry with `enhanced-determinism`, random bits from `ChaCha8`.
+//! The frame `odom` is the world's own frame here, and `/odom` and `/tf` are the truth; wheels, AHRS, satellite
+//! receiver and the encoders of tilting sensors err. The same world, options and seed give the same measurements,
+//! bit for bit, on every platform: trigonometry comes from `libm`, ray casting from parry with
+//! `enhanced-determinism`, random bits from `ChaCha8`.
 
 pub mod world;
 
 pub mod path;
 pub mod solid;
+pub mod vegetation;
 pub mod vehicle;
 
 pub mod attitude;
 pub mod chassis;
+pub mod hull;
 pub mod motion;
+pub mod waves;
 
 pub mod attitude_sensor;
+pub mod gps;
 pub mod laser;
 pub mod noise;
+pub mod range_sensor;
 pub mod scene;
 pub mod source;
+pub mod tilt_servo;
 pub mod wheel_encoders;
 
 pub mod truth;

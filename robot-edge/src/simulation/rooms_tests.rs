@@ -24,7 +24,7 @@ const FLOOR: Bounds = Bounds {
 
 fn outline(world: &World) -> Outline {
     let laser = &world.simulated_vehicle().laser;
-    Outline::at_height(world.solids(), laser.base_from_laser.translation.z)
+    Outline::at_height(world.solids(), laser.base_from_mount.translation.z)
 }
 
 #[test]
@@ -94,7 +94,7 @@ fn points_seen(world: &World) -> Vec<Point2<f64>> {
             let angle_rad =
                 f64::from(scan.angle_min_rad) + beam as f64 * f64::from(scan.angle_increment_rad);
             let world_from_laser: Pose =
-                world.path().world_from_base(time_s) * laser.base_from_laser;
+                world.path().world_from_base(time_s) * laser.base_from_mount;
             let in_laser =
                 Point3::new(libm::cos(angle_rad), libm::sin(angle_rad), 0.0) * f64::from(range_m);
             points.push((world_from_laser * in_laser).xy());

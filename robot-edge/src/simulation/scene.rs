@@ -4,14 +4,17 @@ mod beam;
 mod body;
 
 use nalgebra::{Point2, Point3, Vector3};
-use parry3d_f64::math::Vector as ParryVector;
+use parry3d_f64::bounding_volume::Aabb;
+use parry3d_f64::math::{Pose as ParryPose, Vector as ParryVector};
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
 use parry3d_f64::query::{Ray, RayIntersection};
+use parry3d_f64::shape::Cuboid;
 
 pub use beam::Echo;
 
 use crate::simulation::scene::body::Body;
 use crate::simulation::solid::{Reflectivity, Solid};
+use crate::simulation::vegetation::Vegetation;
 
 /// Solids, prepared for rays: what is bounded and stands still in a bounding volume hierarchy, the few
 /// that are endless or move one by one.
@@ -23,6 +26,25 @@ pub struct Scene {
     bodies: Vec<Body>,
     /// Of what stands in the hierarchy; −∞ where nothing does.
     highest_m: f64,
+    growth: Option<Growth>,
+    water_m: Option<f64>,
+}
+
+/// Plants among the solids, and how a laser sees what is as thin as they are.
+pub struct Growth {
+    /// The plants.
+    pub vegetation: Vegetation,
+    /// Of the laser that looks at them.
+    pub receiver: Receiver,
+}
+
+/// What a laser makes of many echoes of one pulse.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Receiver {
+    /// The least share of a beam's light that must come back at once to be noticed.
+    pub least_share: f64,
+    /// Echoes that are no farther behind the first than this come at once, metres.
+    pub separation_m: f64,
 }
 
 /// Where a ray meets a surface first.
@@ -52,10 +74,46 @@ impl Scene {
             leaves,
             others,
             bodies,
+            growth: None,
+            water_m: None,
         }
     }
 
-    /// The first surface along the unit vector `direction` that is not farther than `max_m`, at `time_s`
+    /// The same with plants.
+    #[must_use]
+    pub fn with_growth(self, growth: Growth) -> Self {
+        Self {
+            growth: Some(growth),
+            ..self
+        }
+    }
+
+    /// The same with still water up to a height above z = 0, metres.
+    #[must_use]
+    pub fn with_water(self, level_m: f64) -> Self {
+        Self {
+            water_m: Some(level_m),
+            ..self
+        }
+    }
+
+    /// The plants; [`Scene::cast`] and [`Scene::echo`] do not meet them.
+    pub fn growth(&self) -> Option<&Growth> {
+        self.growth.as_ref()
+    }
+
+    /// How far along the unit vector `direction` a beam may return from, where it may from `max_m`: none
+    /// returns through the surface of water. Light from above is mirrored away or lost in it, sound from
+    /// below does not leave it.
+    pub fn reach_m(&self, origin: Point3<f64>, direction: Vector3<f64>, max_m: f64) -> f64 {
+        let surface_m = self
+            .water_m
+            .map(|level_m| (level_m - origin.z) / direction.z)
+            .filter(|surface_m| *surface_m > 0.0);
+        surface_m.map_or(max_m, |surface_m| surface_m.min(max_m))
+    }
+
+    /// The first surface of a solid along the unit vector `direction` that is not farther than `max_m`, at `time_s`
     /// seconds since the beginning.
     pub fn cast(
         &self,
@@ -95,6 +153,23 @@ impl Scene {
         let down = -Vector3::z();
         let hit = self.cast(Point3::new(at.x, at.y, from_m), down, f64::MAX, time_s)?;
         Some(from_m - hit.distance_m)
+    }
+
+    /// Whether a solid is in the box between two corners, in part or in whole.
+    pub fn touches_box(&self, min_m: Point3<f64>, max_m: Point3<f64>, time_s: f64) -> bool {
+        let bounds = Aabb::new(parry_vector(min_m.coords), parry_vector(max_m.coords));
+        let cuboid = Cuboid::new(bounds.half_extents());
+        let world_from_box = ParryPose::from_translation(bounds.center());
+        let touches = |body: &Body| body.touches(&cuboid, &world_from_box, time_s);
+        self.hierarchy
+            .intersect_aabb(&bounds)
+            .filter_map(|leaf| self.leaf(leaf))
+            .any(touches)
+            || self
+                .others
+                .iter()
+                .filter_map(|&index| self.bodies.get(index))
+                .any(touches)
     }
 
     fn leaf(&self, leaf: u32) -> Option<&Body> {

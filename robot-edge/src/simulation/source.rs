@@ -1,7 +1,9 @@
 //! A simulated run as a source of measurements.
 
 mod options;
+mod run;
 mod sensor;
+mod streams;
 mod ticks;
 
 use std::collections::VecDeque;
@@ -10,7 +12,8 @@ use crate::measurement::{Measurement, Stream};
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::simulation::motion::Motion;
 use crate::simulation::source::options::Errors;
-use crate::simulation::source::sensor::{Run, Sensor};
+use crate::simulation::source::run::Run;
+use crate::simulation::source::sensor::Sensor;
 use crate::simulation::source::ticks::Ticks;
 use crate::simulation::world::World;
 
@@ -23,11 +26,15 @@ pub const START: RobotTime = RobotTime::from_nanos(946_684_800_000_000_000);
 
 /// Drives a world's path and yields what the vehicle's sensors say, in the order of stamps.
 ///
-/// `/tf_static` comes once, `/tf` and `/odom` say the same true pose at the odometry's rate, `/scan` comes
-/// at the laser's. Where the vehicle has wheel encoders, `/joint_states` says how far the left and the right
-/// wheels have turned; where it has an AHRS, `/imu/data` says its attitude in the world. Of equal stamps
-/// poses come first, then wheels, then attitude, then scans. A scan's stamp is that of beam 0, so the poses
-/// of its later beams follow it. The last scan is one whose last beam still has a pose after it.
+/// `/tf_static` comes once, `/tf` and `/odom` say the same true pose at the odometry's rate, `/scan` and the
+/// scans of further range sensors come at theirs. `/joint_states` says how far the left and the right wheels
+/// have turned where they have encoders, and, in messages of its own, the angle of a sensor that tilts; its
+/// mount is not in `/tf`. Where the vehicle has an AHRS, `/imu/data` says its attitude in the world; where it
+/// has a satellite receiver, `/fix` says where the antenna is, the world's x being east and y north.
+///
+/// Of equal stamps poses come first, then wheels, tilts, attitude, fixes and scans. A scan's stamp is that of
+/// beam 0, so the poses of its later beams follow it. The last scan is one whose last beam still has a pose
+/// after it.
 pub struct SimulatedSource {
     run: Run,
     streams: Vec<Stream>,
@@ -44,12 +51,11 @@ impl SimulatedSource {
         let run = Run::new(world, Errors::new(world, options)?);
         let duration_s = options.duration_s.unwrap_or(f64::INFINITY);
         let run_s = duration_s.min(world.path().duration_s());
-        let last_pose_s = Ticks::until(run_s, run.vehicle().odometry_rate_hz).last_s();
+        let last_pose_s = Ticks::until(run_s, run.vehicle.odometry_rate_hz).last_s();
         let (sensors, streams) = Sensor::all(&run, options.seed);
-        let timetable = sensors.into_iter().map(|sensor| {
-            let end_s = last_pose_s - sensor.reading_duration_s(&run);
-            (Ticks::until(end_s, sensor.rate_hz(&run)), sensor)
-        });
+        let timetable = sensors
+            .into_iter()
+            .map(|sensor| (sensor.ticks(&run, last_pose_s), sensor));
         Ok(Self {
             timetable: timetable.collect(),
             streams,
@@ -71,7 +77,7 @@ impl SimulatedSource {
 
     /// Where the vehicle truly is, by seconds since [`START`].
     pub fn motion(&self) -> &Motion {
-        self.run.motion()
+        &self.run.motion
     }
 
     /// The next measurement; `None` at the end of the path or of the duration.
@@ -93,5 +99,9 @@ impl SimulatedSource {
 
 #[cfg(test)]
 mod holos_tests;
+#[cfg(test)]
+mod introbot_tests;
+#[cfg(test)]
+mod riverwatch_tests;
 #[cfg(test)]
 mod tests;

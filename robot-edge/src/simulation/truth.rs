@@ -3,6 +3,8 @@
 pub mod cells;
 pub mod heights;
 pub mod outline;
+pub mod shores;
+pub mod standing;
 pub mod verdict;
 
 mod crossing;
@@ -12,6 +14,8 @@ use nalgebra::Point2;
 
 pub use cells::{Bounds, CellGrid, TruthError};
 pub use heights::{CellHeights, HeightOptions, HeightTruth, heights};
+pub use shores::{Dock, Shore, ShoreClass};
+pub use standing::Standing;
 pub use verdict::{GroundPlane, Thresholds, Verdict};
 
 use crate::simulation::World;
@@ -53,7 +57,7 @@ const MAX_CELLS: usize = 1 << 23;
 /// solids are left out, glass is a solid as any other.
 pub fn occupancy(world: &World, cell_m: f64, bounds: Bounds) -> Result<TruthGrid, TruthError> {
     let laser = &world.simulated_vehicle().laser;
-    let outline = Outline::at_height(world.solids(), laser.base_from_laser.translation.z);
+    let outline = Outline::at_height(world.solids(), laser.base_from_mount.translation.z);
     TruthGrid::of(&outline, cell_m, bounds)
 }
 

@@ -1,13 +1,13 @@
 //! The vehicles that can be simulated, by the names of their presets.
 
-use nalgebra::Translation3;
+mod boat;
+mod land;
 
-use crate::pose::{self, Pose};
-use crate::simulation::attitude::Attitude;
 use crate::simulation::attitude_sensor::AttitudeSensor;
 use crate::simulation::chassis::Chassis;
-use crate::simulation::laser::PlanarLaser;
-use crate::simulation::wheel_encoders::WheelEncoders;
+use crate::simulation::gps::GpsReceiver;
+use crate::simulation::hull::Hull;
+use crate::simulation::range_sensor::RangeSensor;
 
 /// What the simulation needs to know of a vehicle.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,79 +16,66 @@ pub struct SimulatedVehicle {
     pub name: &'static str,
     /// Radius of the circle about `base_link` that holds the vehicle at any yaw, metres.
     pub radius_m: f64,
-    /// Height above the ground, metres.
+    /// Height above the ground or the water, metres.
     pub height_m: f64,
     /// How often it reports its pose, hertz.
     pub odometry_rate_hz: f64,
-    /// Its wheels and their encoders; without, it stays level at z = 0 whatever it drives over.
-    pub chassis: Option<Chassis>,
+    /// What it moves on.
+    pub carriage: Carriage,
     /// Its AHRS, at `base_link` and with its axes.
     pub attitude_sensor: Option<AttitudeSensor>,
-    /// Its laser.
-    pub laser: PlanarLaser,
+    /// Its satellite receiver.
+    pub gps: Option<GpsReceiver>,
+    /// Its main laser.
+    pub laser: RangeSensor,
+    /// Its other range sensors.
+    pub further_range_sensors: Vec<RangeSensor>,
 }
 
-impl SimulatedVehicle {
-    /// Names of all vehicles.
-    pub const NAMES: &[&str] = &["pioneer", "holos"];
+/// What a vehicle moves on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Carriage {
+    /// Wheels that are not simulated: it stays level at z = 0 whatever it drives over.
+    Level,
+    /// Wheels on uneven ground.
+    Wheels(Chassis),
+    /// A hull on water.
+    Hull(Hull),
+}
 
-    /// The vehicle called `name`; `None` where there is none.
-    pub fn preset(name: &str) -> Option<Self> {
-        match name {
-            "pioneer" => Some(pioneer()),
-            "holos" => Some(holos()),
-            _ => None,
+impl Carriage {
+    /// The chassis, where it has one.
+    pub const fn chassis(&self) -> Option<Chassis> {
+        match *self {
+            Self::Wheels(chassis) => Some(chassis),
+            Self::Level | Self::Hull(_) => None,
         }
     }
 }
 
-/// Adept `MobileRobots` Pioneer 3-DX with a Hokuyo URG-04LX-UG01, the robot of the laser range finder
-/// document. Data sheet: 455 × 381 × 237 mm, swing radius 26.7 cm.
-fn pioneer() -> SimulatedVehicle {
-    // The document does not say where its laser sits: here on the front of the top plate.
-    let mut base_from_laser = pose::planar(0.16, 0.0, 0.0);
-    base_from_laser.translation.z = 0.28;
-    SimulatedVehicle {
-        name: "pioneer",
-        radius_m: 0.27,
-        height_m: 0.34,
-        odometry_rate_hz: 50.0,
-        chassis: None,
-        attitude_sensor: None,
-        laser: PlanarLaser::urg_04lx_ug01(base_from_laser),
+impl SimulatedVehicle {
+    /// Names of all vehicles.
+    pub const NAMES: &[&str] = &["pioneer", "holos", "introbot", "riverwatch"];
+
+    /// The vehicle called `name`; `None` where there is none.
+    pub fn preset(name: &str) -> Option<Self> {
+        match name {
+            "pioneer" => Some(land::pioneer()),
+            "holos" => Some(land::holos()),
+            "introbot" => Some(land::introbot()),
+            "riverwatch" => Some(boat::riverwatch()),
+            _ => None,
+        }
+    }
+
+    /// All its range sensors, the main laser first.
+    pub fn range_sensors(&self) -> impl Iterator<Item = &RangeSensor> {
+        std::iter::once(&self.laser).chain(&self.further_range_sensors)
     }
 }
 
-/// The robot of the elevation map document [LOD ch. 5]: SICK LMS111 at 1.08 m tilted down by 7.5°, Xsens
-/// `MTi`, two encoders of 500 pulses.
-///
-/// The document gives no dimension but the laser's height, nor where on the drive the encoders sit. Assumed:
-/// a body of 0.9 × 0.7 m, 1.15 m high; wheels, their places and the encoders on them; the laser 0.25 m ahead
-/// of the middle.
-fn holos() -> SimulatedVehicle {
-    let tilt = Attitude {
-        pitch_rad: 7.5_f64.to_radians(),
-        ..Attitude::default()
-    };
-    let base_from_laser = Pose::from_parts(Translation3::new(0.25, 0.0, 1.08), tilt.rotation());
-    SimulatedVehicle {
-        name: "holos",
-        radius_m: 0.571, // of the corners of the body
-        height_m: 1.15,
-        odometry_rate_hz: 100.0,
-        chassis: Some(Chassis {
-            wheelbase_m: 0.55,
-            track_m: 0.60,
-            wheel_radius_m: 0.125,
-            encoders: Some(WheelEncoders {
-                pulses_per_turn: 500,
-                rate_hz: 50.0,
-            }),
-        }),
-        attitude_sensor: Some(AttitudeSensor::xsens_mti()),
-        laser: PlanarLaser::lms111(base_from_laser),
-    }
-}
+/// Name of the joint of every tilting laser.
+const LASER_TILT_JOINT: &str = "laser_tilt_joint";
 
 #[cfg(test)]
 mod tests {
@@ -100,5 +87,25 @@ mod tests {
             assert_eq!(SimulatedVehicle::preset(name).unwrap().name, *name);
         }
         assert_eq!(SimulatedVehicle::preset("Pioneer"), None);
+    }
+
+    #[test]
+    fn sensors_of_a_vehicle_have_names_streams_and_joints_of_their_own() {
+        for name in SimulatedVehicle::NAMES {
+            let vehicle = SimulatedVehicle::preset(name).unwrap();
+            let mut names: Vec<_> = vehicle
+                .range_sensors()
+                .flat_map(|sensor| [Some(sensor.name), Some(sensor.stream), joint(sensor)])
+                .flatten()
+                .collect();
+            let all = names.len();
+            names.sort_unstable();
+            names.dedup();
+            assert_eq!(names.len(), all, "{name}");
+        }
+    }
+
+    fn joint(sensor: &RangeSensor) -> Option<&'static str> {
+        sensor.tilt.map(|servo| servo.joint)
     }
 }

@@ -34,7 +34,10 @@ fn drive(tilt: Attitude) -> Motion {
     Motion::along(
         Arc::new(Path::new(start, 1.0, &[to(4.0, 0.0, 1.0), to(4.0, 2.0, 0.0)]).unwrap()),
         Arc::new(Scene::new(&[ground])),
-        SimulatedVehicle::preset("holos").unwrap().chassis,
+        SimulatedVehicle::preset("holos")
+            .unwrap()
+            .carriage
+            .chassis(),
     )
 }
 

@@ -4,6 +4,10 @@
 //! between the two, on neither [Hebert and Krotkov 1992, "3D measurements from imaging laser radars"].
 //! A ground that the beam meets at a flat angle or a corner that it looks into is no such edge: the spot is
 //! drawn out there, but the surface goes on.
+//!
+//! Where plants grow, the cone's light is shared out among all that it falls on, see [`received`].
+
+mod received;
 
 use nalgebra::{Point3, Vector3};
 
@@ -24,7 +28,7 @@ pub(super) struct Footprint<'a> {
     pub(super) surface_chance: f64,
 }
 
-/// Rays around the axis on the cone's rim.
+/// Rays around the axis.
 const RIM_RAYS: usize = 8;
 
 /// Echoes nearer to each other than this come as one pulse, metres: a pulse of some 5 ns to half its
@@ -46,12 +50,15 @@ impl Footprint<'_> {
     /// `chance` in [0, 1) decides with `mixed_pixels`, the probability of a mixed range at an edge, and
     /// then says which mix.
     pub(super) fn path_m(&self, mixed_pixels: f64, chance: f64) -> Option<f64> {
+        if let Some(growth) = self.scene.growth() {
+            return self.received_m(growth);
+        }
         let axis = self.sample(self.axis);
         let alone_m = axis.echo.map(|echo| echo.path_m);
         if chance >= mixed_pixels || self.divergence_rad <= 0.0 {
             return alone_m;
         }
-        let rim = self.rim();
+        let rim = self.ring(1.0);
         let Some(jump) = self.greatest_jump(&axis, &rim) else {
             return alone_m;
         };
@@ -82,13 +89,14 @@ impl Footprint<'_> {
         Sample { direction, echo }
     }
 
-    fn rim(&self) -> [Sample; RIM_RAYS] {
+    /// Rays around the axis at a share of the cone's radius.
+    fn ring(&self, share: f64) -> [Sample; RIM_RAYS] {
         let least = self.axis.iamin();
         let mut off_axis = Vector3::zeros();
         off_axis[least] = 1.0;
         let across = self.axis.cross(&off_axis).normalize();
         let up = self.axis.cross(&across);
-        let radius = libm::tan(0.5 * self.divergence_rad);
+        let radius = share * libm::tan(0.5 * self.divergence_rad);
         std::array::from_fn(|ray| {
             let angle_rad = std::f64::consts::TAU * ray as f64 / RIM_RAYS as f64;
             let aside = across * libm::cos(angle_rad) + up * libm::sin(angle_rad);

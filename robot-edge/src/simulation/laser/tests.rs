@@ -11,7 +11,7 @@ const EXACT: LaserErrors = LaserErrors {
 };
 
 fn laser() -> PlanarLaser {
-    PlanarLaser::urg_04lx_ug01(Pose::identity())
+    PlanarLaser::urg_04lx_ug01()
 }
 
 /// A wall whose face is the line x = `x_m`.
@@ -67,10 +67,9 @@ fn each_beam_starts_from_the_pose_of_its_own_time() {
 
 #[test]
 fn a_mount_places_and_tilts_the_beams() {
-    let mut laser = laser();
-    laser.base_from_laser = Pose::new(Vector3::new(0.2, 0.0, 0.3), Vector3::new(0.0, 0.5, 0.0));
+    let mount = Pose::new(Vector3::new(0.2, 0.0, 0.3), Vector3::new(0.0, 0.5, 0.0));
     let mut noise = LaserNoise::new(0, "laser");
-    let scan = laser.sweep(&wall_at(1.2), EXACT, &mut noise, 0.0, |_| Pose::identity());
+    let scan = laser().sweep(&wall_at(1.2), EXACT, &mut noise, 0.0, |_| mount);
     // The wall reaches down to −0.5: 1 m ahead the tilted beam is at 0.3 − tan(0.5) = −0.246.
     assert!((f64::from(scan.ranges_m[341]) - 1.0 / libm::cos(0.5)).abs() < 1e-6);
 }

@@ -39,7 +39,10 @@ fn drive(length_m: f64, solids: &[Solid]) -> Motion {
     Motion::along(
         Arc::new(Path::new(start, 1.0, &[end]).unwrap()),
         Arc::new(Scene::new(solids)),
-        SimulatedVehicle::preset("holos").unwrap().chassis,
+        SimulatedVehicle::preset("holos")
+            .unwrap()
+            .carriage
+            .chassis(),
     )
 }
 
@@ -126,7 +129,11 @@ fn between_its_steps_a_posture_is_as_exact_as_it_says() {
     ];
     let motion = drive(4.0, &solids);
     let (chassis, scene) = (
-        SimulatedVehicle::preset("holos").unwrap().chassis.unwrap(),
+        SimulatedVehicle::preset("holos")
+            .unwrap()
+            .carriage
+            .chassis()
+            .unwrap(),
         Scene::new(&solids),
     );
     let mut last = Posture::default();

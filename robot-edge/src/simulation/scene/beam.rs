@@ -27,8 +27,8 @@ const MAX_PANES: usize = 8;
 const GAP_M: f64 = 1e-9;
 
 impl Scene {
-    /// What a laser measures along the unit vector `direction`, mirrors and panes included; `None` where
-    /// no surface ends the path within `max_m`.
+    /// What a laser measures of solids along the unit vector `direction`, mirrors and panes included; `None`
+    /// where no surface ends the path within `max_m`, or water lies before it.
     ///
     /// `chance` in [0, 1) decides at every specular surface whether it mirrors and at every pane whether
     /// it lets through. One number serves all: given that it fell below a probability p, chance / p is
@@ -44,7 +44,8 @@ impl Scene {
         let (mut origin, mut direction, mut length_m) = (origin, direction, 0.0);
         let (mut reflections, mut panes) = (0, 0);
         loop {
-            let hit = self.cast(origin, direction, max_m - length_m, time_s)?;
+            let reach_m = self.reach_m(origin, direction, max_m - length_m);
+            let hit = self.cast(origin, direction, reach_m, time_s)?;
             length_m += hit.distance_m;
             let (probability, is_glass) = match self.reflectivity(hit.solid) {
                 Reflectivity::Diffuse => (0.0, false),

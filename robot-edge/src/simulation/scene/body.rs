@@ -3,8 +3,8 @@
 use nalgebra::{Point2, Vector3};
 use parry3d_f64::bounding_volume::Aabb;
 use parry3d_f64::math::{Pose as ParryPose, Rotation as ParryRotation, Vector as ParryVector};
-use parry3d_f64::query::{Ray, RayIntersection};
-use parry3d_f64::shape::SharedShape;
+use parry3d_f64::query::{self, Ray, RayIntersection};
+use parry3d_f64::shape::{Cuboid, SharedShape};
 
 use super::parry_vector;
 use crate::pose::Pose;
@@ -72,6 +72,15 @@ impl Body {
         } else {
             Some(0.0)
         }
+    }
+
+    /// Whether a part of it is in a box.
+    pub(super) fn touches(&self, cuboid: &Cuboid, world_from_box: &ParryPose, time_s: f64) -> bool {
+        self.placed_at(time_s).is_some_and(|placed| {
+            // Every pair of a box and a shape of worlds has an answer.
+            query::intersection_test(world_from_box, cuboid, &placed, self.shape.as_ref())
+                .is_ok_and(|test| test.intersecting)
+        })
     }
 
     /// A height above which nothing of it stands over a point; `None` where it is not there.

@@ -25,6 +25,11 @@ pub struct SimulationOptions {
     /// Random slip of the wheels of each side, 0 where it is not given: standard deviation after 1 m as a
     /// share of that metre, growing with the square root of the way; at most 1.
     pub wheel_slip: Option<f64>,
+    /// How long ago the encoders of tilting sensors say it is, in place of the world's, seconds; at most 10.
+    pub joint_lag_s: Option<f64>,
+    /// Standard deviation of the satellite receiver to the east and to the north in place of the world's,
+    /// metres.
+    pub fix_noise_m: Option<f64>,
 }
 
 /// An option that makes no sense.
@@ -44,6 +49,8 @@ pub(super) struct Errors {
     pub(super) laser: LaserErrors,
     pub(super) wheels: WheelErrors,
     pub(super) attitude_noise_rad: f64,
+    pub(super) joint_lag_s: f64,
+    pub(super) fix_noise_m: f64,
 }
 
 impl Errors {
@@ -65,6 +72,8 @@ impl Errors {
             attitude_noise_rad: options
                 .attitude_noise_rad
                 .unwrap_or_else(|| world.attitude_noise_rad()),
+            joint_lag_s: options.joint_lag_s.unwrap_or_else(|| world.joint_lag_s()),
+            fix_noise_m: options.fix_noise_m.unwrap_or_else(|| world.fix_noise_m()),
         };
         let not_negative = 0.0..=f64::INFINITY;
         for (option, value, allowed, must_be) in [
@@ -99,6 +108,18 @@ impl Errors {
                 "from -0.9 to 10",
             ),
             ("wheel_slip", errors.wheels.slip, 0.0..=1.0, "from 0 to 1"),
+            (
+                "joint_lag_s",
+                errors.joint_lag_s,
+                0.0..=10.0,
+                "from 0 to 10",
+            ),
+            (
+                "fix_noise_m",
+                errors.fix_noise_m,
+                0.0..=1e6,
+                "from 0 to 1000000",
+            ),
         ] {
             within(option, value, &allowed, must_be)?;
         }

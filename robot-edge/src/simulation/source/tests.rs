@@ -1,4 +1,4 @@
-use super::sensor::{ODOM, SCAN, TF, TF_STATIC};
+use super::streams::{ODOM, SCAN, TF, TF_STATIC};
 use super::*;
 use crate::measurement::{MeasurementData, StreamId};
 use crate::pose;

@@ -14,7 +14,11 @@ use crate::simulation::vehicle::SimulatedVehicle;
 const PULSE_M: f64 = TAU * 0.125 / 2000.0;
 
 fn holos() -> Chassis {
-    SimulatedVehicle::preset("holos").unwrap().chassis.unwrap()
+    SimulatedVehicle::preset("holos")
+        .unwrap()
+        .carriage
+        .chassis()
+        .unwrap()
 }
 
 fn drive(waypoints: &[[f64; 3]], solids: &[Solid]) -> Motion {

@@ -15,6 +15,14 @@
 //! beam_divergence_mrad = 15.0         # default: of the laser's data sheet; full angle, 0 is a line
 //! attitude_deg = 0.1                  # standard deviation; default: that of the vehicle's AHRS
 //! encoder_scale_error = 0.048         # default 0; this one reads 4.8 % too far
+//! joint_lag_s = 0.1                   # default 0: encoders of tilting sensors say where they were so long ago
+//! fix_m = 0.05                        # standard deviation, heights twice; default: that of the vehicle's receiver
+//!
+//! [waves]                             # default: none; for boats only
+//! height_m = 0.1                      # significant height: of the highest third, from trough to crest
+//! period_s = 2.5                      # of the strongest waves; they are 1.56 m · period² long
+//! heading_deg = 90.0                  # where they run to
+//! second = { height_m = 0.03, period_s = 1.5, heading_deg = 10.0 }    # optional, on top of the first
 //!
 //! [path]
 //! speed_mps = 0.5                     # a waypoint may say its own
@@ -68,8 +76,63 @@
 //! origin_m = [5.0, 5.0, 0.0]          # of the first height
 //! spacing_m = 0.5                     # between heights, along x and y
 //! heights_m = [[0.0, 0.1, 0.0], [0.0, 0.2, 0.1]]  # above the origin; rows of growing y, in a row growing x
+//! # For every shape: whether it is ground, what plants and vehicles stand on, or stands on the ground.
+//! ground = true                       # default: planes, meshes and height fields are, all others are not
+//!
+//! [water]                             # default: none
+//! level_m = 0.0                       # no beam returns through its surface; what is below, sonars see
+//!
+//! [wind]                              # default: none
+//! towards_deg = 40.0                  # where it blows to, from x towards y
+//! lean = 0.05                         # of a plant of stiffness 1: its top is so far off on the mean …
+//! sway = 0.1                          # … and swings by so much to either side, both by its height
+//! period_s = 1.5                      # of its slowest regular swinging
+//!
+//! [receiver]                          # what a laser makes of thin things; where there are plants
+//! least_share = 0.05                  # default; of a beam's light that must come back to be noticed
+//! separation_m = 0.75                 # default; echoes nearer to each other come as one: half of 5 ns · c
+//!
+//! [[plants]]                          # rods as thin as they are; grown from the seed
+//! kind = "stems"                      # grass, canes, twigs
+//! name = "reeds"                      # optional; for every kind
+//! seed = 1                            # for every kind
+//! rigidity = "flexible"               # or "rigid": wind does not move it; for every kind
+//! stiffness = 2.0                     # default 1; how much less than the wind says it moves; for every kind
+//! rectangle_m = [[0.0, 0.0], [4.0, 2.0]]      # where: two corners, or polygon_m = [[x, y], …], or …
+//! # along_m = [[0.0, 0.0], [4.0, 1.0]]        # … what is not farther from a line …
+//! # width_m = 2.0                             # … than half of this
+//! density_per_m2 = 30.0
+//! tufts = { stems = 12, radius_m = 0.05 }     # default none: each stands where it happens to
+//! height_m = [1.5, 2.2]               # least and greatest; above the ground, or water where that is higher
+//! thickness_mm = [6.0, 12.0]          # of a blade: its width as seen from the side
+//! lean_deg = 10.0                     # default 0; the most, without wind
+//! shoots = { count = 3, length_m = [0.2, 0.4], thickness_mm = [5.0, 15.0] }   # default none; on every stem
+//!
+//! [[plants]]
+//! kind = "crowns"                     # bushes, and what hangs above trunks: closed all around
+//! seed = 2
+//! rigidity = "rigid"
+//! at_m = [[5.0, 5.0], [6.5, 5.2]]     # one crown each
+//! radius_m = [0.7, 1.0]
+//! bottom_m = [0.0, 0.0]               # default; its lowest point above the ground or water
+//! height_m = [1.2, 1.8]               # from there to its top
+//! branches = 30                       # in each
+//! branch_thickness_mm = [20.0, 60.0]
+//! leaves_per_m2 = 200.0               # of its surface
+//! leaf_length_m = [0.05, 0.08]
+//! leaf_thickness_mm = [30.0, 50.0]
+//!
+//! [[shores]]                          # the truth of what a boat finds there
+//! name = "reeds in the north"
+//! class = "dense"                     # or "sparse" or "solid"
+//! polygon_m = [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [0.0, 2.0]]
+//!
+//! [[docks]]                           # where a boat can land
+//! name = "slipway"
+//! polygon_m = [[10.0, 0.0], [16.0, 0.0], [16.0, 8.0], [10.0, 8.0]]
 //! ```
 
+mod plants;
 mod solids;
 
 use serde::Deserialize;
@@ -77,8 +140,14 @@ use toml::Spanned;
 use toml::de::DeTable;
 
 use super::fault::Fault;
-use super::number::{Coordinate, HalfTurnDegrees, NotNegative, Positive, Probability, ScaleError};
+use super::number::{
+    Coordinate, HalfTurnDegrees, LagSeconds, NotNegative, Positive, Probability, ScaleError,
+    WavePeriod,
+};
 
+pub(super) use plants::{
+    AreaEntry, CrownsEntry, GrowthEntry, PlantsEntry, RigidityEntry, ShootsEntry, StemsEntry,
+};
 pub(super) use solids::{
     AnySolid, BoxEntry, CylinderEntry, HeightFieldEntry, MeshEntry, PlaneEntry, ReflectivityEntry,
     ShapeEntry, SolidEntry, SphereEntry, WallEntry,
@@ -89,17 +158,83 @@ pub(super) use solids::{
 pub(super) struct WorldFile {
     pub(super) header: Header,
     pub(super) solids: Vec<Spanned<SolidEntry>>,
+    pub(super) plants: Vec<Spanned<PlantsEntry>>,
 }
 
-/// All but the solids.
+/// All but the solids and plants.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Header {
     pub(super) name: String,
     pub(super) vehicle: Spanned<String>,
     pub(super) noise: NoiseEntry,
+    pub(super) waves: Option<Spanned<WavesEntry>>,
     pub(super) start: StartEntry,
     pub(super) path: Spanned<PathEntry>,
+    pub(super) water: Option<WaterEntry>,
+    pub(super) wind: Option<WindEntry>,
+    #[serde(default)]
+    pub(super) receiver: ReceiverEntry,
+    #[serde(default)]
+    pub(super) shores: Vec<ShoreEntry>,
+    #[serde(default)]
+    pub(super) docks: Vec<DockEntry>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct WaterEntry {
+    pub(super) level_m: Coordinate,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct WindEntry {
+    pub(super) towards_deg: Coordinate,
+    pub(super) lean: Probability,
+    pub(super) sway: Probability,
+    pub(super) period_s: Positive,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct ReceiverEntry {
+    pub(super) least_share: Probability,
+    pub(super) separation_m: NotNegative,
+}
+
+impl Default for ReceiverEntry {
+    fn default() -> Self {
+        Self {
+            // One cane of 5 mm across a spot of 30 cm fills 2 % of it, three fill 6 %.
+            least_share: Probability(0.05),
+            // A pulse of 5 ns is 1.5 m long; of echoes half as far apart the later begins as the first ends.
+            separation_m: NotNegative(0.75),
+        }
+    }
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ShoreEntry {
+    pub(super) name: String,
+    pub(super) class: ShoreClassEntry,
+    pub(super) polygon_m: Spanned<Vec<[Coordinate; 2]>>,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum ShoreClassEntry {
+    Sparse,
+    Dense,
+    Solid,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct DockEntry {
+    pub(super) name: String,
+    pub(super) polygon_m: Spanned<Vec<[Coordinate; 2]>>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -113,6 +248,26 @@ pub(super) struct NoiseEntry {
     pub(super) attitude_deg: Option<HalfTurnDegrees>,
     #[serde(default)]
     pub(super) encoder_scale_error: ScaleError,
+    #[serde(default)]
+    pub(super) joint_lag_s: LagSeconds,
+    pub(super) fix_m: Option<NotNegative>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct WavesEntry {
+    pub(super) height_m: Spanned<NotNegative>,
+    pub(super) period_s: WavePeriod,
+    pub(super) heading_deg: Coordinate,
+    pub(super) second: Option<WaveTrainEntry>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct WaveTrainEntry {
+    pub(super) height_m: Spanned<NotNegative>,
+    pub(super) period_s: WavePeriod,
+    pub(super) heading_deg: Coordinate,
 }
 
 #[derive(Debug, Deserialize)]
@@ -150,6 +305,14 @@ pub(super) fn parse(text: &str) -> Result<WorldFile, Fault> {
         Some(solids) => solids::parse(solids)?,
         None => Vec::new(),
     };
+    let plants = match document.get_mut().remove("plants") {
+        Some(plants) => plants::parse(plants)?,
+        None => Vec::new(),
+    };
     let header = Header::deserialize(toml::de::Deserializer::from(document))?;
-    Ok(WorldFile { header, solids })
+    Ok(WorldFile {
+        header,
+        solids,
+        plants,
+    })
 }

@@ -15,7 +15,9 @@ use crate::simulation::laser::LaserErrors;
 use crate::simulation::path::Path;
 use crate::simulation::scene::Scene;
 use crate::simulation::solid::Solid;
+use crate::simulation::truth::shores::{Dock, Shore};
 use crate::simulation::vehicle::SimulatedVehicle;
+use crate::simulation::waves::Waves;
 
 /// Solids, a vehicle among them and the path it drives.
 #[derive(Clone)]
@@ -25,9 +27,16 @@ pub struct World {
     errors: LaserErrors,
     attitude_noise_rad: f64,
     encoder_scale_error: f64,
+    joint_lag_s: f64,
+    fix_noise_m: f64,
     solids: Arc<[Solid]>,
+    is_ground: Arc<[bool]>,
+    water_m: Option<f64>,
+    shores: Arc<[Shore]>,
+    docks: Arc<[Dock]>,
     scene: Arc<Scene>,
     path: Arc<Path>,
+    waves: Arc<Waves>,
 }
 
 /// Why there is no such world.
@@ -83,9 +92,14 @@ const BUILT_IN: &[(&str, &str)] = &[
     ("bumps", include_str!("../../../worlds/bumps.toml")),
     ("turn", include_str!("../../../worlds/turn.toml")),
     ("walker", include_str!("../../../worlds/walker.toml")),
+    ("yard", include_str!("../../../worlds/yard.toml")),
+    ("meadow", include_str!("../../../worlds/meadow.toml")),
+    ("lake", include_str!("../../../worlds/lake.toml")),
+    ("dock", include_str!("../../../worlds/dock.toml")),
 ];
 const BUILT_IN_NAMES: &[&str] = &[
-    "rooms", "hall", "floor", "ramp", "street", "bumps", "turn", "walker",
+    "rooms", "hall", "floor", "ramp", "street", "bumps", "turn", "walker", "yard", "meadow",
+    "lake", "dock",
 ];
 
 const MAX_FILE_BYTES: u64 = 4 << 20;
@@ -159,12 +173,50 @@ impl World {
         self.encoder_scale_error
     }
 
+    /// How long ago the encoders of its tilting sensors say it is unless the options say otherwise, seconds.
+    pub fn joint_lag_s(&self) -> f64 {
+        self.joint_lag_s
+    }
+
+    /// Standard deviation of its satellite receiver to the east and to the north unless the options say
+    /// otherwise, metres.
+    pub fn fix_noise_m(&self) -> f64 {
+        self.fix_noise_m
+    }
+
     /// What stands in it, in the file's order.
     pub fn solids(&self) -> &[Solid] {
         &self.solids
     }
 
-    /// The same, for casting rays.
+    /// Those of the solids that are ground, with the others apart: first what is driven on, then what
+    /// stands on it.
+    pub fn ground_and_things(&self) -> [Vec<Solid>; 2] {
+        let is_of = |ground: bool| {
+            let both = self.solids.iter().zip(self.is_ground.iter());
+            both.filter(move |(_, is_ground)| **is_ground == ground)
+                .map(|(solid, _)| solid.clone())
+                .collect()
+        };
+        [is_of(true), is_of(false)]
+    }
+
+    /// Height of the water's surface above z = 0, metres; `None` where there is no water.
+    pub fn water_m(&self) -> Option<f64> {
+        self.water_m
+    }
+
+    /// What a boat truly finds along the water.
+    pub fn shores(&self) -> &[Shore] {
+        &self.shores
+    }
+
+    /// Where a boat can truly land.
+    pub fn docks(&self) -> &[Dock] {
+        &self.docks
+    }
+
+    /// Solids, plants and water, for beams.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
@@ -172,6 +224,11 @@ impl World {
     /// Where the vehicle drives.
     pub fn path(&self) -> &Arc<Path> {
         &self.path
+    }
+
+    /// How its water moves.
+    pub fn waves(&self) -> &Arc<Waves> {
+        &self.waves
     }
 }
 

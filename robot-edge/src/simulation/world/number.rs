@@ -34,6 +34,26 @@ pub(super) struct HalfTurnDegrees(pub(super) f64);
 #[serde(try_from = "f64")]
 pub(super) struct ScaleError(pub(super) f64);
 
+/// How long ago, seconds: at most 10, beyond which it is no lag.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(try_from = "f64")]
+pub(super) struct LagSeconds(pub(super) f64);
+
+/// Period of waves, seconds: those of shorter than 0.3 are ripples that surface tension drives, those of
+/// longer than 30 are no wind's.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(try_from = "f64")]
+pub(super) struct WavePeriod(pub(super) f64);
+/// Least and greatest of something, from 0 to 20: no plant of a world is larger.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(try_from = "[f64; 2]")]
+pub(super) struct Between(pub(super) [f64; 2]);
+
+/// Least and greatest thickness, from 10⁻³ mm to 1000 mm.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(try_from = "[f64; 2]")]
+pub(super) struct BetweenMillimetres(pub(super) [f64; 2]);
+
 impl TryFrom<f64> for Coordinate {
     type Error = String;
     fn try_from(value: f64) -> Result<Self, String> {
@@ -73,6 +93,45 @@ impl TryFrom<f64> for ScaleError {
     type Error = String;
     fn try_from(value: f64) -> Result<Self, String> {
         within(value, -0.9..=10.0).map(Self)
+    }
+}
+
+impl TryFrom<f64> for LagSeconds {
+    type Error = String;
+    fn try_from(value: f64) -> Result<Self, String> {
+        within(value, 0.0..=10.0).map(Self)
+    }
+}
+
+impl TryFrom<f64> for WavePeriod {
+    type Error = String;
+    fn try_from(value: f64) -> Result<Self, String> {
+        within(value, 0.3..=30.0).map(Self)
+    }
+}
+
+impl TryFrom<[f64; 2]> for Between {
+    type Error = String;
+    fn try_from(values: [f64; 2]) -> Result<Self, String> {
+        ordered_within(values, 0.0..=20.0).map(Self)
+    }
+}
+
+impl TryFrom<[f64; 2]> for BetweenMillimetres {
+    type Error = String;
+    fn try_from(values: [f64; 2]) -> Result<Self, String> {
+        ordered_within(values, 1e-3..=1e3).map(Self)
+    }
+}
+
+fn ordered_within(values: [f64; 2], bounds: RangeInclusive<f64>) -> Result<[f64; 2], String> {
+    let [least, most] = values;
+    within(least, bounds.clone())?;
+    within(most, bounds)?;
+    if least <= most {
+        Ok(values)
+    } else {
+        Err(format!("the least, {least}, is more than the most, {most}"))
     }
 }
 

@@ -188,7 +188,7 @@ fn unknown_worlds_get_a_hint_and_missing_files_a_reason() {
     assert_eq!(
         message("room"),
         "no world is called `room` (did you mean `rooms`?): there are rooms, hall, floor, ramp, street, bumps, turn, walker, \
-         or give a world file (.toml)"
+         yard, meadow, lake, dock, or give a world file (.toml)"
     );
     assert!(message("lagoon").starts_with("no world is called `lagoon`: there are"));
     assert!(message("no/such.toml").starts_with("no/such.toml: "));
@@ -221,4 +221,6 @@ fn every_built_in_world_loads_under_its_own_name() {
 }
 
 mod built_in;
+mod plants;
 mod solids;
+mod vegetated;

@@ -21,13 +21,14 @@ fn ground() -> Solid {
 }
 
 /// The robot of the document: 1.08 m above the ground, tilted down by 7.5°.
-fn tilted() -> PlanarLaser {
+fn tilted() -> Pose {
     let pitch = Vector3::new(0.0, 7.5_f64.to_radians(), 0.0);
-    PlanarLaser::lms111(Pose::new(Vector3::new(0.0, 0.0, 1.08), pitch))
+    Pose::new(Vector3::new(0.0, 0.0, 1.08), pitch)
 }
 
 /// Sweeps with every edge mixed, beside the exact one.
-fn sweeps(solids: &[Solid], laser: &PlanarLaser, n: usize) -> (Vec<f32>, Vec<Vec<f32>>) {
+fn sweeps(solids: &[Solid], world_from_laser: Pose, n: usize) -> (Vec<f32>, Vec<Vec<f32>>) {
+    let laser = PlanarLaser::lms111();
     let scene = Scene::new(solids);
     let mut noise = LaserNoise::new(7, "laser");
     let mut sweep = |mixed_pixels| {
@@ -36,7 +37,7 @@ fn sweeps(solids: &[Solid], laser: &PlanarLaser, n: usize) -> (Vec<f32>, Vec<Vec
             ..EXACT
         };
         laser
-            .sweep(&scene, errors, &mut noise, 0.0, |_| Pose::identity())
+            .sweep(&scene, errors, &mut noise, 0.0, |_| world_from_laser)
             .ranges_m
     };
     (sweep(0.0), (0..n).map(|_| sweep(1.0)).collect())
@@ -54,7 +55,7 @@ fn mixed_beams(exact: &[f32], sweeps: &[Vec<f32>]) -> Vec<usize> {
 
 #[test]
 fn the_lms111_covers_120_degrees_in_a_third_of_its_turn() {
-    let laser = tilted();
+    let laser = PlanarLaser::lms111();
     let angle_deg = |beam: f64| {
         (f64::from(laser.angle_min_rad) + beam * f64::from(laser.angle_increment_rad)).to_degrees()
     };
@@ -63,22 +64,21 @@ fn the_lms111_covers_120_degrees_in_a_third_of_its_turn() {
     assert!((laser.sweep_duration_s() - 0.04 / 3.0).abs() < 1e-6);
     assert_eq!((laser.range_min_m, laser.range_max_m), (0.5, 20.0));
     // [LOD §4.2.1]: h = 1.08 m and φ = 82.5° give d = 8.274 m straight ahead.
-    let (exact, _) = sweeps(&[ground()], &laser, 0);
+    let (exact, _) = sweeps(&[ground()], tilted(), 0);
     assert!((exact[240] - 8.274).abs() < 1e-3, "{}", exact[240]);
 }
 
 #[test]
 fn nothing_mixes_on_ground_in_corners_or_on_round_things() {
     // The ground is met at 7.5°, where the spot is 1 m long, and beyond 20 m nothing is.
-    let (exact, mixed) = sweeps(&[ground()], &tilted(), 3);
+    let (exact, mixed) = sweeps(&[ground()], tilted(), 3);
     assert!(exact.iter().all(|range_m| range_m.is_finite()));
     assert_eq!(mixed_beams(&exact, &mixed), [0_usize; 0]);
-    let mut flat = tilted();
-    flat.base_from_laser = Pose::new(
+    let flat = Pose::new(
         Vector3::new(0.0, 0.0, 1.08),
         Vector3::new(0.0, 3.2_f64.to_radians(), 0.0),
     );
-    let (exact, mixed) = sweeps(&[ground()], &flat, 3);
+    let (exact, mixed) = sweeps(&[ground()], flat, 3);
     assert!(exact.iter().any(|range_m| range_m.is_infinite()));
     assert_eq!(mixed_beams(&exact, &mixed), [0_usize; 0]);
     // A room: floor, walls and the corners between them.
@@ -90,10 +90,10 @@ fn nothing_mixes_on_ground_in_corners_or_on_round_things() {
         // A corner that points at the laser, flush with the wall behind.
         block([5.7, -1.0, 1.0], [0.6, 0.6, 2.0]),
     ];
-    let (exact, mixed) = sweeps(&room[..4], &tilted(), 3);
+    let (exact, mixed) = sweeps(&room[..4], tilted(), 3);
     assert_eq!(mixed_beams(&exact, &mixed), [0_usize; 0]);
     // The side of the pillar that faces the middle is seen, the other one is not.
-    let (exact, mixed) = sweeps(&room, &tilted(), 3);
+    let (exact, mixed) = sweeps(&room, tilted(), 3);
     let beams = mixed_beams(&exact, &mixed);
     let side_deg = libm::atan2(-1.3, 5.4).to_degrees();
     assert!(!beams.is_empty());
@@ -106,7 +106,7 @@ fn nothing_mixes_on_ground_in_corners_or_on_round_things() {
         shape: Shape::Sphere { radius_m: 3.0 },
         ..block([6.0, 0.0, 0.5], [1.0; 3])
     };
-    let (exact, mixed) = sweeps(&[ball], &tilted(), 3);
+    let (exact, mixed) = sweeps(&[ball], tilted(), 3);
     let beams = mixed_beams(&exact, &mixed);
     for beam in beams {
         let on_limb = exact[beam.saturating_sub(3)..exact.len().min(beam + 4)]
@@ -118,7 +118,7 @@ fn nothing_mixes_on_ground_in_corners_or_on_round_things() {
 
 #[test]
 fn an_edge_gives_ranges_between_its_sides_and_a_deep_one_either() {
-    let laser = PlanarLaser::lms111(Pose::identity());
+    let level = Pose::identity();
     let wall_behind = |behind_m: f64| {
         [
             block([4.5, 5.0, 0.0], [1.0, 10.0, 4.0]),
@@ -126,7 +126,7 @@ fn an_edge_gives_ranges_between_its_sides_and_a_deep_one_either() {
         ]
     };
     // The edge is in the middle of the view: half of the spot of beam 240 ± 1 lies on either side.
-    let (exact, mixed) = sweeps(&wall_behind(1.0), &laser, 200);
+    let (exact, mixed) = sweeps(&wall_behind(1.0), level, 200);
     let beams = mixed_beams(&exact, &mixed);
     // Half of 15 mrad is 1.7 steps to either side.
     assert_eq!(beams, [239, 240, 241]);
@@ -139,7 +139,7 @@ fn an_edge_gives_ranges_between_its_sides_and_a_deep_one_either() {
     // Uniform in between: four standard errors of 0.29 / √200.
     assert!((mean_m - 4.5).abs() < 0.085, "{mean_m}");
 
-    let (exact, mixed) = sweeps(&wall_behind(2.0), &laser, 200);
+    let (exact, mixed) = sweeps(&wall_behind(2.0), level, 200);
     let either = of_beam(&mixed);
     let near = either.iter().filter(|m| (**m - 4.0).abs() < 0.01).count();
     let far = either.iter().filter(|m| (**m - 6.0).abs() < 0.01).count();
@@ -149,7 +149,7 @@ fn an_edge_gives_ranges_between_its_sides_and_a_deep_one_either() {
     assert!((exact[239] - 6.0).abs() < 0.01);
 
     // With nothing behind, the spot's share gives the near wall and the rest nothing.
-    let (exact, mixed) = sweeps(&wall_behind(2.0)[..1], &laser, 200);
+    let (exact, mixed) = sweeps(&wall_behind(2.0)[..1], level, 200);
     assert_eq!(exact[239], f32::INFINITY);
     let near = mixed.iter().filter(|sweep| sweep[239].is_finite()).count();
     assert!((40..95).contains(&near), "{near}");
@@ -162,7 +162,7 @@ fn mixed_pixels_have_the_configured_share_and_leave_all_else_as_it_was() {
         block([5.5, 0.0, 0.0], [1.0, 60.0, 4.0]),
     ]);
     let run = |mixed_pixels, divergence_rad| {
-        let mut laser = PlanarLaser::lms111(Pose::identity());
+        let mut laser = PlanarLaser::lms111();
         laser.beam_divergence_rad = divergence_rad;
         let errors = LaserErrors {
             range_noise_m: 0.01,

@@ -59,6 +59,18 @@ pub(super) fn build(entries: Vec<Spanned<SolidEntry>>) -> Result<Arc<[Solid]>, F
         .collect()
 }
 
+/// Whether plants and vehicles stand on it.
+pub(super) fn is_ground(entry: &Spanned<SolidEntry>) -> bool {
+    let SolidEntry { shape, any } = entry.get_ref();
+    any.ground.unwrap_or(match shape {
+        ShapeEntry::Plane(_) | ShapeEntry::Mesh(_) | ShapeEntry::HeightField(_) => true,
+        ShapeEntry::Box(_)
+        | ShapeEntry::Wall(_)
+        | ShapeEntry::Cylinder(_)
+        | ShapeEntry::Sphere(_) => false,
+    })
+}
+
 fn triangles_of(shape: &ShapeEntry) -> usize {
     match shape {
         ShapeEntry::Mesh(mesh) => mesh.triangles.len(),

@@ -44,6 +44,7 @@ pub(in super::super) struct AnySolid {
     pub(in super::super) motion: Vec<Spanned<KeyframeEntry>>,
     pub(in super::super) appears_s: Option<Spanned<Coordinate>>,
     pub(in super::super) leaves_s: Option<Spanned<Coordinate>>,
+    pub(in super::super) ground: Option<bool>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -143,7 +144,14 @@ pub(in super::super) struct HeightFieldEntry {
 
 const SHAPES: &str =
     "\"plane\", \"box\", \"wall\", \"cylinder\", \"sphere\", \"mesh\" or \"height_field\"";
-const KEYS_OF_ANY: [&str; 5] = ["name", "reflectivity", "motion", "appears_s", "leaves_s"];
+const KEYS_OF_ANY: [&str; 6] = [
+    "name",
+    "reflectivity",
+    "motion",
+    "appears_s",
+    "leaves_s",
+    "ground",
+];
 
 pub(super) fn parse(solids: Spanned<DeValue<'_>>) -> Result<Vec<Spanned<SolidEntry>>, Fault> {
     let (span, found) = (solids.span(), solids.get_ref().type_str());

@@ -30,11 +30,17 @@ fn place(solid: &Solid) -> [f64; 3] {
 fn the_noise_may_say_how_wide_and_mixed_beams_are() {
     let world = parse("shape = \"plane\"").unwrap();
     assert_eq!(world.laser_errors().mixed_pixels, 0.25);
-    assert_eq!(world.simulated_vehicle().laser.beam_divergence_rad, 0.0125);
+    assert_eq!(
+        world.simulated_vehicle().laser.planar.beam_divergence_rad,
+        0.0125
+    );
     let plain = HEADER.replace(", mixed_pixels = 0.25, beam_divergence_mrad = 12.5", "");
     let world = World::parse("solids.toml", &plain).unwrap();
     assert_eq!(world.laser_errors().mixed_pixels, 0.0);
-    assert_eq!(world.simulated_vehicle().laser.beam_divergence_rad, 0.01);
+    assert_eq!(
+        world.simulated_vehicle().laser.planar.beam_divergence_rad,
+        0.01
+    );
 }
 
 #[test]
