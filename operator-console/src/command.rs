@@ -5,7 +5,7 @@ use protocol::layer::{LayerId, Scheme};
 use crate::link::FoundRobot;
 
 /// A wish of the operator.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Command {
     /// Show this robot instead of any other.
     Connect(FoundRobot),
@@ -22,12 +22,14 @@ pub enum Command {
 }
 
 /// How to look at the map.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Look {
     /// Keep the whole map in sight.
     Whole,
     /// Keep the vehicle in the middle, or no longer.
     Follow(bool),
+    /// Put a point of `odom` in the middle, metres.
+    At([f64; 2]),
     /// Closer.
     In,
     /// Farther.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
-use protocol::export::{Caption, export_all, write_trajectory};
+use protocol::export::{Caption, export_all, write_shores, write_trajectory};
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
@@ -86,7 +86,7 @@ pub fn run(
         let has_ended = model.has_ended();
         // A robot that has ended and is gone will not announce its map again.
         (
-            is_in_step || (has_ended && model.map().is_in_step()),
+            is_in_step || (has_ended && model.holds_what_was_announced()),
             has_ended,
         )
     });
@@ -233,11 +233,15 @@ pub fn export(model: &ConsoleModel, dir: &Path) -> anyhow::Result<Vec<PathBuf>> 
     let caption = Caption {
         title,
         vehicle_m: position_m.map(|[x, y, _]| [x, y]),
+        labels: &[],
     };
     let mut files = export_all(dir, model.map().store(), &caption)?.files;
     let trajectory = dir.join("trajectory.tum");
     write_trajectory(&trajectory, model.vehicle().poses().iter().copied())?;
     files.push(trajectory);
+    if let Some(shores) = model.shores() {
+        files.push(write_shores(dir, shores)?);
+    }
     Ok(files)
 }
 

@@ -147,6 +147,7 @@ impl Edge {
             | Topic::Event
             | Topic::MapHead
             | Topic::Ping
+            | Topic::Shores
             | Topic::View
             | Topic::Tile(_) => Vec::new(),
         }

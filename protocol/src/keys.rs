@@ -80,6 +80,8 @@ pub enum Topic {
     Tiles(LayerId),
     /// Bulk, queryable: revisions and digests of a layer's tiles.
     Digests(LayerId),
+    /// Bulk, edge → all, and queryable: shores and docking sites.
+    Shores,
 }
 
 impl Topic {
@@ -97,6 +99,7 @@ impl Topic {
             Self::Tile(TileKey { layer, tx, ty }) => format!("map/{layer}/{tx}/{ty}"),
             Self::Tiles(layer) => format!("map/{layer}/tiles"),
             Self::Digests(layer) => format!("map/{layer}/digests"),
+            Self::Shores => "shores".to_owned(),
         };
         format!("{PREFIX}/{robot}/{rest}")
     }
@@ -113,6 +116,7 @@ impl Topic {
             ("event", None, ..) => Self::Event,
             ("map_head", None, ..) => Self::MapHead,
             ("ping", None, ..) => Self::Ping,
+            ("shores", None, ..) => Self::Shores,
             ("view", Some(_), None, _) => Self::View,
             ("map", Some(layer), Some("tiles"), None) => Self::Tiles(layer.parse().ok()?),
             ("map", Some(layer), Some("digests"), None) => Self::Digests(layer.parse().ok()?),
@@ -173,6 +177,7 @@ mod tests {
             (Topic::Event, "foreshore/scout-1/event"),
             (Topic::MapHead, "foreshore/scout-1/map_head"),
             (Topic::Ping, "foreshore/scout-1/ping"),
+            (Topic::Shores, "foreshore/scout-1/shores"),
             (Topic::View, "foreshore/scout-1/view/*"),
             (Topic::Tile(tile), "foreshore/scout-1/map/elevation/-3/12"),
             (
@@ -214,6 +219,7 @@ mod tests {
             "foreshore/a/map/occupancy/1/2/3",
             "foreshore/a/map/occupancy/99999999999/2",
             "foreshore/a/view",
+            "foreshore/a/shores/1",
         ] {
             assert_eq!(Topic::parse(key), None, "{key}");
         }

@@ -36,6 +36,9 @@ KINDS = {
     "TilesRequest.NewerThan": wire.TILES_REQUEST,
     "TilesRequest.These": wire.TILES_REQUEST,
     "TilesReply": wire.TILES_REPLY,
+    "ShoresRequest": wire.SHORES_REQUEST,
+    "ShoresNews": wire.SHORES_NEWS,
+    "ShoresNews.nothing": wire.SHORES_NEWS,
 }
 
 
@@ -182,6 +185,7 @@ class Messages(unittest.TestCase):
             (wire.U32, "ff ff ff ff 10"),
             (wire.U64, "ff" * 9 + "02"),
             (wire.BOOL, "02"),
+            (wire.Option(wire.U64), "02 00"),
             (wire.LAYER, "06"),
             (wire.TEXT, "01 ff"),
             (wire.BYTES, "ff ff ff ff 0f 00"),

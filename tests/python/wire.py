@@ -173,6 +173,21 @@ class Struct:
         return {name: kind.read(reader) for name, kind in self.fields.items()}
 
 
+class Option:
+    """One element or none."""
+
+    def __init__(self, of):
+        self.of = of
+
+    def write(self, out: bytearray, value):
+        BOOL.write(out, value is not None)
+        if value is not None:
+            self.of.write(out, value)
+
+    def read(self, reader: Reader):
+        return self.of.read(reader) if BOOL.read(reader) else None
+
+
 class Enum:
     """One of several variants, by number. A variant without content (None) is its name."""
 
@@ -237,6 +252,25 @@ DIGESTS = Struct(
 )
 TILES_REQUEST = Enum(NewerThan=U64, These=List(Tuple(I32, I32)))
 TILES_REPLY = Struct(tx=I32, ty=I32, band=TILE_BAND, following=U32)
+SHORES_REQUEST = Struct(newer_than=U64)
+SHORES = Struct(
+    cell_m=F64,
+    datum=Option(Struct(latitude_deg=F64, longitude_deg=F64, altitude_m=F64)),
+    clusters=List(
+        Struct(
+            number=U32,
+            **{"class": Enum(Sparse=None, Dense=None, Solid=None)},
+            voxels=U32,
+            rigid_voxels=U32,
+            center_m=Tuple(F32, F32),
+            outline=List(Tuple(I32, I32)),
+        )
+    ),
+    clusters_left_out=U32,
+    sites=List(Struct(center_m=Tuple(F32, F32), heading_rad=F32, width_m=F32, mean_cost=F32)),
+    sites_left_out=U32,
+)
+SHORES_NEWS = Struct(revision=U64, shores=Option(SHORES))
 
 
 class Header(NamedTuple):

@@ -17,6 +17,7 @@ use crate::panels::legend::{LegendData, legend_ui};
 use crate::panels::losses::{LossesData, losses_ui};
 use crate::panels::robot::{RobotData, robot_ui};
 use crate::panels::robots::{AddressEntry, RobotsData, robots_ui};
+use crate::panels::shores::{ShoresData, shores_ui};
 use crate::panels::stale::{StaleData, stale_ui};
 use crate::theme;
 
@@ -104,6 +105,10 @@ impl Screen {
             let layers = LayersData::new(model, self.map_view.palette());
             commands.extend(layers_ui(ui, &layers));
             legend_ui(ui, &LegendData::new(self.map_view.palette()));
+            if let Some(shores) = ShoresData::new(model) {
+                section(ui, "Shores");
+                commands.extend(shores_ui(ui, &shores).map(Command::Look));
+            }
             section(ui, "Robot");
             robot_ui(ui, &RobotData::new(model, now));
         }

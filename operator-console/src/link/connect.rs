@@ -212,7 +212,7 @@ fn subscribe(state: &Arc<State>, channel: Channel, session: Session) -> Result<S
         Channel::Control => [Topic::Pose, Topic::Status, Topic::Event, Topic::MapHead]
             .map(|topic| topic.key(robot))
             .to_vec(),
-        Channel::Bulk => vec![keys::all_tiles(robot)],
+        Channel::Bulk => vec![keys::all_tiles(robot), Topic::Shores.key(robot)],
     };
     for key in keys {
         let state = Arc::clone(state);

@@ -3,9 +3,13 @@
 //! On level 0 a texel is a cell and a chunk 8×8 tiles; on level `l` a texel is 2ˡ × 2ˡ cells. So a screen
 //! shows about as many chunks however far out it is, and none of its texels is smaller than a pixel: what a
 //! coarser texel shows is chosen here, not left to a filter in which walls of one cell come and go.
+//! Below 0 a cell is 2 to 8 texels wide: those levels are for layers whose classes have patterns, which are laid
+//! over texels and would be as coarse as the cells without them.
 
 use eframe::egui::{Color32, ColorImage};
 use protocol::tile::{TILE_SIDE, TileCells};
+
+use super::coloring::Coloring;
 
 /// Texels along one side of a chunk.
 pub(super) const CHUNK_TEXELS: usize = 512;
@@ -13,11 +17,14 @@ pub(super) const CHUNK_TEXELS: usize = 512;
 pub(super) const TILE_CELLS: i64 = 64;
 const _: () = assert!(TILE_CELLS as usize == TILE_SIDE);
 /// On the coarsest level a tile is one texel.
-const MAX_LEVEL: u8 = 6;
+const MAX_LEVEL: i8 = 6;
+/// On the finest level a tile is a chunk.
+const MIN_LEVEL: i8 = -3;
+const _: () = assert!(TILE_SIDE << -MIN_LEVEL == CHUNK_TEXELS);
 
 /// How coarse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Level(u8);
+pub(super) struct Level(i8);
 
 /// A chunk: level, column and row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -30,29 +37,47 @@ pub(super) struct ChunkKey {
 impl Level {
     /// Every level, the finest first.
     pub(super) fn all() -> impl Iterator<Item = Self> {
-        (0..=MAX_LEVEL).map(Self)
+        (MIN_LEVEL..=MAX_LEVEL).map(Self)
     }
 
-    /// The finest level whose texels are at least a pixel.
-    pub(super) fn for_scale(pixels_per_cell: f64) -> Self {
-        Self::all()
-            .find(|level| pixels_per_cell * level.cells_per_texel() as f64 >= 1.0)
+    /// The finest level whose texels are at least a pixel, and no finer than cells where nothing `has_patterns`.
+    pub(super) fn for_scale(pixels_per_cell: f64, has_patterns: bool) -> Self {
+        let finest = if has_patterns { MIN_LEVEL } else { 0 };
+        (finest..=MAX_LEVEL)
+            .map(Self)
+            .find(|level| {
+                pixels_per_cell * level.cells_per_texel() as f64 >= level.texels_per_cell() as f64
+            })
             .unwrap_or(Self(MAX_LEVEL))
     }
 
-    /// Cells along one side of a texel.
+    /// Cells along one side of a texel, where that is more than one.
     pub(super) const fn cells_per_texel(self) -> usize {
-        1 << self.0
+        if self.0 > 0 { 1 << self.0 } else { 1 }
+    }
+
+    /// Texels along one side of a cell, where that is more than one.
+    pub(super) const fn texels_per_cell(self) -> usize {
+        if self.0 < 0 { 1 << -self.0 } else { 1 }
     }
 
     /// Texels along one side of a tile.
     pub(super) const fn tile_texels(self) -> usize {
-        TILE_SIDE >> self.0
+        TILE_SIDE * self.texels_per_cell() / self.cells_per_texel()
+    }
+
+    /// What it takes to turn a tile into texels, in tiles of a texel a cell.
+    pub(super) const fn tile_cost(self) -> usize {
+        self.texels_per_cell() * self.texels_per_cell()
     }
 
     /// Tiles along one side of a chunk.
     pub(super) const fn tiles_per_chunk(self) -> i64 {
-        8 << self.0
+        if self.0 < 0 {
+            8 >> -self.0
+        } else {
+            8 << self.0
+        }
     }
 }
 
@@ -82,7 +107,7 @@ impl ChunkKey {
 
     /// Lowest and greatest x and y, metres.
     pub(super) fn edges_m(self, cell_m: f64) -> [f64; 4] {
-        let side_m = (CHUNK_TEXELS * self.level.cells_per_texel()) as f64 * cell_m;
+        let side_m = (self.level.tiles_per_chunk() * TILE_CELLS) as f64 * cell_m;
         let (x, y) = (self.x as f64, self.y as f64);
         // Neighbours work out their common edge from the same numbers, so no gap opens between them.
         [
@@ -95,9 +120,31 @@ impl ChunkKey {
 }
 
 /// A tile as texels, the greatest y in the first row. A texel shows the highest code of its cells, so that
-/// walls stay visible, as in exported pictures; `colors` has a colour for every code.
-pub(super) fn tile_image(cells: &TileCells, level: Level, colors: &[Color32]) -> ColorImage {
-    let (texels, step) = (level.tile_texels(), level.cells_per_texel());
+/// walls stay visible, as in exported pictures. `at` is where the tile begins in its chunk: there its patterns go
+/// on from those of its neighbours.
+pub(super) fn tile_image(
+    cells: &TileCells,
+    level: Level,
+    at: [usize; 2],
+    coloring: &Coloring,
+) -> ColorImage {
+    let (per_cell, step) = (level.texels_per_cell(), level.cells_per_texel());
+    let side = TILE_SIDE / step;
+    let highest = highest_codes(cells, step);
+    let texels = level.tile_texels();
+    let mut image = ColorImage::filled([texels; 2], Color32::TRANSPARENT);
+    for (y, row) in image.pixels.chunks_exact_mut(texels).enumerate() {
+        let codes = &highest[y / per_cell * side..][..side];
+        for (x, texel) in row.iter_mut().enumerate() {
+            *texel = coloring.color_at(codes[x / per_cell], at[0] + x, at[1] + y);
+        }
+    }
+    image
+}
+
+/// The highest code of each square of `step` × `step` cells, the greatest y in the first row.
+fn highest_codes(cells: &TileCells, step: usize) -> Vec<u16> {
+    let texels = TILE_SIDE / step;
     let mut highest = vec![0_u16; texels * texels];
     for row in 0..TILE_SIDE {
         let from_top = texels - 1 - row / step;
@@ -106,15 +153,16 @@ pub(super) fn tile_image(cells: &TileCells, level: Level, colors: &[Color32]) ->
             *texel = codes.iter().copied().fold(*texel, u16::max);
         }
     }
-    let color = |code: u16| colors.get(usize::from(code)).copied().unwrap_or_default();
-    ColorImage::new([texels; 2], highest.into_iter().map(color).collect())
+    highest
 }
 
 #[cfg(test)]
 mod tests {
+    use protocol::layer::LayerId;
+
     use super::*;
 
-    fn chunk(level: u8, tile: (i64, i64)) -> ChunkKey {
+    fn chunk(level: i8, tile: (i64, i64)) -> ChunkKey {
         ChunkKey::of_tile(Level(level), tile)
     }
 
@@ -142,6 +190,8 @@ mod tests {
         assert_eq!(texel(0, (-1, -8)), [448, 448]);
         assert_eq!(texel(1, (1, 0)), [32, 480]);
         assert_eq!(texel(6, (-1, -1)), [511, 0]);
+        assert_eq!(texel(-3, (-1, 5)), [0, 0]);
+        assert_eq!(texel(-1, (-1, 5)), [384, 256]);
     }
 
     #[test]
@@ -171,25 +221,55 @@ mod tests {
             (0.02, 6),
             (1e-9, 6),
         ] {
-            assert_eq!(Level::for_scale(pixels_per_cell), Level(level));
+            assert_eq!(Level::for_scale(pixels_per_cell, false), Level(level));
+        }
+        for (pixels_per_cell, level) in [
+            (100.0, -3),
+            (8.0, -3),
+            (7.9, -2),
+            (2.0, -1),
+            (1.9, 0),
+            (0.3, 2),
+        ] {
+            assert_eq!(Level::for_scale(pixels_per_cell, true), Level(level));
         }
     }
 
     #[test]
     fn a_wall_of_one_cell_is_there_on_every_level() {
         let cells = TileCells::from_fn(|x, y| if (x, y) == (9, 60) { 2 } else { 1 });
-        let colors = [Color32::TRANSPARENT, Color32::WHITE, Color32::BLACK];
+        let coloring = Coloring::new(LayerId::Obstacle.default_palette());
+        let wall = coloring.color_at(2, 0, 0);
         for level in Level::all() {
-            let image = tile_image(&cells, level, &colors);
-            let black: Vec<_> = image
+            let image = tile_image(&cells, level, [0, 0], &coloring);
+            let found: Vec<_> = image
                 .pixels
                 .iter()
                 .enumerate()
-                .filter(|(_, color)| **color == Color32::BLACK)
+                .filter(|(_, color)| **color == wall)
                 .map(|(at, _)| [at % image.width(), at / image.width()])
                 .collect();
-            let step = level.cells_per_texel();
-            assert_eq!(black, [[9 / step, 3 / step]], "{level:?}");
+            let (step, per_cell) = (level.cells_per_texel(), level.texels_per_cell());
+            assert_eq!(found.len(), per_cell * per_cell, "{level:?}");
+            assert_eq!(found[0], [9, 3].map(|n| n / step * per_cell), "{level:?}");
+        }
+    }
+
+    #[test]
+    fn patterns_are_texels_wide_and_go_on_across_tiles() {
+        let palette = LayerId::Shore.default_palette();
+        let coloring = Coloring::new(palette);
+        let cells = TileCells::from_fn(|_, _| 4);
+        for level in Level::all() {
+            let tile = (3, 2);
+            let chunk = ChunkKey::of_tile(level, (3, 2));
+            let at = chunk.texel_of(tile);
+            let image = tile_image(&cells, level, at, &coloring);
+            for (index, color) in image.pixels.iter().enumerate() {
+                let [x, y] = [index % image.width(), index / image.width()];
+                let expected = palette.color_at(4, at[0] + x, at[1] + y);
+                assert_eq!(color.to_srgba_unmultiplied(), expected, "{level:?} {x} {y}");
+            }
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Codes → colours on the screen, and which values they are spread over.
 
 use eframe::egui::Color32;
-use protocol::layer::{LayerId, Palette, Quantisation, Scheme, UNKNOWN};
+use protocol::layer::{LayerId, Palette, Pattern, Quantisation, Scheme, UNKNOWN};
 use protocol::tile::{TILE_CELLS, TileCells};
 use protocol::tile_store::TileStore;
 
@@ -10,6 +10,8 @@ use protocol::tile_store::TileStore;
 pub(super) struct Coloring {
     palette: Palette,
     table: Vec<Color32>,
+    /// The pattern of each code and the colour of its marks; empty where the layer's classes have none.
+    marks: Vec<(Pattern, Color32)>,
 }
 
 impl Coloring {
@@ -18,13 +20,16 @@ impl Coloring {
             Quantisation::Linear { max_code, .. } => max_code,
             Quantisation::Classes(classes) => classes.len() as u16,
         };
-        let color = |code| {
-            let [red, green, blue, alpha] = palette.color(code);
+        let of = |[red, green, blue, alpha]: [u8; 4]| {
             Color32::from_rgba_unmultiplied(red, green, blue, alpha)
         };
+        let codes = || UNKNOWN..=last;
+        let has_patterns = codes().any(|code| palette.pattern(code) != Pattern::Plain);
+        let mark = |code| (palette.pattern(code), of(palette.mark_color(code)));
         Self {
             palette,
-            table: (UNKNOWN..=last).map(color).collect(),
+            table: codes().map(|code| of(palette.color(code))).collect(),
+            marks: codes().filter(|_| has_patterns).map(mark).collect(),
         }
     }
 
@@ -38,9 +43,26 @@ impl Coloring {
         &self.palette
     }
 
-    /// A colour for every code.
-    pub(super) fn table(&self) -> &[Color32] {
-        &self.table
+    /// Whether a colour depends on where it is.
+    pub(super) fn has_patterns(&self) -> bool {
+        !self.marks.is_empty()
+    }
+
+    /// The colour of a texel of a cell: `x` counts to the right, `y` down.
+    pub(super) fn color_at(&self, code: u16, x: usize, y: usize) -> Color32 {
+        match self.marks.get(usize::from(code)) {
+            Some((pattern, color)) if pattern.is_mark(x, y) => *color,
+            Some(_) | None => self
+                .table
+                .get(usize::from(code))
+                .copied()
+                .unwrap_or_default(),
+        }
+    }
+
+    /// The colour of unknown cells.
+    pub(super) fn unknown(&self) -> Color32 {
+        self.table.first().copied().unwrap_or_default()
     }
 }
 
@@ -87,12 +109,17 @@ mod tests {
     fn the_table_is_the_palette() {
         for palette in LayerId::ALL.into_iter().flat_map(LayerId::palettes) {
             let coloring = Coloring::new(palette);
-            for (code, color) in (0..=u16::MAX).zip(coloring.table()) {
+            for (code, color) in (0..=u16::MAX).zip(&coloring.table) {
                 assert_eq!(color.to_srgba_unmultiplied(), palette.color(code));
+                let [x, y] = [3, 1];
+                let color = coloring.color_at(code, x, y).to_srgba_unmultiplied();
+                assert_eq!(color, palette.color_at(code, x, y));
             }
+            let layers = [LayerId::Rigidity, LayerId::Shore];
+            assert_eq!(coloring.has_patterns(), layers.contains(&palette.layer()));
             let is_code = |code| palette.layer().quantisation().is_code(code);
             let codes = (0..=u16::MAX).filter(|code| is_code(*code)).count();
-            assert_eq!(coloring.table().len(), codes);
+            assert_eq!(coloring.table.len(), codes);
         }
     }
 

@@ -29,6 +29,7 @@ use crate::theme;
 use coloring::{Coloring, fitted_to};
 use known_tiles::KnownTiles;
 use overlays::scale_bar::{self, ScaleBar};
+use overlays::shores::ShoreMarks;
 use overlays::trail;
 use overlays::vehicle::VehicleMark;
 use tile_textures::{LayerLook, TileTextures};
@@ -126,6 +127,10 @@ impl MapView {
             Look::Whole => self.sight = Sight::Whole,
             Look::Follow(true) => self.sight = Sight::Vehicle,
             Look::Follow(false) => self.sight = Sight::Free,
+            Look::At(point_m) => {
+                self.sight = Sight::Free;
+                self.camera.center_on(point_m);
+            }
             Look::In => self.zoom(self.screen.center(), ZOOM_STEP),
             Look::Out => self.zoom(self.screen.center(), 1.0 / ZOOM_STEP),
         }
@@ -184,6 +189,7 @@ impl MapView {
         if is_stale {
             painter.rect_filled(screen, 0.0, theme::STALE_VEIL);
         }
+        self.paint_shores(ui, &painter, model);
         self.paint_vehicle(&painter, model, is_position_old);
         scale_bar::paint(
             &painter,
@@ -298,13 +304,21 @@ impl MapView {
             cell_m,
             store,
             known: &self.known,
-            colors: self.coloring.table(),
+            coloring: &self.coloring,
         };
         if !self.textures.prepare(ctx, &look, &self.camera, self.screen) {
             ctx.request_repaint();
         }
         self.textures
             .paint(painter, &self.camera, self.screen, cell_m);
+    }
+
+    fn paint_shores(&self, ui: &Ui, painter: &Painter, model: &ConsoleModel) {
+        if let Some(shores) = model.shores() {
+            let (ink, paper) = (ui.visuals().text_color(), theme::card(ui.visuals()));
+            let marks = ShoreMarks::new(shores, &self.camera, self.screen);
+            marks.paint(painter, ink, paper);
+        }
     }
 
     fn paint_vehicle(&self, painter: &Painter, model: &ConsoleModel, is_old: bool) {

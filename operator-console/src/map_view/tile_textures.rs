@@ -12,6 +12,7 @@ use protocol::tile_store::TileStore;
 
 use super::camera::Camera;
 use super::chunks::{CHUNK_TEXELS, ChunkKey, Level, tile_image};
+use super::coloring::Coloring;
 use super::known_tiles::KnownTiles;
 
 /// One mebibyte each.
@@ -34,8 +35,7 @@ pub(super) struct LayerLook<'a> {
     pub(super) cell_m: f64,
     pub(super) store: &'a TileStore,
     pub(super) known: &'a KnownTiles,
-    /// A colour for every code.
-    pub(super) colors: &'a [Color32],
+    pub(super) coloring: &'a Coloring,
 }
 
 /// The textures of the shown layer in its colours.
@@ -79,7 +79,7 @@ impl TileTextures {
     ) -> bool {
         let pixels_per_cell =
             look.cell_m * camera.points_per_m() * f64::from(ctx.pixels_per_point());
-        let level = Level::for_scale(pixels_per_cell);
+        let level = Level::for_scale(pixels_per_cell, look.coloring.has_patterns());
         self.level = Some(level);
         let visible = visible_chunks(level, look.cell_m, camera, screen);
         let mut left = MAX_TILES_A_FRAME;
@@ -131,8 +131,8 @@ impl TileTextures {
                 if !visible.contains(&chunk) {
                     self.chunks.remove(&chunk);
                 } else if let Some(texture) = self.chunks.get_mut(&chunk) {
-                    *left = left.saturating_sub(1);
-                    texture.set_partial(chunk.texel_of(tile), look.image(tile, level), OPTIONS);
+                    *left = left.saturating_sub(level.tile_cost());
+                    texture.set_partial(chunk.texel_of(tile), look.image(tile, chunk), OPTIONS);
                 }
             }
         }
@@ -161,7 +161,7 @@ impl TileTextures {
                 continue;
             }
             // One chunk may be more than a frame's worth, but it is built in one go.
-            *left = left.saturating_sub(tiles.len());
+            *left = left.saturating_sub(tiles.len() * chunk.level.tile_cost());
             let image = chunk_image(*chunk, look, &tiles);
             let texture = ctx.load_texture("map", image, OPTIONS);
             self.chunks.insert(*chunk, texture);
@@ -193,24 +193,22 @@ impl TileTextures {
 }
 
 impl LayerLook<'_> {
-    fn image(&self, (tx, ty): (i32, i32), level: Level) -> ColorImage {
+    /// A tile's part of a chunk.
+    fn image(&self, (tx, ty): (i32, i32), chunk: ChunkKey) -> ColorImage {
         let layer = self.layer;
+        let level = chunk.level;
         let stored = self.store.get(TileKey { layer, tx, ty });
         match stored.and_then(|stored| stored.cells()) {
-            Some(cells) => tile_image(cells, level, self.colors),
-            None => ColorImage::filled([level.tile_texels(); 2], self.unknown()),
+            Some(cells) => tile_image(cells, level, chunk.texel_of((tx, ty)), self.coloring),
+            None => ColorImage::filled([level.tile_texels(); 2], self.coloring.unknown()),
         }
-    }
-
-    fn unknown(&self) -> Color32 {
-        self.colors.first().copied().unwrap_or_default()
     }
 }
 
 fn chunk_image(chunk: ChunkKey, look: &LayerLook<'_>, tiles: &[(i32, i32)]) -> ColorImage {
-    let mut image = ColorImage::filled([CHUNK_TEXELS; 2], look.unknown());
+    let mut image = ColorImage::filled([CHUNK_TEXELS; 2], look.coloring.unknown());
     for tile in tiles {
-        let part = look.image(*tile, chunk.level);
+        let part = look.image(*tile, chunk);
         let [column, row] = chunk.texel_of(*tile);
         let rows = image.pixels.chunks_exact_mut(CHUNK_TEXELS).skip(row);
         for (to, from) in rows.zip(part.pixels.chunks_exact(part.width())) {

@@ -10,6 +10,7 @@ mod map_questions;
 mod map_sync;
 mod refusals;
 mod sending;
+mod shores_sync;
 mod tile_intake;
 mod vehicle;
 
@@ -19,7 +20,9 @@ use std::time::Duration;
 
 use protocol::keys::{RobotId, Topic};
 use protocol::layer::LayerId;
-use protocol::message::{Digests, Event, Info, MapHead, Pong, Pose, Status, TileBand, TilesReply};
+use protocol::message::{
+    Digests, Event, Info, MapHead, Pong, Pose, Shores, ShoresNews, Status, TileBand, TilesReply,
+};
 use protocol::tile::BootId;
 use protocol::wire::{self, Header, WireError};
 use robot_edge::clock::Monotonic;
@@ -30,6 +33,8 @@ pub use incoming::{Incoming, Outgoing, RequestId};
 pub use map_sync::{LayerStep, MapSync};
 pub use refusals::{Refusal, Refusals};
 pub use vehicle::Vehicle;
+
+use shores_sync::ShoresSync;
 
 const MAX_EVENTS: usize = 200;
 /// Heads come every second: without one for so long, nobody knows what the robot's map is now.
@@ -53,6 +58,7 @@ pub struct ConsoleModel {
     settings: ModelSettings,
     map: MapSync,
     vehicle: Vehicle,
+    shores: ShoresSync,
     connection: Connection,
     refusals: Refusals,
     info: Option<(Info, BootId)>,
@@ -82,6 +88,7 @@ impl ConsoleModel {
             settings,
             map,
             vehicle: Vehicle::default(),
+            shores: ShoresSync::default(),
             connection: Connection::default(),
             refusals: Refusals::default(),
             info: None,
@@ -111,7 +118,28 @@ impl ConsoleModel {
     /// Whether the map equals what the robot announced, and that lately.
     pub fn is_in_step(&self, now: Monotonic) -> bool {
         let head_at = self.map.head_at();
-        head_at.is_some_and(|at| now.since(at) <= HEAD_LIFETIME) && self.map.is_in_step()
+        head_at.is_some_and(|at| now.since(at) <= HEAD_LIFETIME) && self.holds_what_was_announced()
+    }
+
+    /// Whether the map equals what the robot announced last, however long ago, and the shores are known, where there
+    /// are any.
+    pub fn holds_what_was_announced(&self) -> bool {
+        let knows_shores = !self.has_shores() || self.shores.is_told(self.ended_seq);
+        self.map.is_in_step() && knows_shores
+    }
+
+    /// Whether the robot tells of shores.
+    pub fn has_shores(&self) -> bool {
+        self.info().is_some_and(|info| {
+            info.layers
+                .iter()
+                .any(|layer| layer.layer == LayerId::Shore)
+        })
+    }
+
+    /// Shores and docking sites, where the robot has told of them.
+    pub const fn shores(&self) -> Option<&Shores> {
+        self.shores.shores()
     }
 
     /// The tiles that changed since the last call.
@@ -188,7 +216,9 @@ impl ConsoleModel {
                 self.take(&key, &payload, Some(request), now)
             }
             Incoming::Ended { request } => {
-                self.map.ended(request, now);
+                if !self.shores.ended(request, now) {
+                    self.map.ended(request, now);
+                }
                 Ok(())
             }
             Incoming::Lost { overrun, oversized } => {
@@ -248,7 +278,10 @@ impl ConsoleModel {
                 let (header, status): (_, Status) = decode(payload)?;
                 self.of_this_boot(header)?;
                 if status.has_ended {
-                    self.ended_seq.get_or_insert(header.seq);
+                    if self.ended_seq.is_none() {
+                        self.ended_seq = Some(header.seq);
+                        self.shores.hurry();
+                    }
                 } else {
                     self.ended_seq = None;
                 }
@@ -272,6 +305,7 @@ impl ConsoleModel {
                 let seq = header.seq;
                 if self.map.take_head(head, header.boot, now)? {
                     self.vehicle.forget();
+                    self.shores.forget();
                     self.ended_seq = None;
                     if self
                         .info
@@ -288,6 +322,7 @@ impl ConsoleModel {
                 self.map.take_band(tile, header.boot, &band, None, now)?;
                 self.changes += 1;
             }
+            Topic::Shores => self.take_shores(payload, None, now)?,
             Topic::Alive
             | Topic::View
             | Topic::Info
@@ -330,6 +365,7 @@ impl ConsoleModel {
                 let (_, Pong) = decode(payload)?;
                 self.connection.ponged(request, now);
             }
+            Topic::Shores => self.take_shores(payload, Some(request), now)?,
             Topic::Alive
             | Topic::View
             | Topic::Pose
@@ -338,6 +374,19 @@ impl ConsoleModel {
             | Topic::MapHead
             | Topic::Tile(_) => return Err(Refusal::Key),
         }
+        Ok(())
+    }
+
+    fn take_shores(
+        &mut self,
+        payload: &[u8],
+        request: Option<RequestId>,
+        now: Monotonic,
+    ) -> Result<(), Refusal> {
+        let (header, news): (_, ShoresNews) = decode(payload)?;
+        self.of_this_boot(header)?;
+        let is_news = self.shores.take(news, header.seq, request, now)?;
+        self.changes += u64::from(is_news);
         Ok(())
     }
 

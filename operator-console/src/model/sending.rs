@@ -49,6 +49,23 @@ impl ConsoleModel {
                 is_bulk: true,
             }));
         }
+        // Not before it is known whose they are.
+        if self.has_shores() && self.map.boot().is_some() {
+            let mut requests = self.requests;
+            let question = self.shores.question(now, || {
+                requests += 1;
+                RequestId(requests)
+            });
+            self.requests = requests;
+            if let Some((request, body)) = question {
+                outgoing.extend(self.message(&body).map(|payload| Outgoing::Get {
+                    request,
+                    key: Topic::Shores.key(&robot),
+                    payload,
+                    is_bulk: true,
+                }));
+            }
+        }
         if self.told_view.is_none_or(|at| now.since(at) >= VIEW_PERIOD) {
             self.told_view = Some(now);
             let payload = self.message(&self.view());
@@ -94,7 +111,7 @@ impl ConsoleModel {
             rectangle_m: self.rectangle_m,
             layers,
             revision: revision.unwrap_or(0),
-            is_in_step: self.map.is_in_step(),
+            is_in_step: self.holds_what_was_announced(),
         }
     }
 

@@ -1,7 +1,8 @@
 //! The legend: a colour scale with numbers, or classes with names. Beside the map, so that it hides nothing.
 
 use eframe::egui::{
-    Align2, Color32, Rect, RichText, Sense, Stroke, StrokeKind, TextStyle, Ui, Vec2, pos2, vec2,
+    Align2, Color32, Mesh, Rect, RichText, Sense, Stroke, StrokeKind, TextStyle, Ui, Vec2, pos2,
+    vec2,
 };
 use protocol::layer::{Legend, Palette, Ramp, Swatch};
 
@@ -9,7 +10,7 @@ use crate::theme;
 
 const BAR_HEIGHT: f32 = 16.0;
 const TICK: f32 = 4.0;
-const SWATCH: Vec2 = vec2(18.0, 14.0);
+pub(super) const SWATCH: Vec2 = vec2(18.0, 14.0);
 /// Between a name and the next colour.
 const GAP: f32 = 6.0;
 /// Half of the widest number stands out on either side of the bar.
@@ -73,15 +74,30 @@ fn rows<'a>(ui: &Ui, swatches: &'a [Swatch]) -> Vec<&'a [Swatch]> {
     rows
 }
 
-fn swatch_ui(ui: &mut Ui, swatch: &Swatch) {
-    let (rect, _) = ui.allocate_exact_size(SWATCH, Sense::hover());
-    let [red, green, blue, alpha] = swatch.color;
-    let color = Color32::from_rgba_unmultiplied(red, green, blue, alpha);
+/// Draws a colour and its pattern.
+pub(super) fn paint_swatch(ui: &Ui, rect: Rect, swatch: &Swatch) {
+    let of = |[red, green, blue, alpha]: [u8; 4]| {
+        Color32::from_rgba_unmultiplied(red, green, blue, alpha)
+    };
     // Colours that let something through are seen on what the map lies on.
     ui.painter()
         .rect_filled(rect, 0.0, theme::ground(ui.visuals()));
-    ui.painter().rect_filled(rect, 0.0, color);
+    ui.painter().rect_filled(rect, 0.0, of(swatch.color));
+    let mut marks = Mesh::default();
+    let [width, height] = [rect.width(), rect.height()].map(|side| side as usize);
+    for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+        if swatch.pattern.is_mark(x, y) {
+            let at = rect.min + vec2(x as f32, y as f32);
+            marks.add_colored_rect(Rect::from_min_size(at, Vec2::splat(1.0)), of(swatch.mark));
+        }
+    }
+    ui.painter().add(marks);
     frame(ui, rect);
+}
+
+fn swatch_ui(ui: &mut Ui, swatch: &Swatch) {
+    let (rect, _) = ui.allocate_exact_size(SWATCH, Sense::hover());
+    paint_swatch(ui, rect, swatch);
     ui.label(RichText::new(capitalised(&swatch.label)).small());
 }
 
@@ -132,7 +148,7 @@ fn frame(ui: &Ui, rect: Rect) {
         .rect_stroke(rect, 0.0, line, StrokeKind::Outside);
 }
 
-fn capitalised(text: &str) -> String {
+pub(super) fn capitalised(text: &str) -> String {
     let mut chars = text.chars();
     match chars.next() {
         Some(first) => first.to_uppercase().chain(chars).collect(),

@@ -9,5 +9,6 @@ pub mod losses;
 pub mod robot;
 pub mod robots;
 mod rows;
+pub mod shores;
 pub mod stale;
 pub mod wording;

@@ -3,8 +3,8 @@
 
 use libfuzzer_sys::fuzz_target;
 use protocol::message::{
-    Digests, DigestsRequest, Event, Info, MapHead, Pong, Pose, Status, TileBand, TilesReply,
-    TilesRequest, View,
+    Digests, DigestsRequest, Event, Info, MapHead, Pong, Pose, ShoresNews, ShoresRequest, Status,
+    TileBand, TilesReply, TilesRequest, View,
 };
 use protocol::wire::{decode, encode};
 use serde::Serialize;
@@ -33,4 +33,6 @@ fuzz_target!(|bytes: &[u8]| {
     check::<TilesReply>(bytes);
     check::<DigestsRequest>(bytes);
     check::<Digests>(bytes);
+    check::<ShoresRequest>(bytes);
+    check::<ShoresNews>(bytes);
 });

@@ -1,4 +1,4 @@
-//! Maps as files that other tools open: `GeoTIFF`, PNG with legend, PGM + YAML, TUM.
+//! Maps as files that other tools open: `GeoTIFF`, PNG with legend, PGM + YAML, TUM, `GeoJSON`.
 //!
 //! Every file is written under a temporary name and renamed when it is complete, so a reader never sees
 //! half of one and an export that fails leaves the previous file as it was.
@@ -6,6 +6,7 @@
 mod geotiff;
 mod map_server;
 mod picture;
+mod shores;
 mod trajectory;
 mod whole_file;
 
@@ -18,7 +19,8 @@ use crate::tile_store::TileStore;
 
 pub use geotiff::write_geotiff;
 pub use map_server::{Trinary, write_map_server};
-pub use picture::{Caption, length_label, round_length_m, write_picture};
+pub use picture::{Caption, Label, length_label, round_length_m, write_picture};
+pub use shores::write_shores;
 pub use trajectory::{StampedPose, write_trajectory};
 
 /// Why an export failed.

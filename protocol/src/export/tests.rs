@@ -175,7 +175,7 @@ fn every_layer_with_something_known_gets_its_files() {
         &store,
         &Caption {
             title: "a test",
-            vehicle_m: None,
+            ..Caption::default()
         },
     )
     .unwrap();

@@ -1,5 +1,6 @@
 //! What to print beside a coloured map: numbers or class names, never colours alone.
 
+use super::Pattern;
 use super::palette::{GROUND_M, Palette, Scheme, round_step};
 
 /// The legend of a [`Palette`].
@@ -34,13 +35,38 @@ pub struct Tick {
     pub label: String,
 }
 
-/// A colour and its name.
+/// A colour, the marks on it, and its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Swatch {
     /// sRGB with straight alpha.
     pub color: [u8; 4],
+    /// What tells it apart without its colour.
+    pub pattern: Pattern,
+    /// The colour of the pattern's marks.
+    pub mark: [u8; 4],
     /// Its meaning.
     pub label: String,
+}
+
+impl Swatch {
+    /// Without a pattern.
+    pub const fn plain(color: [u8; 4], label: String) -> Self {
+        Self {
+            color,
+            pattern: Pattern::Plain,
+            mark: color,
+            label,
+        }
+    }
+
+    /// The colour of a pixel: `x` counts to the right, `y` down.
+    pub const fn color_at(&self, x: usize, y: usize) -> [u8; 4] {
+        if self.pattern.is_mark(x, y) {
+            self.mark
+        } else {
+            self.color
+        }
+    }
 }
 
 impl Legend {
@@ -54,10 +80,7 @@ impl Legend {
         let ground = if palette.scheme() == Scheme::GroundPlane {
             let swatch = |value: f32, label: String| {
                 let [red, green, blue] = palette.ramp_color(value);
-                Swatch {
-                    color: [red, green, blue, 255],
-                    label,
-                }
+                Swatch::plain([red, green, blue, 255], label)
             };
             vec![
                 swatch(0.0, format!("ground, ± {GROUND_M}")),
@@ -68,12 +91,11 @@ impl Legend {
         };
         let classes = layer.classes().iter().zip(1..).map(|(class, code)| Swatch {
             color: palette.color(code),
+            pattern: palette.pattern(code),
+            mark: palette.mark_color(code),
             label: class.name.to_owned(),
         });
-        let unknown = Swatch {
-            color: palette.unknown_color(),
-            label: "unknown".to_owned(),
-        };
+        let unknown = Swatch::plain(palette.unknown_color(), "unknown".to_owned());
         Self {
             title,
             ramp,

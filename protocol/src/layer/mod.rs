@@ -7,6 +7,7 @@
 mod legend;
 mod palette;
 mod palette_tables;
+mod pattern;
 mod quantisation;
 
 use std::fmt;
@@ -16,6 +17,7 @@ use serde::{Deserialize, Serialize};
 
 pub use legend::{Legend, Ramp, Swatch, Tick};
 pub use palette::{Palette, Scheme};
+pub use pattern::Pattern;
 pub use quantisation::{Quantisation, UNKNOWN};
 
 /// A map layer. Closed and append-only: the position of a variant is its number on the wire.
@@ -107,7 +109,7 @@ impl LayerId {
             Self::Occupancy => "probability of being occupied",
             Self::Elevation => "height above ground plane",
             Self::Obstacle => "obstacle",
-            Self::Cost => "slope cost, 1 is fatal",
+            Self::Cost => "slope cost: 0 flat or clear, 1 fatal",
             Self::Rigidity => "rigidity",
             Self::Shore => "shore",
         }

@@ -1,7 +1,7 @@
 //! Cell codes → colours.
 
 use super::palette_tables::{CIVIDIS, MAGMA_REVERSED, Rgb, interpolate, okabe_ito};
-use super::{LayerId, Legend};
+use super::{LayerId, Legend, Pattern};
 
 /// A way to colour a layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,6 +36,9 @@ pub struct Palette {
 pub(super) const GROUND_M: f32 = 0.03;
 const TRANSPARENT: [u8; 4] = [0; 4];
 const MAP_SERVER_UNKNOWN: [u8; 4] = [205, 205, 205, 255];
+/// Marks on light classes, and on dark ones.
+const DARK_MARK: [u8; 4] = [24, 28, 34, 255];
+const LIGHT_MARK: [u8; 4] = [255, 255, 255, 255];
 const LADAR_GREY: [Rgb; 2] = [[0, 0, 0], [200, 200, 200]];
 
 impl LayerId {
@@ -65,6 +68,21 @@ impl LayerId {
     /// The palette of \[LOD\], for the two layers that the document has.
     pub fn document_palette(self) -> Option<Palette> {
         self.palettes().find(Palette::is_the_documents)
+    }
+
+    /// What tells a class apart without its colour. An obstacle stands alone on free ground, and is as thin as a wall:
+    /// it needs none.
+    const fn class_patterns(self) -> &'static [Pattern] {
+        match self {
+            Self::Rigidity => &[Pattern::Dots, Pattern::Lattice],
+            Self::Shore => &[
+                Pattern::Dots,
+                Pattern::Hatching,
+                Pattern::Lattice,
+                Pattern::Chevrons,
+            ],
+            Self::Occupancy | Self::Elevation | Self::Obstacle | Self::Cost => &[],
+        }
     }
 
     fn class_color(self, index: usize) -> Rgb {
@@ -155,6 +173,30 @@ impl Palette {
             | Scheme::Magma => self.ramp_color(value),
         };
         [red, green, blue, 255]
+    }
+
+    /// The pattern of a cell's class.
+    pub fn pattern(&self, code: u16) -> Pattern {
+        let patterns = self.layer.class_patterns();
+        let class = usize::from(code).checked_sub(1);
+        let pattern = class.and_then(|class| patterns.get(class));
+        pattern.copied().unwrap_or(Pattern::Plain)
+    }
+
+    /// The colour of the marks of a cell's [`pattern`](Self::pattern): what stands out from its own.
+    pub fn mark_color(&self, code: u16) -> [u8; 4] {
+        let [red, green, blue, _] = self.color(code).map(u32::from);
+        let luma = (299 * red + 587 * green + 114 * blue) / 1000;
+        if luma < 128 { LIGHT_MARK } else { DARK_MARK }
+    }
+
+    /// The colour of a pixel of a cell: `x` counts to the right, `y` down.
+    pub fn color_at(&self, code: u16, x: usize, y: usize) -> [u8; 4] {
+        if self.pattern(code).is_mark(x, y) {
+            self.mark_color(code)
+        } else {
+            self.color(code)
+        }
     }
 
     /// The colour of unknown cells.
@@ -252,6 +294,40 @@ mod tests {
             let falling = lightness.windows(2).all(|pair| pair[0] > pair[1]);
             assert!(rising || falling, "{layer}: {lightness:?}");
         }
+    }
+
+    /// Mean and spread of the greys of a period of each class.
+    fn greys(palette: &Palette, code: u16) -> Vec<u32> {
+        let pixels = (0..Pattern::PERIOD).flat_map(|y| (0..Pattern::PERIOD).map(move |x| (x, y)));
+        let grey = |(x, y)| {
+            let [red, green, blue, _] = palette.color_at(code, x, y).map(u32::from);
+            (299 * red + 587 * green + 114 * blue) / 1000
+        };
+        pixels.map(grey).collect()
+    }
+
+    #[test]
+    fn classes_with_patterns_differ_without_colour() {
+        for layer in [LayerId::Rigidity, LayerId::Shore] {
+            let palette = layer.default_palette();
+            let codes = 1..=layer.classes().len() as u16;
+            for a in codes.clone() {
+                let pattern = palette.pattern(a);
+                assert_ne!(pattern, Pattern::Plain, "{layer} {a}");
+                let marks = greys(&palette, a);
+                let (dark, light) = (marks.iter().min(), marks.iter().max());
+                let contrast = light.unwrap() - dark.unwrap();
+                assert!(contrast > 100, "{layer} {a}: marks stand out by {contrast}");
+                for b in (a + 1)..=*codes.end() {
+                    assert_ne!(pattern, palette.pattern(b));
+                }
+            }
+            assert_eq!(palette.pattern(0), Pattern::Plain);
+            assert_eq!(palette.color_at(0, 0, 0), palette.unknown_color());
+        }
+        let elevation = LayerId::Elevation.default_palette();
+        assert_eq!(elevation.pattern(4), Pattern::Plain);
+        assert_eq!(elevation.color_at(4, 0, 0), elevation.color(4));
     }
 
     #[test]

@@ -70,6 +70,23 @@ fn bodies_are_the_documented_bytes() {
     // Tile numbers are zigzag varints: −1 is 1, 2 is 4.
     assert_eq!(body(&TilesRequest::These(vec![(-1, 2)])), [1, 1, 1, 4]);
     assert_eq!(body(&DigestsRequest { newer_than: 0 }), [0]);
+    assert_eq!(body(&ShoresRequest { newer_than: 300 }), [0xAC, 0x02]);
+    let nothing_newer = ShoresNews {
+        revision: 9,
+        shores: None,
+    };
+    assert_eq!(body(&nothing_newer), [9, 0]);
+    let cluster = ShoreCluster {
+        number: 7,
+        class: ShoreClass::Solid,
+        voxels: 300,
+        rigid_voxels: 299,
+        center_m: [1.0, -2.0],
+        outline: vec![(-1, 2)],
+    };
+    let mut expected = vec![7, 2, 0xAC, 0x02, 0xAB, 0x02];
+    expected.extend([0, 0, 0x80, 0x3F, 0, 0, 0, 0xC0, 1, 1, 4]);
+    assert_eq!(body(&cluster), expected);
     assert_eq!(body(&Pong), [0; 0]);
 }
 
@@ -122,6 +139,26 @@ fn every_message_survives_the_wire() {
             cell_m: 0.1,
         }],
     });
+    body(&ShoresNews {
+        revision: 3,
+        shores: Some(Shores {
+            cell_m: 0.3,
+            datum: Some(Datum {
+                latitude_deg: 38.5,
+                longitude_deg: -9.1,
+                altitude_m: 50.0,
+            }),
+            clusters: Vec::new(),
+            clusters_left_out: 1,
+            sites: vec![DockingSite {
+                center_m: [1.0, 2.0],
+                heading_rad: 3.0,
+                width_m: 4.0,
+                mean_cost: 0.25,
+            }],
+            sites_left_out: 2,
+        }),
+    });
     let view = View {
         rectangle_m: [-1e6, -1e6, 1e6, 1e6],
         layers: u32::MAX,
@@ -144,5 +181,6 @@ proptest! {
         drop(decode::<Status>(&message));
         drop(decode::<Event>(&message));
         drop(decode::<View>(&message));
+        drop(decode::<ShoresNews>(&message));
     }
 }

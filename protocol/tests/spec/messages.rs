@@ -5,8 +5,8 @@ use std::fmt::Debug;
 use std::path::Path;
 
 use protocol::message::{
-    Digests, DigestsRequest, Event, Info, MapHead, Pong, Pose, Status, TileBand, TilesReply,
-    TilesRequest, View,
+    Digests, DigestsRequest, Event, Info, MapHead, Pong, Pose, ShoresNews, ShoresRequest, Status,
+    TileBand, TilesReply, TilesRequest, View,
 };
 use protocol::tile::BootId;
 use protocol::wire::{Header, WireError, decode, encode};
@@ -19,7 +19,7 @@ use super::document::{blocks_of, hex, json, table};
 /// Checks the example of a name, knowing its type.
 type Check = fn(&str);
 
-const EXAMPLES: [(&str, Check); 13] = [
+const EXAMPLES: [(&str, Check); 16] = [
     ("Info", check::<Info>),
     ("Pong", check::<Pong>),
     ("Pose", check::<Pose>),
@@ -33,10 +33,23 @@ const EXAMPLES: [(&str, Check); 13] = [
     ("TilesRequest.NewerThan", check::<TilesRequest>),
     ("TilesRequest.These", check::<TilesRequest>),
     ("TilesReply", check::<TilesReply>),
+    ("ShoresRequest", check::<ShoresRequest>),
+    ("ShoresNews", check::<ShoresNews>),
+    ("ShoresNews.nothing", check::<ShoresNews>),
 ];
 
 /// What is in messages and is none itself.
-const PARTS: [&str; 4] = ["LayerInfo", "Reason", "LayerHead", "TileSummary"];
+const PARTS: [&str; 9] = [
+    "LayerInfo",
+    "Reason",
+    "LayerHead",
+    "TileSummary",
+    "Shores",
+    "Datum",
+    "ShoreCluster",
+    "ShoreClass",
+    "DockingSite",
+];
 
 #[test]
 fn examples_are_what_is_encoded_and_decoded() {

@@ -2,6 +2,7 @@
 
 use protocol::keys::{RobotId, Topic, all_tiles, every_robot_alive, view_of};
 use protocol::layer::{LayerId, LayerKind};
+use protocol::shores::{MAX_CLUSTERS, MAX_CORNERS, MAX_SITES};
 use protocol::tile::TileKey;
 use protocol::tile::codec::MAX_BAND_BYTES;
 use protocol::wire::{MAX_MESSAGE_BYTES, PROTOCOL};
@@ -29,6 +30,7 @@ fn keys() {
         Topic::Tile(tile),
         Topic::Digests(layer),
         Topic::Tiles(layer),
+        Topic::Shores,
     ]
     .map(|topic| topic.key(&robot))
     .to_vec();
@@ -81,6 +83,9 @@ fn version_and_limits() {
     for limit in [
         format!("| message, header included | {MAX_MESSAGE_BYTES} bytes |"),
         format!("| band | {MAX_BAND_BYTES} bytes |"),
+        format!("| shores in one message | {MAX_CLUSTERS} |"),
+        format!("| corners of a shore's outline | {MAX_CORNERS} |"),
+        format!("| docking sites in one message | {MAX_SITES} |"),
     ] {
         assert!(SPEC.contains(&limit), "{limit}");
     }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
-use protocol::message::{Event, Info, LayerInfo, Pose, Reason, Status};
+use protocol::message::{Event, Info, LayerInfo, Pose, Reason, Shores, Status};
 use protocol::tile::BootId;
 
 use super::data_clock::DataClock;
@@ -22,6 +22,7 @@ use crate::link::shared::Shared;
 use crate::link::{LinkError, zenoh_config_file};
 use crate::mapping::posed_scan::PosedScan;
 use crate::pipeline::Pipeline;
+use crate::robot_time::RobotTime;
 
 /// Consoles that lag when the data has ended are waited for this long.
 const FAREWELL: Duration = Duration::from_secs(10);
@@ -139,6 +140,14 @@ impl Network {
         };
         match EdgeLink::open(settings, store, shared) {
             Ok(link) => {
+                let network = Self {
+                    link,
+                    stay: plan.stay,
+                };
+                if let Some(cell_m) = pipeline.publisher().store().cell_m(LayerId::Shore) {
+                    let none_yet = Shores::gather(cell_m, None, Vec::new(), Vec::new());
+                    network.shores(RobotTime::from_nanos(0), Arc::new(none_yet));
+                }
                 if !quiet {
                     let Endpoints {
                         listen, connect, ..
@@ -146,10 +155,7 @@ impl Network {
                     let places = [&listen[..], &connect[..]].concat().join(", ");
                     writeln!(io::stderr(), "network: robot {} at {places}", plan.robot)?;
                 }
-                Ok(Some(Self {
-                    link,
-                    stay: plan.stay,
-                }))
+                Ok(Some(network))
             }
             Err(err @ LinkError::Open { .. }) if !plan.is_asked_for => {
                 if !quiet {
@@ -177,6 +183,11 @@ impl Network {
                 turn_rate_radps: 0.0,
             },
         );
+    }
+
+    /// Tells consoles of the shores and docking sites that the data up to `stamp` makes.
+    pub(super) fn shores(&self, stamp: RobotTime, shores: Arc<Shores>) {
+        self.link.shared().set_shores(stamp, shores);
     }
 
     /// Tells consoles what changed.

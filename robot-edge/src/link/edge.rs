@@ -100,6 +100,8 @@ impl EdgeLink {
                 take_questions(&bulk, &topic.key(&context.robot), &questions, &shared)?;
             }
         }
+        let shores = Topic::Shores.key(&context.robot);
+        take_questions(&bulk, &shores, &questions, &shared)?;
         views::watch(&context)?;
         let publishers = StatePublishers::declare(&context)?;
         let key = Topic::Alive.key(&context.robot);

@@ -4,7 +4,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
 use protocol::keys::Topic;
-use protocol::message::{Info, Pong};
+use protocol::message::{Info, Pong, ShoresRequest};
 use protocol::tile::codec::Encoder;
 use protocol::wire;
 use serde::Serialize;
@@ -74,6 +74,11 @@ fn answer(
             stamp_ns,
             &[answers::digests(store, layer, request(query)?)],
         ),
+        Topic::Shores => {
+            let ShoresRequest { newer_than } = request(query)?;
+            let (stamp_ns, news) = context.shared.shores_newer_than(newer_than);
+            messages(out, stamp_ns, &[news])
+        }
         Topic::Alive
         | Topic::Pose
         | Topic::Status

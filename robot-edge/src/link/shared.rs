@@ -2,10 +2,10 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use protocol::message::{Event, Pose, Status, View};
+use protocol::message::{Event, Pose, Shores, ShoresNews, Status, View};
 use protocol::tile::TileKey;
 
 use crate::clock::Monotonic;
@@ -25,6 +25,7 @@ pub struct Shared {
     pose: Mutex<Option<(RobotTime, Pose)>>,
     status: Mutex<Status>,
     events: Mutex<VecDeque<Event>>,
+    shores: Mutex<ShoresState>,
     outbox: Mutex<Outbox>,
     views: Mutex<BTreeMap<String, (View, Monotonic)>>,
     refused: AtomicU64,
@@ -36,6 +37,13 @@ pub struct Shared {
     is_called: AtomicBool,
     has_ended: AtomicBool,
     is_closing: AtomicBool,
+}
+
+/// The latest shores. Their revision rises with every change, so that a console can say which it holds.
+#[derive(Clone, Debug, Default)]
+struct ShoresState {
+    revision: u64,
+    latest: Option<(RobotTime, Arc<Shores>)>,
 }
 
 /// A panic elsewhere must not take the link with it: what it guards is replaced as a whole.
@@ -80,6 +88,35 @@ impl Shared {
         status.refused = self.refused.load(Ordering::Relaxed);
         status.has_ended = self.has_ended.load(Ordering::Relaxed);
         status
+    }
+
+    /// The shores and docking sites of measurements up to `stamp`. What equals the last is no news.
+    pub fn set_shores(&self, stamp: RobotTime, shores: Arc<Shores>) {
+        let mut state = lock(&self.shores);
+        let is_known = state
+            .latest
+            .as_ref()
+            .is_some_and(|(_, last)| *last == shores);
+        if !is_known {
+            state.revision += 1;
+            state.latest = Some((stamp, shores));
+        }
+    }
+
+    /// The shores, if they are newer than a revision, and their stamp, nanoseconds.
+    pub fn shores_newer_than(&self, revision: u64) -> (i64, ShoresNews) {
+        let ShoresState {
+            revision: latest_revision,
+            latest,
+        } = lock(&self.shores).clone();
+        let stamp_ns = latest.as_ref().map_or(0, |(stamp, _)| stamp.as_nanos());
+        let news = ShoresNews {
+            revision: latest_revision,
+            shores: latest
+                .filter(|_| latest_revision > revision)
+                .map(|(_, shores)| Arc::unwrap_or_clone(shores)),
+        };
+        (stamp_ns, news)
     }
 
     /// Something happened that consoles should know.
@@ -233,6 +270,32 @@ mod tests {
         assert_eq!(speeds(500, pose(-1.0, half, half)), [-200, 0]);
         assert_eq!(speeds(1_000, pose(-1.0, 0.0, 1.0)), [0, -314]);
         assert_eq!(speeds(9_000, pose(-50.0, 0.0, 1.0)), [0, 0], "across a gap");
+    }
+
+    #[test]
+    fn shores_are_news_once_and_only_where_they_differ() {
+        let shared = Shared::default();
+        let at = |s: i64| RobotTime::from_nanos(s * 1_000_000_000);
+        let nothing = |revision| ShoresNews {
+            revision,
+            shores: None,
+        };
+        assert_eq!(shared.shores_newer_than(0), (0, nothing(0)));
+        let shores = |cell_m| Shores {
+            cell_m,
+            ..Shores::default()
+        };
+        let news = |revision, cell_m| ShoresNews {
+            revision,
+            shores: Some(shores(cell_m)),
+        };
+        shared.set_shores(at(1), Arc::new(shores(0.3)));
+        assert_eq!(shared.shores_newer_than(0), (1_000_000_000, news(1, 0.3)));
+        assert_eq!(shared.shores_newer_than(1), (1_000_000_000, nothing(1)));
+        shared.set_shores(at(2), Arc::new(shores(0.3)));
+        assert_eq!(shared.shores_newer_than(1), (1_000_000_000, nothing(1)));
+        shared.set_shores(at(3), Arc::new(shores(0.4)));
+        assert_eq!(shared.shores_newer_than(1), (3_000_000_000, news(2, 0.4)));
     }
 
     #[test]

@@ -25,6 +25,8 @@ const POSES_PER_HEAD: u32 = 20;
 /// Heads that are news wait for this many poses at most.
 const POSES_PER_NEWS: u32 = 4;
 const TILES_PERIOD: Duration = Duration::from_millis(20);
+/// Shores are not pushed more often.
+const SHORES_PERIOD: Duration = Duration::from_secs(1);
 /// Tiles taken from the outbox at once: the vehicle moves on, and so does what is nearest.
 const TILES_AT_ONCE: usize = 8;
 
@@ -105,10 +107,11 @@ fn put(publisher: &Publisher<'static>, message: Option<Vec<u8>>) {
     }
 }
 
-/// Sends changed tiles, nearest first, inside the budget, until the link closes.
+/// Sends changed tiles, nearest first, and shores that changed, inside the budget, until the link closes.
 pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder) {
     let mut next = Monotonic::now();
     let mut flow = Flow::new(context.budget_kbps, next);
+    let mut shores = ShoresPush::new(next);
     loop {
         next = (next + TILES_PERIOD).max(Monotonic::now());
         if !clock::sleep_until(next, || context.shared.is_closing()) {
@@ -130,6 +133,10 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder
             .into_iter()
             .chain(views.iter().map(center_m))
             .collect();
+        // Before the tiles, of which there may always be more.
+        if !views.is_empty() && flow.allows(now) {
+            flow.spent(shores.send(context, out, now));
+        }
         let mut has_sent = false;
         while flow.allows(Monotonic::now()) {
             let keys = next_tiles(context, &near);
@@ -147,6 +154,36 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder
         if has_sent {
             context.shared.tell_news();
         }
+    }
+}
+
+/// What was pushed of the shores.
+struct ShoresPush {
+    revision: u64,
+    next: Monotonic,
+}
+
+impl ShoresPush {
+    const fn new(now: Monotonic) -> Self {
+        Self {
+            revision: 0,
+            next: now,
+        }
+    }
+
+    /// Sends the shores if they are news and it is time; how many bytes that were.
+    fn send(&mut self, context: &Context, out: &Outgoing, now: Monotonic) -> usize {
+        if now < self.next {
+            return 0;
+        }
+        let (stamp_ns, news) = context.shared.shores_newer_than(self.revision);
+        if news.shores.is_none() {
+            return 0;
+        }
+        self.revision = news.revision;
+        self.next = now + SHORES_PERIOD;
+        let message = out.message(stamp_ns, &news);
+        message.map_or(0, |message| put_bulk(context, Topic::Shores, message))
     }
 }
 
@@ -176,17 +213,24 @@ fn send_band(context: &Context, out: &Outgoing, key: TileKey, band: &TileBand) -
     let Some(message) = out.message(context.shared.stamp_ns(), band) else {
         return 0;
     };
+    let bytes = put_bulk(context, Topic::Tile(key), message);
+    context.shared.pushed(bytes);
+    bytes
+}
+
+/// Sends a message on the bulk session; how many bytes it has.
+fn put_bulk(context: &Context, topic: Topic, message: Vec<u8>) -> usize {
     let bytes = message.len();
+    let key = topic.key(&context.robot);
     let sent = context
         .bulk
-        .put(Topic::Tile(key).key(&context.robot), message)
+        .put(key.clone(), message)
         // A console that cannot follow asks for what it lacks; nobody else waits for it.
         .congestion_control(CongestionControl::Drop)
         .priority(Priority::Data)
         .wait();
     if let Err(why) = sent {
-        tracing::debug!(%why, %key, "not sent");
+        tracing::debug!(%why, key, "not sent");
     }
-    context.shared.pushed(bytes);
     bytes
 }

@@ -7,8 +7,8 @@ use egui_kittest::kittest::Queryable;
 use protocol::keys::{RobotId, Topic};
 use protocol::layer::LayerId;
 use protocol::message::{
-    Digests, Event, Info, LayerHead, LayerInfo, MapHead, Pose, Reason, Status, TileBand,
-    TileSummary,
+    Digests, DockingSite, Event, Info, LayerHead, LayerInfo, MapHead, Pose, Reason, ShoreClass,
+    ShoreCluster, Shores, ShoresNews, Status, TileBand, TileSummary,
 };
 use protocol::tile::codec::Encoder;
 use protocol::tile::{BootId, TileCells, TileKey};
@@ -92,7 +92,38 @@ impl Rig {
         rig.announce();
         rig.answer(RequestId(900), Topic::Info, &info);
         rig.announce();
-        rig.say(
+        rig.stand();
+        rig
+    }
+
+    /// A robot that is heard and tells of these shores, if of any.
+    fn on_water(shores: Option<Shores>) -> Self {
+        let mut rig = Self::with_robot();
+        let info = Info {
+            vehicle: "boat".to_owned(),
+            source: String::new(),
+            footprint_m: [3.0, 1.6],
+            limits: [1.0, 1.0],
+            layers: vec![LayerInfo {
+                layer: LayerId::Shore,
+                cell_m: 0.3,
+            }],
+        };
+        rig.announce();
+        rig.answer(RequestId(900), Topic::Info, &info);
+        rig.stand();
+        if let Some(shores) = shores {
+            let news = ShoresNews {
+                revision: 1,
+                shores: Some(shores),
+            };
+            rig.say(Topic::Shores, &news);
+        }
+        rig
+    }
+
+    fn stand(&mut self) {
+        self.say(
             Topic::Pose,
             &Pose {
                 position_m: [1.0, -2.5, 0.0],
@@ -101,7 +132,6 @@ impl Rig {
                 turn_rate_radps: 0.0,
             },
         );
-        rig
     }
 
     fn put(&mut self, tx: i32, ty: i32, code: u16) -> TileKey {
@@ -499,4 +529,73 @@ fn another_robot_begins_with_an_empty_map() {
         .values()
         .map(|output| output.repaint_delay);
     assert!(delay.min().unwrap() >= Duration::from_millis(100));
+}
+
+fn shore(number: u32, class: ShoreClass, rigid_voxels: u32, center_m: [f32; 2]) -> ShoreCluster {
+    ShoreCluster {
+        number,
+        class,
+        voxels: 1_200,
+        rigid_voxels,
+        center_m,
+        outline: Vec::new(),
+    }
+}
+
+#[test]
+fn shores_are_listed_and_a_click_shows_where_they_are() {
+    // The boat is at (1, −2.5).
+    let clusters = vec![
+        shore(12, ShoreClass::Solid, 1_100, [61.0, 77.5]),
+        shore(7, ShoreClass::Dense, 492, [4.0, 1.5]),
+    ];
+    let site = |x_m, mean_cost| DockingSite {
+        center_m: [x_m, -2.5],
+        heading_rad: 0.0,
+        width_m: 6.25,
+        mean_cost,
+    };
+    let sites = vec![site(13.0, 0.2), site(-19.0, 0.31)];
+    let mut shores = Shores::gather(0.3, None, clusters, sites);
+    shores.clusters_left_out = 3;
+    let mut window = Rig::on_water(Some(shores)).window();
+    check(
+        &window,
+        &[
+            "Shores",
+            "Shore 7, dense, 41 % rigid, 1\u{2009}200 voxels, 5.0 m away",
+            "Shore 12, solid, 92 % rigid, 1\u{2009}200 voxels, 100 m away",
+            "Docking site 1, cost 0.20, 6.2 m wide, 12 m away",
+            "Docking site 2, cost 0.31, 6.2 m wide, 20 m away",
+            "3 smaller shores are not listed.",
+        ],
+        &["worse docking sites", "Nothing was heard"],
+    );
+    window.get_by_label_contains("Docking site 2").click();
+    window.run_steps(2);
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    assert_eq!(asked, [Command::Look(Look::At([-19.0, -2.5]))]);
+    let map_view = window.state_mut().screen.map_view_mut();
+    map_view.look(Look::At([-19.0, -2.5]));
+    window.run_steps(1);
+    let map_view = window.state().screen.map_view();
+    let [low_x, low_y, high_x, high_y] = map_view.visible_m();
+    assert_eq!(map_view.sight(), Sight::Free);
+    assert!((0.5 * (low_x + high_x) + 19.0).abs() < 1e-3);
+    assert!((0.5 * (low_y + high_y) + 2.5).abs() < 1e-3);
+}
+
+#[test]
+fn shores_that_are_not_known_yet_are_said_not_to_be() {
+    check(
+        &Rig::on_water(None).window(),
+        &["Shores", "Nothing was heard of shores yet."],
+        &["No shore in sight."],
+    );
+    check(
+        &Rig::on_water(Some(Shores::default())).window(),
+        &["No shore in sight."],
+        &["Nothing was heard of shores yet."],
+    );
+    check(&Rig::live().window(), &["Live"], &["Shores"]);
 }

@@ -2,7 +2,6 @@ use eframe::egui::vec2;
 use protocol::tile::{BootId, TileCells};
 use protocol::tile_store::LayerGrid;
 
-use super::super::coloring::Coloring;
 use super::*;
 
 const LAYER: LayerId = LayerId::Occupancy;
@@ -61,7 +60,7 @@ impl Rig {
             cell_m: CELL_M,
             store: &self.store,
             known: &self.known,
-            colors: self.coloring.table(),
+            coloring: &self.coloring,
         };
         let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(800.0, 600.0));
         let is_complete = self

@@ -24,6 +24,16 @@ impl Rect {
     pub(super) fn bottom(self) -> u32 {
         self.y + self.height
     }
+
+    /// What is within a frame of one pixel.
+    pub(super) fn inside(self) -> Self {
+        Self {
+            x: self.x + 1,
+            y: self.y + 1,
+            width: self.width.saturating_sub(2),
+            height: self.height.saturating_sub(2),
+        }
+    }
 }
 
 impl Canvas {
@@ -50,10 +60,15 @@ impl Canvas {
     }
 
     pub(super) fn fill(&mut self, rect: Rect, color: [u8; 3]) {
+        self.fill_with(rect, |_, _| color);
+    }
+
+    /// Gives each pixel of `rect` its colour, by where it is on the canvas.
+    pub(super) fn fill_with(&mut self, rect: Rect, color: impl Fn(u32, u32) -> [u8; 3]) {
         let right = rect.right().min(self.width);
         for y in rect.y..rect.bottom().min(self.height) {
             for x in rect.x..right {
-                self.put(x, y, color);
+                self.put(x, y, color(x, y));
             }
         }
     }
@@ -61,13 +76,7 @@ impl Canvas {
     /// Fills `rect` and draws a one-pixel line around its inside.
     pub(super) fn fill_framed(&mut self, rect: Rect, color: [u8; 3], frame: [u8; 3]) {
         self.fill(rect, frame);
-        let inside = Rect {
-            x: rect.x + 1,
-            y: rect.y + 1,
-            width: rect.width.saturating_sub(2),
-            height: rect.height.saturating_sub(2),
-        };
-        self.fill(inside, color);
+        self.fill(rect.inside(), color);
     }
 
     /// Lays `color` over a pixel with the given coverage, 0 … 1.

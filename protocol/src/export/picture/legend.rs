@@ -59,14 +59,17 @@ pub(super) fn draw(canvas: &mut Canvas, lettering: &Lettering, at: (u32, u32), l
         y += RAMP_HEIGHT + LINE_HEIGHT / 2 + GAP;
     }
     for swatch in &legend.swatches {
-        let [red, green, blue, alpha] = swatch.color;
         let square = Rect {
             x,
             y,
             width: SWATCH_SIDE,
             height: SWATCH_SIDE,
         };
-        canvas.fill_framed(square, over_ground([red, green, blue], alpha), FAINT_INK);
+        canvas.fill(square, FAINT_INK);
+        canvas.fill_with(square.inside(), |x, y| {
+            let [x, y] = [x - square.x, y - square.y].map(|pixel| pixel as usize);
+            over_ground(swatch.color_at(x, y))
+        });
         let label_x = square.right() + GAP;
         lettering.draw(canvas, (label_x, y), TEXT_PX, INK, &swatch.label);
         y += SWATCH_PITCH;

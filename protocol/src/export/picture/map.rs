@@ -2,7 +2,7 @@
 
 use super::GROUND;
 use super::canvas::{Canvas, Rect};
-use crate::layer::Palette;
+use crate::layer::{Palette, Pattern};
 use crate::mosaic::Raster;
 
 /// The longer side of a magnified map stays below this, pixels.
@@ -54,7 +54,7 @@ impl Magnification {
         }
     }
 
-    /// Draws the map with its upper left corner at `at`; up is greater y.
+    /// Draws the map with its upper left corner at `at`, where its patterns begin; up is greater y.
     pub(super) fn draw(
         self,
         canvas: &mut Canvas,
@@ -69,14 +69,20 @@ impl Magnification {
         for (block_y, file_row) in (0..raster.height()).step_by(cells).zip(0_u32..) {
             for (block_x, column) in (0..raster.width()).step_by(cells).zip(0_u32..) {
                 let code = highest_code(raster, block_x, block_y, cells);
-                let [red, green, blue, alpha] = palette.color(code);
                 let square = Rect {
                     x: at.0 + column * side_px,
                     y: at.1 + file_row * side_px,
                     width: side_px,
                     height: side_px,
                 };
-                canvas.fill(square, over_ground([red, green, blue], alpha));
+                if palette.pattern(code) == Pattern::Plain {
+                    canvas.fill(square, over_ground(palette.color(code)));
+                } else {
+                    canvas.fill_with(square, |x, y| {
+                        let [x, y] = [x - at.0, y - at.1].map(|pixel| pixel as usize);
+                        over_ground(palette.color_at(code, x, y))
+                    });
+                }
             }
         }
     }
@@ -90,23 +96,34 @@ impl Magnification {
         cell: (usize, usize),
         color: [u8; 3],
     ) {
-        let row = raster.height() - 1 - cell.1;
-        let (x, y, side_px) = match self {
-            Self::PixelsPerCell(factor) => (cell.0 * factor, row * factor, factor),
-            Self::CellsPerPixel(factor) => (cell.0 / factor, row / factor, 1),
+        let (x, y) = self.place(raster, cell);
+        let side_px = match self {
+            Self::PixelsPerCell(factor) => factor as u32,
+            Self::CellsPerPixel(_) => 1,
         };
         let square = Rect {
-            x: at.0 + x as u32,
-            y: at.1 + y as u32,
-            width: side_px as u32,
-            height: side_px as u32,
+            x: at.0 + x,
+            y: at.1 + y,
+            width: side_px,
+            height: side_px,
         };
         canvas.fill(square, color);
     }
+
+    /// The upper left pixel of a cell, (column, row from the bottom) of `raster`, from that of its map.
+    pub(super) fn place(self, raster: &Raster, cell: (usize, usize)) -> (u32, u32) {
+        let row = raster.height() - 1 - cell.1;
+        let (x, y) = match self {
+            Self::PixelsPerCell(factor) => (cell.0 * factor, row * factor),
+            Self::CellsPerPixel(factor) => (cell.0 / factor, row / factor),
+        };
+        (x as u32, y as u32)
+    }
 }
 
-/// `color` with `alpha` as it looks on the ground.
-pub(super) fn over_ground(color: [u8; 3], alpha: u8) -> [u8; 3] {
+/// A colour with straight alpha as it looks on the ground.
+pub(super) fn over_ground([red, green, blue, alpha]: [u8; 4]) -> [u8; 3] {
+    let color = [red, green, blue];
     std::array::from_fn(|channel| {
         let (over, under) = (u16::from(color[channel]), u16::from(GROUND[channel]));
         let alpha = u16::from(alpha);

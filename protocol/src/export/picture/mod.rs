@@ -45,6 +45,17 @@ pub struct Caption<'a> {
     pub title: &'a str,
     /// Where the vehicle is in `odom`, metres: its cell is orange ([LOD §5]).
     pub vehicle_m: Option<[f64; 2]>,
+    /// What is written on the map.
+    pub labels: &'a [Label],
+}
+
+/// A word on the map.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Label {
+    /// The word.
+    pub text: String,
+    /// Where its middle is in `odom`, metres.
+    pub at_m: [f64; 2],
 }
 
 /// Writes `raster` in the colours of `palette`.
@@ -89,10 +100,9 @@ fn draw(raster: &Raster, palette: &Palette, caption: &Caption<'_>) -> Canvas {
         .vehicle_m
         .and_then(|vehicle_m| raster.place_of(vehicle_m[0], vehicle_m[1]));
     if vehicle.is_some() {
-        legend.swatches.push(Swatch {
-            color: [VEHICLE[0], VEHICLE[1], VEHICLE[2], 255],
-            label: "vehicle".to_owned(),
-        });
+        let [red, green, blue] = VEHICLE;
+        let swatch = Swatch::plain([red, green, blue, 255], "vehicle".to_owned());
+        legend.swatches.push(swatch);
     }
     let magnification = Magnification::of(raster);
     let (map_width, map_height) = magnification.pixels(raster);
@@ -134,6 +144,26 @@ fn draw(raster: &Raster, palette: &Palette, caption: &Caption<'_>) -> Canvas {
     magnification.draw(&mut canvas, (map_x, map_y), raster, palette);
     if let Some(cell) = vehicle {
         magnification.mark(&mut canvas, (map_x, map_y), raster, cell, VEHICLE);
+    }
+    for label in caption.labels {
+        if let Some(cell) = raster.place_of(label.at_m[0], label.at_m[1]) {
+            let (x, y) = magnification.place(raster, cell);
+            let (width, height) = (lettering.width(&label.text, TEXT_PX), TEXT_PX as u32);
+            let plate = Rect {
+                x: (map_x + x).saturating_sub(width / 2 + 2),
+                y: (map_y + y).saturating_sub(height / 2),
+                width: width + 4,
+                height: height + 2,
+            };
+            canvas.fill(plate, PAGE);
+            lettering.draw(
+                &mut canvas,
+                (plate.x + 2, plate.y),
+                TEXT_PX,
+                INK,
+                &label.text,
+            );
+        }
     }
     legend::draw(&mut canvas, &lettering, (legend_x, ground.y), &legend);
     scale_bar::draw(

@@ -62,6 +62,7 @@ fn the_vehicles_cell_is_orange_and_the_documents_bar_is_a_metre() {
     let caption = Caption {
         title: "",
         vehicle_m: Some([corner_m[0] + center_m, corner_m[1] + 0.1]),
+        labels: &[],
     };
     let canvas = draw(&raster, &palette, &caption);
     let count = |color: [u8; 3], rows: std::ops::Range<u32>| {
@@ -82,4 +83,38 @@ fn the_vehicles_cell_is_orange_and_the_documents_bar_is_a_metre() {
     );
     // 1 m is 100 pixels: half of it white inside its frame.
     assert_eq!(count([255; 3], map_bottom..canvas.height()), 49 * 7);
+}
+
+/// Marks of `palette`'s pattern for `code` in the map's upper left square of `side` pixels.
+fn marks(raster: &Raster, palette: &Palette, code: u16, side: u32) -> Vec<(u32, u32)> {
+    let canvas = draw(raster, palette, &Caption::default());
+    let (width, height) = Magnification::of(raster).pixels(raster);
+    let ground_width = (width + 2 * MAP_PADDING).max(GROUND_SIDE_MIN);
+    let x0 = MARGIN + (ground_width - width) / 2;
+    let legend_height = legend::size(&Lettering::new(), &palette.legend()).1;
+    let ground_height = (height + 2 * MAP_PADDING).max(legend_height);
+    let y0 = MARGIN + 2 * LINE_HEIGHT + 18 + (ground_height - height) / 2;
+    let [red, green, blue, _] = palette.mark_color(code);
+    let pixels = (0..side).flat_map(|y| (0..side).map(move |x| (x, y)));
+    pixels
+        .filter(|&(x, y)| pixel(&canvas, x0 + x, y0 + y) == [red, green, blue])
+        .collect()
+}
+
+#[test]
+fn patterns_are_as_fine_on_large_cells_as_on_small_ones() {
+    let palette = LayerId::Shore.default_palette();
+    for code in 1..=4 {
+        // Cells of one pixel, and of 24.
+        let small = raster_of(LayerId::Shore, 0.3, 900, 900, |_, _| code);
+        let large = raster_of(LayerId::Shore, 0.3, 4, 4, |_, _| code);
+        let pattern = palette.pattern(code);
+        let pixels = (0..48).flat_map(|y| (0..48).map(move |x| (x, y)));
+        let expected: Vec<_> = pixels
+            .filter(|&(x, y)| pattern.is_mark(x as usize, y as usize))
+            .collect();
+        assert!(expected.len() >= 48 * 48 / 8, "{code}");
+        assert_eq!(marks(&small, &palette, code, 48), expected, "{code}");
+        assert_eq!(marks(&large, &palette, code, 48), expected, "{code}");
+    }
 }

@@ -1,0 +1,152 @@
+//! Shores by number where they are, and docking sites with an arrow that points in.
+
+use std::cmp::Reverse;
+
+use eframe::egui::{
+    Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, StrokeKind, Vec2, vec2,
+};
+use protocol::message::Shores;
+
+use super::super::camera::Camera;
+
+const FONT: f32 = 13.0;
+const PADDING: Vec2 = vec2(5.0, 2.0);
+/// Room for a label of so many characters, whatever the font makes of them.
+const CHARACTER: f32 = 8.0;
+const LINE: f32 = 17.0;
+/// From the label of a docking site to the tip of its arrow, points.
+const ARROW: f32 = 30.0;
+const HEAD: f32 = 9.0;
+
+/// What is to be drawn, in points.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(in crate::map_view) struct ShoreMarks {
+    /// Numbers of shores and where, the largest shores first; those that would lie on one another are left out.
+    pub(in crate::map_view) numbers: Vec<(String, Pos2)>,
+    /// Ranks of docking sites, where, and where to: the best first.
+    pub(in crate::map_view) sites: Vec<(String, Pos2, Vec2)>,
+}
+
+impl ShoreMarks {
+    /// What `camera` sees of the shores.
+    pub(in crate::map_view) fn new(shores: &Shores, camera: &Camera, screen: Rect) -> Self {
+        let mut taken: Vec<Rect> = Vec::new();
+        let mut place = |text: &str, center_m: [f32; 2]| {
+            let at = camera.to_screen(screen, center_m.map(f64::from));
+            let size = vec2(text.len() as f32 * CHARACTER, LINE) + 2.0 * PADDING;
+            let rect = Rect::from_center_size(at, size);
+            let is_free =
+                screen.intersects(rect) && taken.iter().all(|other| !other.intersects(rect));
+            is_free.then(|| {
+                taken.push(rect);
+                at
+            })
+        };
+        let sites = shores
+            .sites
+            .iter()
+            .zip(1..)
+            .filter_map(|(site, rank): (_, usize)| {
+                let text = rank.to_string();
+                let at = place(&text, site.center_m)?;
+                let (sin, cos) = libm::sincos(f64::from(site.heading_rad));
+                Some((text, at, vec2(cos as f32, -sin as f32)))
+            });
+        let sites = sites.collect();
+        let mut clusters: Vec<_> = shores.clusters.iter().collect();
+        clusters.sort_by_key(|cluster| (Reverse(cluster.voxels), cluster.number));
+        let numbers = clusters.into_iter().filter_map(|cluster| {
+            let text = cluster.number.to_string();
+            let at = place(&text, cluster.center_m)?;
+            Some((text, at))
+        });
+        Self {
+            numbers: numbers.collect(),
+            sites,
+        }
+    }
+
+    /// Draws them: numbers on cards, ranks in inverse colours, so that neither is taken for the other.
+    pub(in crate::map_view) fn paint(&self, painter: &Painter, ink: Color32, paper: Color32) {
+        for (_, at, towards) in &self.sites {
+            paint_arrow(painter, *at, *towards, ink, paper);
+        }
+        for (text, at) in &self.numbers {
+            paint_label(painter, *at, text, ink, paper);
+        }
+        for (text, at, _) in &self.sites {
+            paint_label(painter, *at, text, paper.to_opaque(), ink);
+        }
+    }
+}
+
+fn paint_label(painter: &Painter, at: Pos2, text: &str, ink: Color32, paper: Color32) {
+    let text = painter.layout_no_wrap(text.to_owned(), FontId::proportional(FONT), ink);
+    let place = Align2::CENTER_CENTER.anchor_size(at, text.size());
+    let card = place.expand2(PADDING);
+    painter.rect_filled(card, 4.0, paper);
+    painter.rect_stroke(card, 4.0, Stroke::new(1.0, ink), StrokeKind::Inside);
+    painter.galley(place.min, text, ink);
+}
+
+/// An arrow from `at` on, with a halo that stands out on any map.
+fn paint_arrow(painter: &Painter, at: Pos2, towards: Vec2, ink: Color32, paper: Color32) {
+    let tip = at + towards * ARROW;
+    let neck = tip - towards * HEAD;
+    let side = vec2(-towards.y, towards.x) * 0.6 * HEAD;
+    let head = vec![tip, neck + side, neck - side];
+    painter.line_segment([at, neck], Stroke::new(5.0, paper));
+    painter.add(Shape::closed_line(head.clone(), Stroke::new(3.0, paper)));
+    painter.line_segment([at, neck], Stroke::new(2.0, ink));
+    painter.add(Shape::convex_polygon(head, ink, Stroke::NONE));
+}
+
+#[cfg(test)]
+mod tests {
+    use eframe::egui::pos2;
+    use protocol::message::{DockingSite, ShoreClass, ShoreCluster};
+
+    use super::*;
+
+    fn cluster(number: u32, voxels: u32, center_m: [f32; 2]) -> ShoreCluster {
+        ShoreCluster {
+            number,
+            class: ShoreClass::Sparse,
+            voxels,
+            rigid_voxels: 0,
+            center_m,
+            outline: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn labels_are_where_shores_are_and_never_on_one_another() {
+        let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 400.0));
+        // 40 points a metre: 1 and 2 would overlap, 4 is out of sight.
+        let clusters = vec![
+            cluster(1, 10, [1.0, 1.0]),
+            cluster(2, 30, [1.1, 1.0]),
+            cluster(3, 20, [-3.0, 2.0]),
+            cluster(4, 90, [60.0, 0.0]),
+        ];
+        let site = DockingSite {
+            center_m: [-1.0, -2.0],
+            heading_rad: std::f32::consts::FRAC_PI_2,
+            width_m: 3.0,
+            mean_cost: 0.2,
+        };
+        let shores = Shores::gather(0.3, None, clusters, vec![site]);
+        let marks = ShoreMarks::new(&shores, &Camera::default(), screen);
+        let numbers: Vec<_> = marks
+            .numbers
+            .iter()
+            .map(|(text, at)| (text.as_str(), [at.x.round(), at.y.round()]))
+            .collect();
+        assert_eq!(numbers, [("2", [244.0, 160.0]), ("3", [80.0, 120.0])]);
+        let [(rank, at, towards)] = &marks.sites[..] else {
+            panic!("{marks:?}");
+        };
+        assert_eq!((rank.as_str(), *at), ("1", pos2(160.0, 280.0)));
+        assert!((*towards - vec2(0.0, -1.0)).length() < 1e-6, "up is north");
+    }
+}

@@ -1,0 +1,213 @@
+//! The robot's shores as this console holds them, and when it asks for them. Pure: the present is a parameter.
+//!
+//! Shores are pushed when they change. A push may be lost, and one from before this console joined was never
+//! heard, so it also asks, again and again, with the revision that it holds: the answer costs a few bytes where that
+//! is the present one.
+
+use std::time::Duration;
+
+use protocol::message::{Shores, ShoresNews, ShoresRequest};
+use robot_edge::clock::Monotonic;
+
+use super::incoming::RequestId;
+use super::refusals::Refusal;
+
+/// Between an answer and the next question.
+const PERIOD: Duration = Duration::from_secs(2);
+/// An answer that takes longer is not waited for, but taken when it comes.
+const PATIENCE: Duration = Duration::from_secs(4);
+const FIRST_BACK_OFF: Duration = Duration::from_millis(500);
+const LONGEST_BACK_OFF: Duration = Duration::from_secs(8);
+
+/// Shores and docking sites of one run of a robot.
+#[derive(Clone, Debug, Default)]
+pub(super) struct ShoresSync {
+    revision: u64,
+    shores: Option<Shores>,
+    /// Number of the newest message that told of them; `None` before the first.
+    told_seq: Option<u64>,
+    asked: Option<(RequestId, Monotonic)>,
+    not_before: Monotonic,
+    /// Questions in a row that were not answered.
+    failures: u32,
+}
+
+impl ShoresSync {
+    /// The shores, where the robot has said anything of them.
+    pub(super) const fn shores(&self) -> Option<&Shores> {
+        self.shores.as_ref()
+    }
+
+    /// Whether the robot has said what there is; if its data ended with message `ended_seq`, after that.
+    pub(super) fn is_told(&self, ended_seq: Option<u64>) -> bool {
+        self.told_seq
+            .is_some_and(|seq| ended_seq.is_none_or(|ended_seq| seq > ended_seq))
+    }
+
+    /// Another run of the robot began.
+    pub(super) fn forget(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Asks as soon as may be.
+    pub(super) fn hurry(&mut self) {
+        self.not_before = Monotonic::default();
+    }
+
+    /// What to ask now; `number` numbers the question.
+    pub(super) fn question(
+        &mut self,
+        now: Monotonic,
+        number: impl FnOnce() -> RequestId,
+    ) -> Option<(RequestId, ShoresRequest)> {
+        let is_waiting = self
+            .asked
+            .is_some_and(|(_, asked_at)| now.since(asked_at) < PATIENCE);
+        if is_waiting || now < self.not_before {
+            return None;
+        }
+        let request = number();
+        self.asked = Some((request, now));
+        let newer_than = self.revision;
+        Some((request, ShoresRequest { newer_than }))
+    }
+
+    /// Shores were pushed, or answered a question, in message `seq`; whether they are others than before.
+    pub(super) fn take(
+        &mut self,
+        news: ShoresNews,
+        seq: u64,
+        request: Option<RequestId>,
+        now: Monotonic,
+    ) -> Result<bool, Refusal> {
+        let ShoresNews { revision, shores } = news;
+        if shores.as_ref().is_some_and(|shores| !shores.is_valid()) {
+            return Err(Refusal::Malformed);
+        }
+        if self.asked.is_some_and(|(asked, _)| Some(asked) == request) {
+            self.asked = None;
+            self.failures = 0;
+            self.not_before = now + PERIOD;
+        }
+        if revision < self.revision {
+            return Err(Refusal::OldRevision);
+        }
+        let is_newer = revision > self.revision;
+        if is_newer && shores.is_none() {
+            // It answers a question that was asked with another revision.
+            return Ok(false);
+        }
+        self.told_seq = self.told_seq.max(Some(seq));
+        if is_newer {
+            self.revision = revision;
+            self.shores = shores;
+        }
+        Ok(is_newer)
+    }
+
+    /// No more answers to a question will come; true if it was asked here.
+    pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) -> bool {
+        let is_unanswered = self.asked.is_some_and(|(asked, _)| asked == request);
+        if is_unanswered {
+            self.asked = None;
+            let back_off = FIRST_BACK_OFF * 2u32.saturating_pow(self.failures.min(8));
+            self.not_before = now + back_off.min(LONGEST_BACK_OFF);
+            self.failures += 1;
+        }
+        is_unanswered
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const fn at(ms: u64) -> Monotonic {
+        Monotonic::from_nanos(ms * 1_000_000)
+    }
+
+    fn news(revision: u64, cell_m: f64) -> ShoresNews {
+        ShoresNews {
+            revision,
+            shores: Some(Shores {
+                cell_m,
+                ..Shores::default()
+            }),
+        }
+    }
+
+    fn nothing(revision: u64) -> ShoresNews {
+        ShoresNews {
+            revision,
+            shores: None,
+        }
+    }
+
+    /// When it asks next, looking every 100 ms, and with which revision.
+    fn next(sync: &mut ShoresSync, from_ms: u64, request: u64) -> (u64, u64) {
+        (from_ms..from_ms + 60_000)
+            .step_by(100)
+            .find_map(|ms| {
+                let (_, question) = sync.question(at(ms), || RequestId(request))?;
+                Some((ms, question.newer_than))
+            })
+            .unwrap()
+    }
+
+    #[test]
+    fn it_asks_at_once_and_then_with_what_it_holds() {
+        let mut sync = ShoresSync::default();
+        assert_eq!(next(&mut sync, 1_000, 1), (1_000, 0));
+        assert!(!sync.is_told(None));
+        assert_eq!(
+            sync.take(news(4, 0.3), 9, Some(RequestId(1)), at(1_100)),
+            Ok(true)
+        );
+        assert!(!sync.ended(RequestId(1), at(1_100)));
+        assert!(sync.is_told(None) && sync.is_told(Some(8)) && !sync.is_told(Some(9)));
+        assert_eq!(next(&mut sync, 1_200, 2), (3_100, 4));
+        assert_eq!(
+            sync.take(nothing(4), 12, Some(RequestId(2)), at(3_200)),
+            Ok(false)
+        );
+        assert!(sync.is_told(Some(11)));
+        assert_eq!(sync.shores().map(|shores| shores.cell_m), Some(0.3));
+        // A push in between changes what the next question says, not when.
+        assert_eq!(sync.take(news(5, 0.4), 13, None, at(3_300)), Ok(true));
+        assert_eq!(next(&mut sync, 3_400, 3), (5_200, 5));
+    }
+
+    #[test]
+    fn what_is_old_or_out_of_bounds_is_refused() {
+        let mut sync = ShoresSync::default();
+        assert_eq!(sync.take(news(5, 0.4), 1, None, at(0)), Ok(true));
+        assert_eq!(
+            sync.take(news(4, 0.3), 2, None, at(0)),
+            Err(Refusal::OldRevision)
+        );
+        let wrong = news(6, f64::NAN);
+        assert_eq!(sync.take(wrong, 3, None, at(0)), Err(Refusal::Malformed));
+        // An answer to the question before a push was lost: there is more than it says.
+        assert_eq!(sync.take(nothing(6), 4, None, at(0)), Ok(false));
+        assert!(!sync.is_told(Some(1)));
+        assert_eq!(sync.shores().map(|shores| shores.cell_m), Some(0.4));
+    }
+
+    #[test]
+    fn no_answer_is_waited_for_longer_and_longer() {
+        let mut sync = ShoresSync::default();
+        let mut ms = 0;
+        let mut waits = Vec::new();
+        for request in 0..7 {
+            let (asked, _) = next(&mut sync, ms, request);
+            waits.push(asked - ms);
+            ms = asked;
+            assert!(sync.ended(RequestId(request), at(ms)));
+        }
+        assert_eq!(waits, [0, 500, 1_000, 2_000, 4_000, 8_000, 8_000]);
+        sync.hurry();
+        assert_eq!(next(&mut sync, ms, 9).0, ms);
+        // A cut swallows question and end.
+        assert_eq!(next(&mut sync, ms, 10).0, ms + 4_000);
+    }
+}

@@ -1,0 +1,276 @@
+//! Shores and docking sites as `GeoJSON` (RFC 7946), one feature a line.
+//!
+//! RFC 7946 knows no coordinates but those of WGS-84. Where no fix tells where on Earth `odom` is, there are none:
+//! then the coordinates are metres in `odom`, and the foreign member `coordinate_reference` says so.
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use super::ExportError;
+use super::whole_file::write_whole;
+use crate::geodesy::TangentPlane;
+use crate::message::{DockingSite, ShoreCluster, Shores};
+
+const ON_EARTH: &str = "WGS-84: longitude and latitude in degrees";
+const IN_ODOM: &str = "NOT WGS-84: x and y in metres in odom, for want of a satellite fix";
+
+#[derive(Serialize)]
+struct Feature<P> {
+    r#type: &'static str,
+    geometry: Geometry,
+    properties: P,
+}
+
+#[derive(Serialize)]
+#[serde(tag = "type", content = "coordinates")]
+enum Geometry {
+    Point([f64; 2]),
+    /// Rings, of which there is only the outer one: counter-clockwise, its end is its beginning.
+    Polygon([Vec<[f64; 2]>; 1]),
+}
+
+#[derive(Serialize)]
+struct ClusterProperties {
+    kind: &'static str,
+    number: u32,
+    class: &'static str,
+    /// Share of rigid voxels, to 10⁻⁴.
+    ratio: f64,
+    voxels: u32,
+    rigid_voxels: u32,
+    /// Mean of its voxels.
+    center: [f64; 2],
+}
+
+#[derive(Serialize)]
+struct SiteProperties {
+    kind: &'static str,
+    rank: usize,
+    /// Where the bow points on the way in: counter-clockwise from x of `odom`, and on Earth clockwise from north.
+    heading_deg: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bearing_deg: Option<f64>,
+    width_m: f64,
+    mean_cost: f64,
+}
+
+/// From points of `odom` to coordinates.
+struct Projection(Option<TangentPlane>);
+
+impl Projection {
+    /// Degrees to 10⁻⁸, a millimetre; metres to a millimetre.
+    fn coordinates(&self, point_m: [f64; 2]) -> [f64; 2] {
+        match &self.0 {
+            Some(plane) => {
+                let [latitude_deg, longitude_deg] = plane.geodetic_deg(point_m);
+                [longitude_deg, latitude_deg].map(|deg| rounded(deg, 1e8))
+            }
+            None => point_m.map(|m| rounded(m, 1e3)),
+        }
+    }
+
+    fn cluster(&self, cluster: &ShoreCluster, cell_m: f64) -> Feature<ClusterProperties> {
+        let center = self.coordinates(cluster.center_m.map(f64::from));
+        let corner = |&(x, y): &(i32, i32)| self.coordinates([x, y].map(|n| f64::from(n) * cell_m));
+        let geometry = match &cluster.outline[..] {
+            [first, _, _, ..] => {
+                let ring = cluster.outline.iter().chain([first]);
+                Geometry::Polygon([ring.map(corner).collect()])
+            }
+            [] | [_] | [_, _] => Geometry::Point(center),
+        };
+        Feature {
+            r#type: "Feature",
+            geometry,
+            properties: ClusterProperties {
+                kind: "shore",
+                number: cluster.number,
+                class: cluster.class.name(),
+                ratio: rounded(cluster.ratio(), 1e4),
+                voxels: cluster.voxels,
+                rigid_voxels: cluster.rigid_voxels,
+                center,
+            },
+        }
+    }
+
+    fn site(&self, site: &DockingSite, rank: usize) -> Feature<SiteProperties> {
+        let heading_deg = f64::from(site.heading_rad).to_degrees();
+        let turned = |deg: f64| {
+            let deg = rounded(deg.rem_euclid(360.0), 1e1);
+            // What is rounded up to a whole turn is none.
+            if deg < 360.0 { deg } else { 0.0 }
+        };
+        Feature {
+            r#type: "Feature",
+            geometry: Geometry::Point(self.coordinates(site.center_m.map(f64::from))),
+            properties: SiteProperties {
+                kind: "docking site",
+                rank,
+                heading_deg: turned(heading_deg),
+                bearing_deg: self.0.is_some().then(|| turned(90.0 - heading_deg)),
+                width_m: rounded(f64::from(site.width_m), 1e3),
+                mean_cost: rounded(f64::from(site.mean_cost), 1e4),
+            },
+        }
+    }
+}
+
+/// Writes `shores.geojson` to `dir`, which is made where it is missing, and returns its path.
+///
+/// The same shores give the same bytes.
+///
+/// # Errors
+/// Where the file system refuses.
+pub fn write_shores(dir: &Path, shores: &Shores) -> Result<PathBuf, ExportError> {
+    let path = dir.join("shores.geojson");
+    let io_error = |source| ExportError::Io {
+        path: path.clone(),
+        source,
+    };
+    std::fs::create_dir_all(dir).map_err(io_error)?;
+    write_whole(&path, |writer| {
+        write_collection(writer, shores).map_err(io_error)
+    })?;
+    Ok(path)
+}
+
+fn write_collection(writer: &mut impl Write, shores: &Shores) -> io::Result<()> {
+    let plane = shores.datum.as_ref().map(TangentPlane::new);
+    let reference = if plane.is_some() { ON_EARTH } else { IN_ODOM };
+    let projection = Projection(plane);
+    write!(
+        writer,
+        "{{\"type\":\"FeatureCollection\",\n\
+         \"coordinate_reference\":\"{reference}\",\n\
+         \"outlines\":\"convex, of 12 corners at most\",\n\
+         \"shores_left_out\":{},\n\
+         \"docking_sites_left_out\":{},\n\
+         \"features\":[",
+        shores.clusters_left_out, shores.sites_left_out
+    )?;
+    let mut separator = "\n";
+    for cluster in &shores.clusters {
+        let feature = projection.cluster(cluster, shores.cell_m);
+        write!(writer, "{separator}{}", serde_json::to_string(&feature)?)?;
+        separator = ",\n";
+    }
+    for (site, rank) in shores.sites.iter().zip(1..) {
+        let feature = projection.site(site, rank);
+        write!(writer, "{separator}{}", serde_json::to_string(&feature)?)?;
+        separator = ",\n";
+    }
+    writer.write_all(b"\n]}\n")
+}
+
+fn rounded(number: f64, per_unit: f64) -> f64 {
+    let rounded = (number * per_unit).round() / per_unit;
+    // No minus sign at zero.
+    rounded + 0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Value, json};
+
+    use super::*;
+    use crate::message::{Datum, ShoreClass};
+
+    fn shores(datum: Option<Datum>) -> Shores {
+        let dense = ShoreCluster {
+            number: 7,
+            class: ShoreClass::Dense,
+            voxels: 3,
+            rigid_voxels: 1,
+            center_m: [0.5, -0.25],
+            outline: vec![(-1, -2), (3, -2), (3, 1)],
+        };
+        let point = ShoreCluster {
+            number: 8,
+            class: ShoreClass::Solid,
+            outline: Vec::new(),
+            ..dense.clone()
+        };
+        let site = DockingSite {
+            center_m: [10.0, 20.0],
+            heading_rad: std::f32::consts::FRAC_PI_2,
+            width_m: 6.3,
+            mean_cost: 0.12345,
+        };
+        let mut shores = Shores::gather(0.25, datum, vec![point, dense], vec![site]);
+        shores.clusters_left_out = 4;
+        shores
+    }
+
+    fn text(shores: &Shores) -> String {
+        let dir = tempfile::tempdir().unwrap();
+        let path = write_shores(&dir.path().join("made"), shores).unwrap();
+        assert!(path.ends_with("made/shores.geojson"));
+        std::fs::read_to_string(path).unwrap()
+    }
+
+    #[test]
+    fn without_a_fix_it_is_metres_and_says_so() {
+        let text = text(&shores(None));
+        assert_eq!(
+            text,
+            "{\"type\":\"FeatureCollection\",\n\
+             \"coordinate_reference\":\"NOT WGS-84: x and y in metres in odom, for want of a satellite fix\",\n\
+             \"outlines\":\"convex, of 12 corners at most\",\n\
+             \"shores_left_out\":4,\n\
+             \"docking_sites_left_out\":0,\n\
+             \"features\":[\n\
+             {\"type\":\"Feature\",\"geometry\":{\"type\":\"Polygon\",\"coordinates\":\
+             [[[-0.25,-0.5],[0.75,-0.5],[0.75,0.25],[-0.25,-0.5]]]},\"properties\":{\"kind\":\"shore\",\
+             \"number\":7,\"class\":\"dense\",\"ratio\":0.3333,\"voxels\":3,\"rigid_voxels\":1,\
+             \"center\":[0.5,-0.25]}},\n\
+             {\"type\":\"Feature\",\"geometry\":{\"type\":\"Point\",\"coordinates\":[0.5,-0.25]},\
+             \"properties\":{\"kind\":\"shore\",\"number\":8,\"class\":\"solid\",\"ratio\":0.3333,\"voxels\":3,\
+             \"rigid_voxels\":1,\"center\":[0.5,-0.25]}},\n\
+             {\"type\":\"Feature\",\"geometry\":{\"type\":\"Point\",\"coordinates\":[10.0,20.0]},\
+             \"properties\":{\"kind\":\"docking site\",\"rank\":1,\"heading_deg\":90.0,\"width_m\":6.3,\
+             \"mean_cost\":0.1235}}\n\
+             ]}\n"
+        );
+        let read: Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(read["features"].as_array().map(Vec::len), Some(3));
+        // RFC 7946 §7.1: what a collection may not have.
+        for member in ["coordinates", "geometry", "geometries", "properties", "crs"] {
+            assert!(read.get(member).is_none(), "{member}");
+        }
+    }
+
+    #[test]
+    fn with_a_fix_it_is_longitude_and_latitude() {
+        let datum = Datum {
+            latitude_deg: 38.5,
+            longitude_deg: -9.1,
+            altitude_m: 0.0,
+        };
+        let read: Value = serde_json::from_str(&text(&shores(Some(datum)))).unwrap();
+        assert_eq!(read["coordinate_reference"], ON_EARTH);
+        let site = &read["features"][2];
+        // 10 m east and 20 m north; a second is 24.2313 m of longitude and 30.8350 m of latitude.
+        let check = |place: &Value, expected: [f64; 2]| {
+            for (number, expected) in place.as_array().unwrap().iter().zip(expected) {
+                let error_deg = number.as_f64().unwrap() - expected;
+                assert!(error_deg.abs() < 1e-8, "{number} {expected}");
+            }
+        };
+        let (east_deg, north_deg) = (1.0 / 24.2313 / 3600.0, 1.0 / 30.8350 / 3600.0);
+        let place = &site["geometry"]["coordinates"];
+        check(place, [-9.1 + 10.0 * east_deg, 38.5 + 20.0 * north_deg]);
+        assert_eq!(site["properties"]["bearing_deg"], json!(0.0));
+        let ring = &read["features"][0]["geometry"]["coordinates"][0];
+        check(&ring[1], [-9.1 + 0.75 * east_deg, 38.5 - 0.5 * north_deg]);
+        assert_eq!(ring[0], ring[3]);
+    }
+
+    #[test]
+    fn no_shores_are_an_empty_collection() {
+        let read: Value = serde_json::from_str(&text(&Shores::default())).unwrap();
+        assert_eq!(read["features"], json!([]));
+    }
+}
