@@ -9,7 +9,9 @@ pub mod outcome;
 pub mod run;
 pub mod session;
 
+mod land;
 mod rooms;
+mod shores;
 mod terrain;
 
 mod e1;
@@ -18,6 +20,11 @@ mod e3;
 mod e4;
 mod e5;
 mod e6;
+mod h1;
+mod h2;
+mod h3;
+mod h4;
+mod h5;
 mod h6;
 mod l1;
 mod l2;
@@ -26,6 +33,7 @@ pub mod pictures;
 mod published;
 pub mod report;
 mod spread;
+mod voxel_views;
 
 use std::fmt;
 use std::str::FromStr;
@@ -58,6 +66,16 @@ pub enum Experiment {
     E5,
     /// A turn beside glass.
     E6,
+    /// A tilting laser whose encoder lags.
+    H1,
+    /// Slopes, a canopy and holes.
+    H2,
+    /// Rocks, trunks, tall grass and twigs.
+    H3,
+    /// Shores of a lake.
+    H4,
+    /// A dock between overgrown shores.
+    H5,
     /// A person walks through.
     H6,
     /// A horizontal laser in rooms.
@@ -114,13 +132,18 @@ pub enum ExperimentError {
 
 impl Experiment {
     /// All of them, in the order of the table.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 14] = [
         Self::E1,
         Self::E2,
         Self::E3,
         Self::E4,
         Self::E5,
         Self::E6,
+        Self::H1,
+        Self::H2,
+        Self::H3,
+        Self::H4,
+        Self::H5,
         Self::H6,
         Self::L1,
         Self::L2,
@@ -135,6 +158,11 @@ impl Experiment {
             Self::E4 => "E4",
             Self::E5 => "E5",
             Self::E6 => "E6",
+            Self::H1 => "H1",
+            Self::H2 => "H2",
+            Self::H3 => "H3",
+            Self::H4 => "H4",
+            Self::H5 => "H5",
             Self::H6 => "H6",
             Self::L1 => "L1",
             Self::L2 => "L2",
@@ -150,6 +178,11 @@ impl Experiment {
             Self::E4 => "Straight on",
             Self::E5 => "Attitudes on objects",
             Self::E6 => "A left turn",
+            Self::H1 => "A lagging encoder",
+            Self::H2 => "Slope costs in a yard",
+            Self::H3 => "What gives way in a meadow",
+            Self::H4 => "Shores of a lake",
+            Self::H5 => "A dock",
             Self::H6 => "A person walks through",
             Self::L1 => "Occupied and free cells agree with the truth",
             Self::L2 => "A reflective surface",
@@ -165,6 +198,11 @@ impl Experiment {
             Self::E4 => "[LOD 5.4]",
             Self::E5 => "[LOD 5.5]",
             Self::E6 => "[LOD 5.6]",
+            Self::H1 => "[HYB 8.1]",
+            Self::H2 => "[HYB 8.2]",
+            Self::H3 => "[HYB 8.4.1]",
+            Self::H4 => "[HYB 8.4.2]",
+            Self::H5 => "[HYB 8.2.2]",
             Self::H6 => "[LOD 6]",
             Self::L1 | Self::L2 => "[LRF]",
         }
@@ -187,6 +225,15 @@ impl Experiment {
             Self::E6 => {
                 "the walls that were mapped before the turn cover ≤ 1.05 × as many cells after it (no drag); glass lets beams through, as in the document"
             }
+            Self::H1 => "two ground surfaces without, one with the time offset",
+            Self::H2 => {
+                "cost as in §4; canopy above the vehicle no obstacle, low branch an obstacle"
+            }
+            Self::H3 => "rock and trunk fatal, grass and twigs trespassable",
+            Self::H4 => {
+                "≥ 12 clusters; ≥ 95 % of clusters right over 20 seeds, and never Solid called Sparse"
+            }
+            Self::H5 => "the ramp is found as a docking site; overgrown shores are not",
             Self::H6 => "no trail 10 s after; walls stay",
             Self::L1 => {
                 "occupied/free cells agree with truth ≥ 99 % of observed cells away from edges"
@@ -207,6 +254,11 @@ impl Experiment {
             Self::E4 => e4::run(session),
             Self::E5 => e5::run(session),
             Self::E6 => e6::run(session),
+            Self::H1 => h1::run(session),
+            Self::H2 => h2::run(session),
+            Self::H3 => h3::run(session),
+            Self::H4 => h4::run(session),
+            Self::H5 => h5::run(session),
             Self::H6 => h6::run(session),
             Self::L1 => l1::run(session),
             Self::L2 => l2::run(session),

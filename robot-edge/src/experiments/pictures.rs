@@ -6,7 +6,7 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 use png::{BitDepth, ColorType, Encoder, EncodingError};
-use protocol::export::{Caption, ExportError, write_picture};
+use protocol::export::{Caption, ExportError, Label, write_picture};
 use protocol::layer::{LayerId, Palette, Scheme};
 use protocol::mosaic::{MAX_RASTER_CELLS, Raster};
 use protocol::tile::{BootId, TILE_SIDE, TileCells, TileKey};
@@ -39,6 +39,8 @@ pub enum Image {
         title: String,
         /// Where the vehicle is in `odom`, metres.
         vehicle_m: Option<[f64; 2]>,
+        /// What is written on it.
+        labels: Vec<Label>,
     },
     /// Pixels in a few colours.
     Drawing(Drawing),
@@ -76,6 +78,7 @@ impl Picture {
                 palette,
                 title: caption.to_owned(),
                 vehicle_m,
+                labels: Vec::new(),
             },
         }))
     }
@@ -92,10 +95,12 @@ impl Picture {
                 palette,
                 title,
                 vehicle_m,
+                labels,
             } => {
                 let caption = Caption {
                     title,
                     vehicle_m: *vehicle_m,
+                    labels,
                 };
                 write_picture(&path, raster, palette, &caption)?;
             }

@@ -1,5 +1,6 @@
 //! A simulated world through the edge's own pipeline.
 
+use std::collections::VecDeque;
 use std::sync::MutexGuard;
 
 use protocol::tile::BootId;
@@ -9,18 +10,34 @@ use super::ExperimentError;
 use crate::app::{self, placing};
 use crate::config::{self, Config, Override};
 use crate::mapping::posed_scan::PosedScan;
-use crate::measurement::{Measurement, Stream};
+use crate::measurement::{Measurement, MeasurementData, Stream};
 use crate::pipeline::{Happening, Pipeline};
 use crate::robot_time::RobotDuration;
+use crate::simulation::attitude::Attitude;
+use crate::simulation::noise::NoiseStream;
 use crate::simulation::source::START;
 use crate::simulation::{SimulatedSource, SimulationOptions, World};
 
 /// A vehicle that drives through a world and maps it.
 pub struct SimulatedRun {
     source: SimulatedSource,
+    attitude_noise: Option<AttitudeNoise>,
     /// The first measurement that is not in the pipeline yet.
     next: Option<Measurement>,
     pipeline: Pipeline,
+}
+
+/// Noise on roll, pitch and yaw of the poses themselves.
+struct AttitudeNoise {
+    deviation_rad: f64,
+    axes: [AveragedNoise; 3],
+}
+
+/// Noise of which as many of the last numbers are averaged.
+struct AveragedNoise {
+    stream: NoiseStream,
+    last: VecDeque<f64>,
+    averaged: usize,
 }
 
 impl SimulatedRun {
@@ -38,7 +55,28 @@ impl SimulatedRun {
             pipeline: pipeline(config, source.streams())?,
             next: source.next_measurement(),
             source,
+            attitude_noise: None,
         })
+    }
+
+    /// The same with the world's attitude noise on the transforms that say where the vehicle is, of so many of
+    /// them averaged: of a vehicle whose attitude sensor gives its poses, which a simulated source takes from
+    /// the truth. To be called before anything is mapped.
+    #[must_use]
+    pub fn with_noisy_attitudes(mut self, world: &World, seed: u64, averaged: usize) -> Self {
+        let mut noise = AttitudeNoise {
+            deviation_rad: world.attitude_noise_rad(),
+            axes: ["roll", "pitch", "yaw"].map(|axis| AveragedNoise {
+                stream: NoiseStream::new(seed, &format!("experiments/poses/{axis}")),
+                last: VecDeque::new(),
+                averaged: averaged.max(1),
+            }),
+        };
+        if let Some(next) = &mut self.next {
+            noise.disturb(next);
+        }
+        self.attitude_noise = Some(noise);
+        self
     }
 
     /// As [`new`](Self::new), with the configuration of the world's own vehicle and `settings`
@@ -80,6 +118,9 @@ impl SimulatedRun {
                 mapped(&self.pipeline, &scan);
             }
             self.next = self.source.next_measurement();
+            if let (Some(noise), Some(next)) = (&mut self.attitude_noise, &mut self.next) {
+                noise.disturb(next);
+            }
         }
         Ok(())
     }
@@ -115,14 +156,48 @@ impl SimulatedRun {
     }
 }
 
+impl AttitudeNoise {
+    fn disturb(&mut self, measurement: &mut Measurement) {
+        if let MeasurementData::Transform {
+            parent_from_child,
+            is_static: false,
+            ..
+        } = &mut measurement.data
+        {
+            let truth = Attitude::of(&parent_from_child.rotation);
+            let [roll, pitch, yaw] = &mut self.axes;
+            let read = |truth_rad: f64, noise: &mut AveragedNoise| {
+                truth_rad + self.deviation_rad * noise.next()
+            };
+            parent_from_child.rotation = Attitude {
+                roll_rad: read(truth.roll_rad, roll),
+                pitch_rad: read(truth.pitch_rad, pitch),
+                yaw_rad: read(truth.yaw_rad, yaw),
+            }
+            .rotation();
+        }
+    }
+}
+
+impl AveragedNoise {
+    fn next(&mut self) -> f64 {
+        while self.last.len() >= self.averaged {
+            self.last.pop_front();
+        }
+        while self.last.len() < self.averaged {
+            self.last.push_back(self.stream.normal());
+        }
+        self.last.iter().sum::<f64>() / self.averaged as f64
+    }
+}
+
 /// Empty maps of the vehicle whose sensors give these streams, set up as `robot-edge simulate` does it (a
 /// test compares the two).
 ///
 /// # Errors
 /// Where the configuration does not fit.
 pub fn pipeline(config: &Config, streams: &[Stream]) -> Result<Pipeline, ExperimentError> {
-    let laser = placing::main_laser(config)?;
-    let placer = placing::placer_settings(config, laser, app::pose_origin(config, streams)?);
+    let placer = placing::placer_settings(config, &app::simulated_placing(config, streams)?);
     Ok(Pipeline::new(config, placer, BootId([0; 16]), false)?)
 }
 
@@ -134,4 +209,25 @@ pub fn vehicle_config(world: &World, settings: &[&str]) -> Result<Config, Experi
     let overrides: Result<Vec<Override>, _> =
         settings.iter().map(|setting| setting.parse()).collect();
     Ok(config::load(world.vehicle(), &overrides?)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn averaged_noise_is_as_much_smaller_as_it_must_be() {
+        let deviation = |averaged| {
+            let mut noise = AveragedNoise {
+                stream: NoiseStream::new(1, "test"),
+                last: VecDeque::new(),
+                averaged,
+            };
+            let squares = (0..20_000).map(|_| noise.next().powi(2));
+            libm::sqrt(squares.sum::<f64>() / 20_000.0)
+        };
+        assert!((deviation(1) - 1.0).abs() < 0.02, "{}", deviation(1));
+        let expected = 1.0 / libm::sqrt(10.0);
+        assert!((deviation(10) - expected).abs() < 0.03, "{}", deviation(10));
+    }
 }

@@ -51,7 +51,7 @@ impl Erosion {
         let height_m = world
             .simulated_vehicle()
             .laser
-            .base_from_laser
+            .base_from_mount
             .translation
             .z;
         let outline = Outline::at_height(world.solids(), height_m);

@@ -67,7 +67,7 @@ pub(super) fn mirror_of(world: &World) -> Outline {
         .cloned()
         .collect();
     let laser = &world.simulated_vehicle().laser;
-    Outline::at_height(&mirror, laser.base_from_laser.translation.z)
+    Outline::at_height(&mirror, laser.base_from_mount.translation.z)
 }
 
 /// A run with the vehicle's own configuration and `settings` (`key=value`) over it, for as long as the

@@ -122,6 +122,8 @@ impl TerrainWorld {
             attitude_noise_rad: Some(0.0),
             encoder_error: Some(0.0),
             wheel_slip: None,
+            joint_lag_s: Some(0.0),
+            fix_noise_m: Some(0.0),
         };
         let settings = self.settings.iter().map(String::as_str);
         let settings: Vec<&str> = settings.chain(["localization.source=tf"]).collect();

@@ -1,5 +1,5 @@
-//! Every experiment of `algorithms.md` §8 that is built passes: with one seed in the normal run, with twenty in
-//! the ignored tests. What each asks for is in `robot-edge/src/experiments/`, what came out in
+//! Every experiment of `algorithms.md` §8 that is built passes: with one seed in the normal run, but for those that
+//! take minutes, with twenty in the ignored tests. What each asks for is in `robot-edge/src/experiments/`, what came out in
 //! `docs/experiments.md`.
 
 use std::sync::atomic::AtomicBool;
@@ -38,10 +38,11 @@ fn passes(experiment: Experiment, seeds: u64) {
 }
 
 macro_rules! experiments {
-    ($($name:ident: $experiment:ident),* $(,)?) => {
+    ($($(#[$slow:meta])? $name:ident: $experiment:ident),* $(,)?) => {
         /// With seed 1.
         mod one_seed {
             $(#[test]
+            $(#[$slow])?
             fn $name() {
                 super::passes(super::Experiment::$experiment, 1);
             })*
@@ -70,6 +71,15 @@ experiments! {
     e4_straight_on_nothing_moves_in_the_map: E4,
     e5_attitudes_are_compensated: E5,
     e6_a_turn_drags_no_walls: E6,
+    h1_a_time_offset_makes_one_ground_of_two: H1,
+    #[ignore = "minutes"]
+    h2_slopes_cost_what_they_are_and_canopies_nothing: H2,
+    #[ignore = "minutes"]
+    h3_rocks_and_trunks_stay_fatal_and_grass_and_twigs_give_way: H3,
+    #[ignore = "minutes"]
+    h4_shores_are_told_apart: H4,
+    #[ignore = "minutes"]
+    h5_a_ramp_is_where_to_dock: H5,
     h6_a_person_leaves_no_trail: H6,
     l1_occupied_and_free_cells_agree_with_the_truth: L1,
     l2_what_a_mirror_shows_vanishes_with_further_observations: L2,
