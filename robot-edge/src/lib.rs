@@ -18,6 +18,7 @@ pub mod cli;
 pub mod config;
 pub mod exit;
 pub mod experiments;
+pub mod export;
 pub mod link;
 pub mod localization;
 pub mod mapping;

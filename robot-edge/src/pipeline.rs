@@ -1,5 +1,6 @@
 //! Measurements in stamp order in, published tiles out: one vehicle's maps, whatever the source.
 
+use protocol::message::Shores;
 use protocol::tile::BootId;
 
 use crate::clock::Monotonic;
@@ -13,6 +14,7 @@ use crate::mapping::posed_scan::PosedScan;
 use crate::measurement::Measurement;
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::streaming::publisher::{PublishError, Publisher};
+use crate::streaming::shores::shores;
 use crate::summary::StageTimer;
 
 /// Places, maps and publishes. It owns no thread: whoever holds it calls it.
@@ -27,6 +29,9 @@ pub struct Pipeline {
     report: PipelineReport,
     on_jump: OnJump,
     happenings: Vec<Happening>,
+    evictions_told: Option<RobotTime>,
+    shores_taken: u32,
+    last_scan: Option<RobotTime>,
 }
 
 /// Something that the people who watch should know.
@@ -51,6 +56,8 @@ pub struct PipelineReport {
     pub misses: u64,
     /// Beams that no layer could take, by reason.
     pub dropped_beams: DropCounts,
+    /// Bricks that left the octree to keep its memory limit.
+    pub evicted_bricks: u64,
     /// Time spent per scan in placing its beams and in each layer, and per publication.
     pub stages: Stages,
 }
@@ -66,6 +73,9 @@ pub struct Stages {
     pub publish: StageTimer,
 }
 
+/// Least time between two tellings of evictions.
+const EVICTIONS_APART: RobotDuration = RobotDuration::from_nanos(10_000_000_000);
+
 /// Scans after which is published, whatever their stamps say.
 const MAX_SCANS_UNPUBLISHED: u32 = 250;
 
@@ -80,7 +90,11 @@ impl Pipeline {
         boot: BootId,
         encode: bool,
     ) -> Result<Self, PublishError> {
-        let mapper = Mapper::new(&config.mapping, config.vehicle.wheelbase_m());
+        let mapper = Mapper::new(
+            &config.mapping,
+            config.vehicle.shape(),
+            &config.range_models(),
+        );
         let publisher = Publisher::new(boot, config.streaming.store_mb, &mapper, encode)?;
         Ok(Self {
             placer: BeamPlacer::new(placer),
@@ -93,6 +107,9 @@ impl Pipeline {
             report: PipelineReport::default(),
             on_jump: config.localization.on_jump,
             happenings: Vec::new(),
+            evictions_told: None,
+            shores_taken: 0,
+            last_scan: None,
         })
     }
 
@@ -128,6 +145,7 @@ impl Pipeline {
     pub fn finish(&mut self, mapped: impl FnMut(&PosedScan)) -> Result<(), PublishError> {
         self.placer.finish(&mut self.placed);
         self.map_placed(mapped)?;
+        self.mapper.refresh();
         self.publish()
     }
 
@@ -145,9 +163,11 @@ impl Pipeline {
             let map = self.mapper.integrate(scan);
             self.report.stages.mapping.record(started.elapsed());
             self.report.scans_mapped += 1;
+            self.last_scan = Some(scan.stamp);
             self.report.hits += map.hits;
             self.report.misses += map.misses;
             self.report.dropped_beams.merge(&map.dropped_beams);
+            self.tell_evictions(scan.stamp, map.evicted_bricks);
             if let Some(change) = map.ground_change {
                 self.tell(change.stamp, "ground_plane", change.to_string());
             }
@@ -180,6 +200,24 @@ impl Pipeline {
         };
         let message = format!("the poses jumped by {:.2} m: {maps}", jump.distance_m);
         self.tell(jump.stamp, "pose_jump", message);
+    }
+
+    /// Tells of bricks that left the octree, not more often than a person could read it.
+    fn tell_evictions(&mut self, stamp: RobotTime, bricks: u32) {
+        if bricks == 0 {
+            return;
+        }
+        self.report.evicted_bricks += u64::from(bricks);
+        let told = self.evictions_told.filter(|&told| told <= stamp);
+        if told.is_none_or(|told| stamp.since(told) >= EVICTIONS_APART) {
+            self.evictions_told = Some(stamp);
+            let bricks = self.report.evicted_bricks;
+            let message = format!(
+                "the octree is at its memory limit (mapping.octree.memory_limit_mb): {bricks} bricks farthest from the \
+                 vehicle are gone so far"
+            );
+            self.tell(stamp, "voxels_evicted", message);
+        }
     }
 
     fn tell(&mut self, stamp: RobotTime, kind: &'static str, message: String) {
@@ -216,6 +254,22 @@ impl Pipeline {
     /// The tiles that were published since the last call.
     pub fn take_changed_tiles(&mut self) -> Vec<protocol::tile::TileKey> {
         self.publisher.take_changed()
+    }
+
+    /// Shores and docking sites, where they are mapped.
+    pub fn shores(&self) -> Option<Shores> {
+        let voxels = self.mapper.voxels()?;
+        let cell_m = voxels.octree().cell_m();
+        Some(shores(voxels.shore()?, cell_m, self.placer.datum()))
+    }
+
+    /// Shores and docking sites if they were brought up to date since the last call, and the stamp of the last scan.
+    pub fn take_shores(&mut self) -> Option<(RobotTime, Shores)> {
+        let updates = self.mapper.voxels()?.shore()?.updates();
+        if std::mem::replace(&mut self.shores_taken, updates) == updates {
+            return None;
+        }
+        Some((self.last_scan?, self.shores()?))
     }
 
     /// What was published.

@@ -38,6 +38,9 @@ pub struct Summary {
     pub stages: BTreeMap<String, StageTimes>,
     /// Maps, by layer.
     pub layers: BTreeMap<String, LayerFigures>,
+    /// The octree, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub voxels: Option<Voxels>,
     /// What was published.
     pub tiles: Tiles,
     /// Most memory the process held, bytes; `null` where the system does not tell.
@@ -85,6 +88,21 @@ pub struct LayerFigures {
     pub digest: String,
     /// Memory of the layer.
     pub bytes: u64,
+}
+
+/// The octree.
+#[derive(Clone, Debug, PartialEq, Eq, Default, Serialize)]
+pub struct Voxels {
+    /// Voxels that are more likely occupied than not.
+    pub occupied: u64,
+    /// Voxels that are known and not occupied.
+    pub free: u64,
+    /// Memory of all of them.
+    pub bytes: u64,
+    /// Bricks that were evicted to keep the memory limit.
+    pub evicted_bricks: u64,
+    /// BLAKE3 of the known voxels in a defined order, hexadecimal.
+    pub digest: String,
 }
 
 /// What was published.

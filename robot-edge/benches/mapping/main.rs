@@ -2,7 +2,8 @@
 //!
 //! ```sh
 //! cargo bench -p robot-edge                   # everything, about a minute and a half
-//! cargo bench -p robot-edge -- occupancy      # or only: reading, occupancy, terrain, tiles, replay
+//! cargo bench -p robot-edge -- occupancy      # or only: reading, occupancy, terrain, classify, rays, voxels, tiles, replay
+//! cargo bench -p robot-edge -- endurance      # a run of 100,000 scans, some minutes; never by itself
 //! ```
 //!
 //! `recordings/rooms.mcap` is always measured; recordings of others where they are found, in
@@ -10,14 +11,17 @@
 
 #![expect(clippy::print_stdout, reason = "a bench reports on standard output")]
 
+mod classify;
 mod occupancy;
 mod placed;
+mod rays;
 mod reading;
 mod recordings;
 mod replay;
 mod rounds;
 mod terrain;
 mod tiles;
+mod voxels;
 
 use std::env;
 
@@ -29,6 +33,11 @@ const CELLS_M: [f64; 2] = [0.10, 0.05];
 
 fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = env::args().skip(1).collect();
+    if let [part, rest @ ..] = &arguments[..]
+        && part == rays::CHILD
+    {
+        return rays::child(rest);
+    }
     // `cargo test --benches` runs this too, unoptimised.
     if !arguments.iter().any(|argument| argument == "--bench") {
         println!("nothing is measured: run it with `cargo bench`");
@@ -43,10 +52,13 @@ fn main() -> anyhow::Result<()> {
         "one thread, processor time; median of {} rounds (least … greatest)",
         rounds::ROUNDS
     );
-    let parts: [(&str, Print); 5] = [
+    let parts: [(&str, Print); 8] = [
         ("reading", reading::print),
         ("occupancy", occupancy::print),
         ("terrain", terrain::print),
+        ("classify", classify::print),
+        ("rays", rays::print),
+        ("voxels", voxels::print),
         ("tiles", tiles::print),
         ("replay", replay::print),
     ];
@@ -55,6 +67,11 @@ fn main() -> anyhow::Result<()> {
             println!();
             print()?;
         }
+    }
+    // Minutes, so only on demand.
+    if wanted.contains(&"endurance") {
+        println!();
+        voxels::print_endurance()?;
     }
     Ok(())
 }

@@ -4,14 +4,14 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use robot_edge::config::{self, Config};
-use robot_edge::localization::beam_projection::{Footprint, SensorSettings};
+use robot_edge::localization::beam_projection::{BodyBox, SensorSettings};
 use robot_edge::localization::beam_range::ZeroRange;
 use robot_edge::localization::placer::{
-    BeamPlacer, MountOrigin, Placed, PlacerSettings, PoseOrigin,
+    BeamPlacer, MountOrigin, Placed, PlacerSettings, PoseOrigin, PoseStreams, RangeSensorSettings,
 };
 use robot_edge::localization::pose_jump::JumpLimit;
 use robot_edge::localization::pose_track::Reach;
-use robot_edge::mapping::posed_scan::{BeamOutcome, PosedScan};
+use robot_edge::mapping::posed_scan::{BeamOutcome, PosedScan, SensorId};
 use robot_edge::measurement::Measurement;
 use robot_edge::pose::Pose;
 use robot_edge::recording::stamp_order::{Ordered, StampOrder};
@@ -46,13 +46,7 @@ impl Prepared {
             (PoseOrigin::Log, Selection::Named(vec![laser.clone()]))
         } else {
             let fixed_frame = "odom".into();
-            (
-                PoseOrigin::Tf {
-                    fixed_frame,
-                    mount: MountOrigin::Tree,
-                },
-                Selection::All,
-            )
+            (PoseOrigin::Tf { fixed_frame }, Selection::All)
         };
         let mut reader = recording::open(path, selection)?;
         let mut order = StampOrder::default();
@@ -79,16 +73,25 @@ impl Prepared {
             keep: seconds(from.buffer_s),
             wait: seconds(from.wait_s),
             max_waiting: from.max_waiting_scans,
-            sensor: SensorSettings {
-                range_min_m: None,
-                range_max_m: scans.unsaid_miss_from_m(),
-                zero: ZeroRange::Invalid,
-                time_offset: RobotDuration::ZERO,
-                base_from_sensor: Pose::identity(),
-            },
-            footprint: Footprint {
+            pose_streams: PoseStreams::default(),
+            sensors: vec![RangeSensorSettings {
+                stream: None,
+                beams: SensorSettings {
+                    id: SensorId(0),
+                    range_min_m: None,
+                    range_max_m: scans.unsaid_miss_from_m(),
+                    zero: ZeroRange::Invalid,
+                    time_offset: RobotDuration::ZERO,
+                    base_from_sensor: Pose::identity(),
+                },
+                mount: MountOrigin::Tree,
+                tilt: None,
+            }],
+            body: BodyBox {
                 length_m: config.vehicle.length_m,
                 width_m: config.vehicle.width_m,
+                lowest_m: config.vehicle.lowest_point_m,
+                highest_m: config.vehicle.lowest_point_m + config.vehicle.height_m,
             },
         };
         Ok(Self {

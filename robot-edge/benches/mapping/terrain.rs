@@ -1,11 +1,12 @@
 //! A scan of 481 beams through placing, elevation and obstacle map: time by size of the window, and memory
 //! beside that of the document.
 
-use robot_edge::app::placing::{main_laser, placer_settings, poses_from_wheels};
+use robot_edge::app::placing::{Placing, PlannedSensor, placer_settings, poses_from_wheels};
 use robot_edge::clock::Monotonic;
 use robot_edge::config::{self, Config, WheelsAndAttitude};
-use robot_edge::localization::placer::{BeamPlacer, Placed};
+use robot_edge::localization::placer::{BeamPlacer, MountOrigin, Placed, PoseStreams};
 use robot_edge::mapping::Mapper;
+use robot_edge::mapping::posed_scan::SensorId;
 use robot_edge::mapping::terrain::Terrain;
 use robot_edge::measurement::Measurement;
 use robot_edge::simulation::{SimulatedSource, SimulationOptions, World};
@@ -82,8 +83,23 @@ impl Times {
             anyhow::anyhow!("{encoders} encoders, {imus} attitude sensors")
         })?;
         let origin = poses_from_wheels(config, &sensors);
-        let mut placer = BeamPlacer::new(placer_settings(config, main_laser(config)?, origin));
-        let mut mapper = Mapper::new(&config.mapping, config.vehicle.wheelbase_m());
+        let placing = Placing {
+            origin,
+            pose_streams: PoseStreams::default(),
+            sensors: vec![PlannedSensor {
+                id: SensorId(0),
+                stream: None,
+                mount: MountOrigin::Configured,
+                tilt_stream: None,
+                range_max_m: None,
+            }],
+        };
+        let mut placer = BeamPlacer::new(placer_settings(config, &placing));
+        let mut mapper = Mapper::new(
+            &config.mapping,
+            config.vehicle.shape(),
+            &config.range_models(),
+        );
         let (mut placing_us, mut maps_us, mut both_us) = (Vec::new(), Vec::new(), Vec::new());
         let mut placed = Vec::new();
         // Of everything since the last scan: poses are placed for the scans that need them.

@@ -141,7 +141,11 @@ fn map(
 ) -> anyhow::Result<Mapped> {
     let config = generic2d(cell_m)?;
     let period = RobotDuration::from_secs_f64(config.streaming.publish_period_s);
-    let mut mapper = Mapper::new(&config.mapping, config.vehicle.wheelbase_m());
+    let mut mapper = Mapper::new(
+        &config.mapping,
+        config.vehicle.shape(),
+        &config.range_models(),
+    );
     let store_mb = config.streaming.store_mb;
     let mut publisher = Publisher::new(BootId([0; 16]), store_mb, &mapper, false)?;
     let mut published_at: Option<RobotTime> = None;

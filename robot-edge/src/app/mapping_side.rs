@@ -1,5 +1,7 @@
 //! The pipeline's side of a run: takes batches, records, maps, shows progress.
 
+use std::sync::Arc;
+
 use super::data_clock::DataClock;
 use super::event_log::EventLog;
 use super::feed::Batch;
@@ -104,6 +106,11 @@ impl MappingSide {
                 network.tell(happening.kind, &happening.message);
             }
             self.events.add(happening);
+        }
+        if let Some(network) = &self.network
+            && let Some((stamp, shores)) = self.pipeline.take_shores()
+        {
+            network.shores(stamp, Arc::new(shores));
         }
         match &self.network {
             Some(network) => network.update(&mut self.pipeline, &self.clock, lost),

@@ -30,7 +30,7 @@ use crate::recording::mcap::recover::{RecoverError, recover};
 use crate::recording::survey::Survey;
 use crate::vehicle_commands;
 
-pub(crate) use simulate::pose_origin;
+pub(crate) use simulate::simulated_placing;
 
 /// Runs one command. What it prints goes to `out`, progress and warnings to standard error.
 ///

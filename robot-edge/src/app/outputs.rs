@@ -5,17 +5,18 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use protocol::export::Caption;
-use protocol::export::{ExportError, StampedPose, Trinary, export_all, write_trajectory};
+use protocol::export::{StampedPose, Trinary, export_all, write_shores, write_trajectory};
 use protocol::layer::LayerId;
 use protocol::tile_store::TileStore;
 
 use super::feed::SourceEnd;
 use super::source::Lost;
 use crate::drops::{DropCounts, DropReason};
+use crate::export::voxels::{export_voxels, voxel_digest};
 use crate::mapping::posed_scan::PosedScan;
 use crate::pipeline::Pipeline;
 use crate::streaming::publisher::Publisher;
-use crate::summary::{Beams, Event, LayerFigures, Scans, Summary, Tiles, peak_rss_bytes};
+use crate::summary::{Beams, Event, LayerFigures, Scans, Summary, Tiles, Voxels, peak_rss_bytes};
 
 /// Poses kept for the trajectory: 64 MB. A longer one is thinned to every second pose, again and again.
 const MAX_POSES: usize = 1_000_000;
@@ -69,17 +70,40 @@ pub(super) fn export(
     pipeline: &Pipeline,
     trajectory: &Trajectory,
     title: &str,
-) -> Result<Vec<String>, ExportError> {
+) -> anyhow::Result<Vec<String>> {
     let vehicle = pipeline.mapper().vehicle_in_odom();
     let caption = Caption {
         title,
         vehicle_m: Some([vehicle.x, vehicle.y]),
+        labels: &[],
     };
     let maps = export_all(dir, &pipeline.publisher().store(), &caption);
     let path = dir.join("trajectory.tum");
     write_trajectory(&path, trajectory.poses.iter().copied())?;
-    let files = maps?.files.into_iter().chain([path]);
-    Ok(files.map(|file| file.display().to_string()).collect())
+    let voxels = pipeline
+        .mapper()
+        .voxels()
+        .map(|voxels| export_voxels(dir, voxels.octree(), &pipeline.publisher().store()))
+        .transpose();
+    let mut files = maps?.files;
+    files.push(path);
+    if let Some(shores) = pipeline.shores() {
+        files.push(write_shores(dir, &shores)?);
+    }
+    let mut told: Vec<_> = files
+        .iter()
+        .map(|file| file.display().to_string())
+        .collect();
+    if let Some(voxels) = voxels? {
+        told.extend(voxels.files.iter().map(|file| file.display().to_string()));
+        if voxels.voxels_left_out > 0 {
+            told.push(format!(
+                "voxels.bt lacks {} voxels that lie farther from odom's origin than an OctoMap reaches",
+                voxels.voxels_left_out
+            ));
+        }
+    }
+    Ok(told)
 }
 
 /// Kind of the events that say what was decided before the run.
@@ -114,6 +138,7 @@ pub(super) fn summary(pipeline: &Pipeline) -> Summary {
             .map(|(name, timer)| (name.to_owned(), timer.times()))
             .into(),
         layers: layers(pipeline),
+        voxels: voxels(pipeline),
         tiles: Tiles {
             published: traffic.published,
             bytes: traffic.bytes,
@@ -235,6 +260,13 @@ pub(super) fn tell(summary: &Summary, files: &[String], out: &mut dyn Write) -> 
             layer.cells_known, layer.digest
         )?;
     }
+    if let Some(voxels) = &summary.voxels {
+        writeln!(
+            out,
+            "voxels: {} occupied, {} free, digest {}",
+            voxels.occupied, voxels.free, voxels.digest
+        )?;
+    }
     for file in files {
         writeln!(out, "{file}")?;
     }
@@ -271,6 +303,19 @@ fn layers(pipeline: &Pipeline) -> BTreeMap<String, LayerFigures> {
             (layer.name().to_owned(), figures)
         })
         .collect()
+}
+
+/// Of the octree, where there is one.
+fn voxels(pipeline: &Pipeline) -> Option<Voxels> {
+    let octree = pipeline.mapper().voxels()?.octree();
+    let counts = octree.counts();
+    Some(Voxels {
+        occupied: counts.occupied,
+        free: counts.free,
+        bytes: octree.bytes() as u64,
+        evicted_bricks: pipeline.report().evicted_bricks,
+        digest: voxel_digest(octree),
+    })
 }
 
 /// Cells by class; for occupancy the three that Nav2's `map_server` tells apart.

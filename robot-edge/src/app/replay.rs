@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::network::NetworkPlan;
 use super::outputs::SETUP;
-use super::placing::{main_laser, placer_settings};
+use super::placing::{placer_settings, range_sensors};
 use super::plan::plan;
 use super::run::Run;
 use super::source::{self, Replayed};
@@ -46,14 +46,13 @@ pub(super) fn replay(
         ),
     };
     let config = config::load(vehicle, &options.overrides())?;
-    let laser = main_laser(&config)?;
+    range_sensors(&config)?;
     start_is_within(&survey, command.start_s)?;
-    let plan = plan(&survey, laser.topic.as_deref(), &config)?;
+    let plan = plan(&survey, &config)?;
 
-    let notes = [
-        format!("{vehicle} ({why})"),
-        format!("laser: {}", plan.laser),
-    ];
+    let mut notes = vec![format!("{vehicle} ({why})")];
+    let sensors = plan.sensors.iter();
+    notes.extend(sensors.map(|(name, topic)| format!("{name}: {topic}")));
     let events = notes.into_iter().chain(plan.notes).map(|message| Event {
         stamp_s: None,
         kind: SETUP.to_owned(),
@@ -63,7 +62,7 @@ pub(super) fn replay(
         source: command.recording.display().to_string(),
         title: file_name(&command.recording),
         config: &config,
-        placer: placer_settings(&config, laser, plan.origin.clone()),
+        placer: placer_settings(&config, &plan.placing),
         rate: command.rate,
         network: NetworkPlan::new(&options.network, options.robot.as_ref(), &config)?,
         record: options.record.clone(),
@@ -74,7 +73,7 @@ pub(super) fn replay(
         events: events.collect(),
     };
     let what = source::Replay {
-        own_poses: plan.origin == PoseOrigin::Log,
+        own_poses: plan.placing.origin == PoseOrigin::Log,
         start: RobotDuration::from_secs_f64(command.start_s),
         duration: command.duration_s.map(RobotDuration::from_secs_f64),
         repeat: command.repeat,

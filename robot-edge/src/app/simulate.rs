@@ -5,15 +5,19 @@ use std::sync::atomic::AtomicBool;
 
 use super::network::NetworkPlan;
 use super::outputs::SETUP;
-use super::placing::{main_laser, placer_settings, poses_from_wheels};
+use super::placing::{
+    Placing, PlannedSensor, placer_settings, poses_from_fixes, poses_from_wheels, range_sensors,
+    wanted,
+};
 use super::run::Run;
 use super::source::Simulated;
 use crate::cli::Simulate;
-use crate::config::{self, Config, WheelsAndAttitude};
+use crate::config::{self, Config, FixesAndAttitude, WheelsAndAttitude};
 use crate::exit::{Exit, UsageError};
 use crate::localization::config::PoseSource;
-use crate::localization::placer::{MountOrigin, PoseOrigin};
-use crate::measurement::Stream;
+use crate::localization::placer::{MountOrigin, PoseOrigin, PoseStreams};
+use crate::measurement::{Stream, StreamId};
+use crate::recording::survey::range_sensors::assign;
 use crate::simulation::{SimulatedSource, SimulationOptions, World};
 use crate::summary::Event;
 
@@ -42,11 +46,7 @@ pub(super) fn simulate(
     let run = Run {
         source: command.world.clone(),
         title: world.name().to_owned(),
-        placer: placer_settings(
-            &config,
-            main_laser(&config)?,
-            pose_origin(&config, source.streams())?,
-        ),
+        placer: placer_settings(&config, &simulated_placing(&config, source.streams())?),
         config: &config,
         rate: command.rate,
         network: NetworkPlan::new(&options.network, options.robot.as_ref(), &config)?,
@@ -68,17 +68,70 @@ pub(super) fn simulate(
     run.go(&mut Simulated(source), interrupt, out)
 }
 
+/// How the beams of a simulated vehicle that gives these streams are placed.
+pub(crate) fn simulated_placing(
+    config: &Config,
+    streams: &[Stream],
+) -> Result<Placing, UsageError> {
+    let origin = pose_origin(config, streams)?;
+    let ids_of = |type_name: &str| -> Vec<StreamId> {
+        let ids = (0..=u16::MAX).map(StreamId).zip(streams);
+        ids.filter(|(_, stream)| stream.type_name == type_name)
+            .map(|(id, _)| id)
+            .collect()
+    };
+    let scans = ids_of("sensor_msgs/LaserScan");
+    let scan_names: Vec<_> = scans
+        .iter()
+        .filter_map(|scan| streams.get(usize::from(scan.0)))
+        .map(|stream| stream.name.as_str())
+        .collect();
+    let sensors = range_sensors(config)?;
+    // Where no stream is known yet, an only sensor takes whatever comes.
+    let takes_all = scans.is_empty() && sensors.len() == 1;
+    let assigned = if takes_all {
+        vec![None]
+    } else {
+        assign(&wanted(&sensors), &scan_names)
+            .map_err(|error| UsageError(format!("the simulated vehicle: {error}")))?
+    };
+    // It gives no transform of a sensor that its servo tilts: the joint says how far.
+    let joints = ids_of("sensor_msgs/JointState").first().copied();
+    let planned = sensors.iter().zip(assigned).filter_map(|(sensor, scan)| {
+        let tilt_stream = joints.filter(|_| sensor.config.tilt.is_some());
+        let is_in_tree = matches!(origin, PoseOrigin::Tf { .. }) && tilt_stream.is_none();
+        let stream = scan.and_then(|scan| scans.get(scan)).copied();
+        (takes_all || stream.is_some()).then_some(PlannedSensor {
+            id: sensor.id,
+            stream,
+            mount: if is_in_tree {
+                MountOrigin::Tree
+            } else {
+                MountOrigin::Configured
+            },
+            tilt_stream,
+            range_max_m: None,
+        })
+    });
+    let sensors = planned.collect();
+    Ok(Placing {
+        origin,
+        pose_streams: PoseStreams::default(),
+        sensors,
+    })
+}
+
 /// A simulated vehicle says where it is in every way there is, except that its scans carry no pose.
-pub(crate) fn pose_origin(config: &Config, streams: &[Stream]) -> Result<PoseOrigin, UsageError> {
+fn pose_origin(config: &Config, streams: &[Stream]) -> Result<PoseOrigin, UsageError> {
     let fixed_frame = config.localization.fixed_frame.as_deref().unwrap_or("odom");
     match config.localization.source {
         PoseSource::Auto | PoseSource::Tf => Ok(PoseOrigin::Tf {
             fixed_frame: fixed_frame.into(),
-            mount: MountOrigin::Tree,
         }),
         PoseSource::Odometry => Ok(PoseOrigin::Odometry),
         PoseSource::Static => Ok(PoseOrigin::Static),
         PoseSource::Wheels => from_wheels(config, streams),
+        PoseSource::Gps => from_fixes(config, streams),
         PoseSource::Log => Err(UsageError(
             "localization.source = \"log\" is for CARMEN logs: a simulated scan carries no pose of its \
              own; use \"auto\""
@@ -87,11 +140,30 @@ pub(crate) fn pose_origin(config: &Config, streams: &[Stream]) -> Result<PoseOri
     }
 }
 
+fn has(streams: &[Stream], type_name: &str) -> bool {
+    streams.iter().any(|stream| stream.type_name == type_name)
+}
+
+fn from_fixes(config: &Config, streams: &[Stream]) -> Result<PoseOrigin, UsageError> {
+    match FixesAndAttitude::of(&config.sensors) {
+        Ok(sensors)
+            if has(streams, "sensor_msgs/NavSatFix") && has(streams, "sensor_msgs/Imu") =>
+        {
+            Ok(poses_from_fixes(config, &sensors))
+        }
+        Ok(_) | Err(_) => Err(UsageError(
+            "localization.source = \"gps\": this simulated vehicle has no satellite receiver or no attitude \
+             sensor; use \"auto\""
+                .to_owned(),
+        )),
+    }
+}
+
 fn from_wheels(config: &Config, streams: &[Stream]) -> Result<PoseOrigin, UsageError> {
-    let has = |type_name| streams.iter().any(|stream| stream.type_name == type_name);
-    let sensors = WheelsAndAttitude::of(&config.sensors);
-    match sensors {
-        Ok(sensors) if has("sensor_msgs/JointState") && has("sensor_msgs/Imu") => {
+    match WheelsAndAttitude::of(&config.sensors) {
+        Ok(sensors)
+            if has(streams, "sensor_msgs/JointState") && has(streams, "sensor_msgs/Imu") =>
+        {
             Ok(poses_from_wheels(config, &sensors))
         }
         Ok(_) | Err(_) => Err(UsageError(
@@ -122,7 +194,6 @@ mod tests {
     fn a_simulated_run_takes_poses_from_where_it_is_told_to() {
         let tf = PoseOrigin::Tf {
             fixed_frame: "odom".into(),
-            mount: MountOrigin::Tree,
         };
         assert_eq!(origin(&[], &[]), Ok(tf.clone()));
         assert_eq!(origin(&["localization.source=tf"], &[]), Ok(tf));
@@ -147,6 +218,47 @@ mod tests {
         assert!(
             none.contains("this simulated vehicle has no wheel encoders"),
             "{none}"
+        );
+    }
+
+    #[test]
+    fn a_boats_sensors_are_told_apart_and_its_tilt_is_the_joints() {
+        let stream = |(name, type_name): (&str, &str)| Stream {
+            name: name.to_owned(),
+            type_name: format!("sensor_msgs/{type_name}"),
+        };
+        let streams = [
+            ("/imu/data", "Imu"),
+            ("/sonar", "LaserScan"),
+            ("/scan", "LaserScan"),
+            ("/joint_states", "JointState"),
+            ("/fix", "NavSatFix"),
+        ]
+        .map(stream);
+        let config = load("riverwatch", &[]).unwrap();
+        let placing = simulated_placing(&config, &streams).unwrap();
+        assert!(matches!(placing.origin, PoseOrigin::Gps(_)));
+        let seen = placing
+            .sensors
+            .iter()
+            .map(|sensor| (sensor.id.0, sensor.stream, sensor.tilt_stream));
+        assert_eq!(
+            seen.collect::<Vec<_>>(),
+            [
+                (0, Some(StreamId(2)), Some(StreamId(3))),
+                (1, Some(StreamId(1)), None)
+            ]
+        );
+        let settings = placer_settings(&config, &placing);
+        assert_eq!(settings.sensors[0].mount, MountOrigin::Configured);
+        assert!((settings.body.lowest_m + 0.6).abs() < 1e-9);
+        assert!((settings.body.highest_m - 2.0).abs() < 1e-9);
+        let with_tf = load("riverwatch", &["localization.source=tf".parse().unwrap()]).unwrap();
+        let placing = simulated_placing(&with_tf, &streams).unwrap();
+        let mounts = placing.sensors.iter().map(|sensor| sensor.mount);
+        assert_eq!(
+            mounts.collect::<Vec<_>>(),
+            [MountOrigin::Configured, MountOrigin::Tree]
         );
     }
 }

@@ -3,9 +3,13 @@
 use protocol::layer::{LayerId, UNKNOWN};
 use protocol::tile::{TileCells, TileKey};
 
+use crate::mapping::cost_map::CostCell;
 use crate::mapping::elevation_cell::{CellClass, ElevationCell};
 use crate::mapping::grid::{GridTile, TILE_EDGE, TileIndex};
 use crate::mapping::log_odds::LogOdds;
+use crate::mapping::obstacle_voxel::Rigidity;
+use crate::mapping::shore::ShoreClass;
+use crate::mapping::shore_layer::ShoreCell;
 
 /// Turns cells of the mapping core into the codes that are published.
 #[derive(Clone, Debug)]
@@ -40,6 +44,31 @@ impl CellCoder {
             CellClass::Unknown => UNKNOWN,
             CellClass::Free => 1,
             CellClass::Obstacle => 2,
+        }
+    }
+
+    /// The code of a slope cost.
+    pub fn cost(cell: &CostCell) -> u16 {
+        LayerId::Cost.quantisation().encode(cell.cost)
+    }
+
+    /// The code of what makes a column fatal.
+    pub const fn rigidity(rigidity: Rigidity) -> u16 {
+        match rigidity {
+            Rigidity::Unlabelled => UNKNOWN,
+            Rigidity::Trespassable => 1,
+            Rigidity::Rigid => 2,
+        }
+    }
+
+    /// The code of a cell of the shore layer.
+    pub const fn shore(cell: Option<ShoreCell>) -> u16 {
+        match cell {
+            None => UNKNOWN,
+            Some(ShoreCell::Cluster(ShoreClass::Sparse)) => 1,
+            Some(ShoreCell::Cluster(ShoreClass::Dense)) => 2,
+            Some(ShoreCell::Cluster(ShoreClass::Solid)) => 3,
+            Some(ShoreCell::DockingSite) => 4,
         }
     }
 

@@ -58,6 +58,11 @@ impl Flow {
         self.on_the_way.push_back((revision, bytes, now));
     }
 
+    /// Something was pushed that no console acknowledges.
+    pub fn spent(&mut self, bytes: usize) {
+        self.budget.spend(bytes);
+    }
+
     /// The fastest console holds tiles up to `revision`.
     pub fn acknowledged(&mut self, revision: u64, now: Monotonic) {
         let acknowledged_bytes = &mut self.acknowledged_bytes;

@@ -7,3 +7,4 @@ pub mod config;
 pub mod flow;
 pub mod outbox;
 pub mod publisher;
+pub mod shores;

@@ -10,8 +10,10 @@ use protocol::tile_store::{LayerGrid, Publication, StoreError, TileStore};
 
 use super::cells_to_tiles::{CellCoder, keep_known, key, put};
 use crate::mapping::Mapper;
+use crate::mapping::cost_map::{CostCell, CostMap};
 use crate::mapping::grid::{CellIndex, TileIndex};
 use crate::mapping::terrain::Terrain;
+use crate::mapping::voxel_layers::VoxelLayers;
 
 /// Publishes the changes of a mapper.
 pub struct Publisher {
@@ -24,6 +26,7 @@ pub struct Publisher {
     /// How often the mapper had forgotten everything, and how often the terrain, when last published.
     resets: u32,
     terrain_erased: u32,
+    voxels_erased: u32,
     traffic: TileTraffic,
 }
 
@@ -73,6 +76,7 @@ impl Publisher {
             encoder,
             resets: mapper.resets(),
             terrain_erased: mapper.terrain().map_or(0, Terrain::erased),
+            voxels_erased: mapper.voxels().map_or(0, VoxelLayers::erased),
             traffic: TileTraffic::default(),
         })
     }
@@ -98,7 +102,32 @@ impl Publisher {
             let classes = classes.map(|(cell, class)| (cell, CellCoder::obstacle(class)));
             self.publish_cells(LayerId::Obstacle, classes)?;
         }
+        if let Some(voxels) = mapper.voxels_mut() {
+            self.publish_voxel_layers(voxels)?;
+        }
         self.traffic.evicted_from_mapping += mapper.keep_limits() as u64;
+        Ok(())
+    }
+
+    fn publish_voxel_layers(&mut self, voxels: &mut VoxelLayers) -> Result<(), PublishError> {
+        if let Some(cost) = voxels.cost_mut() {
+            let changed = cost.take_changed();
+            let costs = changed
+                .iter()
+                .map(|(cell, value)| (*cell, CellCoder::cost(value)));
+            self.publish_cells(LayerId::Cost, costs)?;
+            if voxels.cost().is_some_and(CostMap::judges_rigidity) {
+                let rigid = |(cell, value): &(CellIndex, CostCell)| {
+                    (*cell, CellCoder::rigidity(value.rigidity))
+                };
+                self.publish_cells(LayerId::Rigidity, changed.iter().map(rigid))?;
+            }
+        }
+        if let Some(shore) = voxels.shore_mut() {
+            let changed = shore.take_changed().into_iter();
+            let cells = changed.map(|(cell, class)| (cell, CellCoder::shore(class)));
+            self.publish_cells(LayerId::Shore, cells)?;
+        }
         Ok(())
     }
 
@@ -115,6 +144,14 @@ impl Publisher {
             self.terrain_erased = terrain.erased();
             store.erase_layer(LayerId::Elevation)?;
             store.erase_layer(LayerId::Obstacle)?;
+        }
+        if let Some(voxels) = mapper.voxels()
+            && voxels.erased() != self.voxels_erased
+        {
+            self.voxels_erased = voxels.erased();
+            for grid in voxel_grids(voxels) {
+                store.erase_layer(grid.layer)?;
+            }
         }
         Ok(())
     }
@@ -211,5 +248,24 @@ fn grids(mapper: &Mapper) -> Vec<LayerGrid> {
             [LayerId::Elevation, LayerId::Obstacle].map(|layer| LayerGrid { layer, cell_m }),
         );
     }
+    grids.extend(mapper.voxels().into_iter().flat_map(voxel_grids));
     grids
+}
+
+/// The layers that are made of an octree.
+fn voxel_grids(voxels: &VoxelLayers) -> Vec<LayerGrid> {
+    let cell_m = voxels.octree().cell_m();
+    let cost = voxels.cost();
+    let layers = [
+        (LayerId::Cost, cost.is_some()),
+        (
+            LayerId::Rigidity,
+            cost.is_some_and(CostMap::judges_rigidity),
+        ),
+        (LayerId::Shore, voxels.shore().is_some()),
+    ];
+    let mapped = layers.into_iter().filter(|(_, is_mapped)| *is_mapped);
+    mapped
+        .map(|(layer, _)| LayerGrid { layer, cell_m })
+        .collect()
 }

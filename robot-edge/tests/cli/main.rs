@@ -18,4 +18,5 @@ mod recover;
 mod shared_data;
 mod terrain;
 mod usage;
+mod voxels;
 mod wheels;

@@ -26,7 +26,7 @@ fn settings_that_do_not_exist_name_the_nearest() {
         "--vehicle pionear",
         &[
             "did you mean `pioneer`?",
-            "Presets: generic2d, holos, pioneer",
+            "Presets: generic2d, holos, introbot, pioneer, riverwatch",
         ],
     );
     refused("--vehicle boat.toml", &["boat.toml", "No such file"]);
@@ -45,8 +45,8 @@ fn settings_of_the_wrong_kind_say_what_is_right() {
     );
     refused("--set mapping.threads=3", &["3 is not allowed", "1 to 2"]);
     refused(
-        "--set localization.source=gps",
-        &["localization.source", "gps", "odometry"],
+        "--set localization.source=stars",
+        &["localization.source", "stars", "odometry"],
     );
     refused("--set cell", &["no `=`"]);
     refused("--rate 0", &["a number above 0", "`max`"]);
@@ -135,7 +135,10 @@ fn a_printed_preset_is_a_configuration() {
         .lines()
         .map(|line| line.split_whitespace().next().unwrap())
         .collect();
-    assert_eq!(names, ["generic2d", "holos", "pioneer"]);
+    assert_eq!(
+        names,
+        ["generic2d", "holos", "introbot", "pioneer", "riverwatch"]
+    );
     for name in names {
         let printed = run(robot_edge("vehicles").arg(name)).succeeds().stdout;
         fs::write(&mine, printed).unwrap();
@@ -149,7 +152,9 @@ fn a_printed_preset_is_a_configuration() {
             checked
         );
     }
-    // The last was the pioneer, whom the recording names too.
+    // The recording names the pioneer.
+    let pioneer = run(&mut robot_edge("vehicles pioneer")).succeeds().stdout;
+    fs::write(&mine, pioneer).unwrap();
     let by_file = summary_of(
         robot_edge("replay")
             .arg(rooms())

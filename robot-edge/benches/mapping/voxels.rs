@@ -1,0 +1,139 @@
+//! The whole way of a scan on the vehicles of \[HYB\]: placing, octree, slope cost, metrics, classes, tiles.
+
+use std::time::Duration;
+
+use robot_edge::clock::Monotonic;
+use robot_edge::experiments::run::{pipeline, vehicle_config};
+use robot_edge::measurement::{Measurement, Stream};
+use robot_edge::robot_time::RobotDuration;
+use robot_edge::simulation::{SimulatedSource, SimulationOptions, World};
+
+use super::rounds::{Rounds, timed, timed_by_the_wall};
+
+/// What a world's sensors say.
+struct Drive {
+    world: World,
+    streams: Vec<Stream>,
+    measurements: Vec<Measurement>,
+    duration_s: f64,
+}
+
+/// What became of one run.
+struct Figures {
+    scans: u64,
+    processor_s: f64,
+    elapsed_s: f64,
+    /// Elapsed time of each push that mapped a scan, microseconds.
+    ways_us: Vec<f64>,
+    map_mb: f64,
+}
+
+const WORLDS: [&str; 3] = ["meadow", "yard", "lake"];
+
+pub(crate) fn print() -> anyhow::Result<()> {
+    println!("a scan's way through the pipeline: placing, octree, cost, metrics, classes, tiles");
+    println!(
+        "| world | vehicle | threads | scans | × real time (processor) | × real time (elapsed) | p50 ms | p99 ms | octree MB |"
+    );
+    println!("| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |");
+    for name in WORLDS {
+        let drive = Drive::through(name)?;
+        for threads in [1, 2] {
+            let figures = drive.map(threads, 1)?;
+            let ways: Rounds = figures.ways_us.iter().copied().collect();
+            println!(
+                "| {name} | {} | {threads} | {} | {:.1} | {:.1} | {:.2} | {:.2} | {:.1} |",
+                drive.world.vehicle(),
+                figures.scans,
+                drive.duration_s / figures.processor_s,
+                drive.duration_s / figures.elapsed_s,
+                ways.median() / 1e3,
+                ways.quantile(0.99) / 1e3,
+                figures.map_mb
+            );
+        }
+    }
+    Ok(())
+}
+
+/// The same drive again and again, as one run of more than 100,000 scans.
+pub(crate) fn print_endurance() -> anyhow::Result<()> {
+    println!("cost of a scan in a long run: the drive through the yard, repeated");
+    let drive = Drive::through("yard")?;
+    let figures = drive.map(1, 81)?;
+    println!("| scans | mean ms | p50 ms | p99 ms |");
+    println!("| ---: | ---: | ---: | ---: |");
+    // A whole drive each, so that the same scans are compared.
+    let a_drive = figures.ways_us.len() / 81;
+    for first in [0, 1, 9, 79, 80] {
+        let part = &figures.ways_us[first * a_drive..(first + 1) * a_drive];
+        let ways: Rounds = part.iter().copied().collect();
+        let mean_us = part.iter().sum::<f64>() / part.len() as f64;
+        println!(
+            "| {} … {} | {:.2} | {:.2} | {:.2} |",
+            first * a_drive,
+            (first + 1) * a_drive,
+            mean_us / 1e3,
+            ways.median() / 1e3,
+            ways.quantile(0.99) / 1e3
+        );
+    }
+    println!("octree at the end: {:.1} MB", figures.map_mb);
+    Ok(())
+}
+
+impl Drive {
+    fn through(name: &str) -> anyhow::Result<Self> {
+        let world = World::load(name)?;
+        let options = SimulationOptions {
+            seed: 1,
+            ..SimulationOptions::default()
+        };
+        let mut source = SimulatedSource::new(&world, options)?;
+        let measurements = std::iter::from_fn(|| source.next_measurement()).collect();
+        Ok(Self {
+            streams: source.streams().to_vec(),
+            duration_s: source.duration_s(),
+            world,
+            measurements,
+        })
+    }
+
+    fn map(&self, threads: usize, times: u32) -> anyhow::Result<Figures> {
+        let threads = format!("mapping.threads={threads}");
+        let config = vehicle_config(&self.world, &["localization.source=odometry", &threads])?;
+        let mut pipeline = pipeline(&config, &self.streams)?;
+        let mut ways = Vec::new();
+        let again = RobotDuration::from_secs_f64(self.duration_s + 1.0);
+        let mut late = RobotDuration::ZERO;
+        let mut run = || -> anyhow::Result<()> {
+            for _ in 0..times {
+                for measurement in &self.measurements {
+                    let mut measurement = measurement.clone();
+                    measurement.stamp = measurement.stamp + late;
+                    let (started, mut mapped) = (Monotonic::now(), 0);
+                    pipeline.push(measurement, |_| mapped += 1)?;
+                    let way: Duration = started.elapsed();
+                    if mapped > 0 {
+                        ways.push(way.as_secs_f64() * 1e6);
+                    }
+                }
+                late = late + again;
+            }
+            Ok(())
+        };
+        let ((result, elapsed_s), processor_s) = timed(|| timed_by_the_wall(&mut run));
+        result?;
+        let octree = pipeline
+            .mapper()
+            .voxels()
+            .map(|voxels| voxels.octree().bytes());
+        Ok(Figures {
+            scans: pipeline.report().scans_mapped,
+            processor_s,
+            elapsed_s,
+            ways_us: ways,
+            map_mb: octree.unwrap_or(0) as f64 / 1e6,
+        })
+    }
+}

@@ -1,0 +1,286 @@
+use std::collections::BTreeMap;
+use std::fs;
+use std::process::Command;
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::recording::shared_data::shared_data;
+
+const fn at(x: i32, y: i32, z: i32) -> VoxelIndex {
+    VoxelIndex { x, y, z }
+}
+
+const fn cube(least: VoxelIndex, edge_log2: u8, is_occupied: bool) -> Cube {
+    Cube {
+        least,
+        edge_log2,
+        is_occupied,
+    }
+}
+
+fn written(cubes: impl IntoIterator<Item = Cube>) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    write(cubes, 0.1, &mut bytes).unwrap();
+    bytes
+}
+
+fn read(bytes: &[u8]) -> Result<Vec<Cube>, BtError> {
+    BtReader::new(bytes)?.collect()
+}
+
+fn counts(cubes: &[Cube]) -> (usize, usize) {
+    let occupied = cubes.iter().filter(|cube| cube.is_occupied).count();
+    (occupied, cubes.len() - occupied)
+}
+
+#[test]
+fn a_single_voxel_is_a_path_of_sixteen_nodes() {
+    let bytes = written([cube(at(0, 0, 0), 0, true)]);
+    let header = "# Octomap OcTree binary file\n\
+        # (feel free to add / change comments, but leave the first line as it is!)\n#\n\
+        id OcTree\nsize 17\nres 0.1\ndata\n";
+    let (text, tree) = bytes.split_at(header.len());
+    assert_eq!(str::from_utf8(text).unwrap(), header);
+    // The origin is the lowest voxel of the root's highest child; from there it is always the lowest.
+    let mut nodes = vec![0x00, 0b1100_0000];
+    nodes.extend([0b0000_0011, 0].repeat(14));
+    nodes.extend([0b0000_0010, 0]);
+    assert_eq!(tree, nodes);
+}
+
+#[test]
+fn children_are_counted_along_x_then_y_then_z() {
+    let cubes = [
+        cube(at(1, 0, 0), 0, true),
+        cube(at(0, 1, 0), 0, false),
+        cube(at(0, 0, 1), 0, true),
+    ];
+    let bytes = written(cubes);
+    assert_eq!(bytes[bytes.len() - 2..], [0b0001_1000, 0b0000_0010]);
+    assert_eq!(read(&bytes).unwrap(), cubes);
+}
+
+#[test]
+fn eight_equal_leaves_become_one() {
+    let voxels = |edge: i32| {
+        let along = move || -edge..0;
+        let columns = along().flat_map(move |x| along().map(move |y| (x, y)));
+        columns.flat_map(move |(x, y)| along().map(move |z| at(x, y, z)))
+    };
+    let all = voxels(4).map(|voxel| cube(voxel, 0, true));
+    assert_eq!(
+        read(&written(all)).unwrap(),
+        [cube(at(-4, -4, -4), 2, true)]
+    );
+    let but_one = voxels(4).map(|voxel| cube(voxel, 0, voxel != at(-1, -1, -1)));
+    let leaves = read(&written(but_one)).unwrap();
+    assert_eq!(counts(&leaves), (14, 1));
+    // Also where some are large already, but never the whole tree.
+    let octants = [-ORIGIN, 0].map(|x| [-ORIGIN, 0].map(|y| [-ORIGIN, 0].map(|z| at(x, y, z))));
+    let octants = octants.into_iter().flatten().flatten();
+    let leaves = read(&written(octants.map(|least| cube(least, 15, false)))).unwrap();
+    assert_eq!(leaves.len(), 8);
+}
+
+#[test]
+fn an_empty_map_is_an_empty_tree() {
+    let bytes = written([]);
+    assert!(bytes.ends_with(b"size 0\nres 0.1\ndata\n"));
+    assert_eq!(read(&bytes), Ok(vec![]));
+}
+
+#[test]
+fn what_the_format_cannot_hold_is_refused() {
+    for misplaced in [
+        cube(at(32_768, 0, 0), 0, true),
+        cube(at(0, -32_769, 0), 0, true),
+        cube(at(0, 0, i32::MIN), 0, true),
+        cube(at(0, 0, 2), 2, true),
+        cube(at(0, 0, 0), 16, true),
+        cube(at(0, 0, 0), 255, true),
+    ] {
+        let refused = write([misplaced], 0.1, &mut Vec::new());
+        assert!(matches!(refused, Err(BtWriteError::Misplaced(cube)) if cube == misplaced));
+    }
+    let overlapping = [cube(at(0, 0, 0), 3, true), cube(at(5, 6, 7), 0, false)];
+    let refused = write(overlapping, 0.1, &mut Vec::new());
+    assert!(matches!(refused, Err(BtWriteError::Overlap(voxel)) if voxel == at(5, 6, 7)));
+}
+
+#[test]
+fn damage_is_named_with_its_place() {
+    let good = written([cube(at(0, 0, 0), 0, true)]);
+    let text = |from: &str, to: &str| {
+        let header = str::from_utf8(&good[..good.len() - 32]).unwrap();
+        let mut bytes = header.replace(from, to).into_bytes();
+        bytes.extend(&good[good.len() - 32..]);
+        read(&bytes).unwrap_err().to_string()
+    };
+    assert_eq!(
+        text("# Octomap", "# OctoMap"),
+        "not a binary OctoMap: the first line must begin with `# Octomap OcTree binary file`"
+    );
+    assert_eq!(
+        text("id OcTree", "id ColorOcTree"),
+        "header line at byte 106: a tree of type `ColorOcTree`, not `OcTree`"
+    );
+    assert_eq!(
+        text("id OcTree\n", ""),
+        "the header, 122 bytes, has no `id` line"
+    );
+    assert_eq!(
+        text("res 0.1", "res -1"),
+        "header line at byte 124: res is no length"
+    );
+    assert_eq!(
+        text("size 17", "size 1e9"),
+        "header line at byte 116: size: invalid digit found in string"
+    );
+    assert_eq!(
+        text("size 17", "size 18"),
+        "the header says 18 nodes, the tree has 17"
+    );
+
+    let end = good.len();
+    assert_eq!(read(&good[..end - 1]), Err(BtError::CutOff { at: end - 1 }));
+    let longer: Vec<u8> = good.iter().copied().chain([0, 0, 0]).collect();
+    assert_eq!(read(&longer), Err(BtError::Trailing { at: end, bytes: 3 }));
+    let mut deep = good.clone();
+    deep[end - 2] = 0b11;
+    assert_eq!(read(&deep), Err(BtError::TooDeep { at: end }));
+    let mut childless = good;
+    childless[end - 2] = 0;
+    assert_eq!(read(&childless), Err(BtError::Childless { at: end - 2 }));
+    let text_without_end = b"# Octomap OcTree binary file 0 0 0";
+    assert_eq!(
+        read(text_without_end),
+        Err(BtError::Missing {
+            key: "data",
+            bytes: 0
+        })
+    );
+}
+
+fn any_cubes() -> impl Strategy<Value = Vec<Cube>> {
+    let cube = (-9..9i32, -9..9i32, -9..9i32, 0..3u8, any::<bool>());
+    prop::collection::vec(cube, 0..60).prop_map(|cubes| {
+        let mut taken: BTreeMap<VoxelIndex, bool> = BTreeMap::new();
+        let mut kept = Vec::new();
+        for (x, y, z, edge_log2, is_occupied) in cubes {
+            let cube = cube_at(
+                x << edge_log2,
+                y << edge_log2,
+                z << edge_log2,
+                edge_log2,
+                is_occupied,
+            );
+            if voxels_of(cube).all(|voxel| !taken.contains_key(&voxel)) {
+                taken.extend(voxels_of(cube).map(|voxel| (voxel, is_occupied)));
+                kept.push(cube);
+            }
+        }
+        kept
+    })
+}
+
+fn cube_at(x: i32, y: i32, z: i32, edge_log2: u8, is_occupied: bool) -> Cube {
+    cube(at(x, y, z), edge_log2, is_occupied)
+}
+
+fn voxels_of(cube: Cube) -> impl Iterator<Item = VoxelIndex> {
+    let edge = 1 << cube.edge_log2;
+    let VoxelIndex { x, y, z } = cube.least;
+    (0..edge * edge * edge)
+        .map(move |n: i32| at(x + n % edge, y + n / edge % edge, z + n / edge / edge))
+}
+
+fn labels(cubes: &[Cube]) -> BTreeMap<VoxelIndex, bool> {
+    let labels = cubes.iter().flat_map(|cube| {
+        let is_occupied = cube.is_occupied;
+        voxels_of(*cube).map(move |voxel| (voxel, is_occupied))
+    });
+    labels.collect()
+}
+
+proptest! {
+    #[test]
+    fn what_was_written_is_read(cubes in any_cubes()) {
+        let bytes = written(cubes.iter().copied());
+        let leaves = read(&bytes).unwrap();
+        prop_assert_eq!(labels(&leaves), labels(&cubes));
+        prop_assert_eq!(written(leaves), bytes, "pruned once and for all");
+    }
+
+    #[test]
+    fn damaged_files_are_errors_or_trees_of_their_size(
+        cubes in any_cubes(),
+        damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+        end in any::<prop::sample::Index>(),
+    ) {
+        let mut bytes = written(cubes);
+        for (at, byte) in damage {
+            let at = at.index(bytes.len());
+            bytes[at] = byte;
+        }
+        bytes.truncate(end.index(bytes.len() + 1));
+        let Ok(reader) = BtReader::new(&bytes) else {
+            return Ok(());
+        };
+        // Each node's two bytes tell of eight children at most.
+        let mut reader = reader.inspect(|_| ());
+        let items = reader.by_ref().take(4 * bytes.len() + 2).count();
+        prop_assert!(items <= 4 * bytes.len() + 1);
+        prop_assert!(reader.next().is_none());
+    }
+
+    #[test]
+    fn any_bytes_after_a_header_are_read_to_their_end(tree in prop::collection::vec(any::<u8>(), 0..200)) {
+        let mut bytes = b"# Octomap OcTree binary file\nid OcTree\nsize 9\nres 0.1\ndata\n".to_vec();
+        bytes.extend(tree);
+        if let Ok(reader) = BtReader::new(&bytes) {
+            prop_assert!(reader.count() <= 4 * bytes.len());
+        }
+    }
+}
+
+#[test]
+fn a_map_of_others_is_read_and_written_byte_for_byte() {
+    let Some(folder) = shared_data("octomap") else {
+        return;
+    };
+    let bytes = fs::read(folder.join("geb079.bt")).unwrap();
+    let reader = BtReader::new(&bytes).unwrap();
+    assert!((reader.cell_m() - 0.08).abs() < 1e-12);
+    let leaves: Vec<Cube> = reader.map(Result::unwrap).collect();
+    assert_eq!(counts(&leaves), (143_729, 284_415));
+    let mut again = Vec::new();
+    let sizes = write(leaves.into_iter().rev(), 0.08, &mut again).unwrap();
+    assert_eq!(sizes.nodes, 532_566);
+    assert_eq!(sizes.leaves, 143_729 + 284_415);
+    assert!(again == bytes, "{} bytes of {}", again.len(), bytes.len());
+}
+
+#[test]
+fn octomaps_own_tools_read_what_was_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("voxels.bt");
+    let cubes = [
+        cube(at(-1, 2, 3), 0, true),
+        cube(at(8, -16, 0), 3, true),
+        cube(at(0, 0, 0), 1, false),
+    ];
+    fs::write(&path, written(cubes)).unwrap();
+    let Ok(output) = Command::new("bt2vrml").arg(&path).output() else {
+        println!("skipped: octomap-tools are not installed");
+        return;
+    };
+    let said = String::from_utf8_lossy(&output.stdout);
+    let said = format!("{said}{}", String::from_utf8_lossy(&output.stderr));
+    assert!(said.contains("Finished writing 2 voxels"), "{said}");
+    let boxes = fs::read_to_string(folder.path().join("voxels.bt.wrl")).unwrap();
+    // Centres of both cubes: the voxel of 0.1 m, and the cube of 0.8 m.
+    for centre in ["-0.05 0.25 0.35", "1.2 -1.2 0.4"] {
+        assert!(boxes.contains(centre), "{centre} is not in {boxes}");
+    }
+}
