@@ -27,8 +27,10 @@ struct Case {
     file: &'static str,
     cell_m: f64,
     range_m: f64,
-    /// Scans for both, and how `OctoMap` takes them.
-    both: (usize, &'static str),
+    /// Scans for both.
+    both: usize,
+    /// How `OctoMap` takes them.
+    variants: &'static [&'static str],
     /// Scans for the octree alone.
     all: usize,
 }
@@ -38,21 +40,24 @@ const CASES: [Case; 3] = [
         file: "introbot",
         cell_m: 0.1,
         range_m: 20.0,
-        both: (1500, "base"),
+        both: 1500,
+        variants: &["lazy", "base"],
         all: 1500,
     },
     Case {
         file: "riverwatch",
         cell_m: 0.3,
         range_m: 60.0,
-        both: (600, "base"),
+        both: 600,
+        variants: &["base"],
         all: 600,
     },
     Case {
         file: "riverwatch",
         cell_m: 0.3,
         range_m: 250.0,
-        both: (40, "base"),
+        both: 40,
+        variants: &["lazy", "base"],
         all: 600,
     },
 ];
@@ -71,7 +76,7 @@ pub(crate) fn print() -> anyhow::Result<()> {
     for case in &CASES {
         let path = rays.join(case.file).with_extension("scan");
         let scratch = tempfile::tempdir()?;
-        let (scans, variant) = case.both;
+        let scans = case.both;
         let ours = scratch.path().join("ours.txt");
         for (name, scans, threads) in [
             ("one thread", case.all, 1),
@@ -84,7 +89,10 @@ pub(crate) fn print() -> anyhow::Result<()> {
             let figures = measured(&path, case, scans, threads, &ours)?;
             row(case, name, &figures);
         }
-        if let Some(octomap) = &octomap {
+        for (octomap, variant) in octomap
+            .iter()
+            .flat_map(|octomap| case.variants.iter().map(move |variant| (octomap, variant)))
+        {
             let theirs = scratch.path().join("theirs.txt");
             let mut command = Command::new(octomap);
             command
@@ -163,9 +171,9 @@ pub(crate) fn child(arguments: &[String]) -> anyhow::Result<()> {
     let model = RangeSensorModel {
         p_hit: 0.7,
         p_miss: 0.4,
-        min_neighbours: 0,
-        has_metrics: false,
+        ..RangeSensorModel::default()
     };
+    let _pool = (threads > 1).then(|| pool(threads)).transpose()?;
     let mut octree = Octree::new(&config, &[model], threads);
     let mut integrate = || {
         for scan in &rays.scans {
@@ -196,6 +204,12 @@ pub(crate) fn child(arguments: &[String]) -> anyhow::Result<()> {
         })
     );
     Ok(())
+}
+
+/// As the program has it: this thread is one of those that share the work.
+pub(super) fn pool(threads: usize) -> anyhow::Result<rayon::ThreadPool> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+    Ok(pool.use_current_thread().build()?)
 }
 
 /// One line `x y z occupied` for each known voxel, as the other program writes it.

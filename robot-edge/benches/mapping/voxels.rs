@@ -2,12 +2,19 @@
 
 use std::time::Duration;
 
+use anyhow::anyhow;
+use nalgebra::Point3;
 use robot_edge::clock::Monotonic;
 use robot_edge::experiments::run::{pipeline, vehicle_config};
+use robot_edge::mapping::columns::{ColumnKind, ColumnRules, read_columns};
+use robot_edge::mapping::cost_config::Surface;
+use robot_edge::mapping::octree::{BrickColumn, Octree};
+use robot_edge::mapping::voxel_layers::VoxelLayers;
 use robot_edge::measurement::{Measurement, Stream};
 use robot_edge::robot_time::RobotDuration;
 use robot_edge::simulation::{SimulatedSource, SimulationOptions, World};
 
+use super::rays::pool;
 use super::rounds::{Rounds, timed, timed_by_the_wall};
 
 /// What a world's sensors say.
@@ -26,30 +33,35 @@ struct Figures {
     /// Elapsed time of each push that mapped a scan, microseconds.
     ways_us: Vec<f64>,
     map_mb: f64,
+    /// Processor time of reading all columns of the box around where the drive ended.
+    columns_ms: f64,
 }
 
+/// Side of the box whose columns are read, metres.
+const BOX_M: f64 = 40.0;
 const WORLDS: [&str; 3] = ["meadow", "yard", "lake"];
 
 pub(crate) fn print() -> anyhow::Result<()> {
     println!("a scan's way through the pipeline: placing, octree, cost, metrics, classes, tiles");
     println!(
-        "| world | vehicle | threads | scans | × real time (processor) | × real time (elapsed) | p50 ms | p99 ms | octree MB |"
+        "| world | vehicle | threads | scans | × real time (processor) | × real time (elapsed) | p50 ms | p99 ms | octree MB | {BOX_M} m box to columns, ms |"
     );
-    println!("| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |");
+    println!("| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |");
     for name in WORLDS {
         let drive = Drive::through(name)?;
         for threads in [1, 2] {
-            let figures = drive.map(threads, 1)?;
+            let figures = drive.map_in(threads)?;
             let ways: Rounds = figures.ways_us.iter().copied().collect();
             println!(
-                "| {name} | {} | {threads} | {} | {:.1} | {:.1} | {:.2} | {:.2} | {:.1} |",
+                "| {name} | {} | {threads} | {} | {:.1} | {:.1} | {:.2} | {:.2} | {:.1} | {:.1} |",
                 drive.world.vehicle(),
                 figures.scans,
                 drive.duration_s / figures.processor_s,
                 drive.duration_s / figures.elapsed_s,
                 ways.median() / 1e3,
                 ways.quantile(0.99) / 1e3,
-                figures.map_mb
+                figures.map_mb,
+                figures.columns_ms
             );
         }
     }
@@ -99,11 +111,24 @@ impl Drive {
         })
     }
 
+    /// In a thread that can be one of those that share the work.
+    fn map_in(&self, threads: usize) -> anyhow::Result<Figures> {
+        std::thread::scope(|scope| {
+            let mapping = scope.spawn(|| {
+                let _pool = (threads > 1).then(|| pool(threads)).transpose()?;
+                self.map(threads, 1)
+            });
+            mapping
+                .join()
+                .map_err(|_panic| anyhow!("the mapping thread failed"))?
+        })
+    }
+
     fn map(&self, threads: usize, times: u32) -> anyhow::Result<Figures> {
         let threads = format!("mapping.threads={threads}");
         let config = vehicle_config(&self.world, &["localization.source=odometry", &threads])?;
         let mut pipeline = pipeline(&config, &self.streams)?;
-        let mut ways = Vec::new();
+        let (mut ways, mut end) = (Vec::new(), None);
         let again = RobotDuration::from_secs_f64(self.duration_s + 1.0);
         let mut late = RobotDuration::ZERO;
         let mut run = || -> anyhow::Result<()> {
@@ -112,7 +137,10 @@ impl Drive {
                     let mut measurement = measurement.clone();
                     measurement.stamp = measurement.stamp + late;
                     let (started, mut mapped) = (Monotonic::now(), 0);
-                    pipeline.push(measurement, |_| mapped += 1)?;
+                    pipeline.push(measurement, |scan| {
+                        mapped += 1;
+                        end = Some(Point3::from(scan.odom_from_base.translation.vector));
+                    })?;
                     let way: Duration = started.elapsed();
                     if mapped > 0 {
                         ways.push(way.as_secs_f64() * 1e6);
@@ -124,16 +152,42 @@ impl Drive {
         };
         let ((result, elapsed_s), processor_s) = timed(|| timed_by_the_wall(&mut run));
         result?;
-        let octree = pipeline
-            .mapper()
-            .voxels()
-            .map(|voxels| voxels.octree().bytes());
+        let octree = pipeline.mapper().voxels().map(VoxelLayers::octree);
+        let columns_ms = octree.zip(end).map_or(f64::NAN, |(octree, end)| {
+            1e3 * timed(|| read_box(octree, end)).1
+        });
         Ok(Figures {
             scans: pipeline.report().scans_mapped,
             processor_s,
             elapsed_s,
             ways_us: ways,
-            map_mb: octree.unwrap_or(0) as f64 / 1e6,
+            map_mb: octree.map_or(0, Octree::bytes) as f64 / 1e6,
+            columns_ms,
         })
     }
+}
+
+/// Ground and top of every column of the box around a vehicle on land.
+fn read_box(octree: &Octree, vehicle: Point3<f64>) -> usize {
+    let [x, y, z] = [vehicle.x, vehicle.y, vehicle.z].map(|m| (m / octree.cell_m()) as i32);
+    let reach = (4.0 / octree.cell_m()) as i32;
+    let rules = ColumnRules {
+        surface: Surface::Land,
+        from_z: z - reach,
+        to_z: z + reach,
+        water_z: z - reach,
+        height: (0.7 / octree.cell_m()) as i32,
+    };
+    let half = (0.5 * BOX_M / octree.cell_m()) as i32 / 4;
+    let bricks = (-half..half).flat_map(|dy| (-half..half).map(move |dx| [dx, dy]));
+    bricks
+        .flat_map(|[dx, dy]| {
+            let at = BrickColumn {
+                x: x / 4 + dx,
+                y: y / 4 + dy,
+            };
+            read_columns(octree, at, &rules)
+        })
+        .filter(|column| column.kind != ColumnKind::Unknown)
+        .count()
 }

@@ -65,6 +65,7 @@ impl Run<'_> {
     ) -> anyhow::Result<Exit> {
         let mut side = self.start()?;
         let (end, taken) = if self.config.mapping.threads > 1 {
+            let _pool = pool_around_this_thread(self.config.mapping.threads);
             map_in_two_threads(source, self.rate, interrupt, &mut side)?
         } else {
             let mut taken = Ok(());
@@ -188,6 +189,20 @@ impl Run<'_> {
         summarised?;
         Ok(summary)
     }
+}
+
+/// Makes this thread, which maps, one of those that share the work of a scan: were it outside of their pool, it would
+/// have to wake two others for each scan and sleep itself, which costs as much as the second core gains.
+///
+/// Where that fails, rayon's own pool shares the work, for the same maps.
+fn pool_around_this_thread(threads: usize) -> Option<rayon::ThreadPool> {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .use_current_thread()
+        .thread_name(|number| format!("mapping-{number}"))
+        .build();
+    pool.inspect_err(|error| tracing::warn!(%error, "mapping without threads of its own"))
+        .ok()
 }
 
 fn map_in_two_threads(

@@ -30,6 +30,8 @@ pub struct RangeSensorModel {
     /// Of the beams beside a hit as many must have hit something close to it, or the hit is taken for noise;
     /// 0 takes every hit.
     pub min_neighbours: u8,
+    /// Full angle of a beam's cone, radians; 0 takes beams for lines.
+    pub divergence_rad: f64,
     /// Whether its beams tell vegetation from what is rigid: of lasers, not of sonars.
     pub has_metrics: bool,
 }
@@ -53,6 +55,7 @@ impl Default for RangeSensorModel {
             p_hit: 0.95,
             p_miss: 0.49,
             min_neighbours: 2,
+            divergence_rad: 0.0,
             has_metrics: true,
         }
     }

@@ -3,7 +3,7 @@
 use super::brick::{Brick, BrickChange, BrickStates};
 use super::codes::{BLOCK_BRICKS, BRICK_VOXELS, BlockIndex};
 use super::packed_brick::PackedBrick;
-use super::scan_marks::{BrickMarks, MarkedBlock, bits};
+use super::pages::{BrickMarks, MarkedBlock};
 use super::steps::{EVEN, UNKNOWN, Update, Values};
 use super::surface::SurfaceVoxel;
 
@@ -272,6 +272,15 @@ impl<T> Shelf<T> {
     fn bytes(&self) -> usize {
         self.bricks.capacity() * size_of::<T>() + self.numbers.capacity()
     }
+}
+
+/// The numbers of the bits that are set.
+fn bits(mut set: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let bit = set.trailing_zeros() as usize;
+        set &= set.wrapping_sub(1);
+        (bit < BLOCK_BRICKS).then_some(bit)
+    })
 }
 
 /// Bricks for which a shelf gets room at a time.

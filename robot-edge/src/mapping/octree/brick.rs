@@ -1,7 +1,7 @@
 //! A brick of 4³ voxels, one byte each: one cache line, updated as one.
 
 use super::codes::BRICK_VOXELS;
-use super::scan_marks::BrickMarks;
+use super::pages::BrickMarks;
 use super::steps::{EVEN, UNKNOWN, Update, Values};
 
 /// The log-odds of 64 voxels, by address.

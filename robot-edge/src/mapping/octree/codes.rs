@@ -1,5 +1,6 @@
 //! How voxels are addressed: blocks of 16³ voxels, each of 64 bricks of 4³.
 
+use super::shard::SHARDS;
 use crate::mapping::voxel::VoxelIndex;
 
 /// Voxels along the edge of a brick.
@@ -46,6 +47,12 @@ impl BlockIndex {
             y: self.y * BLOCK_EDGE,
             z: self.z * BLOCK_EDGE,
         }
+    }
+
+    /// The shard of the map that it belongs to. Blocks side by side are in different ones, so that each shard has
+    /// half of any scan.
+    pub(super) const fn shard(self) -> usize {
+        (self.x ^ self.y ^ self.z) as usize % SHARDS
     }
 
     /// How far it is from another one, squared, in blocks.

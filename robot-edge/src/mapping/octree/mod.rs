@@ -9,23 +9,24 @@ mod block;
 mod brick;
 mod codes;
 mod packed_brick;
+mod pages;
 mod queries;
 mod ray_walk;
 mod scan_marks;
+mod shard;
 mod steps;
 mod surface;
 
-use std::collections::HashMap;
-
 use nalgebra::Point3;
-use rustc_hash::FxBuildHasher;
 
 pub use self::queries::{ColumnStates, Cube, VoxelCounts, VoxelState};
+pub(super) use self::surface::FINER;
 pub use self::surface::{SurfaceHit, SurfaceVoxel};
 
 use self::block::Block;
-use self::codes::{BlockIndex, split};
-use self::scan_marks::{MarkedBlock, ScanMarks};
+use self::codes::split;
+use self::scan_marks::ScanMarks;
+use self::shard::{SHARDS, Shard};
 use self::steps::{Steps, Update, Values};
 use super::octree_config::{OctreeConfig, RangeSensorModel};
 use super::posed_scan::SensorId;
@@ -57,19 +58,11 @@ pub struct Octree {
     limit_bytes: usize,
     steps: Steps,
     updates: Vec<Update>,
-    blocks: Vec<Block>,
-    places: HashMap<BlockIndex, u32, FxBuildHasher>,
-    /// Of all blocks.
-    bytes: usize,
+    shards: [Shard; SHARDS],
     /// Of the scan that is added.
     rays: Vec<VoxelRay>,
     /// One for each thread that marks.
     marks: Vec<ScanMarks>,
-    /// Places of the blocks that a scan marks.
-    touched: Vec<u32>,
-    /// Blocks in which something has changed since that was taken, or that are gone.
-    changed: Vec<BlockIndex>,
-    gone: Vec<BlockIndex>,
 }
 
 /// A column of bricks: columns (x, y) of voxels from `4·x … 4·x + 3` by `4·y … 4·y + 3`.
@@ -98,14 +91,9 @@ impl Octree {
             limit_bytes: config.memory_limit_mb as usize * 1_000_000,
             steps,
             updates: sensors.iter().map(|sensor| steps.update(sensor)).collect(),
-            blocks: Vec::new(),
-            places: HashMap::default(),
-            bytes: 0,
+            shards: Default::default(),
             rays: Vec::new(),
             marks: vec![ScanMarks::new(); threads.clamp(1, 2)],
-            touched: Vec::new(),
-            changed: Vec::new(),
-            gone: Vec::new(),
         }
     }
 
@@ -129,7 +117,6 @@ impl Octree {
             return unplaced + self.rays.len() as u32;
         }
         self.mark();
-        self.find_blocks();
         self.apply(update);
         unplaced
     }
@@ -140,36 +127,16 @@ impl Octree {
     pub fn add_surface(&mut self, hit: &SurfaceHit, weight: f32) {
         let voxel = VoxelIndex::containing(hit.point, self.cell_m);
         let (index, address) = split(voxel);
-        let Some(&place) = self.places.get(&index) else {
-            return;
-        };
-        let block = &mut self.blocks[place as usize];
-        let before = block.bytes();
-        let (surface, is_first) = block.surface_mut(address);
-        surface.add(hit, voxel, self.cell_m, weight);
-        self.bytes = self.bytes + block.bytes() - before;
-        if is_first {
-            self.changed.push(index);
-        }
+        self.shards[index.shard()].with_surface(index, address, |surface| {
+            surface.add(hit, voxel, self.cell_m, weight);
+        });
     }
 
     /// The columns of bricks in which the state or the surface of a voxel has changed since the last call, in order.
     pub fn take_changed(&mut self) -> Vec<BrickColumn> {
         let mut columns = Vec::new();
-        let mut add = |block: BlockIndex, changed: u16| {
-            let bricks = (0..16).filter(|brick| changed >> brick & 1 == 1);
-            columns.extend(bricks.map(|brick| BrickColumn {
-                x: block.x * 4 + brick % 4,
-                y: block.y * 4 + brick / 4,
-            }));
-        };
-        for index in std::mem::take(&mut self.changed) {
-            if let Some(&place) = self.places.get(&index) {
-                add(index, self.blocks[place as usize].take_changed());
-            }
-        }
-        for index in std::mem::take(&mut self.gone) {
-            add(index, u16::MAX);
+        for shard in &mut self.shards {
+            shard.take_changed(&mut columns);
         }
         columns.sort_unstable();
         columns.dedup();
@@ -179,44 +146,38 @@ impl Octree {
     /// Where the blocks take more than the memory limit, removes those farthest from `center` until 31/32 of it
     /// are left, so that not every call has to; says how many bricks were stored there.
     pub fn keep_limit(&mut self, center: Point3<f64>) -> usize {
-        let limit = self.limit_bytes - self.limit_bytes / 32;
-        if self.bytes <= self.limit_bytes {
+        if self.block_bytes() <= self.limit_bytes {
             return 0;
         }
+        let limit = self.limit_bytes - self.limit_bytes / 32;
         let center = split(VoxelIndex::containing(center, self.cell_m)).0;
-        let mut blocks = std::mem::take(&mut self.blocks);
-        blocks.sort_by_key(|block| (block.index.distance_squared(center), block.index));
-        let mut bytes = 0;
-        let kept = blocks.iter().take_while(|block| {
-            bytes += block.bytes();
-            bytes <= limit
-        });
-        let evicted = blocks.split_off(kept.count());
-        self.bytes = blocks.iter().map(Block::bytes).sum();
-        self.places = (0..)
-            .zip(&blocks)
-            .map(|(place, block)| (block.index, place))
+        let order = |block: &Block| (block.index.distance_squared(center), block.index);
+        let mut blocks: Vec<_> = self
+            .blocks()
+            .map(|block| (order(block), block.bytes()))
             .collect();
-        self.blocks = blocks;
-        self.gone.extend(evicted.iter().map(|block| block.index));
-        evicted
-            .iter()
-            .map(|block| block.stored().0 + block.stored().1)
-            .sum()
+        blocks.sort_unstable();
+        let mut bytes = 0;
+        let first_evicted = blocks.into_iter().find_map(|(order, of_block)| {
+            bytes += of_block;
+            (bytes > limit).then_some(order)
+        });
+        let is_kept = |block: &Block| first_evicted.is_none_or(|first| order(block) < first);
+        let shards = self.shards.iter_mut();
+        shards.map(|shard| shard.retain(is_kept)).sum()
     }
 
     /// Forgets everything.
     pub fn erase(&mut self) {
-        self.gone
-            .extend(self.blocks.iter().map(|block| block.index));
-        self.blocks.clear();
-        self.places.clear();
-        self.bytes = 0;
+        for shard in &mut self.shards {
+            shard.retain(|_| false);
+        }
     }
 
     /// Memory of the voxels, bytes; without [`Octree::scratch_bytes`].
     pub fn bytes(&self) -> usize {
-        self.bytes + self.places.capacity() * (size_of::<(BlockIndex, u32)>() + 1)
+        let index_bytes = self.shards.iter().map(Shard::index_bytes);
+        self.block_bytes() + index_bytes.sum::<usize>()
     }
 
     /// Memory that a scan needs while it is added, bytes.
@@ -270,43 +231,42 @@ impl Octree {
             [marks, other, ..] => {
                 let (own, others) = rays.split_at(rays.len() / 2);
                 rayon::join(|| mark_rays(marks, own), || mark_rays(other, others));
-                marks.take_from(other);
             }
             [] => {}
         }
     }
 
-    /// Finds or makes the block of each page of marks.
-    fn find_blocks(&mut self) {
-        self.touched.clear();
-        let mut fetched = 0;
-        for index in self.marks[0].blocks() {
-            let place = *self.places.entry(index).or_insert_with(|| {
-                self.blocks.push(Block::new(index));
-                self.bytes += size_of::<Block>();
-                (self.blocks.len() - 1) as u32
-            });
-            fetched ^= self.blocks[place as usize].fetch_header();
-            self.touched.push(place);
-        }
-        // Or it would not be read at all.
-        std::hint::black_box(fetched);
-    }
-
+    /// Applies what was marked, one shard after the other or both at once.
     fn apply(&mut self, update: Update) {
         let values = self.steps.values;
-        let mut places = self.touched.iter();
-        let (blocks, changed, bytes) = (&mut self.blocks, &mut self.changed, &mut self.bytes);
-        let mut apply = |mut marked: MarkedBlock<'_>| {
-            let Some(&place) = places.next() else { return };
-            let block = &mut blocks[place as usize];
-            let before = block.bytes();
-            if block.apply(&mut marked, update, values) {
-                changed.push(marked.block);
+        let [first, second] = &mut self.shards;
+        match &mut self.marks[..] {
+            [marks] => {
+                let [of_first, of_second] = marks.shards();
+                first.apply(&mut [of_first], update, values);
+                second.apply(&mut [of_second], update, values);
             }
-            *bytes = *bytes + block.bytes() - before;
-        };
-        self.marks[0].drain(&mut apply);
+            [marks, others, ..] => {
+                let ([of_first, of_second], [others_of_first, others_of_second]) =
+                    (marks.shards(), others.shards());
+                rayon::join(
+                    || first.apply(&mut [of_first, others_of_first], update, values),
+                    || second.apply(&mut [of_second, others_of_second], update, values),
+                );
+            }
+            [] => {}
+        }
+        for marks in &mut self.marks {
+            marks.close();
+        }
+    }
+
+    fn blocks(&self) -> impl Iterator<Item = &Block> {
+        self.shards.iter().flat_map(Shard::blocks)
+    }
+
+    fn block_bytes(&self) -> usize {
+        self.shards.iter().map(Shard::block_bytes).sum()
     }
 
     const fn values(&self) -> Values {

@@ -5,7 +5,7 @@
 
 use super::brick::{Brick, BrickChange, BrickStates};
 use super::codes::BRICK_VOXELS;
-use super::scan_marks::BrickMarks;
+use super::pages::BrickMarks;
 use super::steps::{EVEN, UNKNOWN, Update, Values};
 
 /// 64 voxels, of up to three known values.

@@ -84,7 +84,7 @@ impl Octree {
             let within = |at: i32, corner: i32| (0..blocks).contains(&(at - corner));
             within(at.x, corner.x) && within(at.y, corner.y) && within(at.z, corner.z)
         };
-        let inside = self.blocks.iter().filter(|block| is_inside(block.index));
+        let inside = self.blocks().filter(|block| is_inside(block.index));
         inside
             .map(|block| self.greatest(Some(block), block.index.first_voxel(), BLOCK_EDGE))
             .max()
@@ -115,10 +115,12 @@ impl Octree {
         blocks.flat_map(move |block| {
             (0..4).filter_map(move |layer| {
                 let z = block.index.z * BLOCK_EDGE + layer * BRICK_EDGE;
+                if z + 3 < from || z > to {
+                    return None;
+                }
                 let states = block.states(number + 16 * layer as usize, self.values());
-                let is_asked = z + 3 >= from && z <= to && states.known != 0;
                 let layers = |bits: u64| std::array::from_fn(|layer| (bits >> (16 * layer)) as u16);
-                is_asked.then(|| ColumnStates {
+                (states.known != 0).then(|| ColumnStates {
                     z,
                     known: layers(states.known),
                     occupied: layers(states.occupied),
@@ -130,7 +132,7 @@ impl Octree {
     /// How many voxels are what.
     pub fn counts(&self) -> VoxelCounts {
         let mut counts = VoxelCounts::default();
-        for block in &self.blocks {
+        for block in self.blocks() {
             for number in 0..BLOCK_BRICKS {
                 let states = block.states(number, self.values());
                 let occupied = u64::from(states.occupied.count_ones());
@@ -144,7 +146,7 @@ impl Octree {
     /// For each block of 16³ voxels that holds a known one: its least voxel, and for each of its bricks of 4³ the bits
     /// of the voxels that are known and of those that are occupied; in both x first, then y, then z.
     pub fn known_by_block(&self) -> impl Iterator<Item = (VoxelIndex, Vec<u64>)> + '_ {
-        self.blocks.iter().filter_map(move |block| {
+        self.blocks().filter_map(move |block| {
             let bricks = (0..BLOCK_BRICKS).map(|number| block.states(number, self.values()));
             let bits: Vec<_> = bricks
                 .flat_map(|brick| [brick.known, brick.occupied])
@@ -157,14 +159,14 @@ impl Octree {
     /// Everything that is known, in cubes of one voxel or of one brick, in no order that means anything but
     /// always the same one.
     pub fn cubes(&self) -> impl Iterator<Item = Cube> + '_ {
-        self.blocks.iter().flat_map(move |block| {
+        self.blocks().flat_map(move |block| {
             (0..BLOCK_BRICKS).flat_map(move |number| self.cubes_of_brick(block, number))
         })
     }
 
     /// Every occupied voxel with what its hits were like, in no order that means anything but always the same one.
     pub fn occupied(&self) -> impl Iterator<Item = (VoxelIndex, Option<&SurfaceVoxel>)> + '_ {
-        self.blocks.iter().flat_map(move |block| {
+        self.blocks().flat_map(move |block| {
             (0..BLOCK_BRICKS).flat_map(move |number| {
                 let occupied = block.states(number, self.values()).occupied;
                 let voxels = (0..BRICK_VOXELS).filter(move |voxel| occupied >> voxel & 1 == 1);
@@ -219,9 +221,7 @@ impl Octree {
     }
 
     fn block(&self, index: BlockIndex) -> Option<&Block> {
-        self.places
-            .get(&index)
-            .map(|&place| &self.blocks[place as usize])
+        self.shards[index.shard()].block(index)
     }
 
     fn value(&self, voxel: VoxelIndex) -> u8 {

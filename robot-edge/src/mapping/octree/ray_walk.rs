@@ -33,8 +33,8 @@ pub(super) fn voxel(point: FixedPoint) -> [u32; 3] {
 pub(super) struct Slab {
     pub(super) enter: u64,
     pub(super) leave: u64,
-    /// Where both other coordinates cross a boundary.
-    pub(super) between: Option<u64>,
+    /// Whether there is one more, [`RayWalk::between`].
+    pub(super) crosses_both: bool,
 }
 
 /// A walk through the slabs of a beam.
@@ -54,9 +54,8 @@ struct Axis {
     code: u64,
     /// The bits of this axis.
     mask: u64,
-    /// Ones between them where the coordinate grows, so that a carry passes.
-    fill: u64,
-    /// Added to the code from voxel to voxel.
+    /// Added to the code from voxel to voxel; ones between the bits of this axis where the coordinate grows, so
+    /// that a carry passes.
     step: u64,
     /// How far the beam is behind the last boundary, in the direction of the beam, as a fraction of a voxel.
     fraction: u32,
@@ -72,13 +71,18 @@ impl RayWalk {
         window: &Window,
         from: FixedPoint,
         to: FixedPoint,
-        first: impl FnOnce(Slab),
+        first: impl FnOnce(Slab, &Self),
     ) -> Self {
-        let length = |axis: usize| from[axis].abs_diff(to[axis]);
-        let mut order = [0, 1, 2];
-        order.sort_by_key(|&axis| std::cmp::Reverse(length(axis)));
-        let longest = length(order[0]).max(1);
-        let axis = |n: usize| Axis::new(window, order[n], (from, to), longest);
+        let [x, y, z] = std::array::from_fn(|axis| from[axis].abs_diff(to[axis]));
+        let order = if x >= y && x >= z {
+            [0, 1, 2]
+        } else if y >= z {
+            [1, 0, 2]
+        } else {
+            [2, 0, 1]
+        };
+        let per_slab = ONE as f64 / x.max(y).max(z).max(1) as f64;
+        let axis = |n: usize| Axis::new(window, order[n], (from, to), per_slab);
         let (along, e, f) = (axis(0), axis(1), axis(2));
         let slabs =
             (from[order[0]] >> FRACTION_BITS).abs_diff(to[order[0]] >> FRACTION_BITS) as u32;
@@ -86,7 +90,8 @@ impl RayWalk {
         if slabs > 0 {
             let rest = ONE - u64::from(along.fraction);
             let part = |slope: u32| ((u64::from(slope) * rest) >> FRACTION_BITS) as u32;
-            first(walk.advance(part(e.slope), part(f.slope)));
+            let slab = walk.advance(part(e.slope), part(f.slope));
+            first(slab, &walk);
             walk.slabs -= 1;
         }
         walk
@@ -124,30 +129,36 @@ impl RayWalk {
             .filter(move |&code| code != end)
     }
 
+    /// The voxel between the two of the slab that was walked last, where both other coordinates cross a boundary.
+    #[inline]
+    pub(super) fn between(&self, slab: Slab) -> u64 {
+        let later = if self.e_was_first() {
+            self.f.mask
+        } else {
+            self.e.mask
+        };
+        (slab.leave & !later) | (slab.enter & later)
+    }
+
     #[inline]
     fn advance(&mut self, e_part: u32, f_part: u32) -> Slab {
-        let (e_fraction, e_crosses) = self.e.fraction.overflowing_add(e_part);
-        let (f_fraction, f_crosses) = self.f.fraction.overflowing_add(f_part);
-        let (e, f) = (self.e.code, self.f.code);
-        let e_is_first = e_crosses && f_crosses && self.e_is_first();
-        self.e.advance(e_crosses);
-        self.f.advance(f_crosses);
-        let along = self.along.code;
-        let both = if e_is_first {
-            self.e.code | f
-        } else {
-            e | self.f.code
-        };
-        let between = (e_crosses && f_crosses).then_some(along | both);
-        let slab = Slab {
-            enter: along | e | f,
-            leave: along | self.e.code | self.f.code,
-            between,
-        };
+        let enter = self.along.code | self.e.code | self.f.code;
+        let e_crosses = self.e.advance_by(e_part);
+        let f_crosses = self.f.advance_by(f_part);
+        let leave = self.along.code | self.e.code | self.f.code;
         self.along.advance(true);
-        self.e.fraction = e_fraction;
-        self.f.fraction = f_fraction;
-        slab
+        Slab {
+            enter,
+            leave,
+            crosses_both: e_crosses & f_crosses,
+        }
+    }
+
+    /// Whether, of the last boundaries of both, that of `e` came first: it is farther behind.
+    #[inline]
+    fn e_was_first(&self) -> bool {
+        let since = |of: &Axis, other: &Axis| u64::from(of.fraction) * u64::from(other.slope);
+        since(&self.e, &self.f) > since(&self.f, &self.e)
     }
 
     /// Whether, of the next boundaries of both, that of `e` comes first.
@@ -166,29 +177,41 @@ impl Axis {
         window: &Window,
         axis: usize,
         (from, to): (FixedPoint, FixedPoint),
-        longest: u64,
+        per_slab: f64,
     ) -> Self {
         let (from, to) = (from[axis], to[axis]);
         let code = window.code(axis, (from >> FRACTION_BITS) as u32);
         let (mask, unit) = (window.mask(axis), Window::unit(axis));
         let grows = to >= from;
-        // Rounded down, so that a beam never gets ahead of itself; a whole voxel a slab is nearly one.
-        let slope = (u128::from(from.abs_diff(to)) << FRACTION_BITS) / u128::from(longest);
+        // One less than computed, so that a beam never gets ahead of itself.
+        let slope = ((from.abs_diff(to) as f64 * per_slab) as u64).saturating_sub(1);
         let fraction = from as u32;
         Self {
             code,
             mask,
-            fill: if grows { !mask } else { 0 },
-            step: if grows { unit } else { unit.wrapping_neg() },
+            step: if grows {
+                (!mask).wrapping_add(unit)
+            } else {
+                unit.wrapping_neg()
+            },
             fraction: if grows { fraction } else { !fraction },
-            slope: slope.min(u128::from(u32::MAX)) as u32,
+            slope: slope.min(u64::from(u32::MAX)) as u32,
         }
+    }
+
+    /// Moves by a fraction of a voxel; says whether that crosses a boundary.
+    #[inline]
+    const fn advance_by(&mut self, part: u32) -> bool {
+        let (fraction, crosses) = self.fraction.overflowing_add(part);
+        self.fraction = fraction;
+        self.advance(crosses);
+        crosses
     }
 
     /// Moves to the next voxel if `crosses`.
     #[inline]
     const fn advance(&mut self, crosses: bool) {
         let step = self.step & (crosses as u64).wrapping_neg();
-        self.code = (self.code | self.fill).wrapping_add(step) & self.mask;
+        self.code = self.code.wrapping_add(step) & self.mask;
     }
 }

@@ -251,8 +251,7 @@ fn what_saturates_takes_no_memory() {
         octree.bytes()
     );
     let bricks: usize = octree
-        .blocks
-        .iter()
+        .blocks()
         .map(|block| block.stored().0 + block.stored().1)
         .sum();
     assert!(bricks < 20 * 15 * 15 / 3, "{bricks} bricks are left");
@@ -283,9 +282,13 @@ fn beyond_the_limit_the_farthest_bricks_go_and_what_was_there_is_unknown() {
         });
         octree.integrate(SENSOR, beams);
         evicted += octree.keep_limit(Point3::new(x, 0.0, 0.0));
-        assert!(octree.bytes < 1_000_000, "{} after {n} scans", octree.bytes);
-        let all: usize = octree.blocks.iter().map(Block::bytes).sum();
-        assert_eq!(octree.bytes, all);
+        assert!(
+            octree.block_bytes() < 1_000_000,
+            "{} after {n} scans",
+            octree.block_bytes()
+        );
+        let all: usize = octree.blocks().map(Block::bytes).sum();
+        assert_eq!(octree.block_bytes(), all);
     }
     assert!(evicted > 1000, "{evicted}");
     assert_eq!(octree.state(voxel(1995, 0, 0)), VoxelState::Free);
@@ -352,6 +355,7 @@ fn hits_tell_where_the_surface_lies() {
     let end = [1.03, 0.07, 0.02];
     let hit = SurfaceHit {
         point: end.into(),
+        spot_m: 0.0,
         intra: 0.5,
         inter: f32::NAN,
     };
