@@ -90,6 +90,9 @@ impl SensorConfig {
             p_hit: range.p_hit.unwrap_or(of_kind.p_hit),
             p_miss: range.p_miss.unwrap_or(of_kind.p_miss),
             min_neighbours: min_neighbours.unwrap_or(of_kind.min_neighbours),
+            divergence_rad: range
+                .divergence_mrad
+                .map_or(of_kind.divergence_rad, |mrad| 1e-3 * mrad),
             has_metrics: of_kind.has_metrics,
         })
     }
@@ -121,6 +124,7 @@ const SONAR: RangeSensorModel = RangeSensorModel {
     p_hit: 0.7,
     p_miss: 0.45,
     min_neighbours: 1,
+    divergence_rad: 0.0,
     has_metrics: false,
 };
 

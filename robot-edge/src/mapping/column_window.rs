@@ -65,6 +65,7 @@ const UNKNOWN: Column = Column {
     top_z: 0,
     ground_m: [0.0; 3],
     top_m: [0.0; 3],
+    top_spot_m: 0.0,
 };
 
 impl WindowPart {
@@ -122,6 +123,8 @@ impl ColumnWindow {
     pub(super) fn forget(&mut self) {
         for tile in &mut self.tiles {
             tile.is_read = false;
+            tile.is_sloped = false;
+            tile.is_judged = false;
         }
     }
 
@@ -146,9 +149,9 @@ impl ColumnWindow {
             .collect()
     }
 
-    /// Tiles whose slopes must be computed after others were read.
-    pub(super) fn wanting_slopes(&mut self, read: &[BrickColumn]) -> Vec<BrickColumn> {
-        for at in self.around(read) {
+    /// Tiles whose slopes must be computed after columns have changed.
+    pub(super) fn wanting_slopes(&mut self, changed: &[BrickColumn]) -> Vec<BrickColumn> {
+        for at in self.around(changed) {
             let slot = self.slot(at);
             self.tiles[slot].is_sloped = false;
         }
@@ -157,7 +160,7 @@ impl ColumnWindow {
             .collect()
     }
 
-    /// Tiles to be told anew after the slopes of others were computed.
+    /// Tiles to be told anew after voxels or slopes of others have changed.
     pub(super) fn wanting_verdicts(&mut self, sloped: &[BrickColumn]) -> Vec<BrickColumn> {
         for at in self.around(sloped) {
             let slot = self.slot(at);
@@ -207,16 +210,26 @@ impl ColumnWindow {
             .then(|| &self.tiles[self.slot(at)])
     }
 
-    pub(super) fn set_columns(&mut self, at: BrickColumn, columns: &[Column; TILE_COLUMNS]) {
+    /// Says whether they differ from those it had.
+    pub(super) fn set_columns(
+        &mut self,
+        at: BrickColumn,
+        columns: &[Column; TILE_COLUMNS],
+    ) -> bool {
         let slot = self.slot(at);
-        self.tiles[slot].columns = *columns;
-        self.tiles[slot].is_read = true;
+        let tile = &mut self.tiles[slot];
+        tile.is_read = true;
+        let before = std::mem::replace(&mut tile.columns, *columns);
+        before != *columns
     }
 
-    pub(super) fn set_costs(&mut self, at: BrickColumn, costs: [f32; TILE_COLUMNS]) {
+    /// Says whether they differ from those it had.
+    pub(super) fn set_costs(&mut self, at: BrickColumn, costs: [f32; TILE_COLUMNS]) -> bool {
         let slot = self.slot(at);
-        self.tiles[slot].costs = costs;
-        self.tiles[slot].is_sloped = true;
+        let tile = &mut self.tiles[slot];
+        tile.is_sloped = true;
+        let before = std::mem::replace(&mut tile.costs, costs);
+        before.map(f32::to_bits) != costs.map(f32::to_bits) // unknown is not-a-number
     }
 
     /// Appends what is new of the cells of a tile.

@@ -1,7 +1,7 @@
 //! Columns of the octree: where the ground is in each, and what stands on it (\[HYB\] §5.1).
 
 use super::cost_config::Surface;
-use super::octree::{BrickColumn, Octree};
+use super::octree::{BrickColumn, Octree, SurfaceVoxel};
 use super::voxel::VoxelIndex;
 
 /// Columns along the edge of a tile: those of a column of bricks.
@@ -39,11 +39,14 @@ pub struct Column {
     /// z of the highest occupied voxel that stands in the vehicle's way; that of the ground where there is none.
     pub top_z: i32,
     /// Where in the ground's voxel the ground is: x and y from the column's least corner, z of `odom`, metres. Of
-    /// [`ColumnKind::Dry`] the lowest that was hit, of [`ColumnKind::Overlooked`] the upper side of the lowest that was
-    /// seen through.
+    /// [`ColumnKind::Dry`] the lowest that was hit, of [`ColumnKind::Water`] and [`ColumnKind::Overlooked`] the upper
+    /// side of the lowest voxel that was seen through: a beam may have passed just beneath that side, and the ground
+    /// be all but as high.
     pub ground_m: [f32; 3],
     /// The same of the top.
     pub top_m: [f32; 3],
+    /// Radius of the smallest spot of light that hit the top, metres; 0 where nothing hit it.
+    pub top_spot_m: f32,
 }
 
 /// How columns are read.
@@ -80,6 +83,9 @@ pub fn read_columns(
     };
     let highest = rules.highest_z();
     for layers in octree.columns(at, rules.from_z, highest) {
+        if levels.are_found(layers.z, rules) {
+            break;
+        }
         for (n, (&known, &occupied)) in (0..).zip(layers.known.iter().zip(&layers.occupied)) {
             let z = layers.z + n;
             if (rules.from_z..=highest).contains(&z) {
@@ -109,14 +115,16 @@ pub fn read_columns(
                     top_z,
                     ground_m: match kind {
                         ColumnKind::Dry => surface_m(octree, at(lowest)),
-                        ColumnKind::Overlooked => [0.5, 0.5, f64::from(lowest) + 1.0]
-                            .map(|n| (n * octree.cell_m()) as f32),
-                        ColumnKind::Unknown
-                        | ColumnKind::Sampled
-                        | ColumnKind::Inferred
-                        | ColumnKind::Water => surface_m(octree, at(ground_z)),
+                        ColumnKind::Water | ColumnKind::Overlooked => {
+                            [0.5, 0.5, f64::from(lowest) + 1.0]
+                                .map(|n| (n * octree.cell_m()) as f32)
+                        }
+                        ColumnKind::Unknown | ColumnKind::Sampled | ColumnKind::Inferred => {
+                            surface_m(octree, at(ground_z))
+                        }
                     },
                     top_m: surface_m(octree, at(top_z)),
+                    top_spot_m: spot_m(octree, at(top_z)),
                 }
             }
         }
@@ -140,6 +148,12 @@ fn surface_m(octree: &Octree, voxel: VoxelIndex) -> [f32; 3] {
     [x, y, f64::from(voxel.z) + z].map(|voxels| (voxels * cell_m) as f32)
 }
 
+/// Radius of the smallest spot of light that hit a voxel.
+fn spot_m(octree: &Octree, voxel: VoxelIndex) -> f32 {
+    let spot = octree.surface(voxel).map_or(0.0, SurfaceVoxel::spot);
+    (spot * octree.cell_m()) as f32
+}
+
 /// Ground and top of sixteen columns while their layers are read upwards.
 struct Levels {
     /// Columns whose ground is still to be found, a bit for each.
@@ -152,6 +166,8 @@ struct Levels {
     dry: u16,
     /// Columns on water of which a voxel is known.
     begun: u16,
+    /// The highest ground of any column so far.
+    highest_ground_z: i32,
     ground_z: [i32; TILE_COLUMNS],
     top_z: [i32; TILE_COLUMNS],
     /// On water, the lowest known voxel; where the next one was hit, that.
@@ -166,6 +182,7 @@ impl Levels {
             known: 0,
             dry: 0,
             begun: 0,
+            highest_ground_z: z,
             ground_z: [z; TILE_COLUMNS],
             top_z: [z; TILE_COLUMNS],
             lowest_z: [z; TILE_COLUMNS],
@@ -175,6 +192,12 @@ impl Levels {
     /// The ground is the water's surface everywhere.
     const fn on_water(z: i32) -> Self {
         Self::new(0, z)
+    }
+
+    /// Whether nothing from a layer upwards can change what was found: most of what is read is air above the vehicle.
+    const fn are_found(&self, z: i32, rules: &ColumnRules) -> bool {
+        let is_land = matches!(rules.surface, Surface::Land);
+        is_land && self.pending == 0 && z > self.highest_ground_z + rules.height
     }
 
     fn add(&mut self, z: i32, known: u16, occupied: u16, rules: &ColumnRules) {
@@ -187,6 +210,7 @@ impl Levels {
             let is_hit = occupied >> column & 1 == 1;
             self.ground_z[column] = if is_hit { z } else { z - 1 };
             self.top_z[column] = self.ground_z[column];
+            self.highest_ground_z = self.highest_ground_z.max(self.ground_z[column]);
         }
         self.pending &= !found;
         if rules.surface == Surface::Water {

@@ -99,16 +99,24 @@ impl CostMap {
         }
         let read = self.window.wanting_columns();
         let columns = self.for_each(&read, |at| read_columns(octree, at, &rules));
+        // Most of what a scan changes is air that is none of a column's levels.
+        let mut changed = Vec::new();
         for (&at, columns) in read.iter().zip(columns) {
-            self.window.set_columns(at, &columns);
+            if self.window.set_columns(at, &columns) {
+                changed.push(at);
+            }
         }
-        let sloped = self.window.wanting_slopes(&read);
+        let sloped = self.window.wanting_slopes(&changed);
         let beach = self.beach(&rules);
         let costs = self.for_each(&sloped, |at| self.costs(at, beach.as_ref()));
+        // What stands in the way may have become rigid where no level has changed.
+        changed.extend(read);
         for (&at, costs) in sloped.iter().zip(costs) {
-            self.window.set_costs(at, costs);
+            if self.window.set_costs(at, costs) {
+                changed.push(at);
+            }
         }
-        let judged = self.window.wanting_verdicts(&sloped);
+        let judged = self.window.wanting_verdicts(&changed);
         self.judge(octree, &judged, &rules);
     }
 

@@ -4,6 +4,7 @@
 //! along rows and then across them, and every step is a loop over plain numbers that the compiler makes vectors of.
 
 use super::columns::{Column, ColumnKind, TILE_COLUMNS, TILE_EDGE};
+use super::octree::FINER;
 
 /// Columns around one that count, each way.
 pub(super) const REACH: usize = 3;
@@ -37,7 +38,8 @@ pub(super) fn slopes(patch: &Patch, cell_m: f32, beach: Option<&Beach>) -> [f32;
         let plane = || {
             planes
                 .get(column)
-                .filter(|plane| points.fit(*plane, window, 0.5 * cell_m))
+                .filter(|plane| points.fit(*plane, window, &points.highest, 0.5 * cell_m))
+                .or_else(|| points.fine_plane(window, 0.5 * cell_m))
         };
         let land = || {
             let [x, y] = [0, 1].map(|axis| points.ground[axis][own]);
@@ -101,6 +103,10 @@ struct Points {
     /// What must not be above a plane, nor below it; far on the other side where nothing needs to be.
     highest: Row,
     lowest: Row,
+    /// How far from where it is compared a column may have been seen through, along x and along y, metres.
+    aside: Row,
+    /// How finely the top's height is known: the radius of the spot of light that came back from it.
+    spot: Row,
 }
 
 type Row = [f32; PATCH_COLUMNS];
@@ -142,6 +148,8 @@ impl Points {
             ground: [[0.0; PATCH_COLUMNS]; 3],
             highest: [-FAR_M; PATCH_COLUMNS],
             lowest: [FAR_M; PATCH_COLUMNS],
+            aside: [0.0; PATCH_COLUMNS],
+            spot: std::array::from_fn(|n| patch[n].top_spot_m),
         };
         for (n, column) in patch.iter().enumerate() {
             let corner = [n % PATCH_EDGE, n / PATCH_EDGE];
@@ -149,8 +157,15 @@ impl Points {
             let [top, mut ground] = [column.top_m, column.ground_m]
                 .map(|[x, y, z]| [corner[0] + x, corner[1] + y, z - reference_m]);
             let kind = points.kind[n];
+            let seen_to_m = ground[2];
             if column.kind == ColumnKind::Inferred {
-                ground[2] = (column.ground_z + 2) as f32 * cell_m - reference_m;
+                let height = (column.ground_z + 2) as f32 * cell_m - reference_m;
+                ground = [corner[0] + 0.5 * cell_m, corner[1] + 0.5 * cell_m, height];
+                points.aside[n] = 0.5 * cell_m;
+            }
+            if column.kind == ColumnKind::Water {
+                // As deep as the vehicle reaches.
+                ground[2] = (column.ground_z as f32 + 0.5) * cell_m - reference_m;
             }
             for axis in 0..3 {
                 points.top[axis][n] = top[axis];
@@ -166,8 +181,9 @@ impl Points {
             }
             points.lowest[n] = match kind {
                 PointKind::Unknown => FAR_M,
-                // How deep it is beneath what light comes back from, nobody knows.
-                PointKind::Water => ground[2].max(water_m - reference_m),
+                // Nobody knows how deep it is beneath the water, nor whether the beams that passed above it met land
+                // right behind: a gap between hits on a gentle ramp is no hole in it.
+                PointKind::Water => seen_to_m.max(water_m - reference_m),
                 PointKind::Ground
                 | PointKind::Obstacle
                 | PointKind::Below
@@ -187,16 +203,20 @@ impl Points {
     }
 
     /// Whether nothing is farther from the plane than `margin_m`: neither what was hit, nor a place that far below
-    /// it that was seen through. That the ground lies beneath what was seen above the plane says nothing against it.
-    fn fit(&self, plane: Plane, window: Window, margin_m: f32) -> bool {
+    /// it that was seen through, which may be anywhere in its column. That the ground lies beneath what was seen above
+    /// the plane says nothing against it.
+    fn fit(&self, plane: Plane, window: Window, highest: &Row, margin_m: f32) -> bool {
         let mut misfits = 0;
+        let steepness = plane.a.abs() + plane.b.abs();
         for row in window.rows() {
             let [top_x, top_y] = [&self.top[0][row.clone()], &self.top[1][row.clone()]];
             let [ground_x, ground_y] = [&self.ground[0][row.clone()], &self.ground[1][row.clone()]];
-            let (highest, lowest) = (&self.highest[row.clone()], &self.lowest[row]);
+            let (highest, lowest) = (&highest[row.clone()], &self.lowest[row.clone()]);
+            let aside = &self.aside[row];
             for n in 0..WINDOW {
                 let above = highest[n] - plane.height(top_x[n], top_y[n]);
-                let below = plane.height(ground_x[n], ground_y[n]) - lowest[n];
+                let ground = plane.height(ground_x[n], ground_y[n]) - steepness * aside[n];
+                let below = ground - lowest[n];
                 misfits |= u32::from(above > margin_m) | u32::from(below > margin_m);
             }
         }
@@ -209,6 +229,42 @@ impl Points {
         window.columns().all(|n| {
             self.kind[n] != PointKind::Obstacle || plane.height(x[n], y[n]) - z[n] <= margin_m
         })
+    }
+
+    /// The plane through what was hit finely around a column, where coarser hits say nothing against it.
+    ///
+    /// A spot of light that lies across a crest sends back its lower part, and the hit is placed in its middle: too
+    /// high by up to its radius. So the coarsest tops are left out, more and more of them, and need lie no farther
+    /// above the plane than that is; what is left is held to `margin_m` as ever.
+    fn fine_plane(&self, window: Window, margin_m: f32) -> Option<Plane> {
+        let hit = || window.columns().filter(|&n| self.weight[n] > 0.0);
+        let coarsest_m = hit().map(|n| self.spot[n]).fold(0.0, f32::max);
+        let finer = |limit_m: &f32| {
+            let is_coarse = *limit_m > margin_m;
+            is_coarse.then(|| (FINER as f32 * limit_m).max(margin_m))
+        };
+        let mut limits_m = std::iter::successors(finer(&coarsest_m), finer);
+        let plane = |limit_m: f32| {
+            let mut sums = [0.0; SUMS];
+            let mut highest = self.highest;
+            for n in hit() {
+                if self.spot[n] > limit_m {
+                    highest[n] -= self.spot[n] - margin_m;
+                } else {
+                    for (sum, product) in sums.iter_mut().zip(self.products(n)) {
+                        *sum += product;
+                    }
+                }
+            }
+            Plane::through(sums).filter(|plane| self.fit(*plane, window, &highest, margin_m))
+        };
+        limits_m.find_map(plane)
+    }
+
+    /// What a column adds to [`Planes`].
+    fn products(&self, n: usize) -> [f32; SUMS] {
+        let [x, y, z] = [0, 1, 2].map(|axis| self.top[axis][n]);
+        [1.0, x, y, z, x * x, x * y, y * y, x * z, y * z]
     }
 
     /// Δ of the document: from the ground around it, and its own, up to its top.
@@ -277,10 +333,16 @@ impl Planes {
         Self(products.map(|row| window_sums(&row)))
     }
 
-    /// The least squares plane through what was hit around a column; `None` where that lies nearly on one line,
-    /// about which a plane could stand at any angle.
+    /// The plane through what was hit around a column.
     fn get(&self, column: usize) -> Option<Plane> {
-        let [n, x, y, z, xx, xy, yy, xz, yz] = self.0.map(|sums| sums[column]);
+        Plane::through(self.0.map(|sums| sums[column]))
+    }
+}
+
+impl Plane {
+    /// The least squares plane by sums as those of [`Planes`]; `None` where they are of what lies nearly on one line,
+    /// about which a plane could stand at any angle.
+    fn through([n, x, y, z, xx, xy, yy, xz, yz]: [f32; SUMS]) -> Option<Self> {
         if n < 3.0 {
             return None;
         }

@@ -130,7 +130,7 @@ impl VoxelLayers {
             });
         let out_of_bounds = self.octree.integrate(scan.sensor, rays);
         if self.cost.is_some() {
-            self.add_surfaces(scan, model.has_metrics);
+            self.add_surfaces(scan, model);
             if self.cost_due.is_due(scan.stamp) {
                 self.update_cost();
             }
@@ -210,9 +210,10 @@ impl VoxelLayers {
         self.shore.as_mut()
     }
 
-    fn add_surfaces(&mut self, scan: &PosedScan, has_metrics: bool) {
+    fn add_surfaces(&mut self, scan: &PosedScan, model: RangeSensorModel) {
+        let spread = libm::tan(0.5 * model.divergence_rad) as f32;
         let Metrics { intra, inter } = &mut self.metrics;
-        if has_metrics {
+        if model.has_metrics {
             self.intra.measure(scan, intra);
             self.inter.measure(scan, inter);
         } else {
@@ -228,6 +229,7 @@ impl VoxelLayers {
             if beam.outcome == BeamOutcome::Hit && !isolated {
                 let hit = SurfaceHit {
                     point: beam.end_in_odom,
+                    spot_m: beam.range_m * spread,
                     intra,
                     inter,
                 };

@@ -26,6 +26,9 @@ pub struct RangeSensorConfig {
     /// Of the beams beside a hit as many must have hit something close to it, or the octree does not take
     /// it; 0 takes every hit. Where absent, that of the kind.
     pub min_neighbours: Option<u32>,
+    /// Full angle of a beam's cone, milliradians: in the octree a hit gives way to others whose spot of light was
+    /// smaller. 0 takes beams for lines; where absent, that of the kind.
+    pub divergence_mrad: Option<f64>,
     /// Where the sensor sits on the vehicle, where no transform of the source says so.
     pub mount: Mount,
     /// The servo that tilts it, if it is tilted and no transform of the source says how far.

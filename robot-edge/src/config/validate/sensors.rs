@@ -122,6 +122,11 @@ fn octree_model(checks: &mut Checks, path: &str, range: &RangeSensorConfig) {
         let allowed = Allowed::Within(0.001, 0.499);
         checks.number(&key("p_miss"), p_miss, allowed, why);
     }
+    if let Some(divergence) = range.divergence_mrad {
+        let why = "it is the full angle of a beam's cone";
+        let allowed = Allowed::Within(0.0, 500.0);
+        checks.number(&key("divergence_mrad"), divergence, allowed, why);
+    }
     if let Some(least) = range.min_neighbours {
         let why = "a hit has no more neighbours";
         let name = key("min_neighbours");

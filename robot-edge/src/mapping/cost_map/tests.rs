@@ -41,6 +41,16 @@ fn map(surface: Surface) -> CostMap {
 }
 
 fn hit(octree: &mut Octree, origin: [f64; 3], points: impl IntoIterator<Item = [f64; 3]>) {
+    hit_by_spots(octree, origin, 0.0, points);
+}
+
+/// By beams whose spots of light have a radius.
+fn hit_by_spots(
+    octree: &mut Octree,
+    origin: [f64; 3],
+    spot_m: f32,
+    points: impl IntoIterator<Item = [f64; 3]>,
+) {
     let points: Vec<_> = points.into_iter().collect();
     let rays = points.iter().map(|&end| Ray {
         origin: origin.into(),
@@ -51,6 +61,7 @@ fn hit(octree: &mut Octree, origin: [f64; 3], points: impl IntoIterator<Item = [
     for point in points {
         let hit = SurfaceHit {
             point: point.into(),
+            spot_m,
             intra: 0.3,
             inter: 0.1,
         };
@@ -154,6 +165,90 @@ fn a_step_of_two_voxels_is_fatal_and_the_ground_beside_it_is_not() {
     }
 }
 
+/// Radius of the spot of a beam of 15 mrad, metres.
+fn spot_m(range_m: f32) -> f32 {
+    range_m * 0.0075
+}
+
+#[test]
+fn a_step_of_two_voxels_is_fatal_from_afar_too() {
+    let step = |x: f64, _| if x < 1.0 { 0.02 } else { 0.22 };
+    let face = || {
+        (0..160).flat_map(|n| [0.07, 0.13, 0.19].map(move |z| [1.0, f64::from(n) * 0.05 - 3.98, z]))
+    };
+    // From 15 m; and from there what had been seen from 5 m away up to its foot.
+    for foot_m in [15.0, 5.0] {
+        let mut octree = octree();
+        let (foot, raised): (Vec<_>, Vec<_>) =
+            surface(step).into_iter().partition(|at| at[0] < 1.0);
+        hit_by_spots(&mut octree, [-3.0, 0.0, 2.0], spot_m(foot_m), foot);
+        let raised = raised.into_iter().chain(face());
+        hit_by_spots(&mut octree, [-14.0, 0.0, 2.0], spot_m(15.0), raised);
+        let mut map = map(Surface::Land);
+        map.update(&mut octree, Point3::origin());
+        for y in -30..30 {
+            let cost = map.cell(CellIndex { x: 10, y }).unwrap().cost;
+            assert!(
+                cost >= 1.0,
+                "the edge at y {y} costs {cost}, its foot from {foot_m} m"
+            );
+        }
+    }
+}
+
+/// A bank of 10° seen from nearby; before that, from 18 m, beams whose middle passed above its crest lit a tenth of
+/// its columns with the lower part of their spots.
+#[test]
+fn what_was_hit_from_afar_gives_way_to_what_was_hit_from_nearby() {
+    let slope = libm::tan(10.0_f64.to_radians());
+    let fatal = |far_m: f32, above_m: f64| {
+        let mut octree = octree();
+        let bank = surface(|x, _| slope * x);
+        let lit = bank.iter().filter(|[x, y, _]| {
+            let [column, row] = [x, y].map(|at| libm::floor(at / CELL_M) as i32);
+            (3 * column + row).rem_euclid(10) == 0
+        });
+        let lit: Vec<_> = lit.map(|[x, y, z]| [*x, *y, z + above_m]).collect();
+        hit(&mut octree, [-3.0, 0.0, 2.0], bank.iter().copied());
+        hit_by_spots(&mut octree, [-3.0, 0.0, 2.0], spot_m(far_m), lit);
+        let mut map = map(Surface::Land);
+        map.update(&mut octree, Point3::origin());
+        let costs = costs(&map);
+        costs.iter().filter(|(_, cost)| *cost >= 1.0).count()
+    };
+    assert_eq!(fatal(18.0, 0.09), 0);
+    // From nearby it would be there, and so is what is higher than such a spot.
+    assert!(fatal(5.0, 0.09) > 100, "{}", fatal(5.0, 0.09));
+    assert!(fatal(18.0, 0.2) > 500, "{}", fatal(18.0, 0.2));
+}
+
+/// A bank of 35° that rises by 7 cm in a column, and a beam that grazes it, 3 cm too low, where a row of columns is
+/// lowest.
+#[test]
+fn a_beam_that_grazes_a_bank_makes_no_hole_in_it() {
+    let slope = libm::tan(35.0_f64.to_radians());
+    let mut octree = octree();
+    hit(
+        &mut octree,
+        [0.0, -3.0, 2.0],
+        surface(|_, y| 0.018 + slope * (y - 1.0)),
+    );
+    let grazing = Ray {
+        origin: [-3.9, 1.01, -0.01].into(),
+        end: [3.9, 1.01, -0.01].into(),
+        is_hit: false,
+    };
+    octree.integrate(SensorId(0), [grazing]);
+    let mut map = map(Surface::Land);
+    map.update(&mut octree, Point3::origin());
+    for y in 5..15 {
+        for x in -30..30 {
+            let cost = f64::from(map.cell(CellIndex { x, y }).unwrap().cost);
+            assert!((cost - slope).abs() < 0.05, "{x} {y}: {cost}");
+        }
+    }
+}
+
 #[test]
 fn what_hangs_higher_than_the_vehicle_is_no_obstacle_and_a_low_branch_is() {
     for (height_m, is_fatal) in [(1.45, false), (0.45, true)] {
@@ -242,18 +337,7 @@ fn land_that_rises_from_water_is_a_slope_and_what_is_above_it_fatal() {
     for y in [-0.8, 0.0, 0.8] {
         hit(&mut octree, [-1.5, y, 0.6], slipway());
     }
-    let water = (-24..24).flat_map(|row| (0..14).map(move |n| (n, row)));
-    let rays = water.map(|(n, row)| Ray {
-        origin: [-1.5, 0.02, 0.6].into(),
-        end: [
-            -0.05 - 0.1 * f64::from(n),
-            f64::from(row) * 0.05 + 0.02,
-            0.0,
-        ]
-        .into(),
-        is_hit: false,
-    });
-    octree.integrate(SensorId(0), rays);
+    see_water(&mut octree);
     let mut map = map(Surface::Water);
     map.update(&mut octree, Point3::new(0.0, 0.0, 0.05));
     let cell = |x: i32, y: i32| map.cell(CellIndex { x, y }).unwrap();
@@ -288,6 +372,88 @@ fn land_that_rises_from_water_is_a_slope_and_what_is_above_it_fatal() {
     }
 }
 
+/// Beams from the boat that meet nothing end at the water before the shore.
+fn see_water(octree: &mut Octree) {
+    let ends = (-24..24).flat_map(|row| (0..14).map(move |n| (n, row)));
+    let rays = ends.map(|(n, row)| Ray {
+        origin: BOAT_LASER.into(),
+        end: [
+            -0.05 - 0.1 * f64::from(n),
+            f64::from(row) * 0.05 + 0.02,
+            0.0,
+        ]
+        .into(),
+        is_hit: false,
+    });
+    octree.integrate(SensorId(0), rays);
+}
+
+const BOAT_LASER: [f64; 3] = [-1.5, 0.02, 0.6];
+
+#[test]
+fn a_gap_that_beams_graze_is_no_hole_in_a_ramp() {
+    let mut octree = octree();
+    let height_m = |x: f64| 0.2126 * x + 0.005;
+    // Of a row of columns, at the upper side of the voxels that the water's surface may lie in, nothing was hit: every
+    // beam over it met the ramp right behind.
+    let is_gap = |x: f64| (0.8..0.9).contains(&x);
+    // What is hit at a flat angle lies a little above the ramp, by the noise of poses and because of a voxel only its
+    // upper part is hit: in world `dock` 4 to 10 cm, here as many parts of a voxel.
+    let points = (0..60).map(|n| 0.025 + 0.05 * f64::from(n));
+    let points = points.filter(|&x| !is_gap(x));
+    let points = points.flat_map(|x| {
+        (-24..24).map(move |row| [x, f64::from(row) * 0.05 + 0.02, height_m(x) + 0.02])
+    });
+    for y in [-0.8, 0.0, 0.8] {
+        hit(&mut octree, [-1.5, y, 0.6], points.clone());
+    }
+    see_water(&mut octree);
+    let grazing = (-24..24).map(|row| [0.905, f64::from(row) * 0.05 + 0.02, 0.198]);
+    hit(&mut octree, BOAT_LASER, grazing);
+    let mut map = map(Surface::Water);
+    map.update(&mut octree, Point3::new(0.0, 0.0, 0.05));
+    for y in -8..8 {
+        let cell = |x: i32| map.cell(CellIndex { x, y }).unwrap();
+        assert!(cell(8).is_clear_water, "{y}: {:?}", cell(8));
+        for x in (4..8).chain(9..20) {
+            let cost = cell(x).cost;
+            assert!((cost - 0.2126).abs() < 0.05, "{x} {y}: {cost}");
+        }
+    }
+}
+
+#[test]
+fn a_quay_beside_water_is_fatal_at_its_edge() {
+    let mut octree = octree();
+    // Its wall is a voxel higher than the one in which the water's surface may lie; above it the ground rises gently.
+    let rows = (-24..24).map(|row| f64::from(row) * 0.05 + 0.02);
+    let wall = rows
+        .clone()
+        .flat_map(|y| [0.03, 0.08, 0.13, 0.18, 0.23, 0.27].map(|z| [0.01, y, z]));
+    let top = rows.flat_map(|y| {
+        (1..60).map(move |n| {
+            let x = 0.025 + 0.05 * f64::from(n);
+            [x, y, 0.28 + 0.05 * x]
+        })
+    });
+    let points: Vec<_> = wall.chain(top).collect();
+    for y in [-0.8, 0.0, 0.8] {
+        hit(&mut octree, [-1.5, y, 0.6], points.iter().copied());
+    }
+    see_water(&mut octree);
+    let mut map = map(Surface::Water);
+    map.update(&mut octree, Point3::new(0.0, 0.0, 0.05));
+    for y in -8..8 {
+        let cell = |x: i32| map.cell(CellIndex { x, y }).unwrap();
+        for x in -10..-2 {
+            assert!(cell(x).is_clear_water, "{x} {y}: {:?}", cell(x));
+        }
+        for x in 0..4 {
+            assert!(cell(x).cost >= 1.0, "{x} {y}: {:?}", cell(x));
+        }
+    }
+}
+
 prop_compose! {
     fn scan()(
         x in -3.0..3.0f64, y in -3.0..3.0f64, z in -1.5..1.5f64,
@@ -317,7 +483,8 @@ proptest! {
             });
             octree.integrate(SensorId(0), rays);
             for (point, metric) in &ends {
-                let hit = SurfaceHit { point: (*point).into(), intra: *metric * 0.08, inter: *metric };
+                let hit = SurfaceHit {
+                    point: (*point).into(), spot_m: *metric * 0.2, intra: *metric * 0.08, inter: *metric };
                 octree.add_surface(&hit, 0.3);
             }
             let mut whole = octree.clone();

@@ -30,6 +30,7 @@ fn posts(octree: &mut Octree, xs_m: &[f64], rigid_from_m: f64) {
             let intra = if x < rigid_from_m { 0.05 } else { 0.9 };
             let hit = SurfaceHit {
                 point,
+                spot_m: 0.0,
                 intra,
                 inter: 0.9,
             };
