@@ -125,10 +125,10 @@ fn checks(drives: &[Judged]) -> Vec<Check> {
             right.least >= 100.0 * RIGHT_MIN && swept.least >= CELLS_MIN,
         ),
         Check::gate(
-            "swept cells of planes that are fatal",
-            fatal.words(0, ""),
-            "0",
-            fatal.most == 0.0,
+            "those of them that are fatal",
+            format!("{} of {}", fatal.words(0, ""), swept.words(0, "")),
+            format!("0 of ≥ {CELLS_MIN}"),
+            fatal.most == 0.0 && swept.least >= CELLS_MIN,
         ),
         Check::gate(
             "those beneath the canopy that are fatal",

@@ -12,6 +12,8 @@ use crate::experiments::voxel_views::Canvas;
 const FATAL: f32 = 1.0;
 /// Hits in a column by which the laser has met what stands there.
 const MET: u32 = 3;
+/// Columns beside a place at the pit's rim in which the laser met lower ground, for it to have seen below it.
+const MET_COLUMNS: usize = 3;
 
 /// Swept cells of planes.
 #[derive(Clone, Debug, Default)]
@@ -124,9 +126,9 @@ impl Judged {
             }
         }
         for beside in &truth.rim {
-            let sees_into = |cell: &Cell| swept(*cell) && truth.is_pit(*cell);
+            let sees_into = |cell: &&Cell| swept(**cell) && truth.is_pit(**cell);
             let fatal = beside.iter().any(is_fatal);
-            if beside.iter().any(sees_into) {
+            if beside.iter().filter(sees_into).count() >= MET_COLUMNS {
                 judged.rim.add(fatal);
             } else {
                 judged.rim_unseen.add(fatal);
