@@ -3,8 +3,11 @@
 //! A tile's sixteen columns are done at once: the sums of the least squares are those of a box of columns, first
 //! along rows and then across them, and every step is a loop over plain numbers that the compiler makes vectors of.
 
+mod planes;
+
 use super::columns::{Column, ColumnKind, TILE_COLUMNS, TILE_EDGE};
 use super::octree::FINER;
+use planes::{Plane, Planes, SUMS};
 
 /// Columns around one that count, each way.
 pub(super) const REACH: usize = 3;
@@ -20,9 +23,9 @@ pub(super) type Patch = [Column; PATCH_COLUMNS];
 
 /// The slopes of the columns of a tile, rise over run; NaN where unknown.
 ///
-/// That of the plane that fits the 7×7 columns around a column to half a voxel; where none does, Δ of the document,
-/// from the ground of each of them and of its own up to its top. Of a column where no beam met the ground, only a
-/// plane says something.
+/// That of the plane that fits the 7×7 columns around a column to half a voxel, or those of them that were hit finely,
+/// see [`Points::fine_plane`]; where none does, Δ of the document, from the ground of each of them and of its own up to
+/// its top. Of a column where no beam met the ground, only a plane says something.
 ///
 /// On water, where the ground is as deep as the vehicle reaches, land is steeper than anything; only a plane that comes
 /// out of the water nearby, `beach`, is a slope.
@@ -207,7 +210,7 @@ impl Points {
     /// the plane says nothing against it.
     fn fit(&self, plane: Plane, window: Window, highest: &Row, margin_m: f32) -> bool {
         let mut misfits = 0;
-        let steepness = plane.a.abs() + plane.b.abs();
+        let drop = plane.drop();
         for row in window.rows() {
             let [top_x, top_y] = [&self.top[0][row.clone()], &self.top[1][row.clone()]];
             let [ground_x, ground_y] = [&self.ground[0][row.clone()], &self.ground[1][row.clone()]];
@@ -215,7 +218,7 @@ impl Points {
             let aside = &self.aside[row];
             for n in 0..WINDOW {
                 let above = highest[n] - plane.height(top_x[n], top_y[n]);
-                let ground = plane.height(ground_x[n], ground_y[n]) - steepness * aside[n];
+                let ground = plane.height(ground_x[n], ground_y[n]) - drop * aside[n];
                 let below = ground - lowest[n];
                 misfits |= u32::from(above > margin_m) | u32::from(below > margin_m);
             }
@@ -280,108 +283,6 @@ impl Points {
             .filter(|&n| self.kind[n] != PointKind::Unknown);
         known.map(rise).fold(0.0, f32::max)
     }
-}
-
-/// z = a·x + b·y + c.
-#[derive(Clone, Copy)]
-struct Plane {
-    a: f32,
-    b: f32,
-    c: f32,
-}
-
-impl Plane {
-    fn slope(self) -> f32 {
-        libm::sqrtf(self.a * self.a + self.b * self.b)
-    }
-
-    #[inline]
-    fn height(self, x: f32, y: f32) -> f32 {
-        self.a * x + self.b * y + self.c
-    }
-}
-
-/// Sums over the windows of the sixteen columns: n, x, y, z, xx, xy, yy, xz, yz.
-struct Planes([[f32; TILE_COLUMNS]; SUMS]);
-
-const SUMS: usize = 9;
-/// Of the spread of points across their main direction, squared, to that along it.
-const MIN_SPREAD: f32 = 0.02;
-
-impl Planes {
-    fn of(points: &Points) -> Self {
-        let [x, y, z] = &points.top;
-        let w = &points.weight;
-        let products: [Row; SUMS] = std::array::from_fn(|sum| {
-            let mut row = [0.0; PATCH_COLUMNS];
-            for n in 0..PATCH_COLUMNS {
-                row[n] = w[n]
-                    * match sum {
-                        0 => 1.0,
-                        1 => x[n],
-                        2 => y[n],
-                        3 => z[n],
-                        4 => x[n] * x[n],
-                        5 => x[n] * y[n],
-                        6 => y[n] * y[n],
-                        7 => x[n] * z[n],
-                        _ => y[n] * z[n],
-                    };
-            }
-            row
-        });
-        Self(products.map(|row| window_sums(&row)))
-    }
-
-    /// The plane through what was hit around a column.
-    fn get(&self, column: usize) -> Option<Plane> {
-        Plane::through(self.0.map(|sums| sums[column]))
-    }
-}
-
-impl Plane {
-    /// The least squares plane by sums as those of [`Planes`]; `None` where they are of what lies nearly on one line,
-    /// about which a plane could stand at any angle.
-    fn through([n, x, y, z, xx, xy, yy, xz, yz]: [f32; SUMS]) -> Option<Self> {
-        if n < 3.0 {
-            return None;
-        }
-        let mean = [x / n, y / n, z / n];
-        let (xx, xy, yy) = (xx - x * mean[0], xy - x * mean[1], yy - y * mean[1]);
-        let (xz, yz) = (xz - x * mean[2], yz - y * mean[2]);
-        let determinant = xx * yy - xy * xy;
-        let is_spread = determinant > MIN_SPREAD * (xx + yy) * (xx + yy);
-        is_spread.then(|| {
-            let a = (xz * yy - yz * xy) / determinant;
-            let b = (yz * xx - xz * xy) / determinant;
-            Plane {
-                a,
-                b,
-                c: mean[2] - a * mean[0] - b * mean[1],
-            }
-        })
-    }
-}
-
-/// Sums over the window of each column of the tile.
-fn window_sums(row: &Row) -> [f32; TILE_COLUMNS] {
-    let mut along = [[0.0; TILE_EDGE]; PATCH_EDGE];
-    for (sums, row) in along.iter_mut().zip(row.chunks_exact(PATCH_EDGE)) {
-        for step in 0..WINDOW {
-            for (x, sum) in sums.iter_mut().enumerate() {
-                *sum += row[x + step];
-            }
-        }
-    }
-    let mut sums = [0.0; TILE_COLUMNS];
-    for (y, sums) in sums.chunks_exact_mut(TILE_EDGE).enumerate() {
-        for along in &along[y..y + WINDOW] {
-            for (sum, part) in sums.iter_mut().zip(along) {
-                *sum += part;
-            }
-        }
-    }
-    sums
 }
 
 /// The columns up to [`REACH`] around a column of a tile.
