@@ -3,57 +3,13 @@
 //! All keys of one robot begin with `foreshore/<robot>/`. *Control* and *bulk* name the session that carries
 //! a key: small messages must not wait behind tiles.
 
-use std::fmt;
-use std::str::FromStr;
-
 use crate::layer::LayerId;
 use crate::tile::TileKey;
 
+pub use crate::name::{InvalidName, OperatorId, RobotId};
+
 /// First chunk of every key.
 pub const PREFIX: &str = "foreshore";
-
-/// Name of a robot: 1 to 64 letters, digits, `_` or `-`, so that it is one chunk of a key and matches
-/// nothing but itself.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct RobotId(String);
-
-/// A name that cannot be part of a key.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} is no robot name: it must be 1 to 64 letters, digits, `_` or `-`")]
-pub struct InvalidName(pub String);
-
-impl RobotId {
-    /// A name made of bytes, in hexadecimal: what a console session calls itself.
-    pub fn from_bytes(bytes: [u8; 16]) -> Self {
-        Self(format!("{:032x}", u128::from_be_bytes(bytes)))
-    }
-}
-
-impl Default for RobotId {
-    /// `robot`.
-    fn default() -> Self {
-        Self("robot".to_owned())
-    }
-}
-
-impl FromStr for RobotId {
-    type Err = InvalidName;
-
-    fn from_str(name: &str) -> Result<Self, InvalidName> {
-        let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"_-".contains(&byte);
-        if (1..=64).contains(&name.len()) && name.bytes().all(is_plain) {
-            Ok(Self(name.to_owned()))
-        } else {
-            Err(InvalidName(name.chars().take(80).collect()))
-        }
-    }
-}
-
-impl fmt::Display for RobotId {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
-    }
-}
 
 /// What a key carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -82,10 +38,54 @@ pub enum Topic {
     Digests(LayerId),
     /// Bulk, edge → all, and queryable: shores and docking sites.
     Shores,
+    /// Control, console → edge, signed: what an operator wants. One key an operator.
+    Operator(OperatorTopic),
+}
+
+/// What an operator can want of a vehicle; each has a key of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum OperatorTopic {
+    /// Put, 50 Hz while the lease is held: how fast to go.
+    Drive,
+    /// Queryable, any operator's, 10 Hz until acknowledged: to stop and stay stopped.
+    EStop,
+    /// Queryable: the end of an emergency stop.
+    Reset,
+    /// Queryable: who drives.
+    Lease,
+    /// Queryable: byte budget, collision guard, recording.
+    Set,
+}
+
+impl OperatorTopic {
+    /// All of them.
+    pub const ALL: [Self; 5] = [
+        Self::Drive,
+        Self::EStop,
+        Self::Reset,
+        Self::Lease,
+        Self::Set,
+    ];
+
+    /// The last chunk of its keys.
+    const fn chunk(self) -> &'static str {
+        match self {
+            Self::Drive => "drive",
+            Self::EStop => "estop",
+            Self::Reset => "reset",
+            Self::Lease => "lease",
+            Self::Set => "set",
+        }
+    }
+
+    fn parse(chunk: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|topic| topic.chunk() == chunk)
+    }
 }
 
 impl Topic {
-    /// The key of this topic of `robot`. For [`Topic::View`] it matches the views of all consoles.
+    /// The key of this topic of `robot`. For [`Topic::View`] it matches the views of all consoles, for
+    /// [`Topic::Operator`] the wishes of all operators: what an edge subscribes to.
     pub fn key(self, robot: &RobotId) -> String {
         let rest = match self {
             Self::Info => "info".to_owned(),
@@ -100,6 +100,7 @@ impl Topic {
             Self::Tiles(layer) => format!("map/{layer}/tiles"),
             Self::Digests(layer) => format!("map/{layer}/digests"),
             Self::Shores => "shores".to_owned(),
+            Self::Operator(topic) => format!("op/*/{}", topic.chunk()),
         };
         format!("{PREFIX}/{robot}/{rest}")
     }
@@ -118,6 +119,10 @@ impl Topic {
             ("ping", None, ..) => Self::Ping,
             ("shores", None, ..) => Self::Shores,
             ("view", Some(_), None, _) => Self::View,
+            ("op", Some(operator), Some(topic), None) => {
+                drop(operator.parse::<OperatorId>().ok()?);
+                Self::Operator(OperatorTopic::parse(topic)?)
+            }
             ("map", Some(layer), Some("tiles"), None) => Self::Tiles(layer.parse().ok()?),
             ("map", Some(layer), Some("digests"), None) => Self::Digests(layer.parse().ok()?),
             ("map", Some(layer), Some(tx), Some(ty)) => Self::Tile(TileKey {
@@ -145,6 +150,30 @@ pub fn all_tiles(robot: &RobotId) -> String {
 /// The view of one console: `session` identifies it while it runs.
 pub fn view_of(robot: &RobotId, session: &RobotId) -> String {
     format!("{PREFIX}/{robot}/view/{session}")
+}
+
+/// What one operator wants of `robot`, and the only key that a signature for it is good for.
+pub fn operator_key(robot: &RobotId, operator: &OperatorId, topic: OperatorTopic) -> String {
+    format!("{PREFIX}/{robot}/op/{operator}/{}", topic.chunk())
+}
+
+/// Whose wish it is, and which, that arrived with `key`; `None` for all keys that [`operator_key`] does not make.
+pub fn parse_operator_key(key: &str) -> Option<(RobotId, OperatorId, OperatorTopic)> {
+    let Some((robot, Topic::Operator(topic))) = Topic::parse(key) else {
+        return None;
+    };
+    let operator = key.rsplit('/').nth(1)?.parse().ok()?;
+    Some((robot, operator, topic))
+}
+
+/// All that `operator` may put and query below `op`, for lists of who may do what.
+pub fn all_of_operator(robot: &RobotId, operator: &OperatorId) -> String {
+    format!("{PREFIX}/{robot}/op/{operator}/**")
+}
+
+/// Everything of `robot`, for lists of who may do what.
+pub fn all_of_robot(robot: &RobotId) -> String {
+    format!("{PREFIX}/{robot}/**")
 }
 
 /// The presence of every robot.
@@ -200,6 +229,32 @@ mod tests {
     }
 
     #[test]
+    fn operators_keys_are_those_of_the_specification() {
+        let anna: OperatorId = "anna".parse().unwrap();
+        for (topic, name) in [
+            (OperatorTopic::Drive, "drive"),
+            (OperatorTopic::EStop, "estop"),
+            (OperatorTopic::Reset, "reset"),
+            (OperatorTopic::Lease, "lease"),
+            (OperatorTopic::Set, "set"),
+        ] {
+            let key = operator_key(&robot(), &anna, topic);
+            assert_eq!(key, format!("foreshore/scout-1/op/anna/{name}"));
+            let parsed = Some((robot(), anna.clone(), topic));
+            assert_eq!(parse_operator_key(&key), parsed);
+            let topic = Topic::Operator(topic);
+            assert_eq!(Topic::parse(&key), Some((robot(), topic)));
+            let everybodys = format!("foreshore/scout-1/op/*/{name}");
+            assert_eq!(topic.key(&robot()), everybodys);
+            assert_eq!(Topic::parse(&everybodys), None, "a wildcard is nobody");
+        }
+        assert_eq!(
+            all_of_operator(&robot(), &anna),
+            "foreshore/scout-1/op/anna/**"
+        );
+    }
+
+    #[test]
     fn other_keys_are_none_of_ours() {
         for key in [
             "",
@@ -220,8 +275,19 @@ mod tests {
             "foreshore/a/map/occupancy/99999999999/2",
             "foreshore/a/view",
             "foreshore/a/shores/1",
+            "foreshore/a/op",
+            "foreshore/a/op/drive",
+            "foreshore/a/op/anna",
+            "foreshore/a/op/anna/",
+            "foreshore/a/op/anna/honk",
+            "foreshore/a/op/anna/Drive",
+            "foreshore/a/op/anna/drive/x",
+            "foreshore/a/op//drive",
+            "foreshore/a/op/**/drive",
+            "foreshore/a/op/an na/drive",
         ] {
             assert_eq!(Topic::parse(key), None, "{key}");
+            assert_eq!(parse_operator_key(key), None, "{key}");
         }
         assert!("".parse::<RobotId>().is_err() && "a/b".parse::<RobotId>().is_err());
     }
@@ -236,6 +302,17 @@ mod tests {
         #[test]
         fn no_key_panics(key in "(foreshore/)?[a-z0-9/*+-]{0,40}") {
             drop(Topic::parse(&key));
+        }
+
+        #[test]
+        fn every_operator_has_one_key_for_each_topic(
+            robot in "[A-Za-z0-9_-]{1,64}",
+            operator in "[A-Za-z0-9_-]{1,64}",
+            topic in prop::sample::select(&OperatorTopic::ALL),
+        ) {
+            let (robot, operator) = (robot.parse().unwrap(), operator.parse().unwrap());
+            let key = operator_key(&robot, &operator, topic);
+            prop_assert_eq!(parse_operator_key(&key), Some((robot, operator, topic)));
         }
     }
 }

@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use crate::tile::BootId;
 
 /// The version that is spoken here. Others are refused, with a message that says so.
-pub const PROTOCOL: u16 = 1;
+pub const PROTOCOL: u16 = 2;
 
 /// Largest message of all; tiles come in bands that stay below it.
 pub const MAX_MESSAGE_BYTES: usize = 64 * 1024;
@@ -69,24 +69,36 @@ pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<(Header, T), WireErro
     if bytes.len() > MAX_MESSAGE_BYTES {
         return Err(WireError::TooLong(bytes.len()));
     }
-    let (theirs, rest) = bytes.split_first_chunk().ok_or(WireError::Malformed)?;
-    let theirs = u16::from_le_bytes(*theirs);
-    if theirs != PROTOCOL {
-        return Err(WireError::OtherProtocol { theirs });
-    }
+    let rest = of_this_protocol(bytes)?;
     let (boot, rest) = rest.split_first_chunk().ok_or(WireError::Malformed)?;
     let (seq, rest) = rest.split_first_chunk().ok_or(WireError::Malformed)?;
     let (time, rest) = rest.split_first_chunk().ok_or(WireError::Malformed)?;
-    let (body, left) = postcard::take_from_bytes(rest).map_err(|_why| WireError::Malformed)?;
-    if !left.is_empty() {
-        return Err(WireError::Malformed);
-    }
+    let body = decode_body(rest)?;
     let header = Header {
         boot: BootId(*boot),
         seq: u64::from_le_bytes(*seq),
         robot_time_ns: i64::from_le_bytes(*time),
     };
     Ok((header, body))
+}
+
+/// What follows the protocol version, if it is the one spoken here.
+pub(crate) fn of_this_protocol(bytes: &[u8]) -> Result<&[u8], WireError> {
+    let (theirs, rest) = bytes.split_first_chunk().ok_or(WireError::Malformed)?;
+    let theirs = u16::from_le_bytes(*theirs);
+    if theirs == PROTOCOL {
+        Ok(rest)
+    } else {
+        Err(WireError::OtherProtocol { theirs })
+    }
+}
+
+/// The body in `bytes`, which must hold nothing else.
+pub(crate) fn decode_body<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, WireError> {
+    match postcard::take_from_bytes(bytes) {
+        Ok((body, [])) => Ok(body),
+        Ok(_) | Err(_) => Err(WireError::Malformed),
+    }
 }
 
 #[cfg(test)]
@@ -102,7 +114,7 @@ mod tests {
     #[test]
     fn a_message_is_its_header_and_its_body_and_nothing_else() {
         let bytes = encode(&HEADER, &(5u8, 300u16)).unwrap();
-        let mut expected = vec![1, 0];
+        let mut expected = vec![2, 0];
         expected.extend([7; 16]);
         expected.extend([2, 1, 0, 0, 0, 0, 0, 0]);
         expected.extend([0xFE, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF]);

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import zstandard
 from blake3 import blake3
+from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
 
 import tiles
 import wire
@@ -27,6 +28,7 @@ KINDS = {
     "Pong": wire.PONG,
     "Pose": wire.POSE,
     "Status": wire.STATUS,
+    "Status.driven": wire.STATUS,
     "Event": wire.EVENT,
     "MapHead": wire.MAP_HEAD,
     "View": wire.VIEW,
@@ -39,6 +41,17 @@ KINDS = {
     "ShoresRequest": wire.SHORES_REQUEST,
     "ShoresNews": wire.SHORES_NEWS,
     "ShoresNews.nothing": wire.SHORES_NEWS,
+    **{f"Answer.{name}": wire.ANSWER for name in ("Done", "Granted", "Waiting", "EStopped", "Refused")},
+}
+SIGNED = {
+    "Drive": (wire.DRIVE, "drive"),
+    "EStop": (wire.ESTOP, "estop"),
+    "Reset": (wire.RESET, "reset"),
+    **{
+        f"LeaseRequest.{name}": (wire.LEASE_REQUEST, "lease")
+        for name in ("Request", "Release", "Consent", "Refuse", "TakeOver")
+    },
+    **{f"Setting.{name}": (wire.SETTING, "set") for name in ("BudgetKbps", "Guard", "Recording")},
 }
 
 
@@ -135,7 +148,7 @@ class Messages(unittest.TestCase):
 
     def test_every_example_is_known(self):
         messages = {name for language, name in BLOCKS if language == "json" and name != "symbols"}
-        self.assertEqual(messages, set(KINDS))
+        self.assertEqual(messages, set(KINDS) | set(SIGNED))
 
     def test_examples(self):
         for name, kind in KINDS.items():
@@ -154,6 +167,38 @@ class Messages(unittest.TestCase):
                     wire.decode(kind, wrong)
         with self.assertRaises(wire.Malformed):
             wire.decode(wire.PONG, unhex("Pong"), longest=33)
+
+    def test_signed_examples(self):
+        spec = SPEC.read_text(encoding="utf-8")
+        secret, public = (
+            load(re.search(rf"-----BEGIN {kind} KEY-----.*?-----END {kind} KEY-----\n", spec, re.S)[0].encode(), **options)
+            for kind, load, options in [
+                ("PRIVATE", load_pem_private_key, {"password": None}),
+                ("PUBLIC", load_pem_public_key, {}),
+            ]
+        )
+        for name, (kind, topic) in SIGNED.items():
+            said, message = values(name), unhex(name)
+            stamp, body = wire.Stamp(**said["stamp"]), said["body"]
+            robot, operator = said["robot"], said["operator"]
+            with self.subTest(name):
+                self.assertEqual(wire.sign(secret, kind, robot, operator, topic, stamp, body), message)
+                self.assertEqual(wire.open_signed(public, kind, robot, operator, topic, message), (stamp, body))
+            damaged = bytearray(message)
+            damaged[-1] ^= 1
+            for wrong in [
+                (robot, operator, topic, bytes(damaged)),
+                ("scout-2", operator, topic, message),
+                (robot, "berta", topic, message),
+                (robot, operator, "drive" if topic == "set" else "set", message),
+                (robot, operator, topic, message[:-1]),
+            ]:
+                with self.subTest(name, wrong=wrong), self.assertRaises(wire.Malformed):
+                    wire.open_signed(public, kind, *wrong)
+        drive = values("Drive")
+        signed = wire.signed_bytes(drive["robot"], drive["operator"], "drive", wire.Stamp(**drive["stamp"]), unhex("Drive")[114:])
+        self.assertEqual(signed, unhex("signed bytes"))
+        public.verify(unhex("signature"), signed)
 
     def test_damage_raises_nothing_but_malformed(self):
         random.seed(1)
@@ -195,7 +240,7 @@ class Messages(unittest.TestCase):
                 read(kind, data)
 
     def test_another_version_is_not_read_further(self):
-        for message in b"\2\0", b"\2\0" + unhex("Pong")[2:] + b"more":
+        for message in b"\1\0", b"\3\0" + unhex("Pong")[2:] + b"more":
             with self.assertRaises(wire.OtherVersion):
                 wire.decode(wire.PONG, message)
 

@@ -1,4 +1,4 @@
-"""Messages as bytes: SPEC.md, sections 3 and 4.
+"""Messages as bytes: SPEC.md, sections 3, 4, 12 and 13.
 
 A message's body is a plain value: structs are dicts, sequences and tuples are lists, layers are names,
 an enum with content is a dict of one entry. What it looks like as bytes is said by a type: an object with
@@ -8,9 +8,13 @@ an enum with content is a dict of one entry. What it looks like as bytes is said
 import struct
 from typing import NamedTuple
 
-PROTOCOL = 1
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+
+PROTOCOL = 2
 MAX_MESSAGE = 65536
 MAX_TILE_MESSAGE = 8192
+MAX_SIGNED = 256
 
 
 class Malformed(Exception):
@@ -227,6 +231,38 @@ POSE = Struct(
     quaternion_xyzw=Tuple(F32, F32, F32, F32),
     speed_mps=F32,
     turn_rate_radps=F32,
+    token=Option(Struct(n=U64, nonce=Raw(8))),
+)
+REFUSAL = Enum(
+    **dict.fromkeys(
+        "Malformed TooMany UnknownOperator Signature Role OtherBoot UnknownToken WrongNonce TooOld NotHolder"
+        " OtherEpoch OldSequence NotFinite NotReady Busy NotWaiting NoEStop OtherEStop EStopNotStored EStopSince"
+        " OutOfRange Unavailable".split()
+    )
+)
+LEASE_END = Enum(**dict.fromkeys("Released Expired Renewed HandedOver TakenOver Revoked Reset Fault".split()))
+STOP_REASON = Enum(Released=None, Age=None, NotFinite=None, GuardStale=None, LeaseEnded=LEASE_END)
+FAULT_REASON = Enum(SelfTest=None, Actuator=None)
+VELOCITY = Struct(linear_mps=F32, angular_radps=F32)
+GUARD_LIMITS = Struct(forward_mps=F32, reverse_mps=F32, left_radps=F32, right_radps=F32)
+TELEOP_STATUS = Struct(
+    state=Enum(
+        SafeBoot=None, Idle=None, Held=None, Driving=None, Stopping=STOP_REASON, EStop=None, Fault=FAULT_REASON
+    ),
+    last_stop=Option(STOP_REASON),
+    is_drifting=BOOL,
+    lease=Struct(epoch=U64, holder=Option(TEXT), next=Option(TEXT), waiting=Option(TEXT)),
+    arming=Enum(Locked=None, Neutral=None, Pressed=None),
+    age_ms=Option(U32),
+    greatest_age_ms=Option(U32),
+    speed_allowed_mps=F32,
+    requested=VELOCITY,
+    applied=VELOCITY,
+    clamp=Option(Enum(Speed=None, Ramp=None, Age=None, Guard=None, Stop=None)),
+    guard=Enum(Silent=None, Off=None, On=GUARD_LIMITS, Blind=GUARD_LIMITS, Stale=None),
+    estop=Option(Struct(number=U64, is_stored=BOOL)),
+    counters=Struct(accepted=U64, involuntary_stops=U64, refused=List(Struct(reason=REFUSAL, count=U64))),
+    settings=Struct(budget_kbps=U32, guard=BOOL, recording=BOOL),
 )
 STATUS = Struct(
     data_time_ns=I64,
@@ -238,6 +274,7 @@ STATUS = Struct(
     consoles=U16,
     refused=U64,
     has_ended=BOOL,
+    teleop=Option(TELEOP_STATUS),
 )
 EVENT = Struct(kind=TEXT, message=TEXT)
 MAP_HEAD = Struct(layers=List(Struct(layer=LAYER, epoch=U32, head_revision=U64, tiles=U32, root=DIGEST)))
@@ -271,6 +308,12 @@ SHORES = Struct(
     sites_left_out=U32,
 )
 SHORES_NEWS = Struct(revision=U64, shores=Option(SHORES))
+ESTOP = Struct(press=U64)
+DRIVE = Struct(linear_mps=F32, angular_radps=F32, estop=Option(ESTOP))
+RESET = Struct(estop=U64)
+LEASE_REQUEST = Enum(Request=None, Release=None, Consent=TEXT, Refuse=TEXT, TakeOver=None)
+SETTING = Enum(BudgetKbps=U32, Guard=BOOL, Recording=BOOL)
+ANSWER = Enum(Done=None, Granted=U64, Waiting=None, EStopped=U64, Refused=REFUSAL)
 
 
 class Header(NamedTuple):
@@ -301,3 +344,61 @@ def decode(kind, message: bytes, longest: int = MAX_MESSAGE) -> tuple[Header, ob
     if reader.left():
         raise Malformed(f"{reader.left()} bytes behind the body")
     return header, body
+
+
+class Stamp(NamedTuple):
+    """What makes a signed message good for one moment."""
+
+    boot: bytes  # of the robot
+    n: int
+    nonce: bytes
+    epoch: int
+    seq: int
+
+
+_STAMP = struct.Struct("<16sQ8sQQ")
+_ENVELOPE = 2 + _STAMP.size + 64
+
+
+def signed_bytes(robot: str, operator: str, topic: str, stamp: Stamp, body: bytes) -> bytes:
+    """What the signature of a message to `op/OPERATOR/TOPIC` is made over."""
+    n_and_nonce = struct.pack("<Q8s", stamp.n, stamp.nonce)
+    parts = [
+        f"foreshore signed message, protocol {PROTOCOL}".encode(),
+        robot.encode(),
+        stamp.boot,
+        f"foreshore/{robot}/op/{operator}/{topic}".encode(),
+        operator.encode(),
+        struct.pack("<Q", stamp.epoch),
+        struct.pack("<Q", stamp.seq),
+        n_and_nonce,
+        body,
+    ]
+    return b"".join(len(part).to_bytes(4, "little") + part for part in parts)
+
+
+def sign(key: Ed25519PrivateKey, kind, robot: str, operator: str, topic: str, stamp: Stamp, body) -> bytes:
+    """A whole signed message with a body of the type `kind`."""
+    out = bytearray()
+    kind.write(out, body)
+    signature = key.sign(signed_bytes(robot, operator, topic, stamp, bytes(out)))
+    return PROTOCOL.to_bytes(2, "little") + _STAMP.pack(*stamp) + signature + bytes(out)
+
+
+def open_signed(key: Ed25519PublicKey, kind, robot: str, operator: str, topic: str, message: bytes):
+    """Stamp and body of a signed message. Raises `Malformed`, and nothing else, if it is not one of that key."""
+    if not _ENVELOPE <= len(message) <= MAX_SIGNED:
+        raise Malformed(f"{len(message)} bytes are no signed message")
+    if (protocol := int.from_bytes(message[:2], "little")) != PROTOCOL:
+        raise OtherVersion(f"protocol {protocol} instead of {PROTOCOL}: update the older side")
+    stamp = Stamp(*_STAMP.unpack(message[2 : 2 + _STAMP.size]))
+    signature, body = message[2 + _STAMP.size : _ENVELOPE], message[_ENVELOPE:]
+    try:
+        key.verify(signature, signed_bytes(robot, operator, topic, stamp, body))
+    except InvalidSignature as error:
+        raise Malformed("wrong signature") from error
+    reader = Reader(body)
+    command = kind.read(reader)
+    if reader.left():
+        raise Malformed(f"{reader.left()} bytes behind the body")
+    return stamp, command

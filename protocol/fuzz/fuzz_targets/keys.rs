@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use protocol::keys::{RobotId, Topic, view_of};
+use protocol::keys::{RobotId, Topic, operator_key, parse_operator_key, view_of};
 
 fuzz_target!(|key: &str| {
     if let Ok(robot) = key.parse::<RobotId>() {
@@ -16,6 +16,10 @@ fuzz_target!(|key: &str| {
             if let Ok(session) = session.parse() {
                 assert_eq!(view_of(&robot, &session), key);
             }
+        }
+        Some((_, Topic::Operator(_))) => {
+            let (robot, operator, topic) = parse_operator_key(key).unwrap();
+            assert_eq!(operator_key(&robot, &operator, topic), key);
         }
         Some((robot, topic)) => assert_eq!(topic.key(&robot), key),
         None => {}

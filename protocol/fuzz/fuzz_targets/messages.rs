@@ -3,8 +3,8 @@
 
 use libfuzzer_sys::fuzz_target;
 use protocol::message::{
-    Digests, DigestsRequest, Event, Info, MapHead, Pong, Pose, ShoresNews, ShoresRequest, Status,
-    TileBand, TilesReply, TilesRequest, View,
+    Answer, Digests, DigestsRequest, Event, Info, MapHead, Pong, Pose, ShoresNews, ShoresRequest,
+    Status, TileBand, TilesReply, TilesRequest, View,
 };
 use protocol::wire::{decode, encode};
 use serde::Serialize;
@@ -35,4 +35,5 @@ fuzz_target!(|bytes: &[u8]| {
     check::<Digests>(bytes);
     check::<ShoresRequest>(bytes);
     check::<ShoresNews>(bytes);
+    check::<Answer>(bytes);
 });

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::teleop::TeleopStatus;
 use crate::layer::LayerId;
 
 /// `info`: who the robot is and what it maps. Rarely changes.
@@ -39,6 +40,20 @@ pub struct Pose {
     pub speed_mps: f32,
     /// Turn rate about the vehicle's z axis, rad/s: positive to the left.
     pub turn_rate_radps: f32,
+    /// The newest token; `None` where the robot cannot be driven.
+    pub token: Option<AgeToken>,
+}
+
+/// How a robot knows the age of a command without trusting any clock but its own: a command carries the newest token
+/// that its console has seen, and the robot remembers when it issued which. The run that issued it is the
+/// [`boot`](crate::wire::Header::boot) of the message that brought it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct AgeToken {
+    /// Counts the tokens of a boot, from 0.
+    pub n: u64,
+    /// Random, so that no token can be guessed before it is issued.
+    #[serde(with = "postcard::fixint::le")]
+    pub nonce: u64,
 }
 
 /// `status`: how the robot is doing.
@@ -62,6 +77,8 @@ pub struct Status {
     pub refused: u64,
     /// The source has ended: nothing new will come.
     pub has_ended: bool,
+    /// Driving; `None` where the robot cannot be driven.
+    pub teleop: Option<TeleopStatus>,
 }
 
 /// A count and what it counts.

@@ -4,6 +4,7 @@ use serde::de::DeserializeOwned;
 
 use super::*;
 use crate::layer::LayerId;
+use crate::name::OperatorId;
 use crate::tile::{BootId, TileDigest};
 use crate::tile_store::RootDigest;
 use crate::wire::{Header, decode, encode};
@@ -115,6 +116,10 @@ fn every_message_survives_the_wire() {
         quaternion_xyzw: [0.0, 0.0, 0.6, 0.8],
         speed_mps: -0.5,
         turn_rate_radps: 0.25,
+        token: Some(AgeToken {
+            n: u64::MAX,
+            nonce: u64::MAX,
+        }),
     });
     body(&Event {
         kind: "jump".to_owned(),
@@ -168,6 +173,224 @@ fn every_message_survives_the_wire() {
     assert!(BEHIND_HEADER + body(&view).len() <= 256);
 }
 
+fn anna() -> OperatorId {
+    "anna".parse().unwrap()
+}
+
+fn teleop() -> TeleopStatus {
+    TeleopStatus {
+        state: TeleopState::Fault(FaultReason::Actuator),
+        last_stop: Some(StopReason::LeaseEnded(LeaseEnd::Revoked)),
+        is_drifting: true,
+        lease: LeaseStatus {
+            epoch: 300,
+            holder: None,
+            next: Some(anna()),
+            waiting: None,
+        },
+        arming: Arming::Pressed,
+        age_ms: None,
+        greatest_age_ms: Some(300),
+        speed_allowed_mps: 1.0,
+        requested: Velocity::default(),
+        applied: Velocity {
+            linear_mps: 1.0,
+            angular_radps: -2.0,
+        },
+        clamp: Some(Clamp::Ramp),
+        guard: Guard::Blind(GuardLimits {
+            forward_mps: 1.0,
+            reverse_mps: f32::INFINITY,
+            left_radps: -2.0,
+            right_radps: 0.0,
+        }),
+        estop: Some(EStopStatus {
+            number: 300,
+            is_stored: true,
+        }),
+        counters: CommandCounters {
+            accepted: 300,
+            involuntary_stops: 2,
+            refused: vec![RefusedCount {
+                reason: Refusal::OtherBoot,
+                count: 7,
+            }],
+        },
+        settings: Settings {
+            budget_kbps: 256,
+            guard: false,
+            recording: true,
+        },
+    }
+}
+
+#[test]
+fn the_bodies_of_driving_are_the_documented_bytes() {
+    const ONE: [u8; 4] = [0, 0, 0x80, 0x3F];
+    const MINUS_TWO: [u8; 4] = [0, 0, 0, 0xC0];
+    const ZERO: [u8; 4] = [0; 4];
+
+    let token = AgeToken {
+        n: 300,
+        nonce: 0x0807_0605_0403_0201,
+    };
+    assert_eq!(body(&token), [0xAC, 2, 1, 2, 3, 4, 5, 6, 7, 8]);
+
+    let drive = |estop| Drive {
+        linear_mps: 1.0,
+        angular_radps: -2.0,
+        estop,
+    };
+    let speeds = [ONE, MINUS_TWO].concat();
+    assert_eq!(body(&drive(None)), [&speeds[..], &[0]].concat());
+    let pressed = body(&drive(Some(EStop { press: 300 })));
+    assert_eq!(pressed, [&speeds[..], &[1, 0xAC, 2]].concat());
+
+    assert_eq!(body(&EStop { press: 300 }), [0xAC, 2]);
+    assert_eq!(body(&Reset { estop: 300 }), [0xAC, 2]);
+    assert_eq!(body(&LeaseRequest::Request), [0]);
+    assert_eq!(body(&LeaseRequest::Release), [1]);
+    assert_eq!(body(&LeaseRequest::Consent(anna())), *b"\x02\x04anna");
+    assert_eq!(body(&LeaseRequest::Refuse(anna())), *b"\x03\x04anna");
+    assert_eq!(body(&LeaseRequest::TakeOver), [4]);
+    assert_eq!(body(&Setting::BudgetKbps(300)), [0, 0xAC, 2]);
+    assert_eq!(body(&Setting::Guard(true)), [1, 1]);
+    assert_eq!(body(&Setting::Recording(false)), [2, 0]);
+    assert_eq!(body(&Answer::Done), [0]);
+    assert_eq!(body(&Answer::Granted(300)), [1, 0xAC, 2]);
+    assert_eq!(body(&Answer::Waiting), [2]);
+    assert_eq!(body(&Answer::EStopped(300)), [3, 0xAC, 2]);
+    assert_eq!(body(&Answer::Refused(Refusal::Unavailable)), [4, 21]);
+
+    let expected = [
+        &[6, 1, 1, 4, 5, 1][..], // state, last_stop, is_drifting
+        &[0xAC, 2, 0, 1, 4],     // lease: epoch, holder, next
+        b"anna",
+        &[0, 2, 0, 1, 0xAC, 2], // waiting, arming, age_ms, greatest_age_ms
+        &[ONE, ZERO, ZERO, ONE, MINUS_TWO].concat(),
+        &[1, 1, 3], // clamp, guard
+        &[ONE, [0, 0, 0x80, 0x7F], MINUS_TWO, ZERO].concat(),
+        &[1, 0xAC, 2, 1],       // estop
+        &[0xAC, 2, 2, 1, 5, 7], // counters
+        &[0x80, 2, 0, 1],       // settings
+    ];
+    assert_eq!(body(&teleop()), expected.concat());
+}
+
+/// They are append-only: a number never moves.
+#[test]
+fn variants_have_the_documented_numbers() {
+    fn check<T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug>(variants: &[T]) {
+        for (number, variant) in variants.iter().enumerate() {
+            assert_eq!(body(variant)[0], number as u8, "{variant:?}");
+        }
+        let header = encode(&HEADER, &(variants.len() as u8)).unwrap();
+        assert!(decode::<T>(&header).is_err(), "{variants:?} are not all");
+    }
+    let limits = GuardLimits {
+        forward_mps: 1.0,
+        reverse_mps: 1.0,
+        left_radps: 1.0,
+        right_radps: 1.0,
+    };
+    check(&[
+        TeleopState::SafeBoot,
+        TeleopState::Idle,
+        TeleopState::Held,
+        TeleopState::Driving,
+        TeleopState::Stopping(StopReason::Released),
+        TeleopState::EStop,
+        TeleopState::Fault(FaultReason::SelfTest),
+    ]);
+    check(&[
+        StopReason::Released,
+        StopReason::Age,
+        StopReason::NotFinite,
+        StopReason::GuardStale,
+        StopReason::LeaseEnded(LeaseEnd::Released),
+    ]);
+    check(&[
+        LeaseEnd::Released,
+        LeaseEnd::Expired,
+        LeaseEnd::Renewed,
+        LeaseEnd::HandedOver,
+        LeaseEnd::TakenOver,
+        LeaseEnd::Revoked,
+        LeaseEnd::Reset,
+        LeaseEnd::Fault,
+    ]);
+    check(&[FaultReason::SelfTest, FaultReason::Actuator]);
+    check(&[Arming::Locked, Arming::Neutral, Arming::Pressed]);
+    check(&[
+        Clamp::Speed,
+        Clamp::Ramp,
+        Clamp::Age,
+        Clamp::Guard,
+        Clamp::Stop,
+    ]);
+    check(&[
+        Guard::Silent,
+        Guard::Off,
+        Guard::On(limits),
+        Guard::Blind(limits),
+        Guard::Stale,
+    ]);
+    check(&Refusal::ALL);
+}
+
+#[test]
+fn neutral_is_next_to_nothing() {
+    let drive = |linear_mps, angular_radps| Drive {
+        linear_mps,
+        angular_radps,
+        estop: None,
+    };
+    assert!(drive(0.0, -0.0).is_neutral() && drive(9e-4, -9e-4).is_neutral());
+    for speed in [1e-3, -0.5, f32::NAN, f32::INFINITY] {
+        assert!(!drive(speed, 0.0).is_neutral() && !drive(0.0, speed).is_neutral());
+    }
+}
+
+/// What goes out 50 times a second while somebody drives, and what goes out twice.
+#[test]
+fn messages_of_driving_are_small() {
+    let pose = Pose {
+        position_m: [1.0; 3],
+        quaternion_xyzw: [0.5; 4],
+        speed_mps: 1.0,
+        turn_rate_radps: 1.0,
+        token: Some(AgeToken {
+            n: 50 * 3600 * 24,
+            nonce: u64::MAX,
+        }),
+    };
+    assert_eq!(BEHIND_HEADER + body(&pose).len(), 95);
+
+    let longest: OperatorId = "a".repeat(64).parse().unwrap();
+    let full = TeleopStatus {
+        lease: LeaseStatus {
+            epoch: u64::MAX,
+            holder: Some(longest.clone()),
+            next: Some(longest.clone()),
+            waiting: Some(longest),
+        },
+        age_ms: Some(u32::MAX),
+        counters: CommandCounters {
+            accepted: u64::MAX,
+            involuntary_stops: u64::MAX,
+            refused: Refusal::ALL
+                .map(|reason| RefusedCount {
+                    reason,
+                    count: u64::MAX,
+                })
+                .into(),
+        },
+        ..teleop()
+    };
+    assert_eq!(body(&teleop()).len(), 74);
+    assert_eq!(body(&full).len(), 534);
+}
+
 proptest! {
     #[test]
     fn no_bytes_panic_or_ask_for_memory(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
@@ -182,5 +405,11 @@ proptest! {
         drop(decode::<Event>(&message));
         drop(decode::<View>(&message));
         drop(decode::<ShoresNews>(&message));
+        drop(decode::<Pose>(&message));
+        drop(decode::<Drive>(&message));
+        drop(decode::<LeaseRequest>(&message));
+        drop(decode::<Setting>(&message));
+        drop(decode::<Answer>(&message));
+        drop(decode::<TeleopStatus>(&message));
     }
 }

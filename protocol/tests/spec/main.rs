@@ -8,5 +8,6 @@
 
 mod document;
 mod messages;
+mod signed;
 mod tables;
 mod tiles;

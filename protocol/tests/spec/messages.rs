@@ -5,8 +5,8 @@ use std::fmt::Debug;
 use std::path::Path;
 
 use protocol::message::{
-    Digests, DigestsRequest, Event, Info, MapHead, Pong, Pose, ShoresNews, ShoresRequest, Status,
-    TileBand, TilesReply, TilesRequest, View,
+    Answer, Digests, DigestsRequest, Drive, EStop, Event, Info, LeaseRequest, MapHead, Pong, Pose,
+    Reset, Setting, ShoresNews, ShoresRequest, Status, TileBand, TilesReply, TilesRequest, View,
 };
 use protocol::tile::BootId;
 use protocol::wire::{Header, WireError, decode, encode};
@@ -15,15 +15,17 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::document::{blocks_of, hex, json, table};
+use super::signed::check_signed;
 
 /// Checks the example of a name, knowing its type.
 type Check = fn(&str);
 
-const EXAMPLES: [(&str, Check); 16] = [
+const EXAMPLES: [(&str, Check); 33] = [
     ("Info", check::<Info>),
     ("Pong", check::<Pong>),
     ("Pose", check::<Pose>),
     ("Status", check::<Status>),
+    ("Status.driven", check::<Status>),
     ("Event", check::<Event>),
     ("MapHead", check::<MapHead>),
     ("View", check::<View>),
@@ -36,10 +38,26 @@ const EXAMPLES: [(&str, Check); 16] = [
     ("ShoresRequest", check::<ShoresRequest>),
     ("ShoresNews", check::<ShoresNews>),
     ("ShoresNews.nothing", check::<ShoresNews>),
+    ("Drive", check_signed::<Drive>),
+    ("EStop", check_signed::<EStop>),
+    ("Reset", check_signed::<Reset>),
+    ("LeaseRequest.Request", check_signed::<LeaseRequest>),
+    ("LeaseRequest.Release", check_signed::<LeaseRequest>),
+    ("LeaseRequest.Consent", check_signed::<LeaseRequest>),
+    ("LeaseRequest.Refuse", check_signed::<LeaseRequest>),
+    ("LeaseRequest.TakeOver", check_signed::<LeaseRequest>),
+    ("Setting.BudgetKbps", check_signed::<Setting>),
+    ("Setting.Guard", check_signed::<Setting>),
+    ("Setting.Recording", check_signed::<Setting>),
+    ("Answer.Done", check::<Answer>),
+    ("Answer.Granted", check::<Answer>),
+    ("Answer.Waiting", check::<Answer>),
+    ("Answer.EStopped", check::<Answer>),
+    ("Answer.Refused", check::<Answer>),
 ];
 
 /// What is in messages and is none itself.
-const PARTS: [&str; 9] = [
+const PARTS: [&str; 26] = [
     "LayerInfo",
     "Reason",
     "LayerHead",
@@ -49,6 +67,23 @@ const PARTS: [&str; 9] = [
     "ShoreCluster",
     "ShoreClass",
     "DockingSite",
+    "AgeToken",
+    "TeleopStatus",
+    "TeleopState",
+    "StopReason",
+    "LeaseEnd",
+    "FaultReason",
+    "LeaseStatus",
+    "Arming",
+    "Velocity",
+    "Clamp",
+    "Guard",
+    "GuardLimits",
+    "EStopStatus",
+    "CommandCounters",
+    "RefusedCount",
+    "Settings",
+    "Refusal",
 ];
 
 #[test]
@@ -67,10 +102,7 @@ fn check<T: Serialize + DeserializeOwned + PartialEq + Debug>(name: &str) {
         seq: stated_header["seq"].as_u64().unwrap(),
         robot_time_ns: stated_header["robot_time_ns"].as_i64().unwrap(),
     };
-    // By way of text: a `Value` would keep `f32`s as `f64`s, with other digits.
-    let body: T = serde_json::from_str(&stated["body"].to_string()).unwrap();
-    let told: Value = serde_json::from_str(&serde_json::to_string(&body).unwrap()).unwrap();
-    assert_eq!(told, stated["body"], "{name} does not state every field");
+    let body: T = body(name, &stated);
 
     assert_eq!(
         encode(&header, &body).as_deref(),
@@ -87,6 +119,15 @@ fn check<T: Serialize + DeserializeOwned + PartialEq + Debug>(name: &str) {
             "{name} is exactly its bytes"
         );
     }
+}
+
+/// The body that an example states.
+pub(crate) fn body<T: Serialize + DeserializeOwned>(name: &str, stated: &Value) -> T {
+    // By way of text: a `Value` would keep `f32`s as `f64`s, with other digits.
+    let body: T = serde_json::from_str(&stated["body"].to_string()).unwrap();
+    let told: Value = serde_json::from_str(&serde_json::to_string(&body).unwrap()).unwrap();
+    assert_eq!(told, stated["body"], "{name} does not state every field");
+    body
 }
 
 #[test]
@@ -167,6 +208,7 @@ fn declarations() -> Vec<Declaration> {
         .collect();
     files.sort();
     for file in files {
+        let mut is_inside = false;
         for line in std::fs::read_to_string(file).unwrap().lines() {
             let is_enum = line.starts_with("pub enum ");
             if let Some(rest) = line
@@ -178,8 +220,11 @@ fn declarations() -> Vec<Declaration> {
                     is_enum,
                     members: Vec::new(),
                 });
+                is_inside = true;
+            } else if line.starts_with('}') {
+                is_inside = false;
             } else if let Some(member) = line.strip_prefix("    ")
-                && let Some(declaration) = declarations.last_mut()
+                && let Some(declaration) = declarations.last_mut().filter(|_| is_inside)
             {
                 if let Some(field) = member.strip_prefix("pub ") {
                     declaration.members.push(identifier(field));

@@ -1,8 +1,12 @@
 //! Keys, layers, the header and the limits.
 
-use protocol::keys::{RobotId, Topic, all_tiles, every_robot_alive, view_of};
+use protocol::keys::{
+    OperatorTopic, RobotId, Topic, all_tiles, every_robot_alive, operator_key, view_of,
+};
 use protocol::layer::{LayerId, LayerKind};
+use protocol::message::{Drive, Refusal};
 use protocol::shores::{MAX_CLUSTERS, MAX_CORNERS, MAX_SITES};
+use protocol::signed::{ENVELOPE_BYTES, MAX_SIGNED_BYTES};
 use protocol::tile::TileKey;
 use protocol::tile::codec::MAX_BAND_BYTES;
 use protocol::wire::{MAX_MESSAGE_BYTES, PROTOCOL};
@@ -35,6 +39,8 @@ fn keys() {
     .map(|topic| topic.key(&robot))
     .to_vec();
     expected[7] = view_of(&robot, &"SESSION".parse().unwrap());
+    let anna = "anna".parse().unwrap();
+    expected.extend(OperatorTopic::ALL.map(|topic| operator_key(&robot, &anna, topic)));
     let rows = table("## 2. Keys");
     let documented: Vec<&str> = rows.iter().map(|row| row[0].trim_matches('`')).collect();
     assert_eq!(documented, expected);
@@ -83,6 +89,9 @@ fn version_and_limits() {
     for limit in [
         format!("| message, header included | {MAX_MESSAGE_BYTES} bytes |"),
         format!("| band | {MAX_BAND_BYTES} bytes |"),
+        format!("| signed message | {MAX_SIGNED_BYTES} bytes |"),
+        format!("envelope\nof {ENVELOPE_BYTES} bytes"),
+        format!("less than {} m/s", Drive::NEUTRAL_BELOW),
         format!("| shores in one message | {MAX_CLUSTERS} |"),
         format!("| corners of a shore's outline | {MAX_CORNERS} |"),
         format!("| docking sites in one message | {MAX_SITES} |"),
@@ -92,5 +101,19 @@ fn version_and_limits() {
     let longest = "a".repeat(64).parse::<RobotId>();
     let too_long = "a".repeat(65).parse::<RobotId>();
     assert!(longest.is_ok() && too_long.is_err());
-    assert!(SPEC.contains("| name of a robot or console | 64 characters |"));
+    assert!(SPEC.contains("| name of a robot, console or operator | 64 characters |"));
+}
+
+#[test]
+fn reasons_for_refusing_and_their_words() {
+    let rows = table("#### `Refusal`");
+    assert_eq!(rows.len(), Refusal::ALL.len());
+    for (number, (row, refusal)) in rows.iter().zip(Refusal::ALL).enumerate() {
+        assert_eq!(refusal as usize, number);
+        let words = format!("{refusal}");
+        assert_eq!(
+            row[..],
+            [&*number.to_string(), &format!("`{refusal:?}`"), &words]
+        );
+    }
 }
