@@ -1,0 +1,119 @@
+//! The guard of one vehicle, round by round.
+
+use super::compass::{Compass, Travel};
+use super::config::{GuardRules, OnBlind};
+use super::judgement::Judgement;
+use super::local_map::LocalMap;
+use super::outlook::Outlook;
+use super::placement::{OLDEST, Odometry};
+use super::surroundings::Surroundings;
+use super::sweep::GuardSweep;
+use super::told::Told;
+use crate::clock::Monotonic;
+use crate::teleop::velocity::Velocity;
+use crate::teleop::verdict::{GuardLimits, GuardVerdict};
+
+/// What the guard knows in a round.
+#[derive(Clone, Copy, Debug)]
+pub struct GuardInput<'a> {
+    /// The last sweep of each sensor.
+    pub sweeps: &'a [GuardSweep],
+    /// The last map, where there is one.
+    pub map: Option<&'a LocalMap>,
+    /// The newest pose and measured speed; absent before the first.
+    pub odometry: Option<Odometry>,
+    /// What the motors were told in the last round.
+    pub told: Velocity,
+    /// What the operator asks now.
+    pub requested: Velocity,
+}
+
+/// The guard of one vehicle. Of earlier rounds it remembers what the motors were told, and nothing else.
+#[derive(Clone, Debug)]
+pub struct CollisionGuard {
+    rules: GuardRules,
+    compass: Compass,
+    surroundings: Surroundings,
+    told: Told,
+    last_round: Option<Monotonic>,
+}
+
+impl CollisionGuard {
+    /// A guard that keeps to `rules`.
+    pub fn new(rules: GuardRules) -> Self {
+        Self {
+            rules,
+            compass: Compass::new(rules.footprint.radius_m()),
+            surroundings: Surroundings::new(&rules),
+            told: Told::new(OLDEST + rules.actuator_delay),
+            last_round: None,
+        }
+    }
+
+    /// The rules that it keeps to.
+    pub const fn rules(&self) -> &GuardRules {
+        &self.rules
+    }
+
+    /// Its word of this round. Where the operator asks for no number, it judges as if they asked for nothing.
+    pub fn verdict(&mut self, input: &GuardInput<'_>, now: Monotonic) -> GuardVerdict {
+        if !self.rules.enabled {
+            return GuardVerdict::Off;
+        }
+        let since = self.last_round.replace(now).unwrap_or(now);
+        if !input.told.is_finite() {
+            return GuardVerdict::Stale;
+        }
+        self.told.tell(since, input.told);
+        // Without a pose nothing can be placed, and creeping would be a guess.
+        let obeys = (self.rules.actuator_delay, self.rules.is_boat);
+        let placed = input.odometry.and_then(|odometry| {
+            let vehicle = odometry.placement(&self.told, obeys, now)?;
+            Some((odometry.measured, vehicle))
+        });
+        let Some((measured, vehicle)) = placed else {
+            return GuardVerdict::Stale;
+        };
+        let is_stale = input.sweeps.iter().all(|sweep| sweep.is_stale(now));
+        if is_stale && self.rules.on_blind == OnBlind::Stop {
+            return GuardVerdict::Stale;
+        }
+        let known = (input.sweeps, input.map);
+        self.surroundings.gather(&self.rules, known, vehicle, now);
+        let outlook = Outlook {
+            rules: &self.rules,
+            around: &self.surroundings,
+            is_stale,
+        };
+        let mut judgement = Judgement::new(outlook, &self.compass);
+        let requested = if input.requested.is_finite() {
+            input.requested
+        } else {
+            Velocity::ZERO
+        };
+        let travel = |velocity| Travel::of(velocity, &self.rules);
+        judgement.judge_request(travel(requested));
+        for motion in [measured, input.told] {
+            judgement.judge_motion(travel(motion));
+            judgement.judge_change(travel(motion), travel(requested));
+        }
+        let limits = judgement.limits();
+        GuardVerdict::Limits(if self.rules.is_boat {
+            cut_thrust(limits, measured)
+        } else {
+            limits
+        })
+    }
+}
+
+/// What floats does not brake: thrust for a lower speed would only keep it fast for longer.
+fn cut_thrust(limits: GuardLimits, measured: Velocity) -> GuardLimits {
+    let unless_faster = |most: f64, speed: f64| if speed > most { 0.0 } else { most };
+    GuardLimits {
+        forward_mps: unless_faster(limits.forward_mps, measured.linear_mps),
+        reverse_mps: unless_faster(limits.reverse_mps, -measured.linear_mps),
+        left_radps: unless_faster(limits.left_radps, measured.angular_radps),
+        right_radps: unless_faster(limits.right_radps, -measured.angular_radps),
+        is_blind: limits.is_blind,
+    }
+}

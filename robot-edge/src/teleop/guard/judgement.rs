@@ -1,0 +1,194 @@
+//! From what is allowed on single headings to the greatest speeds of going and of turning.
+//!
+//! The arbiter moves each of the two towards what is asked, and brakes each, in its own time. So what is driven is no arc
+//! but a mixture of the two that changes, and each mixture that may come about must be one to stop from.
+
+use super::compass::{ALL_AROUND, Axis, Compass, Part, STEPS, Travel};
+use super::heading::Heading;
+use super::outlook::{Allowed, Outlook};
+use crate::teleop::verdict::GuardLimits;
+
+/// Slower is standing still, metres per second of any point of the body.
+const STANDING_MPS: f64 = 0.005;
+
+/// A judgement under way.
+pub(super) struct Judgement<'a> {
+    outlook: Outlook<'a>,
+    compass: &'a Compass,
+    radius_m: f64,
+    allowed: [Option<Allowed>; ALL_AROUND],
+    /// Greatest speeds along each axis so far, metres of travel per second.
+    most_mps: [f64; 4],
+    /// What is asked is slower for want of sight.
+    is_blind: bool,
+}
+
+impl<'a> Judgement<'a> {
+    /// What is allowed along each axis alone.
+    pub(super) fn new(outlook: Outlook<'a>, compass: &'a Compass) -> Self {
+        let rules = outlook.rules;
+        let radius_m = rules.footprint.radius_m();
+        let turning_mps = rules.max_turn_rate_radps * radius_m;
+        let mut judgement = Self {
+            outlook,
+            compass,
+            radius_m,
+            allowed: [None; ALL_AROUND],
+            most_mps: [
+                rules.max_speed_mps,
+                turning_mps,
+                rules.max_speed_mps,
+                turning_mps,
+            ],
+            is_blind: outlook.is_stale,
+        };
+        for axis in Axis::ALL {
+            let (_, allowed) = judgement.allowed(axis.towards(axis, 0));
+            judgement.limit(axis, allowed.speed_mps);
+        }
+        judgement
+    }
+
+    /// Scales what is asked so that the vehicle can stop from every mixture of its going and its turning.
+    pub(super) fn judge_request(&mut self, asked: Travel) {
+        let exact = asked
+            .heading(self.radius_m)
+            .map(|(heading, _)| (heading, self.outlook.allowed(heading)));
+        let mut share = 1.0_f64;
+        for step in 0..=STEPS {
+            let (heading, allowed) =
+                self.allowed(asked.going.axis.towards(asked.turning.axis, step));
+            share = share.min(self.share(&asked, heading, allowed));
+        }
+        if let Some((heading, allowed)) = exact {
+            share = share.min(self.share(&asked, heading, allowed));
+        }
+        self.scale(&asked, share);
+    }
+
+    /// Brakes what the vehicle could no longer stop from.
+    pub(super) fn judge_motion(&mut self, motion: Travel) {
+        if let Some((heading, speed_mps)) = motion.heading(self.radius_m)
+            && speed_mps >= STANDING_MPS
+        {
+            let allowed = self.outlook.allowed(heading);
+            self.scale(&motion, allowed.speed_mps / speed_mps);
+        }
+    }
+
+    /// While the vehicle still goes faster than is asked, it turns no faster than it can stop from, and the other way
+    /// round.
+    pub(super) fn judge_change(&mut self, motion: Travel, asked: Travel) {
+        let capped = |part: Part| Part {
+            speed_mps: part.speed_mps.min(self.most_mps[part.axis as usize]),
+            ..part
+        };
+        let (going, turning) = (capped(asked.going), capped(asked.turning));
+        if motion.going.speed_mps > going.speed_mps {
+            self.limit_beside(motion.going, turning);
+        }
+        if motion.turning.speed_mps > turning.speed_mps {
+            self.limit_beside(motion.turning, going);
+        }
+    }
+
+    /// The limits so far.
+    pub(super) fn limits(&self) -> GuardLimits {
+        let most = |axis: Axis| {
+            let most_mps = self.most_mps[axis as usize];
+            if most_mps < STANDING_MPS {
+                0.0
+            } else {
+                most_mps
+            }
+        };
+        GuardLimits {
+            forward_mps: most(Axis::Forward),
+            reverse_mps: most(Axis::Back),
+            left_radps: most(Axis::Left) / self.radius_m,
+            right_radps: most(Axis::Right) / self.radius_m,
+            is_blind: self.is_blind,
+        }
+    }
+
+    /// What may be kept of a motion for the sake of one heading between its axes.
+    fn share(&mut self, asked: &Travel, heading: Heading, allowed: Allowed) -> f64 {
+        let mixed_mps = asked.mixed_mps(heading);
+        if mixed_mps < STANDING_MPS {
+            return 1.0;
+        }
+        self.is_blind |= allowed.is_blind && allowed.speed_mps < mixed_mps;
+        allowed.speed_mps / mixed_mps
+    }
+
+    /// Limits one part of the motion while the other one keeps its speed: to the greatest of some shares of what it would
+    /// be from which the vehicle can stop, with all that is less.
+    fn limit_beside(&mut self, kept: Part, changing: Part) {
+        if kept.speed_mps < STANDING_MPS || changing.speed_mps < STANDING_MPS {
+            return;
+        }
+        let safe_mps = self.safe_beside_mps(kept, changing.axis);
+        for share in [1.0, 0.5, 0.25] {
+            let part = Part {
+                speed_mps: changing.speed_mps * share,
+                ..changing
+            };
+            if part.speed_mps <= safe_mps && self.can_stop_from(kept, part) {
+                return if share < 1.0 {
+                    self.limit(part.axis, part.speed_mps);
+                };
+            }
+        }
+        self.limit(changing.axis, 0.0);
+    }
+
+    /// How fast the other part may be as far as the headings of the compass tell.
+    fn safe_beside_mps(&mut self, kept: Part, axis: Axis) -> f64 {
+        for step in 1..STEPS {
+            let (heading, allowed) = self.allowed(kept.axis.towards(axis, step));
+            let (along, swing) = (heading.along.abs(), heading.swing);
+            let (kept_share, share) = match kept.axis {
+                Axis::Forward | Axis::Back => (along, swing),
+                Axis::Left | Axis::Right => (swing, along),
+            };
+            let speed_mps = kept.speed_mps / kept_share;
+            if speed_mps > allowed.speed_mps {
+                return speed_mps * share;
+            }
+        }
+        f64::INFINITY
+    }
+
+    fn can_stop_from(&self, one: Part, other: Part) -> bool {
+        let (going, turning) = match one.axis {
+            Axis::Forward | Axis::Back => (one, other),
+            Axis::Left | Axis::Right => (other, one),
+        };
+        let motion = Travel { going, turning };
+        motion
+            .heading(self.radius_m)
+            .is_none_or(|(heading, speed_mps)| speed_mps <= self.outlook.allowed(heading).speed_mps)
+    }
+
+    fn allowed(&mut self, number: usize) -> (Heading, Allowed) {
+        let heading = self.compass.heading(number);
+        let outlook = self.outlook;
+        let allowed = self.allowed[number].get_or_insert_with(|| outlook.allowed(heading));
+        (heading, *allowed)
+    }
+
+    fn scale(&mut self, motion: &Travel, share: f64) {
+        if share < 1.0 {
+            for part in [motion.going, motion.turning] {
+                if part.speed_mps >= STANDING_MPS {
+                    self.limit(part.axis, part.speed_mps * share);
+                }
+            }
+        }
+    }
+
+    fn limit(&mut self, axis: Axis, speed_mps: f64) {
+        let most_mps = &mut self.most_mps[axis as usize];
+        *most_mps = most_mps.min(speed_mps);
+    }
+}

@@ -1,0 +1,47 @@
+//! The collision guard: how fast the vehicle may go so that it stops before what is in its way.
+//!
+//! `network-and-teleop.md`, section "Collision guard". It knows the posed points of the last sweep of each sensor and the
+//! last map, both as plain data that others hand over, and waits for neither. It says how fast the vehicle may go and turn
+//! and nothing else: what it says can only make the vehicle slower (P9).
+//!
+//! The mapping thread fills a [`GuardSweep`] with each sweep and a [`LocalMap`] now and then, and hands them over; the
+//! loop asks [`CollisionGuard::verdict`] in each round, after the commands of that round were taken and before its tick.
+//! Each keeps its memory, so that nothing is allocated once they have been filled. Whoever switches the guard off says
+//! `GuardVerdict::Off` in its stead.
+//!
+//! A round places the vehicle where it will be when it obeys, which is where what it was told until now leads; sees how
+//! far its footprint can move from there along arcs before it touches a point ([`clearance`], exact); and which speed that
+//! leaves time to stop from ([`heading`]). Where the footprint would come to ground that nobody has looked at, it must be
+//! able to stop before that ground, or creep.
+//!
+//! What stands still is promised and what moves is not; nor what the sensors cannot see (glass, what is lower or higher
+//! than a level laser, what is thinner than the gap between beams or hides behind what is as thin), nor that the vehicle
+//! brakes as its configuration says. What is known only from the map is passed no nearer than half a cell, when creeping a
+//! sixth. On a boat nothing brakes: thrust is cut, and what is promised is that it coasts no farther than
+//! `teleop.stop_decel_mps2` says, without wind and current.
+
+pub mod config;
+
+pub mod local_map;
+pub mod placement;
+pub mod sweep;
+
+pub mod clearance;
+pub mod heading;
+
+mod compass;
+mod coverage;
+mod judge;
+mod judgement;
+mod outlook;
+mod surroundings;
+mod told;
+
+pub use config::{GuardConfig, GuardRules, OnBlind};
+pub use judge::{CollisionGuard, GuardInput};
+pub use local_map::{Copying, LocalMap};
+pub use placement::Odometry;
+pub use sweep::GuardSweep;
+
+#[cfg(test)]
+mod tests;

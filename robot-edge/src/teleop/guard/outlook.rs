@@ -1,0 +1,87 @@
+//! How fast the vehicle may move on one heading, given what is around it.
+
+use super::clearance::Margins;
+use super::config::{GuardRules, OnBlind};
+use super::heading::Heading;
+use super::surroundings::Surroundings;
+
+/// Share of the margin at the sides that is left where the vehicle creeps.
+const CREEPING_SIDE: f64 = 1.0 / 3.0;
+
+/// What is around, and the rules.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Outlook<'a> {
+    pub(super) rules: &'a GuardRules,
+    pub(super) around: &'a Surroundings,
+    /// No sensor tells what is around now.
+    pub(super) is_stale: bool,
+}
+
+/// What is allowed on one heading.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Allowed {
+    /// Metres of travel per second.
+    pub(super) speed_mps: f64,
+    /// It would be more if the ground had been seen.
+    pub(super) is_blind: bool,
+}
+
+impl Outlook<'_> {
+    /// The greatest speed of travel on a heading from which the vehicle stops before what is known to stand there, and
+    /// before ground that nobody has seen, unless it creeps.
+    pub(super) fn allowed(&self, heading: Heading) -> Allowed {
+        let creep_mps = self.rules.creep_mps / (heading.along.abs() + heading.swing);
+        let mut clear_mps = self.speed_mps(heading, self.clear_m(heading, 1.0));
+        if clear_mps < creep_mps {
+            // Beside a wall, too near for anything but to creep along it.
+            let beside_mps = self.speed_mps(heading, self.clear_m(heading, CREEPING_SIDE));
+            clear_mps = clear_mps.max(beside_mps.min(creep_mps));
+        }
+        let seen_mps = self.speed_mps(heading, self.seen_m(heading));
+        let blind_mps = match self.rules.on_blind {
+            OnBlind::Creep => creep_mps,
+            OnBlind::Stop => 0.0,
+        };
+        Allowed {
+            speed_mps: clear_mps.min(seen_mps.max(blind_mps)),
+            is_blind: seen_mps < creep_mps && seen_mps < clear_mps,
+        }
+    }
+
+    fn speed_mps(&self, heading: Heading, travel_m: f64) -> f64 {
+        heading.speed_for_mps(travel_m, &self.rules.braking)
+    }
+
+    /// Travel until the vehicle touches what is known, with a share of the margin at its sides.
+    fn clear_m(&self, heading: Heading, side_share: f64) -> f64 {
+        let Margins { ahead_m, side_m } = self.rules.margins;
+        let half_cell_m = 0.5 * self.around.mapped_cell_m;
+        let hits = Margins {
+            ahead_m,
+            side_m: side_share * side_m,
+        };
+        // What is mapped lies anywhere in its cell.
+        let mapped = Margins {
+            ahead_m: ahead_m.max(half_cell_m),
+            side_m: side_share * side_m.max(half_cell_m),
+        };
+        let to_hit_m = self.free_m(hits, heading, &self.around.hits);
+        to_hit_m.min(self.free_m(mapped, heading, &self.around.mapped))
+    }
+
+    /// Travel until the vehicle comes to ground that nobody has seen.
+    fn seen_m(&self, heading: Heading) -> f64 {
+        if self.is_stale {
+            return 0.0;
+        }
+        let margins = Margins {
+            ahead_m: 0.5 * self.around.unseen_cell_m,
+            side_m: 0.0,
+        };
+        self.free_m(margins, heading, &self.around.unseen)
+    }
+
+    fn free_m(&self, margins: Margins, heading: Heading, points: &[[f64; 2]]) -> f64 {
+        self.rules.footprint.free_travel_m(margins, heading, points)
+    }
+}

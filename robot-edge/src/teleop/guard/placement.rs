@@ -1,0 +1,201 @@
+//! Where the vehicle will be when it obeys what it is told now, seen from above.
+
+use std::time::Duration;
+
+use nalgebra::{Point2, Vector2};
+
+use super::told::Told;
+use crate::clock::Monotonic;
+use crate::pose::{self, Pose};
+use crate::teleop::velocity::Velocity;
+
+/// What is known of where the vehicle is and how it moves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Odometry {
+    /// The newest pose.
+    pub odom_from_base: Pose,
+    /// How fast it was then, as its sensors tell.
+    pub measured: Velocity,
+    /// When that was, on this machine's clock.
+    pub taken: Monotonic,
+}
+
+/// A pose in the plane, soon.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Placement {
+    position_in_odom: Point2<f64>,
+    /// Of the base frame's x axis.
+    ahead: Vector2<f64>,
+}
+
+/// Oldest pose from which the present one is reckoned.
+pub(super) const OLDEST: Duration = Duration::from_millis(300);
+
+impl Odometry {
+    /// Where the vehicle will be `delay` from now, when it obeys what it is told now: what it was told until now, it does
+    /// whatever comes. At constant speed that is the `v · age` of the design, with measured `v`.
+    ///
+    /// Its speed is the measured one, and changes as what it was `told` did, a delay before. What `coasts` does not slow
+    /// down when it is told to. Nothing where a number is not finite or the pose is too old.
+    pub(super) fn placement(
+        &self,
+        told: &Told,
+        (delay, coasts): (Duration, bool),
+        now: Monotonic,
+    ) -> Option<Placement> {
+        let age = now.since(self.taken);
+        let at = self.odom_from_base.translation.vector;
+        let mut yaw_rad = pose::yaw_rad(&self.odom_from_base);
+        let is_known = age <= OLDEST
+            && self.measured.is_finite()
+            && at.x.is_finite()
+            && at.y.is_finite()
+            && yaw_rad.is_finite();
+        if !is_known {
+            return None;
+        }
+        // What it did when it was measured, it was told then; what it will do until `delay` from now, it was told since.
+        let obeyed = before(self.taken, delay);
+        let then = told.at(obeyed).unwrap_or(Velocity::ZERO);
+        let mut position_in_odom = Point2::from(at.xy());
+        let mut advance = |velocity: Velocity, time_s: f64| {
+            let turned_rad = velocity.angular_radps * time_s;
+            let half = 0.5 * turned_rad;
+            // The chord of the arc, and its direction.
+            let chord = if half.abs() < 1e-6 {
+                1.0
+            } else {
+                libm::sin(half) / half
+            };
+            position_in_odom += direction(yaw_rad + half) * (velocity.linear_mps * time_s * chord);
+            yaw_rad += turned_rad;
+        };
+        if coasts || told.at(now).is_none() {
+            advance(self.measured, (age + delay).as_secs_f64());
+        } else {
+            for (velocity, time_s) in told.between(obeyed, now).filter(|part| part.1 > 0.0) {
+                let since = Velocity {
+                    linear_mps: self.measured.linear_mps + velocity.linear_mps - then.linear_mps,
+                    angular_radps: self.measured.angular_radps + velocity.angular_radps
+                        - then.angular_radps,
+                };
+                advance(since, time_s);
+            }
+        }
+        Some(Placement {
+            position_in_odom,
+            ahead: direction(yaw_rad),
+        })
+    }
+}
+
+/// The moment a time before another; the clock's start where that is later.
+fn before(moment: Monotonic, time: Duration) -> Monotonic {
+    let since_start = moment.since(Monotonic::default()).saturating_sub(time);
+    Monotonic::default() + since_start
+}
+
+fn direction(angle_rad: f64) -> Vector2<f64> {
+    Vector2::new(libm::cos(angle_rad), libm::sin(angle_rad))
+}
+
+impl Placement {
+    pub(super) fn position_in_odom(&self) -> Point2<f64> {
+        self.position_in_odom
+    }
+
+    /// A point of `odom` in the base frame, metres.
+    pub(super) fn to_base(self, point_in_odom: Point2<f64>) -> [f64; 2] {
+        let to = point_in_odom - self.position_in_odom;
+        [
+            self.ahead.x * to.x + self.ahead.y * to.y,
+            self.ahead.x * to.y - self.ahead.y * to.x,
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pose::planar;
+
+    fn odometry(linear_mps: f64, angular_radps: f64) -> Odometry {
+        Odometry {
+            odom_from_base: planar(1.0, 2.0, 0.5),
+            measured: Velocity {
+                linear_mps,
+                angular_radps,
+            },
+            taken: Monotonic::from_nanos(1_000_000_000),
+        }
+    }
+
+    const DELAY: Duration = Duration::from_millis(100);
+
+    fn at(millis: u64) -> Monotonic {
+        Monotonic::from_nanos(millis * 1_000_000)
+    }
+
+    fn told(commands: &[(u64, f64, f64)]) -> Told {
+        let mut told = Told::new(Duration::from_millis(400));
+        for &(millis, linear_mps, angular_radps) in commands {
+            let velocity = Velocity {
+                linear_mps,
+                angular_radps,
+            };
+            told.tell(at(millis), velocity);
+        }
+        told
+    }
+
+    #[test]
+    fn it_is_where_its_arc_leads() {
+        for (told, coasts) in [
+            (told(&[]), false),
+            (told(&[(0, 2.0, -3.0)]), false),
+            (told(&[(0, 0.0, 0.0)]), true),
+        ] {
+            let placed = odometry(2.0, -3.0)
+                .placement(&told, (DELAY, coasts), at(1200))
+                .unwrap();
+            let mut stepped = planar(1.0, 2.0, 0.5);
+            for _ in 0..30_000 {
+                stepped *= planar(2.0e-5, 0.0, -3.0e-5);
+            }
+            let position = stepped.translation.vector.xy();
+            assert!((placed.position_in_odom.coords - position).norm() < 1e-4);
+            let ahead = stepped * nalgebra::Point3::new(1.0, 0.25, 0.0);
+            let [x, y] = placed.to_base(ahead.xy());
+            assert!((x - 1.0).abs() < 1e-4 && (y - 0.25).abs() < 1e-4, "{x} {y}");
+        }
+    }
+
+    #[test]
+    fn it_obeys_late() {
+        // Measured at 1000 ms, where it obeyed what it was told at 900 ms; slower by a tenth than it should be.
+        let told = told(&[(800, 1.0, 0.0), (950, 0.5, 0.0), (1020, 0.0, 0.0)]);
+        let placed = odometry(0.9, 0.0)
+            .placement(&told, (DELAY, false), at(1040))
+            .unwrap();
+        let gone = placed.position_in_odom - Point2::new(1.0, 2.0);
+        let gone_m = 0.9 * 0.05 + 0.4 * 0.07 - 0.1 * 0.02;
+        assert!((gone.norm() - gone_m).abs() < 1e-12, "{gone}");
+    }
+
+    #[test]
+    fn what_is_old_or_no_number_is_not_known() {
+        let still = odometry(0.0, 0.0);
+        let known = |odometry: Odometry, nanos| {
+            let now = Monotonic::from_nanos(nanos);
+            odometry
+                .placement(&told(&[]), (DELAY, false), now)
+                .is_some()
+        };
+        assert!(known(still, 0) && known(still, 1_300_000_000));
+        assert!(!known(still, 1_300_000_001));
+        assert!(!known(odometry(f64::NAN, 0.0), 1_000_000_000));
+        let mut lost = still;
+        lost.odom_from_base.translation.vector.x = f64::INFINITY;
+        assert!(!known(lost, 1_000_000_000));
+    }
+}

@@ -1,0 +1,6 @@
+//! The guard in worlds of flat walls and pillars, in a loop with the arbiter's motion.
+
+mod closed_loop;
+mod cost;
+mod situations;
+mod world;
