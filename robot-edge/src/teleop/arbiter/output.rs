@@ -1,0 +1,169 @@
+//! Time passes: what has become too old, and what the motors are told.
+
+use std::time::Duration;
+
+use super::{ArbiterState, Mode, Step, StopReason};
+use crate::clock::Monotonic;
+use crate::teleop::action::Action;
+use crate::teleop::arming::Arming;
+use crate::teleop::config::Rules;
+use crate::teleop::lease::LeaseEnd;
+use crate::teleop::motion::{Aim, Caps, Motion};
+use crate::teleop::report::Clamp;
+use crate::teleop::velocity::Velocity;
+use crate::teleop::verdict::GuardVerdict;
+
+/// Smallest age that is reckoned with, so that there is always a speed to divide for.
+const LEAST_AGE: Duration = Duration::from_millis(1);
+
+/// An emergency stop that is not on disk is given to be stored again after this.
+const STORE_RETRY: Duration = Duration::from_secs(1);
+
+/// Difference from what is asked that is worth an explanation, metres or radians per second.
+const NOTEWORTHY: f64 = 1e-3;
+
+impl ArbiterState {
+    /// The speed at which the vehicle goes `blind_travel_m` within the greatest age of the last second, metres per
+    /// second. Where nothing is known of the age, the greatest that is allowed is assumed.
+    pub(in crate::teleop) fn speed_allowed_mps(&self, rules: &Rules, now: Monotonic) -> f64 {
+        let age = self.stream.ages.greatest(now).unwrap_or(rules.max_age);
+        rules.blind_travel_m / age.max(LEAST_AGE).as_secs_f64()
+    }
+}
+
+impl Step<'_> {
+    pub(super) fn tick(&mut self) {
+        let last_tick = self.state.last_tick.replace(self.now);
+        let dt = last_tick.map_or(Duration::ZERO, |last| self.now.since(last));
+        self.state
+            .lease
+            .forget_waiting(self.now, self.rules.request_waits);
+        self.judge_age();
+        if self.state.lease.is_expired(self.now, self.rules.lease) {
+            self.end_lease(LeaseEnd::Expired, None);
+        }
+        self.judge_guard();
+        match self.state.mode {
+            Mode::SafeBoot | Mode::Idle | Mode::Held | Mode::EStop | Mode::Fault(_) => {
+                self.state.motion = Motion::default();
+                self.state.clamp = None;
+            }
+            Mode::Driving => self.drive(dt),
+            Mode::Stopping { .. } => {
+                let limits = (&self.rules.linear, &self.rules.angular);
+                self.state.motion = self.state.motion.stopping(dt, limits);
+                self.state.clamp = None;
+                if self.state.motion.is_zero() {
+                    self.stand();
+                }
+            }
+        }
+        self.store_estop_again();
+    }
+
+    /// Takes note of the age of the command in force; where it is too old, the vehicle stops, and what was pressed no
+    /// longer counts.
+    fn judge_age(&mut self) {
+        let Some(age) = self.state.stream.age(self.now) else {
+            return;
+        };
+        let most = self.rules.max_age;
+        self.state.stream.ages.record(self.now, age.min(most));
+        if age > most {
+            self.state.stream.arming = Arming::Locked;
+            if self.state.mode == Mode::Driving {
+                self.begin_stop(StopReason::Age);
+            }
+        }
+    }
+
+    /// Where the guard knows too little, the vehicle stops, and what was pressed no longer counts.
+    fn judge_guard(&mut self) {
+        if self.state.stream.arming != Arming::Pressed || self.guard_sees() {
+            return;
+        }
+        self.state.stream.arming = Arming::Locked;
+        if self.state.mode == Mode::Driving {
+            self.begin_stop(StopReason::GuardStale);
+        }
+    }
+
+    /// One tick nearer to what is asked, within every limit.
+    fn drive(&mut self, dt: Duration) {
+        let limits = (&self.rules.linear, &self.rules.angular);
+        let verdict = self
+            .state
+            .guard_verdict(self.now)
+            .unwrap_or(GuardVerdict::Stale);
+        let guard_caps = verdict.caps();
+        let age_cap = self.state.speed_allowed_mps(self.rules, self.now);
+        let requested = self.state.stream.requested;
+
+        let (mut target, mut clamp) = (requested, None);
+        for (cause, caps) in [
+            (
+                Clamp::Vehicle,
+                (
+                    Caps::NONE.at_most(limits.0.speed),
+                    Caps::NONE.at_most(limits.1.speed),
+                ),
+            ),
+            (Clamp::Age, (Caps::NONE.at_most(age_cap), Caps::NONE)),
+            (Clamp::Guard, guard_caps),
+        ] {
+            let factor = factor_within(target, caps);
+            if factor < 1.0 {
+                target = target.scaled(factor);
+                clamp = Some(cause);
+            }
+        }
+
+        let aim = Aim {
+            target,
+            caps: (guard_caps.0.at_most(age_cap), guard_caps.1),
+        };
+        self.state.motion = self.state.motion.towards(&aim, dt, limits);
+        let applied = self.state.motion.velocity();
+        let is_short = |asked: f64, applied: f64| (asked - applied).abs() > NOTEWORTHY;
+        if is_short(target.linear_mps, applied.linear_mps)
+            || is_short(target.angular_radps, applied.angular_radps)
+        {
+            clamp = clamp.or(Some(Clamp::Ramp));
+        }
+        self.state.clamp = clamp;
+    }
+
+    /// The output has become zero: who is next, drives; else who drove may go on after a press.
+    fn stand(&mut self) {
+        self.state.mode = if self.state.lease.holder.is_some() {
+            Mode::Held
+        } else {
+            Mode::Idle
+        };
+        self.grant_next();
+    }
+
+    fn store_estop_again(&mut self) {
+        if let Some(estop) = &mut self.state.estop
+            && !estop.is_stored
+            && self.now.since(estop.store_asked) >= STORE_RETRY
+        {
+            estop.store_asked = self.now;
+            self.actions.push(Action::StoreEStop(estop.id));
+        }
+    }
+}
+
+/// What `velocity` must be scaled by to be within `caps`, linear and angular: both parts alike, so that the arc that was
+/// asked for, and that the guard looked at, keeps its shape.
+fn factor_within(velocity: Velocity, caps: (Caps, Caps)) -> f64 {
+    let within = |speed: f64, caps: Caps| {
+        let cap = caps.towards(speed);
+        if speed.abs() > cap {
+            cap / speed.abs()
+        } else {
+            1.0
+        }
+    };
+    within(velocity.linear_mps, caps.0).min(within(velocity.angular_radps, caps.1))
+}

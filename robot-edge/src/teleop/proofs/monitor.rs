@@ -1,0 +1,406 @@
+//! What must hold after every step, whatever the event: an independent reading of the design.
+//!
+//! The monitor believes the arbiter in nothing but the tokens (tested by themselves) and whom it says it grants the
+//! lease to; what follows from that it works out anew.
+
+mod ticks;
+
+use std::time::Duration;
+
+use super::licence::Licence;
+use super::millis;
+use crate::clock::Monotonic;
+use crate::teleop::action::{Action, Actions, Answer, Happening};
+use crate::teleop::arbiter::{ArbiterState, Mode};
+use crate::teleop::command::DriveCommand;
+use crate::teleop::config::Rules;
+use crate::teleop::emergency_stop::{EStopId, StoredEStop};
+use crate::teleop::event::{Event, LeaseVerb};
+use crate::teleop::lease::LeaseEnd;
+use crate::teleop::operator::{OperatorId, Role};
+use crate::teleop::token::AgeToken;
+use crate::teleop::velocity::Velocity;
+use crate::teleop::verdict::GuardVerdict;
+
+const GUARD_SILENCE: Duration = millis(300);
+
+/// A property that does not hold, and where.
+pub(super) type Violation = &'static str;
+
+/// The emergency stop as asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Latched {
+    pub(super) id: EStopId,
+    pub(super) is_stored: bool,
+    pub(super) asked: Monotonic,
+}
+
+/// The holder's newest command that is to be obeyed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct InForce {
+    pub(super) issued: Monotonic,
+    pub(super) is_pressed: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Monitor {
+    pub(super) epoch: u64,
+    pub(super) holder: Option<OperatorId>,
+    pub(super) renewed: Monotonic,
+    pub(super) last_seq: Option<u64>,
+    pub(super) in_force: Option<InForce>,
+    pub(super) licence: Licence,
+    /// Operators that asked for the lease, a bit each.
+    pub(super) asked: u32,
+    pub(super) estop: Option<Latched>,
+    pub(super) is_booted: bool,
+    pub(super) has_fault: bool,
+    pub(super) guard: Option<(GuardVerdict, Monotonic)>,
+    pub(super) last_tick: Option<Monotonic>,
+    /// Accelerations of the last tick that was free of stops.
+    pub(super) accel: Velocity,
+}
+
+impl Monitor {
+    pub(super) fn new() -> Self {
+        Self {
+            epoch: 0,
+            holder: None,
+            renewed: Monotonic::default(),
+            last_seq: None,
+            in_force: None,
+            licence: Licence::default(),
+            asked: 0,
+            estop: None,
+            is_booted: false,
+            has_fault: false,
+            guard: None,
+            last_tick: None,
+            accel: Velocity::ZERO,
+        }
+    }
+
+    /// Looks on as `event` turns `before` into `after`.
+    pub(super) fn observe(
+        &mut self,
+        rules: &Rules,
+        before: &ArbiterState,
+        now: Monotonic,
+        event: Event,
+        after: &ArbiterState,
+        actions: &Actions,
+    ) -> Result<(), Violation> {
+        let was = before.report(rules, now).applied;
+        let is = actions.output;
+        ensure(is.is_finite(), "P8: the output is not finite")?;
+        ensure(!actions.is_full(), "more actions than there is room for")?;
+        ensure(
+            is == after.report(rules, now).applied,
+            "the report tells another output",
+        )?;
+        self.observe_event(rules, before, now, event, after)?;
+        self.observe_actions(rules, now, actions)?;
+
+        let is_zero = is == Velocity::ZERO;
+        if event == Event::Tick {
+            self.observe_tick(rules, before, now, was, after, is)?;
+        } else {
+            ensure(
+                is_zero || is == was,
+                "an event other than a tick moves the vehicle",
+            )?;
+            if after.mode() != Mode::Driving && is_zero {
+                self.accel = Velocity::ZERO;
+            }
+        }
+        let must_stand = self.estop.is_some() || self.has_fault || !self.is_booted;
+        ensure(
+            is_zero || !must_stand,
+            "P5: it moves in spite of an emergency stop, a fault or the boot",
+        )?;
+        match after.mode() {
+            Mode::Driving | Mode::Stopping { .. } => {}
+            Mode::SafeBoot | Mode::Idle | Mode::Held | Mode::EStop | Mode::Fault(_) => {
+                ensure(is_zero, "it moves in a state whose output is zero")?;
+            }
+        }
+        if is_zero {
+            self.licence.stand();
+        }
+        Ok(())
+    }
+
+    /// P3, P4: exactly those commands are obeyed that are the holder's, of this grant, young and in sequence.
+    fn is_to_be_obeyed(
+        &self,
+        rules: &Rules,
+        before: &ArbiterState,
+        now: Monotonic,
+        role: Role,
+        command: &DriveCommand,
+    ) -> bool {
+        role != Role::Observer
+            && self.holder == Some(command.operator)
+            && self.epoch == command.epoch
+            && self.last_seq.is_none_or(|last| command.seq > last)
+            && is_young(rules, before, now, command.token)
+    }
+
+    fn observe_event(
+        &mut self,
+        rules: &Rules,
+        before: &ArbiterState,
+        now: Monotonic,
+        event: Event,
+        after: &ArbiterState,
+    ) -> Result<(), Violation> {
+        let accepted = |state: &ArbiterState| state.report(rules, now).counters.accepted;
+        let mut is_obeyed = false;
+        match event {
+            Event::Command { role, command } => {
+                let requested = command.requested;
+                if command.estop && role != Role::Observer {
+                    self.emergency_stop(now, after)?;
+                } else if self.is_to_be_obeyed(rules, before, now, role, &command) {
+                    self.last_seq = Some(command.seq);
+                    if requested.is_finite() {
+                        is_obeyed = true;
+                        self.obey(rules, before, now, &command);
+                    } else {
+                        self.licence.lock();
+                        self.in_force = self.in_force.map(|last| InForce {
+                            is_pressed: false,
+                            ..last
+                        });
+                    }
+                }
+            }
+            Event::Lease {
+                caller,
+                token,
+                verb,
+            } => {
+                let may = is_young(rules, before, now, token) && caller.role != Role::Observer;
+                let asks = match verb {
+                    LeaseVerb::Request => may,
+                    LeaseVerb::TakeOver => may && caller.role == Role::Supervisor,
+                    LeaseVerb::Consent { .. } | LeaseVerb::Refuse { .. } | LeaseVerb::Release => {
+                        false
+                    }
+                };
+                if asks {
+                    self.asked |= bit(caller.operator);
+                }
+            }
+            Event::Revoked(operator) => {
+                self.asked &= !bit(operator);
+                ensure(
+                    !after.lease.is_held_by(operator),
+                    "P3: who was revoked holds the lease",
+                )?;
+            }
+            Event::EStop(caller) if caller.role != Role::Observer => {
+                self.emergency_stop(now, after)?;
+            }
+            Event::LocalEStop => {
+                self.emergency_stop(now, after)?;
+            }
+            Event::EStopStored(id) => {
+                if let Some(estop) = self.estop.as_mut().filter(|estop| estop.id == id) {
+                    estop.is_stored = true;
+                }
+            }
+            Event::Reset { caller, token, id } => {
+                let may = caller.role == Role::Supervisor
+                    || caller.role == Role::Operator && self.holder == Some(caller.operator);
+                let knows = |estop: Latched| {
+                    let issued = before.tokens().issued(token, now);
+                    estop.id == id && estop.is_stored && issued.is_ok_and(|then| then > estop.asked)
+                };
+                let is_right = may
+                    && is_young(rules, before, now, token)
+                    && self.estop.is_some_and(knows)
+                    && self.is_booted
+                    && !self.has_fault;
+                self.reset(is_right, after)?;
+            }
+            Event::LocalReset => {
+                if self.has_fault {
+                    (self.has_fault, self.is_booted) = (false, false);
+                } else if self.is_booted {
+                    self.reset(self.estop.is_some(), after)?;
+                }
+            }
+            Event::SelfTest { has_passed, stored } => {
+                self.self_test(now, has_passed, stored, after);
+            }
+            Event::Guard(verdict) => self.guard = Some((verdict, now)),
+            Event::ActuatorFault => self.fault(),
+            Event::Tick
+            | Event::Token { .. }
+            | Event::Rejected(_)
+            | Event::EStop(_)
+            | Event::Measured(_) => {}
+        }
+        let more = accepted(after) - accepted(before);
+        ensure(
+            more == u64::from(is_obeyed),
+            "P3, P4: another command is obeyed than should be",
+        )
+    }
+
+    fn obey(
+        &mut self,
+        rules: &Rules,
+        before: &ArbiterState,
+        now: Monotonic,
+        command: &DriveCommand,
+    ) {
+        let is_pressed = !command.requested.is_neutral();
+        if let Ok(issued) = before.tokens().issued(command.token, now) {
+            self.in_force = Some(InForce { issued, is_pressed });
+        }
+        self.renewed = now;
+        if is_pressed {
+            let moves = before.motion.velocity() != Velocity::ZERO;
+            let may_recover = moves && self.guard_sees(now);
+            self.licence.press(now, rules.neutral, may_recover);
+        } else {
+            self.licence.neutral(now);
+        }
+    }
+
+    fn emergency_stop(&mut self, now: Monotonic, after: &ArbiterState) -> Result<(), Violation> {
+        self.licence.lock();
+        let id = after.estop.ok_or("P5: an emergency stop is not heard")?.id;
+        let latched = Latched {
+            id,
+            is_stored: false,
+            asked: now,
+        };
+        self.estop.get_or_insert(latched).asked = now;
+        Ok(())
+    }
+
+    fn reset(&mut self, is_right: bool, after: &ArbiterState) -> Result<(), Violation> {
+        if is_right {
+            self.estop = None;
+            self.licence.lock();
+        }
+        ensure(
+            after.estop.is_none() == self.estop.is_none(),
+            "P5: an emergency stop ends, or does not, against the rules",
+        )
+    }
+
+    fn self_test(
+        &mut self,
+        now: Monotonic,
+        has_passed: bool,
+        stored: StoredEStop,
+        after: &ArbiterState,
+    ) {
+        if !self.is_booted && !self.has_fault {
+            self.is_booted = true;
+            if stored != StoredEStop::None && self.estop.is_none() {
+                self.estop = after.estop.map(|estop| Latched {
+                    id: estop.id,
+                    is_stored: stored != StoredEStop::Unreadable,
+                    asked: now,
+                });
+            }
+        }
+        if !has_passed {
+            self.fault();
+        }
+    }
+
+    fn fault(&mut self) {
+        self.has_fault = true;
+        self.licence.lock();
+    }
+
+    fn observe_actions(
+        &mut self,
+        rules: &Rules,
+        now: Monotonic,
+        actions: &Actions,
+    ) -> Result<(), Violation> {
+        for action in actions.iter() {
+            match action {
+                Action::Tell(Happening::LeaseEnded { operator, why }) => {
+                    ensure(
+                        self.holder == Some(operator),
+                        "P2: a lease ends that nobody has",
+                    )?;
+                    let is_due = now.since(self.renewed) > rules.lease;
+                    ensure(
+                        is_due || why != LeaseEnd::Expired,
+                        "P12: a lease expires too early",
+                    )?;
+                    self.holder = None;
+                    self.forget_commands();
+                }
+                Action::Tell(Happening::LeaseGranted { to, epoch, .. }) => {
+                    ensure(self.holder.is_none(), "P2: a second holder")?;
+                    ensure(epoch > self.epoch, "P3: the epoch does not grow")?;
+                    ensure(self.asked & bit(to) != 0, "P2: a lease for who did not ask")?;
+                    ensure(
+                        actions.output == Velocity::ZERO,
+                        "P2: the lease changes hands on a moving vehicle",
+                    )?;
+                    (self.holder, self.epoch) = (Some(to), epoch);
+                    self.renewed = now;
+                    self.asked &= !bit(to);
+                    self.forget_commands();
+                }
+                Action::AcknowledgeEStop(id)
+                | Action::Answer {
+                    answer: Answer::EStopped(id),
+                    ..
+                } => {
+                    let is_stored = self
+                        .estop
+                        .is_some_and(|estop| estop.is_stored && estop.id == id);
+                    ensure(
+                        is_stored,
+                        "P5: an emergency stop is acknowledged before it is stored",
+                    )?;
+                }
+                Action::Publish(_)
+                | Action::Answer { .. }
+                | Action::StoreEStop(_)
+                | Action::ClearEStop(_)
+                | Action::Tell(_) => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn forget_commands(&mut self) {
+        self.last_seq = None;
+        self.in_force = None;
+        self.licence.lock();
+    }
+
+    fn guard_sees(&self, now: Monotonic) -> bool {
+        self.guard.is_some_and(|(verdict, told)| {
+            verdict != GuardVerdict::Stale && now.since(told) <= GUARD_SILENCE
+        })
+    }
+}
+
+fn is_young(rules: &Rules, state: &ArbiterState, now: Monotonic, token: AgeToken) -> bool {
+    state
+        .tokens()
+        .age(token, now)
+        .is_ok_and(|age| age <= rules.max_age)
+}
+
+fn bit(operator: OperatorId) -> u32 {
+    1 << operator.0.min(31)
+}
+
+fn ensure(holds: bool, otherwise: Violation) -> Result<(), Violation> {
+    if holds { Ok(()) } else { Err(otherwise) }
+}
