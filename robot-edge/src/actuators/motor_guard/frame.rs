@@ -1,0 +1,208 @@
+//! What edge and guard say to each other through the guard's standard input and output.
+//!
+//! Frames have one length in each direction, so that nothing in them says how much to read. All numbers are little
+//! endian; `crc` is CRC-32 (IEEE 802.3) of everything before it.
+//!
+//! | asked, 40 bytes | | told, 88 bytes | |
+//! | --- | --- | --- | --- |
+//! | 0 | `F5 4D`, version 1, kind 1 | 0 | `F5 4D`, version 1, kind 2 |
+//! | 4 | sequence number, u64 | 4 | sequence number of the newest velocity that was taken, u64 |
+//! | 12 | decided at, u64 ns of `CLOCK_BOOTTIME` | 12 | told at, u64 ns of `CLOCK_BOOTTIME` |
+//! | 20 | linear, f64 m/s | 20 | applied: linear, angular, 2 × f64 |
+//! | 28 | angular, f64 rad/s | 36 | measured: linear, angular, 2 × f64 |
+//! | 36 | crc | 52 | battery, f64 V |
+//! | | | 60 | which of the three are known: bits 0 to 2 |
+//! | | | 61 | readiness, fault, detail of the fault, controller's flags, its watchdog: 5 × u8 |
+//! | | | 66 | 2 × 0 |
+//! | | | 68 | lapses, stale, garbage, reconnects: 4 × u32 |
+//! | | | 84 | crc |
+
+use crate::clock::Monotonic;
+use crate::teleop::Velocity;
+
+const MAGIC: [u8; 3] = [0xF5, b'M', 1];
+const CRC_BYTES: usize = 4;
+
+/// Bytes of a frame that asks.
+pub const ASKED_BYTES: usize = 40;
+
+/// Bytes of a frame that tells.
+pub const TOLD_BYTES: usize = 88;
+
+/// A velocity, and when it was decided.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Asked {
+    /// Grows with each frame.
+    pub sequence: u64,
+    /// When the edge's loop decided on it: the guard's clock is the same.
+    pub decided_at: Monotonic,
+    /// What the motors are to do.
+    pub velocity: Velocity,
+}
+
+/// A frame of `N` bytes.
+pub(super) trait Frame<const N: usize>: Sized {
+    const KIND: u8;
+    fn write(&self, body: &mut Writer<'_>);
+    /// Absent where a value means nothing.
+    fn read(body: &mut Reader<'_>) -> Option<Self>;
+
+    fn encode(&self) -> [u8; N] {
+        let mut bytes = [0; N];
+        let (content, crc) = bytes.split_at_mut(N - CRC_BYTES);
+        let mut body = Writer(content);
+        body.put(&MAGIC);
+        body.put(&[Self::KIND]);
+        self.write(&mut body);
+        crc.copy_from_slice(&crc32fast::hash(content).to_le_bytes());
+        bytes
+    }
+
+    fn decode(bytes: &[u8; N]) -> Option<Self> {
+        let (content, crc) = bytes.split_at(N - CRC_BYTES);
+        if crc != crc32fast::hash(content).to_le_bytes() || !begins_well::<N, Self>(content) {
+            return None;
+        }
+        let body = content.get(MAGIC.len() + 1..)?;
+        Self::read(&mut Reader(body))
+    }
+}
+
+fn begins_well<const N: usize, F: Frame<N>>(bytes: &[u8]) -> bool {
+    let start = MAGIC.iter().chain([&F::KIND]);
+    bytes.iter().zip(start).all(|(byte, wanted)| byte == wanted)
+}
+
+impl Frame<ASKED_BYTES> for Asked {
+    const KIND: u8 = 1;
+
+    fn write(&self, body: &mut Writer<'_>) {
+        body.put(&self.sequence.to_le_bytes());
+        body.put_moment(self.decided_at);
+        body.put_velocity(self.velocity);
+    }
+
+    fn read(body: &mut Reader<'_>) -> Option<Self> {
+        Some(Self {
+            sequence: u64::from_le_bytes(body.take()?),
+            decided_at: body.take_moment()?,
+            velocity: body.take_velocity()?,
+        })
+    }
+}
+
+/// Finds frames in a stream of bytes, whatever lies between them.
+#[derive(Clone, Debug)]
+pub(super) struct Decoder<const N: usize> {
+    bytes: [u8; N],
+    length: usize,
+}
+
+/// What was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Found<F> {
+    Frame(F),
+    /// A byte that belongs to no frame.
+    Garbage,
+}
+
+impl<const N: usize> Decoder<N> {
+    pub(super) const fn new() -> Self {
+        Self {
+            bytes: [0; N],
+            length: 0,
+        }
+    }
+
+    /// Takes what came in, and gives what it finds to `found`.
+    pub(super) fn push<F: Frame<N>>(&mut self, bytes: &[u8], mut found: impl FnMut(Found<F>)) {
+        for &byte in bytes {
+            if let Some(slot) = self.bytes.get_mut(self.length) {
+                *slot = byte;
+                self.length += 1;
+            }
+            self.settle(&mut found);
+        }
+    }
+
+    /// Until what is held could be the beginning of a frame.
+    fn settle<F: Frame<N>>(&mut self, found: &mut impl FnMut(Found<F>)) {
+        while self.length > 0 {
+            let held = self.bytes.get(..self.length).unwrap_or_default();
+            if begins_well::<N, F>(held) {
+                if self.length < N {
+                    return;
+                }
+                if let Some(frame) = F::decode(&self.bytes) {
+                    self.length = 0;
+                    found(Found::Frame(frame));
+                    return;
+                }
+            }
+            self.bytes.copy_within(1..self.length, 0);
+            self.length -= 1;
+            found(Found::Garbage);
+        }
+    }
+}
+
+/// Puts values one after another; what does not fit is left out, which a test of each frame's length excludes.
+pub(super) struct Writer<'a>(&'a mut [u8]);
+
+impl Writer<'_> {
+    pub(super) fn put(&mut self, bytes: &[u8]) {
+        if let Some((slot, rest)) = std::mem::take(&mut self.0).split_at_mut_checked(bytes.len()) {
+            slot.copy_from_slice(bytes);
+            self.0 = rest;
+        }
+    }
+
+    pub(super) fn put_moment(&mut self, moment: Monotonic) {
+        self.put(&nanos(moment).to_le_bytes());
+    }
+
+    pub(super) fn put_velocity(&mut self, velocity: Velocity) {
+        self.put(&velocity.linear_mps.to_le_bytes());
+        self.put(&velocity.angular_radps.to_le_bytes());
+    }
+
+    #[cfg(test)]
+    fn is_full(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+/// Takes values one after another.
+pub(super) struct Reader<'a>(&'a [u8]);
+
+impl Reader<'_> {
+    pub(super) fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (value, rest) = self.0.split_first_chunk()?;
+        self.0 = rest;
+        Some(*value)
+    }
+
+    pub(super) fn take_moment(&mut self) -> Option<Monotonic> {
+        Some(Monotonic::from_nanos(u64::from_le_bytes(self.take()?)))
+    }
+
+    pub(super) fn take_velocity(&mut self) -> Option<Velocity> {
+        Some(Velocity {
+            linear_mps: self.take_f64()?,
+            angular_radps: self.take_f64()?,
+        })
+    }
+
+    pub(super) fn take_f64(&mut self) -> Option<f64> {
+        Some(f64::from_le_bytes(self.take()?))
+    }
+}
+
+/// Of the clock that edge and guard share.
+pub(super) fn nanos(moment: Monotonic) -> u64 {
+    let since_start = moment.since(Monotonic::from_nanos(0));
+    u64::try_from(since_start.as_nanos()).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests;

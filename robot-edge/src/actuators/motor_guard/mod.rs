@@ -1,0 +1,44 @@
+//! The motor guard: a small process that owns the motors, so that they stop whatever becomes of the edge.
+//!
+//! The edge is large: it maps, streams, and talks to a network. Its teleop loop may hang, be killed, be stopped by a
+//! debugger or starve; the motors would then go on as they were told last. So it never holds their port. It says what
+//! they are to do to a child process ([`run`]) through a pipe, in frames that carry the time of decision
+//! ([`frame`]), and the child tells the motors zero
+//! - when nothing valid has come for [`WATCHDOG`], counted from the decision: also where the edge is stopped and what it
+//!   sent before lies in the pipe;
+//! - when the pipe closes: the edge is gone;
+//! - when garbage comes, and at SIGTERM and SIGINT.
+//!
+//! After each of these the motors stand until zero has been asked for. The other way round, where the child is
+//! gone or does not answer, [`GuardedMotors`] ends it, opens the port itself, tells the motors zero, and reports a fault
+//! for good.
+//!
+//! Edge and guard run on one machine and read one clock, `CLOCK_BOOTTIME`, so that an age is a difference of two
+//! readings. What neither can do is act on a machine that stands still: for that there is the controller's own watchdog.
+
+use std::time::Duration;
+
+pub mod frame;
+pub mod told;
+
+mod gate;
+
+mod guard;
+
+mod latest;
+mod parent;
+mod supervisor;
+
+mod wait;
+
+#[cfg(test)]
+mod tests;
+
+pub use guard::run;
+pub use parent::{GuardCommand, GuardedMotors};
+
+/// How long a velocity holds, from the edge's decision on.
+pub const WATCHDOG: Duration = Duration::from_millis(200);
+
+/// How often the guard says what is known of the motors.
+pub const TELLS_EVERY: Duration = Duration::from_millis(50);

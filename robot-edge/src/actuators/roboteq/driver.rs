@@ -1,0 +1,372 @@
+//! Speaks with an AX3500: finds it, stops it, checks it, and then tells it two speeds again and again.
+//!
+//! Bytes go in ([`Driver::receive`]) and out ([`Driver::transmit`]), the time is an argument, and nothing waits. One
+//! command at a time is on its way: what the port's buffer holds could not be taken back, and would be an old command.
+//!
+//! The start takes some 3 s, during which the motors stand: both are told zero blindly; ten carriage returns end R/C
+//! mode; zero must be acknowledged; the parameters that decide what a command would do are read; then nothing is said
+//! until the controller's watchdog says that it has stopped the motors. All this is done anew whenever the controller
+//! has been silent, has garbled or refused several commands, or has been reset.
+
+use std::time::Duration;
+
+use super::exchange::{Exchange, Outcome};
+use super::routine::{Routine, Task};
+use super::wire::{self, Channel, Command, Line, Parameter, Power, ReplyParser};
+use crate::actuators::report::{ControllerFault, ControllerFlags, ControllerWatchdog};
+use crate::clock::Monotonic;
+
+/// Failures in a row after which the controller is looked for anew.
+const LIMIT_IN_A_ROW: u8 = 3;
+
+/// Until the controller has taken in what was said blindly: 15 characters of 1.04 ms, and its loop of 16 ms.
+const BLIND_PAUSE: Duration = Duration::from_millis(60);
+
+/// Until it has entered RS-232 mode.
+const WAKE_PAUSE: Duration = Duration::from_millis(120);
+
+/// Between attempts to find it.
+const RETRY_PAUSE: Duration = Duration::from_millis(300);
+
+/// Its watchdog acts after 1 s (p. 142), more or less with the PWM frequency (p. 157).
+const WATCHDOG_WAIT: Duration = Duration::from_millis(2500);
+
+/// What was measured is forgotten after this.
+const MEASUREMENT_LASTS: Duration = Duration::from_millis(500);
+
+/// What the driver knows of the controller.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Status {
+    /// Whether it obeys.
+    pub state: State,
+    /// What the channels have acknowledged last.
+    pub acknowledged: Option<[Power; 2]>,
+    /// What their encoders say.
+    pub encoders: Option<[Power; 2]>,
+    /// The battery's voltage.
+    pub battery_v: Option<f64>,
+    /// Why its power stage is off, if it is.
+    pub flags: ControllerFlags,
+    /// Whether it stops by itself.
+    pub watchdog: ControllerWatchdog,
+    /// Times that it was lost.
+    pub reconnects: u32,
+}
+
+/// Whether the controller obeys.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    /// It is being found and checked.
+    Starting,
+    /// It obeys.
+    Ready,
+    /// It does not obey, and is told to stand.
+    Faulty(ControllerFault),
+}
+
+/// Bytes for the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Transmission {
+    /// The bytes.
+    pub bytes: Line,
+    /// First throw away what still waits in the port's buffers, in both directions.
+    pub flush: bool,
+}
+
+/// The state machine; see the module.
+#[derive(Clone, Debug)]
+pub struct Driver {
+    require_watchdog: bool,
+    phase: Phase,
+    /// When the phase goes on.
+    due: Monotonic,
+    trouble: Option<ControllerFault>,
+    parser: ReplyParser,
+    exchange: Option<Exchange>,
+    failures: u8,
+    wanted: [Power; 2],
+    acknowledged: [Option<(Power, Monotonic)>; 2],
+    routine: Routine,
+    input_mode: Option<u8>,
+    encoders: Option<([Power; 2], Monotonic)>,
+    battery_v: Option<f64>,
+    flags: ControllerFlags,
+    watchdog: ControllerWatchdog,
+    reconnects: u32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    StopBlindly,
+    Wake,
+    Zero(Channel),
+    Check(Parameter),
+    /// Nothing is said.
+    AwaitWatchdog,
+    Ready,
+    Refused(ControllerFault),
+}
+
+impl Driver {
+    /// Of a controller that nothing is known of.
+    pub fn new(has_encoders: bool, require_watchdog: bool, now: Monotonic) -> Self {
+        Self {
+            require_watchdog,
+            phase: Phase::StopBlindly,
+            due: now,
+            trouble: None,
+            parser: ReplyParser::default(),
+            exchange: None,
+            failures: 0,
+            wanted: [Power::ZERO; 2],
+            acknowledged: [None; 2],
+            routine: Routine::new(has_encoders, now),
+            input_mode: None,
+            encoders: None,
+            battery_v: None,
+            flags: ControllerFlags::default(),
+            watchdog: ControllerWatchdog::Unknown,
+            reconnects: 0,
+        }
+    }
+
+    /// What the channels are to be told from now on; while the controller is not ready, that is forgotten.
+    pub fn command(&mut self, wanted: [Power; 2]) {
+        if self.phase == Phase::Ready {
+            self.wanted = wanted;
+        }
+    }
+
+    /// Takes what came in.
+    pub fn receive(&mut self, bytes: &[u8], now: Monotonic) {
+        for &byte in bytes {
+            if let Some(reply) = self.parser.push(byte) {
+                self.take(reply, now);
+            }
+        }
+    }
+
+    /// What is to be sent now; ask until there is nothing more, and again at [`Self::deadline`] or when bytes came in.
+    pub fn transmit(&mut self, now: Monotonic) -> Option<Transmission> {
+        if let Some(exchange) = self.exchange {
+            if now < exchange.deadline() {
+                return None;
+            }
+            self.exchange = None;
+            self.fail(ControllerFault::Silent, now);
+        }
+        if now < self.due {
+            return None;
+        }
+        match self.phase {
+            Phase::StopBlindly => {
+                self.parser.clear();
+                self.enter(Phase::Wake, now + BLIND_PAUSE);
+                Some(Transmission {
+                    bytes: wire::stop_blindly(),
+                    flush: true,
+                })
+            }
+            Phase::Wake => {
+                self.enter(Phase::Zero(Channel::One), now + WAKE_PAUSE);
+                Some(Transmission {
+                    bytes: wire::wake(),
+                    flush: false,
+                })
+            }
+            Phase::Zero(channel) => Some(self.say(Command::Run(channel, Power::ZERO), now)),
+            Phase::Check(parameter) => Some(self.say(Command::Read(parameter), now)),
+            Phase::AwaitWatchdog => {
+                self.judge_watchdog(ControllerWatchdog::Absent, now);
+                None
+            }
+            Phase::Ready | Phase::Refused(_) => {
+                let acknowledged = self.acknowledged.map(|last| last.map(|(power, _)| power));
+                let task = self.routine.next(self.wanted, acknowledged, now)?;
+                Some(self.say(self.command_of(task), now))
+            }
+        }
+    }
+
+    /// When to ask for something to send at the latest.
+    pub fn deadline(&self) -> Monotonic {
+        match (self.exchange, self.phase) {
+            (Some(exchange), _) => exchange.deadline(),
+            (None, Phase::Ready | Phase::Refused(_)) => self.routine.deadline(),
+            (None, _) => self.due,
+        }
+    }
+
+    /// What is known.
+    pub fn status(&self, now: Monotonic) -> Status {
+        let state = match (self.phase, self.trouble) {
+            (Phase::Refused(fault), _) | (_, Some(fault)) => State::Faulty(fault),
+            (Phase::Ready, None) => State::Ready,
+            (_, None) => State::Starting,
+        };
+        let acknowledged = match self.acknowledged {
+            [Some((one, _)), Some((two, _))] => Some([one, two]),
+            [..] => None,
+        };
+        Status {
+            state,
+            acknowledged,
+            encoders: self
+                .encoders
+                .and_then(|(speeds, at)| (now.since(at) < MEASUREMENT_LASTS).then_some(speeds)),
+            battery_v: self.battery_v,
+            flags: self.flags,
+            watchdog: self.watchdog,
+            reconnects: self.reconnects,
+        }
+    }
+
+    /// Whether both motors have acknowledged a zero that was sent at `since` or later, and nothing else after it.
+    pub fn has_stopped_since(&self, since: Monotonic) -> bool {
+        self.acknowledged
+            .iter()
+            .all(|last| last.is_some_and(|(power, sent)| power == Power::ZERO && sent >= since))
+    }
+
+    fn say(&mut self, command: Command, now: Monotonic) -> Transmission {
+        self.exchange = Some(Exchange::new(command, now));
+        Transmission {
+            bytes: command.bytes(),
+            flush: false,
+        }
+    }
+
+    fn command_of(&self, task: Task) -> Command {
+        let [one, two] = self.wanted;
+        match task {
+            Task::RunOne => Command::Run(Channel::One, one),
+            Task::RunTwo => Command::Run(Channel::Two, two),
+            Task::Status => Command::Read(Parameter::Status),
+            Task::Voltages => Command::Voltages,
+            Task::Encoders => Command::EncoderSpeeds,
+        }
+    }
+
+    fn enter(&mut self, phase: Phase, due: Monotonic) {
+        self.phase = phase;
+        self.due = due;
+    }
+
+    fn take(&mut self, reply: wire::Reply, now: Monotonic) {
+        use wire::Reply::{Prompt, WatchdogTripped};
+        if reply == WatchdogTripped && self.phase == Phase::AwaitWatchdog {
+            return self.judge_watchdog(ControllerWatchdog::Proven, now);
+        }
+        // It did not hear us for a second, or was switched off: what it was told before no longer holds.
+        if matches!(reply, WatchdogTripped | Prompt) && self.phase == Phase::Ready {
+            return self.look_anew(ControllerFault::Silent, now);
+        }
+        let Some(exchange) = &mut self.exchange else {
+            return;
+        };
+        let outcome = exchange.take(reply);
+        let said = *exchange;
+        if outcome != Outcome::Waiting {
+            self.exchange = None;
+        }
+        match outcome {
+            Outcome::Waiting => {}
+            Outcome::Done(values) => self.done(&said, values, now),
+            Outcome::Garbled => self.fail(ControllerFault::GarbledLine, now),
+            Outcome::Refused => self.refused(said.command, now),
+        }
+    }
+
+    fn done(&mut self, said: &Exchange, values: [u8; 2], now: Monotonic) {
+        self.failures = 0;
+        match said.command {
+            Command::Run(channel, power) => {
+                self.acknowledged[channel as usize] = Some((power, said.sent()));
+                match self.phase {
+                    Phase::Zero(Channel::One) => self.enter(Phase::Zero(Channel::Two), now),
+                    Phase::Zero(Channel::Two) => {
+                        self.enter(Phase::Check(Parameter::InputControlMode), now);
+                    }
+                    Phase::StopBlindly
+                    | Phase::Wake
+                    | Phase::Check(_)
+                    | Phase::AwaitWatchdog
+                    | Phase::Ready
+                    | Phase::Refused(_) => {}
+                }
+            }
+            Command::Read(Parameter::InputControlMode) => {
+                self.input_mode = Some(values[0]);
+                self.enter(Phase::Check(Parameter::MotorControlMode), now);
+            }
+            Command::Read(Parameter::MotorControlMode) => self.judge_motor_mode(values[0], now),
+            Command::Read(Parameter::Status) => self.flags = ControllerFlags(values[0]),
+            Command::Voltages => self.battery_v = Some(wire::battery_v(values[0])),
+            Command::EncoderSpeeds => self.encoders = Some((values.map(Power::of_bits), now)),
+        }
+    }
+
+    fn refused(&mut self, command: Command, now: Monotonic) {
+        match command {
+            Command::Run(..) => self.fail(ControllerFault::Refusing, now),
+            // What a motor command means would be guessed.
+            Command::Read(Parameter::MotorControlMode) => {
+                self.enter(Phase::Refused(ControllerFault::Unreadable), now);
+            }
+            Command::Read(Parameter::InputControlMode) => {
+                self.enter(Phase::Check(Parameter::MotorControlMode), now);
+            }
+            // It has none of these; that is not dangerous.
+            Command::Read(Parameter::Status) | Command::Voltages | Command::EncoderSpeeds => {}
+        }
+    }
+
+    /// One exchange went wrong.
+    fn fail(&mut self, fault: ControllerFault, now: Monotonic) {
+        self.failures = self.failures.saturating_add(1);
+        self.routine.repeat(now);
+        let is_looking = matches!(self.phase, Phase::Zero(_));
+        if is_looking || self.failures >= LIMIT_IN_A_ROW {
+            self.look_anew(fault, now);
+        }
+    }
+
+    fn look_anew(&mut self, fault: ControllerFault, now: Monotonic) {
+        let was_found = matches!(self.phase, Phase::Ready | Phase::Refused(_));
+        self.reconnects = self.reconnects.saturating_add(u32::from(was_found));
+        self.trouble = Some(fault);
+        self.failures = 0;
+        self.exchange = None;
+        self.wanted = [Power::ZERO; 2];
+        self.acknowledged = [None; 2];
+        self.encoders = None;
+        let pause = if was_found {
+            Duration::ZERO
+        } else {
+            RETRY_PAUSE
+        };
+        self.enter(Phase::StopBlindly, now + pause);
+    }
+
+    fn judge_motor_mode(&mut self, mode: u8, now: Monotonic) {
+        match mode & 0b111 {
+            0 | 4 => self.enter(Phase::AwaitWatchdog, now + WATCHDOG_WAIT),
+            _ => self.enter(Phase::Refused(ControllerFault::MotorMode(mode)), now),
+        }
+    }
+
+    fn judge_watchdog(&mut self, watchdog: ControllerWatchdog, now: Monotonic) {
+        self.watchdog = watchdog;
+        self.trouble = None;
+        let is_safe = watchdog == ControllerWatchdog::Proven || !self.require_watchdog;
+        let phase = if is_safe {
+            Phase::Ready
+        } else {
+            Phase::Refused(ControllerFault::NoWatchdog(self.input_mode.unwrap_or(0xFF)))
+        };
+        self.enter(phase, now);
+    }
+}
+
+#[cfg(test)]
+mod tests;

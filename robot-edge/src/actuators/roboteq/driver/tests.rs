@@ -1,0 +1,369 @@
+use proptest::prelude::*;
+
+use super::super::emulator::{Emulator, Output, Trouble};
+use super::*;
+
+/// Time that bytes take to the other end.
+const ON_THE_WAY: Duration = Duration::from_millis(6);
+
+/// A driver and a controller on one line, in a time of their own.
+struct Bench {
+    driver: Driver,
+    emulator: Emulator,
+    now: Monotonic,
+    to_driver: Vec<(Monotonic, Vec<u8>)>,
+    to_emulator: Vec<(Monotonic, Vec<u8>)>,
+    /// Lengths of everything that was sent.
+    sent: Vec<(Monotonic, usize)>,
+}
+
+impl Bench {
+    fn new(has_encoders: bool, set_up: impl FnOnce(&mut Emulator)) -> Self {
+        let now = Monotonic::from_nanos(1_000_000_000);
+        let mut emulator = Emulator::new(now);
+        set_up(&mut emulator);
+        Self {
+            driver: Driver::new(has_encoders, true, now),
+            emulator,
+            now,
+            to_driver: Vec::new(),
+            to_emulator: Vec::new(),
+            sent: Vec::new(),
+        }
+    }
+
+    fn ready() -> Self {
+        let mut bench = Self::new(false, |_| {});
+        bench.run_ms(4000);
+        assert_eq!(bench.status().state, State::Ready);
+        bench
+    }
+
+    fn status(&self) -> Status {
+        self.driver.status(self.now)
+    }
+
+    fn command(&mut self, one: i8, two: i8) {
+        self.driver
+            .command([one, two].map(|steps| Power::of_bits(steps.cast_unsigned())));
+    }
+
+    fn run_ms(&mut self, ms: u64) {
+        self.run_ms_with(ms, <[u8]>::to_vec);
+    }
+
+    /// `on_the_line` is done to all bytes, in both directions.
+    fn run_ms_with(&mut self, ms: u64, mut on_the_line: impl FnMut(&[u8]) -> Vec<u8>) {
+        for _ in 0..ms {
+            self.now = self.now + Duration::from_millis(1);
+            let now = self.now;
+            while let Some(transmission) = self.driver.transmit(now) {
+                let bytes = transmission.bytes.as_bytes();
+                self.sent.push((now, bytes.len()));
+                if transmission.flush {
+                    self.to_emulator.clear();
+                    self.to_driver.clear();
+                }
+                self.to_emulator
+                    .push((now + ON_THE_WAY, on_the_line(bytes)));
+            }
+            let says = self
+                .emulator
+                .hear(&arrived(&mut self.to_emulator, now), now);
+            if !says.is_empty() {
+                self.to_driver.push((now + ON_THE_WAY, on_the_line(&says)));
+            }
+            let bytes = arrived(&mut self.to_driver, now);
+            self.driver.receive(&bytes, now);
+            assert!(
+                self.driver.deadline().since(now) <= WATCHDOG_WAIT,
+                "somebody must wake it"
+            );
+        }
+    }
+}
+
+fn arrived(queue: &mut Vec<(Monotonic, Vec<u8>)>, now: Monotonic) -> Vec<u8> {
+    let later = queue.partition_point(|&(at, _)| at <= now);
+    queue.drain(..later).flat_map(|(_, bytes)| bytes).collect()
+}
+
+#[test]
+fn it_is_found_stopped_checked_and_ready_also_from_rc_mode() {
+    for is_in_rc_mode in [false, true] {
+        let mut bench = Bench::new(false, |emulator| {
+            emulator.is_in_rc_mode = is_in_rc_mode;
+            emulator.input_mode = if is_in_rc_mode { 0 } else { 2 };
+        });
+        bench.command(50, 50);
+        bench.run_ms(500);
+        assert_eq!(bench.status().state, State::Starting);
+        bench.run_ms(3000);
+        let status = bench.status();
+        assert_eq!(
+            (status.state, status.watchdog),
+            (State::Ready, ControllerWatchdog::Proven)
+        );
+        assert!((status.battery_v.unwrap() - 25.781_25).abs() < 1e-9);
+        assert_eq!((status.reconnects, status.encoders), (0, None));
+        assert_eq!(
+            bench.emulator.outputs.len(),
+            1,
+            "what was asked before counts for nothing"
+        );
+    }
+}
+
+#[test]
+fn motors_that_run_at_the_start_are_stopped_at_once() {
+    let mut bench = Bench::new(false, |emulator| {
+        emulator.hear(b"!A40\r!b40\r!A1", Monotonic::from_nanos(1_000_000_000));
+    });
+    assert_eq!(bench.emulator.motors(), [64, -64]);
+    bench.run_ms(10);
+    assert_eq!(bench.emulator.motors(), [0, 0]);
+}
+
+#[test]
+fn commands_are_done_and_a_stop_is_quick() {
+    let mut bench = Bench::ready();
+    bench.command(64, -10);
+    bench.run_ms(50);
+    assert_eq!(bench.emulator.motors(), [64, -10]);
+    assert_eq!(
+        bench.status().acknowledged,
+        Some([Power::of_bits(64), Power::of_bits(0xF6)])
+    );
+    for _ in 0..50 {
+        bench.command(100, 100);
+        bench.run_ms(20);
+        let asked = bench.now;
+        bench.command(0, 0);
+        assert!(!bench.driver.has_stopped_since(asked));
+        // The exchange on its way, and two more.
+        bench.run_ms(50);
+        assert_eq!(bench.emulator.motors(), [0, 0]);
+        assert!(bench.driver.has_stopped_since(asked));
+    }
+}
+
+#[test]
+fn speeds_are_repeated_and_never_more_than_one_command_is_on_its_way() {
+    let mut bench = Bench::ready();
+    bench.command(30, 30);
+    bench.run_ms(100);
+    let (obeyed, sent) = (bench.emulator.obeyed, bench.sent.len());
+    bench.run_ms(1000);
+    assert!(
+        bench.emulator.obeyed - obeyed >= 20,
+        "ten pairs a second at least"
+    );
+    let gaps = bench.sent[sent..]
+        .windows(2)
+        .map(|pair| pair[1].0.since(pair[0].0));
+    assert!(
+        gaps.min().unwrap() >= ON_THE_WAY * 2,
+        "each waits for its answer"
+    );
+}
+
+#[test]
+fn encoders_and_faults_are_told() {
+    let mut bench = Bench::new(true, |emulator| emulator.encoders = Some([20, -3]));
+    bench.run_ms(4500);
+    assert_eq!(
+        bench.status().encoders,
+        Some([Power::of_bits(20), Power::of_bits(0xFD)])
+    );
+    bench.emulator.status = 0x84;
+    bench.run_ms(600);
+    let flags = bench.status().flags;
+    assert!(flags.is_off());
+    assert_eq!(flags.to_string(), "undervoltage, emergency stop pressed");
+    assert!(!ControllerFlags(0x10).is_off(), "bit 4 is unused");
+    bench.emulator.encoders = None;
+    bench.run_ms(1000);
+    assert_eq!(
+        (bench.status().encoders, bench.status().state),
+        (None, State::Ready)
+    );
+}
+
+#[test]
+fn a_controller_that_would_do_something_else_is_not_driven() {
+    for (mode, state) in [
+        (0x00, State::Ready),
+        (0xC4, State::Ready),
+        (0x01, State::Faulty(ControllerFault::MotorMode(1))),
+        (0xC5, State::Faulty(ControllerFault::MotorMode(0xC5))),
+        (0x02, State::Faulty(ControllerFault::MotorMode(2))),
+    ] {
+        let mut bench = Bench::new(false, |emulator| emulator.motor_mode = mode);
+        bench.run_ms(4000);
+        assert_eq!(bench.status().state, state);
+        bench.command(20, 20);
+        bench.run_ms(500);
+        assert_eq!(bench.emulator.motors() == [20, 20], state == State::Ready);
+    }
+}
+
+#[test]
+fn a_controller_that_does_not_stop_by_itself_is_not_driven_unless_that_is_allowed() {
+    for (require_watchdog, state) in [
+        (true, State::Faulty(ControllerFault::NoWatchdog(1))),
+        (false, State::Ready),
+    ] {
+        let mut bench = Bench::new(false, |emulator| {
+            emulator.input_mode = 1;
+            emulator.reset(Monotonic::from_nanos(1_000_000_000));
+        });
+        bench.driver.require_watchdog = require_watchdog;
+        bench.run_ms(4000);
+        assert_eq!(
+            (bench.status().state, bench.status().watchdog),
+            (state, ControllerWatchdog::Absent)
+        );
+        bench.command(20, 20);
+        bench.run_ms(500);
+        assert_eq!(
+            bench.emulator.motors(),
+            if require_watchdog { [0, 0] } else { [20, 20] }
+        );
+    }
+}
+
+#[test]
+fn a_cut_cable_is_told_and_what_was_asked_before_it_is_forgotten() {
+    let mut bench = Bench::ready();
+    bench.command(80, 80);
+    bench.run_ms(100);
+    bench.emulator.trouble = Trouble::Deaf;
+    bench.run_ms(400);
+    assert_eq!(bench.status().state, State::Faulty(ControllerFault::Silent));
+    assert_eq!(bench.status().acknowledged, None);
+    bench.run_ms(700);
+    assert_eq!(
+        bench.emulator.motors(),
+        [0, 0],
+        "by the controller's own watchdog"
+    );
+    bench.command(80, 80);
+    bench.emulator.trouble = Trouble::None;
+    bench.run_ms(5000);
+    assert_eq!(
+        (bench.status().state, bench.status().reconnects),
+        (State::Ready, 1)
+    );
+    assert_eq!(bench.emulator.motors(), [0, 0]);
+    bench.command(80, 80);
+    bench.run_ms(50);
+    assert_eq!(bench.emulator.motors(), [80, 80]);
+}
+
+#[test]
+fn a_mute_controller_is_told_to_stand() {
+    let mut bench = Bench::ready();
+    bench.command(80, 80);
+    bench.run_ms(100);
+    bench.emulator.trouble = Trouble::Mute;
+    bench.run_ms(420);
+    assert_eq!(
+        bench.emulator.motors(),
+        [0, 0],
+        "told blindly, before its watchdog"
+    );
+    assert_eq!(bench.status().state, State::Faulty(ControllerFault::Silent));
+}
+
+#[test]
+fn a_reset_is_noticed() {
+    let mut bench = Bench::ready();
+    bench.command(80, 80);
+    bench.run_ms(100);
+    let says = bench.emulator.reset(bench.now);
+    bench.to_driver.push((bench.now, says));
+    bench.run_ms(3000);
+    assert!(
+        bench
+            .emulator
+            .outputs
+            .iter()
+            .rev()
+            .take(1)
+            .all(Output::is_zero)
+    );
+    assert_eq!(bench.status().reconnects, 1);
+}
+
+#[test]
+fn a_line_that_garbles_is_not_driven_on() {
+    let mut bench = Bench::ready();
+    // 0x41, 65 steps, is taken for 0x71, 113 steps.
+    bench.emulator.trouble = Trouble::Mishears(b'4', b'7');
+    bench.command(0x41, 0x41);
+    bench.run_ms(200);
+    assert_eq!(
+        bench.status().state,
+        State::Faulty(ControllerFault::GarbledLine)
+    );
+    assert_eq!(bench.emulator.motors(), [0, 0]);
+}
+
+#[test]
+fn a_controller_that_refuses_is_told() {
+    let mut bench = Bench::ready();
+    bench.emulator.trouble = Trouble::Refuses;
+    bench.command(20, 20);
+    bench.run_ms(300);
+    assert_eq!(
+        bench.status().state,
+        State::Faulty(ControllerFault::Refusing)
+    );
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+    /// Whatever is lost or comes in between: it neither stops working for good, nor goes on when told to stand.
+    #[test]
+    fn a_bad_line_ends_in_a_stop_and_heals(
+        faults in prop::collection::vec((0..12u8, any::<u8>()), 200..400),
+        speeds in prop::collection::vec(any::<(i8, i8)>(), 20),
+    ) {
+        let mut bench = Bench::ready();
+        let mut faults = faults.into_iter().cycle();
+        for &(one, two) in &speeds {
+            bench.command(one, two);
+            bench.run_ms_with(40, |bytes| {
+                bytes.iter().flat_map(|&byte| match faults.next() {
+                    // With even parity one wrong bit loses the character, and never makes another of it.
+                    Some((0, _)) => vec![],
+                    Some((1, noise)) => vec![noise | 0x80, byte],
+                    _ => vec![byte],
+                }).collect()
+            });
+        }
+        bench.command(0, 0);
+        bench.run_ms(700);
+        prop_assert_eq!(bench.emulator.motors(), [0, 0]);
+        let changes = bench.emulator.outputs.len();
+        bench.run_ms(6000);
+        prop_assert!(bench.emulator.outputs[changes..].iter().all(Output::is_zero));
+        prop_assert_eq!(bench.status().state, State::Ready);
+        bench.command(20, 20);
+        bench.run_ms(60);
+        prop_assert_eq!(bench.emulator.motors(), [20, 20]);
+    }
+
+    #[test]
+    fn no_bytes_harm_the_driver(noise in prop::collection::vec(any::<u8>(), 0..400), split in 1..20usize) {
+        let mut bench = Bench::ready();
+        for part in noise.chunks(split) {
+            bench.driver.receive(part, bench.now);
+            bench.run_ms(3);
+        }
+        bench.driver.receive(b"\r", bench.now);
+        bench.run_ms(8000);
+        prop_assert_eq!(bench.status().state, State::Ready);
+        prop_assert!(bench.emulator.outputs.iter().all(Output::is_zero));
+    }
+}

@@ -1,0 +1,216 @@
+//! An AX3500 for tests: what it would say and do, from the same manual as [`super::wire`].
+
+use std::time::Duration;
+
+use crate::clock::Monotonic;
+
+// The end-to-end tests borrow this file, for which the path is said.
+#[cfg(target_os = "linux")]
+#[path = "emulator/on_terminal.rs"]
+pub(crate) mod on_terminal;
+
+/// The controller, and everything that can be wrong with it.
+#[derive(Clone, Debug)]
+pub(crate) struct Emulator {
+    pub(crate) is_in_rc_mode: bool,
+    /// Parameter 00; 2 means that the watchdog is on.
+    pub(crate) input_mode: u8,
+    /// Parameter 01.
+    pub(crate) motor_mode: u8,
+    /// Parameter 89.
+    pub(crate) status: u8,
+    pub(crate) battery: u8,
+    /// As measured; absent: there is no encoder module.
+    pub(crate) encoders: Option<[i8; 2]>,
+    pub(crate) watchdog_after: Duration,
+    pub(crate) trouble: Trouble,
+    /// What the motors got, each time that it changed.
+    pub(crate) outputs: Vec<Output>,
+    /// Motor commands that were obeyed.
+    pub(crate) obeyed: usize,
+    watchdog_is_on: bool,
+    heard: Monotonic,
+    returns_in_a_row: u8,
+    line: Vec<u8>,
+}
+
+/// What is wrong with it, or its cable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Trouble {
+    None,
+    /// The wire to it is cut.
+    Deaf,
+    /// The wire from it is cut.
+    Mute,
+    /// It takes the one for the other, and echoes so.
+    Mishears(u8, u8),
+    /// Motor commands, all of them.
+    Refuses,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Output {
+    pub(crate) at: Monotonic,
+    /// By channel, −127 … 127.
+    pub(crate) motors: [i8; 2],
+}
+
+impl Output {
+    pub(crate) fn is_zero(&self) -> bool {
+        self.motors == [0, 0]
+    }
+}
+
+impl Emulator {
+    /// Configured as it should be: RS-232 with watchdog, separate speeds.
+    pub(crate) fn new(now: Monotonic) -> Self {
+        Self {
+            is_in_rc_mode: false,
+            input_mode: 2,
+            motor_mode: 0,
+            status: 0,
+            battery: 0x78,
+            encoders: None,
+            watchdog_after: Duration::from_secs(1),
+            trouble: Trouble::None,
+            outputs: vec![Output {
+                at: now,
+                motors: [0, 0],
+            }],
+            obeyed: 0,
+            watchdog_is_on: true,
+            heard: now,
+            returns_in_a_row: 0,
+            line: Vec::new(),
+        }
+    }
+
+    /// As by its button: motors off, the modes by its parameters.
+    pub(crate) fn reset(&mut self, now: Monotonic) -> Vec<u8> {
+        self.is_in_rc_mode = matches!(self.input_mode, 0 | 3);
+        self.watchdog_is_on = self.input_mode == 2;
+        self.line.clear();
+        self.output([0, 0], now);
+        if self.is_in_rc_mode {
+            Vec::new()
+        } else {
+            b"OK\r".to_vec()
+        }
+    }
+
+    pub(crate) fn motors(&self) -> [i8; 2] {
+        self.outputs.last().unwrap().motors
+    }
+
+    /// What it says to these bytes.
+    pub(crate) fn hear(&mut self, bytes: &[u8], now: Monotonic) -> Vec<u8> {
+        let mut says = self.pass_time(now);
+        if self.trouble == Trouble::Deaf {
+            return says;
+        }
+        for &byte in bytes {
+            self.heard = now;
+            let byte = match self.trouble {
+                Trouble::Mishears(this, that) if byte == this => that,
+                Trouble::None
+                | Trouble::Deaf
+                | Trouble::Mute
+                | Trouble::Mishears(..)
+                | Trouble::Refuses => byte,
+            };
+            if self.is_in_rc_mode {
+                self.hear_in_rc_mode(byte, &mut says);
+                continue;
+            }
+            says.push(byte);
+            if byte == b'\r' {
+                let line = std::mem::take(&mut self.line);
+                says.extend(self.obey(&line, now));
+            } else {
+                self.line.push(byte);
+            }
+        }
+        if self.trouble == Trouble::Mute {
+            Vec::new()
+        } else {
+            says
+        }
+    }
+
+    /// What it says by itself.
+    pub(crate) fn pass_time(&mut self, now: Monotonic) -> Vec<u8> {
+        let is_watching = self.watchdog_is_on && !self.is_in_rc_mode;
+        if !is_watching || now.since(self.heard) < self.watchdog_after {
+            return Vec::new();
+        }
+        self.heard = now;
+        self.output([0, 0], now);
+        if self.trouble == Trouble::Mute {
+            Vec::new()
+        } else {
+            vec![b'W']
+        }
+    }
+
+    fn hear_in_rc_mode(&mut self, byte: u8, says: &mut Vec<u8>) {
+        self.returns_in_a_row = if byte == b'\r' {
+            self.returns_in_a_row + 1
+        } else {
+            0
+        };
+        if self.returns_in_a_row == 10 {
+            self.returns_in_a_row = 0;
+            self.is_in_rc_mode = false;
+            self.watchdog_is_on = true;
+            says.extend(b"OK\r");
+        }
+    }
+
+    fn obey(&mut self, line: &[u8], now: Monotonic) -> Vec<u8> {
+        let value = |value: u8| format!("{value:02X}\r").into_bytes();
+        let values = |of: [u8; 2]| [value(of[0]), value(of[1])].concat();
+        match line {
+            [] => Vec::new(),
+            [b'!', letter @ (b'A' | b'a' | b'B' | b'b'), high, low]
+                if self.trouble != Trouble::Refuses =>
+            {
+                let Some(magnitude) = byte_of(*high, *low).filter(|&magnitude| magnitude <= 127)
+                else {
+                    return b"-\r".to_vec();
+                };
+                let steps = i8::try_from(magnitude).unwrap();
+                let steps = if letter.is_ascii_lowercase() {
+                    -steps
+                } else {
+                    steps
+                };
+                let mut motors = self.motors();
+                motors[usize::from(letter.eq_ignore_ascii_case(&b'b'))] = steps;
+                self.obeyed += 1;
+                self.output(motors, now);
+                b"+\r".to_vec()
+            }
+            b"^00" => value(self.input_mode),
+            b"^01" => value(self.motor_mode),
+            b"^89" => value(self.status),
+            b"?E" | b"?e" => values([self.battery, 0x6B]),
+            b"?Z" | b"?z" => match self.encoders {
+                Some(speeds) => values(speeds.map(i8::cast_unsigned)),
+                None => b"-\r".to_vec(),
+            },
+            _ => b"-\r".to_vec(),
+        }
+    }
+
+    fn output(&mut self, motors: [i8; 2], now: Monotonic) {
+        if self.motors() != motors {
+            self.outputs.push(Output { at: now, motors });
+        }
+    }
+}
+
+fn byte_of(high: u8, low: u8) -> Option<u8> {
+    let digits = [high, low];
+    let text = std::str::from_utf8(&digits).ok()?;
+    u8::from_str_radix(text, 16).ok()
+}

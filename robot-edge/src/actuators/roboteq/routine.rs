@@ -1,0 +1,183 @@
+//! What is said to a controller that is ready, and in which order.
+
+use std::time::Duration;
+
+use super::wire::Power;
+use crate::clock::Monotonic;
+
+/// Speeds that have not changed are repeated after this: a command that got lost, or a controller that was reset, must
+/// not last.
+const REPEAT: Duration = Duration::from_millis(50);
+
+/// Least time between two pairs of motor commands: a quick line must not be flooded.
+const LEAST_PAUSE: Duration = Duration::from_millis(10);
+
+const STATUS_EVERY: Duration = Duration::from_millis(200);
+const VOLTAGES_EVERY: Duration = Duration::from_secs(1);
+const ENCODERS_EVERY: Duration = Duration::from_millis(100);
+
+/// The next thing to say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Task {
+    RunOne,
+    RunTwo,
+    Status,
+    Voltages,
+    Encoders,
+}
+
+/// Motor commands in pairs, and at most one question between two pairs.
+#[derive(Clone, Debug)]
+pub(super) struct Routine {
+    /// The first of a pair was said.
+    is_half: bool,
+    /// A question may come before the next pair.
+    may_ask: bool,
+    pair_at: Monotonic,
+    must_repeat: bool,
+    questions: [Question; 3],
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Question {
+    task: Task,
+    every: Duration,
+    /// Absent where it is never asked.
+    due: Option<Monotonic>,
+}
+
+impl Routine {
+    pub(super) fn new(has_encoders: bool, now: Monotonic) -> Self {
+        let question = |task, every, is_asked: bool| Question {
+            task,
+            every,
+            due: is_asked.then_some(now),
+        };
+        Self {
+            is_half: false,
+            may_ask: false,
+            pair_at: now,
+            must_repeat: true,
+            questions: [
+                question(Task::Status, STATUS_EVERY, true),
+                question(Task::Encoders, ENCODERS_EVERY, has_encoders),
+                question(Task::Voltages, VOLTAGES_EVERY, true),
+            ],
+        }
+    }
+
+    /// The next thing to say, if it is time for any.
+    pub(super) fn next(
+        &mut self,
+        wanted: [Power; 2],
+        acknowledged: [Option<Power>; 2],
+        now: Monotonic,
+    ) -> Option<Task> {
+        if self.is_half {
+            self.is_half = false;
+            self.may_ask = true;
+            return Some(Task::RunTwo);
+        }
+        let is_told = acknowledged == wanted.map(Some);
+        let is_stop = wanted == [Power::ZERO; 2];
+        // No question delays a stop.
+        if self.may_ask && (is_told || !is_stop) {
+            let due = |question: &&mut Question| question.due.is_some_and(|due| now >= due);
+            if let Some(question) = self.questions.iter_mut().find(due) {
+                question.due = Some(now + question.every);
+                self.may_ask = false;
+                return Some(question.task);
+            }
+        }
+        let pause = if is_told && !self.must_repeat {
+            REPEAT
+        } else {
+            LEAST_PAUSE
+        };
+        if now < self.pair_at + pause {
+            return None;
+        }
+        self.pair_at = now;
+        self.must_repeat = false;
+        self.is_half = true;
+        Some(Task::RunOne)
+    }
+
+    /// What was said last went wrong: both motors are told anew.
+    pub(super) fn repeat(&mut self, now: Monotonic) {
+        self.is_half = false;
+        self.must_repeat = true;
+        self.pair_at = now;
+    }
+
+    /// When there is something to say at the latest, or it must be asked whether there is.
+    pub(super) fn deadline(&self) -> Monotonic {
+        if self.is_half {
+            return self.pair_at;
+        }
+        self.pair_at + LEAST_PAUSE
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STOP: [Power; 2] = [Power::ZERO; 2];
+
+    fn at(ms: u64) -> Monotonic {
+        Monotonic::from_nanos(1_000_000_000 + ms * 1_000_000)
+    }
+
+    fn ahead() -> [Power; 2] {
+        [Power::of_fraction(0.5); 2]
+    }
+
+    /// With every question due, and a pair just said.
+    fn busy() -> Routine {
+        let mut routine = Routine::new(true, at(0));
+        let said = [10, 11].map(|ms| routine.next(ahead(), [None; 2], at(ms)));
+        assert_eq!(said, [Some(Task::RunOne), Some(Task::RunTwo)]);
+        routine
+    }
+
+    #[test]
+    fn one_question_comes_between_two_pairs() {
+        let mut routine = busy();
+        let told = ahead().map(Some);
+        let mut said = Vec::new();
+        for ms in 12..250 {
+            said.extend(routine.next(ahead(), told, at(ms)));
+        }
+        let questions = said
+            .iter()
+            .filter(|task| !matches!(task, Task::RunOne | Task::RunTwo));
+        assert_eq!(said[0], Task::Status);
+        assert_eq!(said[1..3], [Task::RunOne, Task::RunTwo]);
+        assert_eq!(said[3], Task::Encoders);
+        assert!(questions.count() >= 4, "{said:?}");
+    }
+
+    #[test]
+    fn no_question_delays_a_stop() {
+        let told = ahead().map(Some);
+        let mut routine = busy();
+        assert_eq!(
+            routine.next(STOP, told, at(19)),
+            None,
+            "a pair was said just now"
+        );
+        assert_eq!(routine.next(STOP, told, at(20)), Some(Task::RunOne));
+        assert_eq!(routine.next(STOP, told, at(21)), Some(Task::RunTwo));
+        let mut routine = busy();
+        assert_eq!(routine.next(ahead(), [None; 2], at(20)), Some(Task::Status));
+    }
+
+    #[test]
+    fn a_standing_vehicle_is_told_so_again_and_again() {
+        let mut routine = busy();
+        let pairs = (12..1012)
+            .filter(|&ms| routine.next(STOP, STOP.map(Some), at(ms)) == Some(Task::RunOne));
+        assert!((19..=21).contains(&pairs.count()));
+    }
+}
