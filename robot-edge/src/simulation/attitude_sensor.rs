@@ -65,6 +65,11 @@ impl AttitudeSensor {
         }
     }
 
+    /// Time from a reading to the next, seconds.
+    pub fn period_s(&self) -> f64 {
+        1.0 / self.rate_hz
+    }
+
     /// What it reads at `time_s`: the true attitude in the world with noise on roll, pitch and yaw, and turn
     /// rate and specific force without.
     ///
@@ -77,7 +82,7 @@ impl AttitudeSensor {
         noise_rad: f64,
         noise: &mut AttitudeNoise,
     ) -> ImuSample {
-        let period_s = 1.0 / self.rate_hz;
+        let period_s = self.period_s();
         let [before, now, after] =
             [-period_s, 0.0, period_s].map(|offset_s| motion.world_from_base(time_s + offset_s));
         let turned = before.rotation.inverse() * after.rotation;

@@ -1,48 +1,47 @@
-//! The true motion of a vehicle: its path in the plane, and the ground or the water that carries it.
+//! The true motion of a vehicle: its path in the plane, or how it is driven, and the ground or the water that
+//! carries it.
 
+mod driven;
 mod posture_track;
+mod support;
 
-use std::cell::RefCell;
 use std::sync::Arc;
 
+pub use driven::{Collisions, Helm};
+
 use crate::pose::Pose;
+use crate::simulation::bumper::Bumper;
 use crate::simulation::chassis::Chassis;
+use crate::simulation::dynamics::Drive;
 use crate::simulation::hull::Hull;
-use crate::simulation::motion::posture_track::PostureTrack;
+use crate::simulation::motion::driven::Driven;
+use crate::simulation::motion::support::Support;
 use crate::simulation::path::Path;
 use crate::simulation::scene::Scene;
 use crate::simulation::vehicle::Carriage;
+use crate::simulation::velocity::PlanarVelocity;
 use crate::simulation::waves::Waves;
 use crate::simulation::world::World;
 
 /// Where a world's vehicle truly is at any time.
 ///
-/// Position and yaw are the path's, exactly. Height, pitch and roll of a vehicle on wheels follow from the
-/// ground every [`POSTURE_STEP_S`] and are interpolated between: exact on planes, and where a wheel meets a
-/// kerb of 4 cm at 0.5 m/s within 0.4 mm and 0.08° during that one step. Those of a boat follow from the waves
-/// at that very time. A vehicle without either stays level at z = 0.
+/// Position and yaw are the path's, exactly, until somebody takes the helm; from then on they are what the drive
+/// makes of what it is told, every [`POSTURE_STEP_S`], and are interpolated between. Height, pitch and roll of a
+/// vehicle on wheels follow from the ground every [`POSTURE_STEP_S`] and are interpolated between: exact on
+/// planes, and where a wheel meets a kerb of 4 cm at 0.5 m/s within 0.4 mm and 0.08° during that one step. Those
+/// of a boat follow from the waves at that very time. A vehicle without either stays level at z = 0.
 ///
-/// Poses are computed as they are asked for, and those of the last seconds are kept. The first look at a
-/// late time takes as long as driving there.
+/// On the path, poses are computed as they are asked for, and those of the last seconds are kept. The first look
+/// at a late time takes as long as driving there. Off the path [`Motion::advance_to`] computes them.
 #[derive(Clone)]
 pub struct Motion {
     path: Arc<Path>,
     support: Support,
+    driven: Option<Driven>,
 }
 
-/// What holds the vehicle up.
-#[derive(Clone)]
-enum Support {
-    Level,
-    Ground(RefCell<PostureTrack>),
-    Water {
-        hull: Hull,
-        waves: Arc<Waves>,
-        water_level_m: f64,
-    },
-}
-
-/// Time between the instants at which the ground under the wheels is looked at, seconds.
+/// Time between the instants at which the ground under the wheels is looked at and at which a vehicle does what
+/// it is told, seconds.
 pub const POSTURE_STEP_S: f64 = 0.005;
 
 impl Motion {
@@ -65,11 +64,12 @@ impl Motion {
 
     /// The motion along `path`, over what is in `scene` where there is a chassis.
     pub fn along(path: Arc<Path>, scene: Arc<Scene>, chassis: Option<Chassis>) -> Self {
-        let track = |chassis| PostureTrack::new(chassis, scene, Arc::clone(&path));
-        let ground = |chassis| Support::Ground(RefCell::new(track(chassis)));
         Self {
-            support: chassis.map_or(Support::Level, ground),
+            support: chassis.map_or(Support::Level, |chassis| {
+                Support::on_ground(chassis, scene, Arc::clone(&path))
+            }),
             path,
+            driven: None,
         }
     }
 
@@ -82,29 +82,72 @@ impl Motion {
                 waves,
                 water_level_m,
             },
+            driven: None,
         }
     }
 
-    /// Where the vehicle drives in the plane.
+    /// Where the vehicle drives in the plane while nobody drives it.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The vehicle's pose; before the beginning of the path that at its start, after the end that at its end,
-    /// where waves go on.
+    /// The vehicle's pose.
+    ///
+    /// On the path: before its beginning that at its start, after its end that at its end, where waves go on. Off
+    /// the path: of the last [`Helm::KEPT_S`] up to [`Motion::advance_to`], before and after the nearest of them.
     pub fn world_from_base(&self, time_s: f64) -> Pose {
-        let posture = match &self.support {
-            Support::Level => return self.path.world_from_base(time_s),
-            Support::Ground(postures) => postures.borrow_mut().posture(time_s),
-            Support::Water {
-                hull,
-                waves,
-                water_level_m,
-            } => hull.afloat(self.path.planar_pose(time_s), waves, *water_level_m, time_s),
-        };
-        posture.world_from_base(self.path.planar_pose(time_s))
+        match &self.driven {
+            Some(driven) if driven.has_begun(time_s) => {
+                let at = driven.planar_pose(time_s);
+                self.support.pose(at, time_s, |_| driven.posture(time_s))
+            }
+            Some(_) | None => {
+                let at = self.path.planar_pose(time_s);
+                self.support
+                    .pose(at, time_s, |track| track.borrow_mut().posture(time_s))
+            }
+        }
+    }
+
+    /// How fast it goes in the plane, for the same times. The path's speeds change at once.
+    pub fn velocity(&self, time_s: f64) -> PlanarVelocity {
+        match &self.driven {
+            Some(driven) if driven.has_begun(time_s) => driven.velocity(time_s),
+            Some(_) | None => self.path.velocity(time_s),
+        }
+    }
+
+    /// Leaves the path at step number `step`, at the pose and the velocity that it has there, for good; does
+    /// nothing where it has left it already.
+    pub fn take_over(&mut self, step: i64, drive: Drive, bumper: Bumper) {
+        if self.driven.is_none() {
+            let time_s = step as f64 * POSTURE_STEP_S;
+            let at = self.path.planar_pose(time_s);
+            let posture = self.support.posture_on_path(time_s);
+            let helm = Helm::new(drive, bumper, self.path.velocity(time_s));
+            self.driven = Some(Driven::new(step, at, posture, helm));
+        }
+    }
+
+    /// Drives on to step number `step`; on the path and backwards there is nothing to do.
+    pub fn advance_to(&mut self, step: i64) {
+        if let Some(driven) = &mut self.driven {
+            driven.advance_to(step, &self.support);
+        }
+    }
+
+    /// Who drives the vehicle; `None` on the path.
+    pub fn helm(&self) -> Option<&Helm> {
+        self.driven.as_ref().map(Driven::helm)
+    }
+
+    /// The same, to tell it something.
+    pub fn helm_mut(&mut self) -> Option<&mut Helm> {
+        self.driven.as_mut().map(Driven::helm_mut)
     }
 }
 
+#[cfg(test)]
+mod driven_tests;
 #[cfg(test)]
 mod tests;

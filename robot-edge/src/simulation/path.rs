@@ -1,20 +1,15 @@
 //! The path of a simulated vehicle: its exact pose at any time.
 
 mod corner;
+mod planar_pose;
 
 use nalgebra::{Point2, Vector2};
 
-use crate::pose::{self, Pose};
-use crate::simulation::path::corner::{Corner, shortest_turn_rad};
+pub use planar_pose::PlanarPose;
 
-/// A pose in the plane.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PlanarPose {
-    /// Metres, in the world.
-    pub position_m: Point2<f64>,
-    /// Radians, counter-clockwise from x.
-    pub yaw_rad: f64,
-}
+use crate::pose::Pose;
+use crate::simulation::path::corner::{Corner, shortest_turn_rad};
+use crate::simulation::velocity::PlanarVelocity;
 
 /// A point to drive to, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -189,20 +184,36 @@ impl Path {
     /// Where `base_link` is at `time_s`, on the ground; before the beginning the start, after the end the
     /// end.
     pub fn world_from_base(&self, time_s: f64) -> Pose {
-        let at = self.planar_pose(time_s);
-        pose::planar(at.position_m.x, at.position_m.y, at.yaw_rad)
+        self.planar_pose(time_s).level()
     }
 
     /// The same as [`Path::world_from_base`], in the plane; yaw may be beyond ±π.
     pub fn planar_pose(&self, time_s: f64) -> PlanarPose {
-        if time_s >= self.duration_s {
-            return self.end;
-        }
-        let begun = self.legs.partition_point(|leg| leg.start_s <= time_s);
-        match self.legs.get(begun.saturating_sub(1)) {
+        match self.leg(time_s) {
             Some(leg) => leg.after(time_s.max(0.0) - leg.start_s),
             None => self.end,
         }
+    }
+
+    /// How fast it drives at `time_s`; not at all before the beginning and from the end on.
+    pub fn velocity(&self, time_s: f64) -> PlanarVelocity {
+        match self.leg(time_s) {
+            Some(leg) if time_s >= 0.0 => PlanarVelocity {
+                forward_mps: leg.speed_mps,
+                left_mps: 0.0,
+                turn_rate_radps: leg.turn_rate_radps,
+            },
+            Some(_) | None => PlanarVelocity::default(),
+        }
+    }
+
+    /// The leg that it drives at `time_s`, before the beginning the first; `None` from the end on.
+    fn leg(&self, time_s: f64) -> Option<&Leg> {
+        if time_s >= self.duration_s {
+            return None;
+        }
+        let begun = self.legs.partition_point(|leg| leg.start_s <= time_s);
+        self.legs.get(begun.saturating_sub(1))
     }
 
     fn turn_on_the_spot(&mut self, heading_rad: f64, rate_radps: f64) {

@@ -12,6 +12,7 @@ use parry3d_f64::shape::Cuboid;
 
 pub use beam::Echo;
 
+use crate::pose::Pose;
 use crate::simulation::scene::body::Body;
 use crate::simulation::solid::{Reflectivity, Solid};
 use crate::simulation::vegetation::Vegetation;
@@ -160,9 +161,32 @@ impl Scene {
         let bounds = Aabb::new(parry_vector(min_m.coords), parry_vector(max_m.coords));
         let cuboid = Cuboid::new(bounds.half_extents());
         let world_from_box = ParryPose::from_translation(bounds.center());
-        let touches = |body: &Body| body.touches(&cuboid, &world_from_box, time_s);
+        self.touches(&cuboid, &world_from_box, &bounds, time_s)
+    }
+
+    /// The same for a box of edge lengths `size_m` about the origin of its own frame.
+    pub fn touches_placed_box(
+        &self,
+        size_m: Vector3<f64>,
+        world_from_box: &Pose,
+        time_s: f64,
+    ) -> bool {
+        let cuboid = Cuboid::new(parry_vector(0.5 * size_m));
+        let world_from_box = body::parry_pose(world_from_box);
+        let bounds = cuboid.aabb(&world_from_box);
+        self.touches(&cuboid, &world_from_box, &bounds, time_s)
+    }
+
+    fn touches(
+        &self,
+        cuboid: &Cuboid,
+        world_from_box: &ParryPose,
+        bounds: &Aabb,
+        time_s: f64,
+    ) -> bool {
+        let touches = |body: &Body| body.touches(cuboid, world_from_box, time_s);
         self.hierarchy
-            .intersect_aabb(&bounds)
+            .intersect_aabb(bounds)
             .filter_map(|leaf| self.leaf(leaf))
             .any(touches)
             || self

@@ -1,5 +1,6 @@
 //! A simulated run as a source of measurements.
 
+mod driving;
 mod options;
 mod run;
 mod sensor;
@@ -17,6 +18,7 @@ use crate::simulation::source::sensor::Sensor;
 use crate::simulation::source::ticks::Ticks;
 use crate::simulation::world::World;
 
+pub use driving::{DriveError, FARTHEST_AHEAD_S};
 pub use options::{OptionError, SimulationOptions};
 pub use sensor::WHEEL_JOINTS;
 
@@ -24,7 +26,7 @@ pub use sensor::WHEEL_JOINTS;
 /// there is no stamp.
 pub const START: RobotTime = RobotTime::from_nanos(946_684_800_000_000_000);
 
-/// Drives a world's path and yields what the vehicle's sensors say, in the order of stamps.
+/// Drives a world's path, or as it is told, and yields what the vehicle's sensors say, in the order of stamps.
 ///
 /// `/tf_static` comes once, `/tf` and `/odom` say the same true pose at the odometry's rate, `/scan` and the
 /// scans of further range sensors come at theirs. `/joint_states` says how far the left and the right wheels
@@ -35,12 +37,21 @@ pub const START: RobotTime = RobotTime::from_nanos(946_684_800_000_000_000);
 /// Of equal stamps poses come first, then wheels, tilts, attitude, fixes and scans. A scan's stamp is that of
 /// beam 0, so the poses of its later beams follow it. The last scan is one whose last beam still has a pose
 /// after it.
+///
+/// Nobody drives the vehicle until [`SimulatedSource::drive`] tells it to go, or [`SimulatedSource::take_over`].
+/// It then leaves the path for good, and the run goes on until [`SimulationOptions::duration_s`], or without end.
 pub struct SimulatedSource {
     run: Run,
     streams: Vec<Stream>,
     /// In the order in which equal stamps come.
     timetable: Vec<(Ticks, Sensor)>,
+    /// The end that the options give, seconds.
+    longest_s: f64,
     last_pose_s: f64,
+    /// The last stamp that came, since [`START`].
+    now_nanos: i64,
+    /// The first step that no measurement has looked at.
+    frontier: i64,
     /// At most the measurements of one instant.
     ready: VecDeque<Measurement>,
 }
@@ -49,8 +60,8 @@ impl SimulatedSource {
     /// A run from the beginning of the world's path.
     pub fn new(world: &World, options: SimulationOptions) -> Result<Self, OptionError> {
         let run = Run::new(world, Errors::new(world, options)?);
-        let duration_s = options.duration_s.unwrap_or(f64::INFINITY);
-        let run_s = duration_s.min(world.path().duration_s());
+        let longest_s = options.duration_s.unwrap_or(f64::INFINITY);
+        let run_s = longest_s.min(world.path().duration_s());
         let last_pose_s = Ticks::until(run_s, run.vehicle.odometry_rate_hz).last_s();
         let (sensors, streams) = Sensor::all(&run, options.seed);
         let timetable = sensors
@@ -59,7 +70,10 @@ impl SimulatedSource {
         Ok(Self {
             timetable: timetable.collect(),
             streams,
+            longest_s,
             last_pose_s,
+            now_nanos: 0,
+            frontier: 0,
             ready: run.mounts(START).into(),
             run,
         })
@@ -70,7 +84,7 @@ impl SimulatedSource {
         &self.streams
     }
 
-    /// Time from the first stamp to the last pose, seconds.
+    /// Time from the first stamp to the last pose, seconds; infinite where nothing ends the run.
     pub fn duration_s(&self) -> f64 {
         self.last_pose_s
     }
@@ -80,23 +94,34 @@ impl SimulatedSource {
         &self.run.motion
     }
 
-    /// The next measurement; `None` at the end of the path or of the duration.
+    /// The next measurement; `None` at the end of the path or of the duration. After the end of the path there
+    /// are more where somebody takes over.
     pub fn next_measurement(&mut self) -> Option<Measurement> {
         if self.ready.is_empty() {
-            let due = self
-                .timetable
-                .iter_mut()
-                .filter_map(|(ticks, sensor)| Some((ticks.next_nanos()?, ticks, sensor)));
-            // Of equal instants the first in the timetable.
-            let (nanos, ticks, sensor) = due.min_by_key(|(nanos, ..)| *nanos)?;
+            let (nanos, place) = self.next_reading()?;
+            let (ticks, sensor) = self.timetable.get_mut(place)?;
             ticks.advance();
+            self.now_nanos = nanos;
+            self.frontier = self.frontier.max(driving::looked_at(nanos, sensor));
+            self.run.motion.advance_to(self.frontier);
             let stamp = START + RobotDuration::from_nanos(nanos);
             self.ready.extend(sensor.read(&self.run, stamp));
         }
         self.ready.pop_front()
     }
+
+    /// When something is read next, in nanoseconds since [`START`], and its place in the timetable.
+    fn next_reading(&self) -> Option<(i64, usize)> {
+        let places = self.timetable.iter().enumerate();
+        // Of equal instants the first in the timetable.
+        places
+            .filter_map(|(place, (ticks, _))| Some((ticks.next_nanos()?, place)))
+            .min_by_key(|(nanos, _)| *nanos)
+    }
 }
 
+#[cfg(test)]
+mod driving_tests;
 #[cfg(test)]
 mod holos_tests;
 #[cfg(test)]
@@ -105,3 +130,5 @@ mod introbot_tests;
 mod riverwatch_tests;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod undriven_tests;

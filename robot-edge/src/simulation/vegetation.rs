@@ -15,6 +15,7 @@ use std::ops::Range;
 
 use nalgebra::{Point3, Vector3};
 
+use crate::pose::Pose;
 use crate::simulation::vegetation::bins::Bins;
 use crate::simulation::vegetation::stem::{Spot, Stem};
 use crate::simulation::vegetation::wind::Wind;
@@ -122,6 +123,21 @@ impl Vegetation {
         self.in_box(min_m, max_m)
             .filter_map(|(stem, _)| self.rigidity(stem))
             .max()
+    }
+
+    /// Whether something rigid is in a box of edge lengths `size_m` about the origin of its own frame.
+    pub fn has_rigid_in(&self, size_m: Vector3<f64>, world_from_box: &Pose) -> bool {
+        let half_m = 0.5 * size_m;
+        let turned = world_from_box.rotation.to_rotation_matrix();
+        let reach_m = (turned.matrix().abs() * half_m).xy();
+        let centre_m = Point3::from(world_from_box.translation.vector).xy();
+        let corners = [-half_m, half_m].map(Point3::from);
+        let box_from_world = world_from_box.inverse();
+        self.bins
+            .around([centre_m - reach_m, centre_m + reach_m])
+            .filter(|&stem| self.rigidity(stem as usize) == Some(Rigidity::Rigid))
+            .filter_map(|stem| self.stems.get(stem as usize))
+            .any(|stem| stem.is_in(&box_from_world, corners))
     }
 
     /// Greatest height that something of that rigidity reaches in a box while there is no wind; `None`

@@ -4,7 +4,9 @@ mod boat;
 mod land;
 
 use crate::simulation::attitude_sensor::AttitudeSensor;
+use crate::simulation::bumper::Body;
 use crate::simulation::chassis::Chassis;
+use crate::simulation::dynamics::Drive;
 use crate::simulation::gps::GpsReceiver;
 use crate::simulation::hull::Hull;
 use crate::simulation::range_sensor::RangeSensor;
@@ -22,6 +24,10 @@ pub struct SimulatedVehicle {
     pub odometry_rate_hz: f64,
     /// What it moves on.
     pub carriage: Carriage,
+    /// What moves it where somebody drives it.
+    pub drive: Drive,
+    /// What it cannot drive through walls with.
+    pub body: Body,
     /// Its AHRS, at `base_link` and with its axes.
     pub attitude_sensor: Option<AttitudeSensor>,
     /// Its satellite receiver.
@@ -79,6 +85,8 @@ const LASER_TILT_JOINT: &str = "laser_tilt_joint";
 
 #[cfg(test)]
 mod tests {
+    #![expect(clippy::float_cmp, reason = "these values are exact")]
+
     use super::*;
 
     #[test]
@@ -102,6 +110,28 @@ mod tests {
             names.sort_unstable();
             names.dedup();
             assert_eq!(names.len(), all, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_vehicle_is_as_large_and_as_fast_as_its_preset_says() {
+        for name in SimulatedVehicle::NAMES {
+            let preset = crate::config::load(name, &[]).unwrap().vehicle;
+            let SimulatedVehicle { body, drive, .. } = SimulatedVehicle::preset(name).unwrap();
+            let [speed_mps, turn_rate_radps] = match drive {
+                Drive::Wheels(wheels) => [wheels.linear.max_speed, wheels.angular.max_speed],
+                Drive::Thrusters(boat) => [boat.max_speed_mps, boat.max_turn_rate_radps],
+            };
+            assert_eq!(
+                [body.length_m, body.width_m, speed_mps, turn_rate_radps],
+                [
+                    preset.length_m,
+                    preset.width_m,
+                    preset.max_speed_mps,
+                    preset.max_turn_rate_radps
+                ],
+                "{name}"
+            );
         }
     }
 

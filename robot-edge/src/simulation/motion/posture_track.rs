@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::POSTURE_STEP_S;
 use crate::simulation::chassis::{Chassis, Posture};
-use crate::simulation::path::Path;
+use crate::simulation::path::{Path, PlanarPose};
 use crate::simulation::scene::Scene;
 
 /// Postures at the multiples of [`POSTURE_STEP_S`].
@@ -112,7 +112,11 @@ impl PostureTrack {
 
     fn settled(&self, step: usize, last: Posture) -> Posture {
         let time_s = step as f64 * POSTURE_STEP_S;
-        let at = self.path.planar_pose(time_s);
+        self.settle(self.path.planar_pose(time_s), last, time_s)
+    }
+
+    /// How the vehicle stands at `at`, on its path or off it, where it stood as `last` shortly before.
+    pub(super) fn settle(&self, at: PlanarPose, last: Posture, time_s: f64) -> Posture {
         let ground_below = |point| ground_below(&self.scene, point, time_s);
         self.chassis.settle(at, last, &ground_below)
     }

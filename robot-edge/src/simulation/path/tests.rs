@@ -112,3 +112,37 @@ fn corners_that_do_not_fit_are_refused() {
         "{tight}"
     );
 }
+
+#[test]
+fn its_velocity_is_that_of_its_legs() {
+    let path = from_origin(&[to(2.0, 0.0, 1.0), to(2.0, -2.0, 0.0)]).unwrap();
+    let velocity = |time_s| {
+        let velocity = path.velocity(time_s);
+        [
+            velocity.forward_mps,
+            velocity.left_mps,
+            velocity.turn_rate_radps,
+        ]
+    };
+    // 1 m, a quarter of a circle of 1 m to the right, 1 m.
+    assert_eq!(
+        velocity(1.0).map(f64::to_bits),
+        [0.5, 0.0, 0.0].map(f64::to_bits)
+    );
+    assert_eq!(
+        velocity(2.1).map(f64::to_bits),
+        [0.5, 0.0, -0.5].map(f64::to_bits)
+    );
+    assert_eq!(
+        velocity(2.0 + PI + 0.1).map(f64::to_bits),
+        [0.5, 0.0, 0.0].map(f64::to_bits)
+    );
+    assert_eq!(
+        velocity(-0.1).map(f64::to_bits),
+        [0.0_f64; 3].map(f64::to_bits)
+    );
+    assert_eq!(
+        velocity(path.duration_s()).map(f64::to_bits),
+        [0.0_f64; 3].map(f64::to_bits)
+    );
+}

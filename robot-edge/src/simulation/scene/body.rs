@@ -114,7 +114,7 @@ fn y_axis_up() -> Pose {
     )
 }
 
-fn parry_pose(pose: &Pose) -> ParryPose {
+pub(super) fn parry_pose(pose: &Pose) -> ParryPose {
     let q = pose.rotation.quaternion();
     ParryPose::from_parts(
         parry_vector(pose.translation.vector),

@@ -11,7 +11,8 @@ use crate::simulation::world::World;
 pub struct SimulationOptions {
     /// Chooses the noise.
     pub seed: u64,
-    /// Ends the run before the path does, seconds.
+    /// Ends the run before the path does, seconds; also the run of a vehicle that is driven, which else does not
+    /// end.
     pub duration_s: Option<f64>,
     /// Standard deviation of ranges in place of the world's, metres.
     pub range_noise_m: Option<f64>,

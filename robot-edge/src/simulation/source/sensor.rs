@@ -115,6 +115,15 @@ impl Sensor {
         }
     }
 
+    /// How far past its stamp a reading looks, seconds.
+    pub(super) fn looks_ahead_s(&self) -> f64 {
+        match self {
+            Self::Pose | Self::Wheels { .. } | Self::Tilt { .. } | Self::Position { .. } => 0.0,
+            Self::Attitude { sensor, .. } => sensor.period_s(),
+            Self::Range { sensor, .. } => sensor.planar.sweep_duration_s(),
+        }
+    }
+
     /// One reading; stamps never go back.
     pub(super) fn read(&mut self, run: &Run, stamp: RobotTime) -> Vec<Measurement> {
         let time_s = stamp.since(START).as_secs_f64();

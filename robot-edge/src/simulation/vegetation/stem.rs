@@ -4,6 +4,7 @@ use nalgebra::{Point2, Point3, Vector2, Vector3};
 
 use super::Cone;
 use super::wind::{Gust, Phases, Wind};
+use crate::pose::Pose;
 
 /// A straight round rod.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,22 +56,14 @@ impl Stem {
 
     /// The part of it, without wind, that is in a box grown by its radius: shares of its length.
     pub(super) fn part_in(&self, min_m: Point3<f64>, max_m: Point3<f64>) -> Option<[f64; 2]> {
-        let along = self.top_m - self.foot_m;
-        let mut part = [0.0_f64, 1.0_f64];
-        for axis in 0..3 {
-            let least = min_m[axis] - self.radius_m - self.foot_m[axis];
-            let most = max_m[axis] + self.radius_m - self.foot_m[axis];
-            if along[axis] == 0.0 {
-                if least > 0.0 || most < 0.0 {
-                    return None;
-                }
-                continue;
-            }
-            let ends = [least / along[axis], most / along[axis]];
-            part[0] = part[0].max(ends[0].min(ends[1]));
-            part[1] = part[1].min(ends[0].max(ends[1]));
-        }
-        (part[0] <= part[1]).then_some(part)
+        part_of([self.foot_m, self.top_m], self.radius_m, [min_m, max_m])
+    }
+
+    /// Whether a part of it, without wind, is in a box grown by its radius, whose least and greatest corners
+    /// are given in its own frame.
+    pub(super) fn is_in(&self, box_from_world: &Pose, corners_m: [Point3<f64>; 2]) -> bool {
+        let ends_m = [self.foot_m, self.top_m].map(|end| box_from_world * end);
+        part_of(ends_m, self.radius_m, corners_m).is_some()
     }
 
     /// The rectangle that it never leaves.
@@ -80,6 +73,30 @@ impl Stem {
         let (foot, top) = (self.foot_m.xy(), self.top_m.xy());
         [foot.inf(&top) - grown, foot.sup(&top) + grown]
     }
+}
+
+/// The part of a rod between `ends_m` that is in a box grown by its radius: shares of its length.
+fn part_of(
+    [from_m, to_m]: [Point3<f64>; 2],
+    radius_m: f64,
+    [min_m, max_m]: [Point3<f64>; 2],
+) -> Option<[f64; 2]> {
+    let along = to_m - from_m;
+    let mut part = [0.0_f64, 1.0_f64];
+    for axis in 0..3 {
+        let least = min_m[axis] - radius_m - from_m[axis];
+        let most = max_m[axis] + radius_m - from_m[axis];
+        if along[axis] == 0.0 {
+            if least > 0.0 || most < 0.0 {
+                return None;
+            }
+            continue;
+        }
+        let ends = [least / along[axis], most / along[axis]];
+        part[0] = part[0].max(ends[0].min(ends[1]));
+        part[1] = part[1].min(ends[0].max(ends[1]));
+    }
+    (part[0] <= part[1]).then_some(part)
 }
 
 impl Spot {
