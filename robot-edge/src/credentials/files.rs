@@ -1,0 +1,176 @@
+//! Files that are made once and never written over, secrets that only their owner reads.
+
+use std::fs::{self, OpenOptions};
+use std::io::{self, Read as _, Write as _};
+use std::path::{Path, PathBuf};
+
+use super::CredentialsError;
+
+/// Longest file that is read; certificates, keys and lists are far shorter.
+const MAX_BYTES: u64 = 1 << 20;
+
+/// Who may read a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Readers {
+    /// Everybody.
+    All,
+    /// Its owner.
+    Owner,
+}
+
+/// The text of a file.
+pub(super) fn read(path: &Path) -> Result<String, CredentialsError> {
+    let failed = |why| CredentialsError::Read {
+        path: path.to_owned(),
+        why,
+    };
+    let file = fs::File::open(path).map_err(failed)?;
+    let mut text = String::new();
+    let bytes = file.take(MAX_BYTES + 1).read_to_string(&mut text);
+    if bytes.map_err(failed)? as u64 > MAX_BYTES {
+        return Err(CredentialsError::content(
+            path,
+            format!("longer than {MAX_BYTES} bytes"),
+        ));
+    }
+    Ok(text)
+}
+
+/// The text of a file that only its owner may read.
+pub(super) fn read_secret(path: &Path) -> Result<String, CredentialsError> {
+    refuse_exposed(path)?;
+    read(path)
+}
+
+#[cfg(unix)]
+fn refuse_exposed(path: &Path) -> Result<(), CredentialsError> {
+    use std::os::unix::fs::PermissionsExt as _;
+    let metadata = fs::metadata(path).map_err(|why| CredentialsError::Read {
+        path: path.to_owned(),
+        why,
+    })?;
+    let mode = metadata.permissions().mode() & 0o777;
+    let others = mode & 0o077;
+    if others == 0 {
+        Ok(())
+    } else {
+        Err(CredentialsError::Exposed {
+            path: path.to_owned(),
+            mode,
+        })
+    }
+}
+
+#[cfg(not(unix))]
+fn refuse_exposed(_path: &Path) -> Result<(), CredentialsError> {
+    Ok(())
+}
+
+/// Makes a folder and those above it.
+pub(super) fn make_folder(path: &Path, readers: Readers) -> Result<(), CredentialsError> {
+    let mut builder = fs::DirBuilder::new();
+    builder.recursive(true);
+    restrict_folder(&mut builder, readers);
+    builder.create(path).map_err(|why| CredentialsError::Write {
+        path: path.to_owned(),
+        why,
+    })
+}
+
+#[cfg(unix)]
+fn restrict_folder(builder: &mut fs::DirBuilder, readers: Readers) {
+    use std::os::unix::fs::DirBuilderExt as _;
+    if readers == Readers::Owner {
+        builder.mode(0o700);
+    }
+}
+
+#[cfg(not(unix))]
+fn restrict_folder(_builder: &mut fs::DirBuilder, _readers: Readers) {}
+
+/// Writes a file that is not there yet. It appears with all of its text, or not at all.
+pub(super) fn create(path: &Path, text: &str, readers: Readers) -> Result<(), CredentialsError> {
+    let draft = write_draft(path, text, readers)?;
+    // Unlike a rename, a link does not replace what somebody else has made meanwhile.
+    let linked = fs::hard_link(&draft, path);
+    // The draft is a second name for the same file, or for nothing.
+    drop(fs::remove_file(&draft));
+    linked.map_err(|why| CredentialsError::Write {
+        path: path.to_owned(),
+        why,
+    })
+}
+
+/// Writes a file anew. Whoever reads it meanwhile reads all of the old text, or all of the new.
+pub(super) fn replace(path: &Path, text: &str, readers: Readers) -> Result<(), CredentialsError> {
+    let draft = write_draft(path, text, readers)?;
+    fs::rename(&draft, path).map_err(|why| CredentialsError::Write {
+        path: path.to_owned(),
+        why,
+    })
+}
+
+fn write_draft(path: &Path, text: &str, readers: Readers) -> Result<PathBuf, CredentialsError> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let draft = path.with_file_name(format!(".{name}.{}.new", std::process::id()));
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    restrict_file(&mut options, readers);
+    let write = || -> io::Result<()> {
+        // What a run left that was killed between two lines.
+        if let Err(why) = fs::remove_file(&draft)
+            && why.kind() != io::ErrorKind::NotFound
+        {
+            return Err(why);
+        }
+        let mut file = options.open(&draft)?;
+        file.write_all(text.as_bytes())?;
+        file.sync_all()
+    };
+    write().map_err(|why| CredentialsError::Write {
+        path: path.to_owned(),
+        why,
+    })?;
+    Ok(draft)
+}
+
+#[cfg(unix)]
+fn restrict_file(options: &mut OpenOptions, readers: Readers) {
+    use std::os::unix::fs::OpenOptionsExt as _;
+    options.mode(match readers {
+        Readers::All => 0o644,
+        Readers::Owner => 0o600,
+    });
+}
+
+#[cfg(not(unix))]
+fn restrict_file(_options: &mut OpenOptions, _readers: Readers) {}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::os::unix::fs::PermissionsExt as _;
+
+    use super::*;
+
+    #[test]
+    fn a_secret_is_its_owners_and_is_never_written_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("key.pem");
+        create(&path, "one", Readers::Owner).unwrap();
+        let mode = || fs::metadata(&path).unwrap().permissions().mode() & 0o777;
+        assert_eq!((read_secret(&path).unwrap(), mode()), ("one".into(), 0o600));
+        let error = create(&path, "two", Readers::Owner).unwrap_err();
+        assert!(error.to_string().contains("exists"), "{error}");
+        assert_eq!(read(&path).unwrap(), "one");
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o640)).unwrap();
+        let error = read_secret(&path).unwrap_err().to_string();
+        assert!(error.contains("640") && error.contains("chmod"), "{error}");
+        replace(&path, "three", Readers::Owner).unwrap();
+        assert_eq!(
+            (read_secret(&path).unwrap(), mode()),
+            ("three".into(), 0o600)
+        );
+        let left: Vec<_> = fs::read_dir(folder.path()).unwrap().collect();
+        assert_eq!(left.len(), 1, "no draft is left: {left:?}");
+    }
+}

@@ -1,0 +1,230 @@
+//! The list of those who may watch or drive one vehicle.
+//!
+//! It lies beside the vehicle's certificate, is edited by hand, and is read again while the vehicle runs: who is taken off
+//! it no longer drives.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use protocol::keys::OperatorId;
+use protocol::signed::PublicKey;
+use serde::Deserialize;
+
+use super::identity::role_name;
+use super::{CredentialsError, Identity, files};
+use crate::teleop::Role;
+
+/// Most people on a list.
+pub const MAX_LISTED: usize = 64;
+/// The version of the file's format. A file that was cut off before it is no empty list.
+const VERSION: u32 = 1;
+
+/// One person of a list.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Listed {
+    /// The name in the certificate and in the keys of what they send.
+    pub name: OperatorId,
+    /// What they may do.
+    pub role: Role,
+    /// What they sign with; observers have none.
+    pub key: Option<PublicKey>,
+}
+
+/// Those who may watch or drive one vehicle, each name once.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct OperatorList {
+    people: Vec<Listed>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    version: u32,
+    #[serde(default)]
+    person: Vec<Entry>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    name: OperatorId,
+    role: RoleWord,
+    key: Option<String>,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum RoleWord {
+    Observer,
+    Operator,
+    Supervisor,
+}
+
+impl From<RoleWord> for Role {
+    fn from(word: RoleWord) -> Self {
+        match word {
+            RoleWord::Observer => Self::Observer,
+            RoleWord::Operator => Self::Operator,
+            RoleWord::Supervisor => Self::Supervisor,
+        }
+    }
+}
+
+impl Listed {
+    /// Whose certificate is theirs.
+    pub fn identity(&self) -> Identity {
+        Identity::Person(self.name.clone(), self.role)
+    }
+
+    /// Their entry in a list.
+    pub(super) fn entry(&self) -> Result<String, CredentialsError> {
+        let role = role_name(self.role);
+        let key = match self.key.map(|key| key.to_pem()).transpose() {
+            Ok(Some(pem)) => format!("key = \"\"\"\n{pem}\"\"\"\n"),
+            Ok(None) => String::new(),
+            Err(why) => return Err(CredentialsError::Conflict(why.to_string())),
+        };
+        Ok(format!(
+            "\n[[person]]\nname = \"{}\"\nrole = \"{role}\"\n{key}",
+            self.name
+        ))
+    }
+}
+
+impl OperatorList {
+    /// The text of a list with nobody on it.
+    pub(super) fn empty_text(robot: &str) -> String {
+        format!(
+            "# Who may watch or drive {robot}. The vehicle reads this file again within a second: whoever is taken off it, or\n\
+             # is made an observer, drives no more. People are added by `robot-edge keys`, which makes their keys too.\n\
+             version = {VERSION}\n"
+        )
+    }
+
+    /// Reads a list.
+    ///
+    /// # Errors
+    /// Where it is no list of this version, or somebody is on it twice, or has no key, or a wrong one.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let file: File = toml::from_str(text).map_err(|why| {
+            let at = why.span().map_or(0, |span| span.start);
+            let line = text.bytes().take(at).filter(|byte| *byte == b'\n').count() + 1;
+            format!("line {line}: {}", why.message())
+        })?;
+        if file.version != VERSION {
+            return Err(format!(
+                "version {} of the list is not known to this program, which reads version {VERSION}",
+                file.version
+            ));
+        }
+        if file.person.len() > MAX_LISTED {
+            return Err(format!(
+                "{} people are more than the {MAX_LISTED} that a vehicle tells apart",
+                file.person.len()
+            ));
+        }
+        let mut names = BTreeSet::new();
+        let mut people = Vec::with_capacity(file.person.len());
+        for Entry { name, role, key } in file.person {
+            if !names.insert(name.clone()) {
+                return Err(format!("{name} is on the list twice"));
+            }
+            let role = Role::from(role);
+            let key = key.map(|pem| PublicKey::from_pem(&pem)).transpose();
+            let key = key.map_err(|why| format!("the key of {name}: {why}"))?;
+            if role.may_drive() && key.is_none() {
+                return Err(format!(
+                    "{name} has no key: what an {} sends is signed",
+                    role_name(role)
+                ));
+            }
+            people.push(Listed { name, role, key });
+        }
+        Ok(Self { people })
+    }
+
+    /// Reads the list in a file.
+    ///
+    /// # Errors
+    /// As [`Self::parse`], and where the file cannot be read.
+    pub fn read(path: &Path) -> Result<Self, CredentialsError> {
+        Self::parse(&files::read(path)?).map_err(|why| CredentialsError::content(path, why))
+    }
+
+    /// Everybody, in the order of the file.
+    pub fn people(&self) -> &[Listed] {
+        &self.people
+    }
+
+    /// Who goes by that name.
+    pub fn find(&self, name: &OperatorId) -> Option<&Listed> {
+        self.people.iter().find(|listed| listed.name == *name)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::signed::SecretKey;
+
+    use super::*;
+
+    fn listed(name: &str, role: Role, seed: Option<u8>) -> Listed {
+        Listed {
+            name: name.parse().unwrap(),
+            role,
+            key: seed.map(|seed| SecretKey::from_seed(&[seed; 32]).public()),
+        }
+    }
+
+    fn text(people: &[Listed]) -> String {
+        let entries = people.iter().map(|listed| listed.entry().unwrap());
+        OperatorList::empty_text("scout") + &entries.collect::<String>()
+    }
+
+    #[test]
+    fn what_was_written_is_read() {
+        let people = [
+            listed("anna", Role::Operator, Some(1)),
+            listed("sam", Role::Supervisor, Some(2)),
+            listed("tv", Role::Observer, None),
+        ];
+        let list = OperatorList::parse(&text(&people)).unwrap();
+        assert_eq!(list.people(), people);
+        assert_eq!(list.find(&"sam".parse().unwrap()), Some(&people[1]));
+        assert_eq!(list.find(&"mallory".parse().unwrap()), None);
+        assert_eq!(
+            OperatorList::parse(&text(&[])).unwrap(),
+            OperatorList::default()
+        );
+    }
+
+    #[test]
+    fn a_broken_list_is_refused_in_words() {
+        let anna = listed("anna", Role::Operator, Some(1));
+        let whole = text(std::slice::from_ref(&anna));
+        for (broken, says) in [
+            (String::new(), "version"),
+            ("version = 2".to_owned(), "version 2"),
+            (text(&[anna.clone(), anna]), "anna is on the list twice"),
+            (
+                text(&[listed("bert", Role::Operator, None)]),
+                "bert has no key",
+            ),
+            (whole.replace("operator\"", "captain\""), "captain"),
+            (whole.replace("\"anna\"", "\"an na\""), "letters"),
+            (whole.replace("PUBLIC", "PRIVATE"), "the key of anna"),
+            (whole[..whole.len() - 20].to_owned(), "line"),
+            (
+                text(
+                    &(0..65)
+                        .map(|n| listed(&format!("o{n}"), Role::Observer, None))
+                        .collect::<Vec<_>>(),
+                ),
+                "65 people",
+            ),
+        ] {
+            let error = OperatorList::parse(&broken).unwrap_err();
+            assert!(error.contains(says), "{says}: {error}");
+        }
+    }
+}
