@@ -1,0 +1,208 @@
+//! What the mapping thread tells the collision guard, and the loop's end of it.
+//!
+//! Each side has its own buffer and nobody waits: the loop sees the newest of what was handed over (triple buffers).
+
+use std::time::Duration;
+
+use nalgebra::{Point2, UnitQuaternion};
+use triple_buffer::{Input, Output, triple_buffer};
+
+use super::arrivals::Arrivals;
+use crate::clock::Monotonic;
+use crate::mapping::Mapper;
+use crate::mapping::ground_plane::GroundPlane;
+use crate::mapping::posed_scan::PosedScan;
+use crate::mapping::terrain::Terrain;
+use crate::pose::{self, Pose};
+use crate::robot_time::{RobotDuration, RobotTime};
+use crate::teleop::guard::{
+    CollisionGuard, Copying, GuardInput, GuardRules, GuardSweep, LocalMap, Odometry,
+};
+use crate::teleop::{GuardVerdict, Velocity};
+
+/// The map is copied this often, on the clock of the data.
+const MAP_PERIOD: Duration = Duration::from_millis(200);
+/// Time from sweep to sweep until two have come.
+const UNKNOWN_PERIOD: Duration = Duration::from_millis(100);
+
+/// The mapping thread's end.
+#[derive(Debug)]
+pub struct Lookout {
+    rules: GuardRules,
+    sensors: Vec<Sensor>,
+    map: Input<LocalMap>,
+    map_copied: Option<RobotTime>,
+    odometry: Input<Option<Odometry>>,
+    arrivals: Arrivals,
+}
+
+#[derive(Debug)]
+struct Sensor {
+    sweeps: Input<GuardSweep>,
+    last: Option<RobotTime>,
+    period: Option<Duration>,
+}
+
+/// The loop's end: the guard, and the newest of all that it was told.
+#[derive(Debug)]
+pub struct Sight {
+    guard: CollisionGuard,
+    sweeps: Vec<GuardSweep>,
+    newest_sweeps: Vec<Output<GuardSweep>>,
+    map: Output<LocalMap>,
+    odometry: Output<Option<Odometry>>,
+}
+
+/// A guard that keeps to `rules` and the way to tell it what so many range sensors see.
+pub fn lookout(rules: GuardRules, sensors: usize) -> (Lookout, Sight) {
+    let (inputs, newest_sweeps): (Vec<_>, _) = (0..sensors)
+        .map(|_sensor| triple_buffer(&GuardSweep::default()))
+        .unzip();
+    let (map_input, map) = triple_buffer(&LocalMap::default());
+    let (odometry_input, odometry) = triple_buffer(&None);
+    let sensor = |sweeps| Sensor {
+        sweeps,
+        last: None,
+        period: None,
+    };
+    let lookout = Lookout {
+        rules,
+        sensors: inputs.into_iter().map(sensor).collect(),
+        map: map_input,
+        map_copied: None,
+        odometry: odometry_input,
+        arrivals: Arrivals::default(),
+    };
+    let sight = Sight {
+        guard: CollisionGuard::new(rules),
+        sweeps: vec![GuardSweep::default(); sensors],
+        newest_sweeps,
+        map,
+        odometry,
+    };
+    (lookout, sight)
+}
+
+impl Lookout {
+    /// Something stamped `stamp` came.
+    pub fn came(&mut self, stamp: RobotTime, came: Monotonic) {
+        self.arrivals.note(stamp, came);
+    }
+
+    /// The clock of the data starts anew.
+    pub fn reset_clock(&mut self) {
+        self.arrivals.clear();
+        self.map_copied = None;
+        for sensor in &mut self.sensors {
+            sensor.last = None;
+        }
+    }
+
+    /// The vehicle is here, and so fast.
+    pub fn moved(&mut self, stamp: RobotTime, pose: &Pose, measured: Velocity, now: Monotonic) {
+        self.odometry.write(Some(Odometry {
+            odom_from_base: *pose,
+            measured,
+            taken: self.arrivals.of(stamp, now),
+        }));
+    }
+
+    /// A scan was placed; it is not in the map yet.
+    pub fn see(&mut self, scan: &PosedScan, mapper: &Mapper, now: Monotonic) {
+        let taken = self.arrivals.of(scan.stamp, now);
+        let ground = mapper.terrain().and_then(Terrain::ground_plane);
+        let plane = if self.rules.is_boat() {
+            // It floats: its own attitude is that of the waves.
+            GroundPlane::under(&upright(&scan.odom_from_base))
+        } else {
+            ground.unwrap_or_else(|| GroundPlane::under(&scan.odom_from_base))
+        };
+        if let Some(sensor) = self.sensors.get_mut(usize::from(scan.sensor.0)) {
+            let period = sensor.period_at(scan.stamp);
+            let sweep = sensor.sweeps.input_buffer_mut();
+            sweep.read(scan, &plane, &self.rules, (taken, period));
+            sensor.sweeps.publish();
+        }
+    }
+
+    /// A scan is in the map.
+    pub fn mapped(&mut self, scan: &PosedScan, mapper: &Mapper, now: Monotonic) {
+        let is_due = self.map_copied.is_none_or(|copied| {
+            scan.stamp < copied
+                || scan.stamp.since(copied)
+                    >= RobotDuration::from_secs_f64(MAP_PERIOD.as_secs_f64())
+        });
+        if !is_due {
+            return;
+        }
+        self.map_copied = Some(scan.stamp);
+        let at = scan.odom_from_base.translation.vector;
+        let copying = Copying {
+            taken: self.arrivals.of(scan.stamp, now),
+            period: MAP_PERIOD,
+            around: Point2::new(at.x, at.y),
+            reach_m: self.rules.window_m(),
+        };
+        let map = self.map.input_buffer_mut();
+        let costs = mapper
+            .voxels()
+            .and_then(|voxels| Some((voxels.cost()?, voxels.octree().cell_m())));
+        if let Some(terrain) = mapper.terrain() {
+            map.copy_obstacles(terrain.obstacle(), terrain.elevation().cell_m(), copying);
+        } else if let Some((costs, cell_m)) = costs {
+            map.copy_costs(costs, cell_m, copying);
+        } else if let Some(occupancy) = mapper.occupancy() {
+            map.copy_occupancy(occupancy, copying);
+        } else {
+            return;
+        }
+        self.map.publish();
+    }
+}
+
+impl Sensor {
+    /// Time from sweep to sweep: the shortest seen, so that a sensor that skips some is not waited for longer.
+    fn period_at(&mut self, stamp: RobotTime) -> Duration {
+        let last = self.last.replace(stamp);
+        let since = last
+            .filter(|&last| last < stamp)
+            .map(|last| Duration::from_secs_f64(stamp.since(last).as_secs_f64()));
+        if let Some(since) = since {
+            self.period = Some(self.period.map_or(since, |period| period.min(since)));
+        }
+        self.period.unwrap_or(UNKNOWN_PERIOD)
+    }
+}
+
+impl Sight {
+    /// The guard's word of this round.
+    pub(super) fn verdict(
+        &mut self,
+        (told, requested): (Velocity, Velocity),
+        now: Monotonic,
+    ) -> GuardVerdict {
+        for (sweep, newest) in self.sweeps.iter_mut().zip(&mut self.newest_sweeps) {
+            if newest.update() {
+                // What is given back keeps its memory for a sweep to come.
+                std::mem::swap(sweep, newest.output_buffer_mut());
+            }
+        }
+        let input = GuardInput {
+            sweeps: &self.sweeps,
+            map: Some(self.map.read()),
+            odometry: *self.odometry.read(),
+            told,
+            requested,
+        };
+        self.guard.verdict(&input, now)
+    }
+}
+
+/// The same place and heading, without pitch and roll.
+fn upright(pose: &Pose) -> Pose {
+    let yaw_rad = pose::yaw_rad(pose);
+    Pose::from_parts(
+        pose.translation,
+        UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad),
+    )
+}
