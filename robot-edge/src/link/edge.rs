@@ -22,7 +22,8 @@ use super::outgoing::Outgoing;
 use super::sessions::{self, Endpoints, Side};
 use super::shared::Shared;
 use super::streams::{self, StatePublishers};
-use super::{LinkError, queries, views};
+use super::{LinkError, commands, queries, views};
+use crate::driving::{Board, Inbox};
 
 /// Questions that wait for an answer at most; whoever asks beyond that asks again.
 const MAX_QUERIES: usize = 64;
@@ -40,6 +41,8 @@ pub struct EdgeSettings {
     pub budget_kbps: u32,
     /// Who it is.
     pub info: Info,
+    /// What drives it, if it can be driven.
+    pub driving: Option<(Inbox, Arc<Board>)>,
 }
 
 /// An open link. Dropping it closes it.
@@ -60,6 +63,7 @@ pub(super) struct Context {
     pub(super) shared: Arc<Shared>,
     pub(super) store: Arc<Mutex<TileStore>>,
     pub(super) budget_kbps: u32,
+    pub(super) board: Option<Arc<Board>>,
 }
 
 impl EdgeLink {
@@ -81,6 +85,10 @@ impl EdgeLink {
             shared: Arc::clone(&shared),
             store,
             budget_kbps: settings.budget_kbps,
+            board: settings
+                .driving
+                .as_ref()
+                .map(|(_, board)| Arc::clone(board)),
         });
 
         // Apart, so that whoever is slow to take tiles holds up no answer to `ping`.
@@ -103,6 +111,10 @@ impl EdgeLink {
         let shores = Topic::Shores.key(&context.robot);
         take_questions(&bulk, &shores, &questions, &shared)?;
         views::watch(&context)?;
+        let inbox = settings.driving.map(|(inbox, _)| inbox);
+        let answered = inbox
+            .map(|inbox| commands::take_commands(&context, &inbox))
+            .transpose()?;
         let publishers = StatePublishers::declare(&context)?;
         let key = Topic::Alive.key(&context.robot);
         let alive = control
@@ -115,7 +127,14 @@ impl EdgeLink {
         let encoder = || Encoder::new().map_err(LinkError::Encoder);
         let (answering, answering_small, pushing) = (encoder()?, encoder()?, encoder()?);
         let info = Arc::new(settings.info);
-        let threads = vec![
+        let mut threads = Vec::new();
+        if let Some(answered) = answered {
+            let (context, out) = (Arc::clone(&context), out.clone());
+            threads.push(thread::spawn(move || {
+                commands::send_answers(&context, &out, &answered);
+            }));
+        }
+        threads.extend([
             thread::spawn({
                 let (context, out, info) = (Arc::clone(&context), out.clone(), Arc::clone(&info));
                 move || queries::serve(&context, &out, &info, answering_small, &small_waiting)
@@ -129,7 +148,7 @@ impl EdgeLink {
                 move || streams::send_state(&context, &out, &publishers)
             }),
             thread::spawn(move || streams::send_tiles(&context, &out, pushing)),
-        ];
+        ]);
         Ok(Self {
             shared,
             threads,

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::endpoints::Channel;
+use crate::credentials::CredentialsError;
 
 /// Why there is no link.
 #[derive(Debug, thiserror::Error)]
@@ -12,6 +13,27 @@ pub enum LinkError {
         "endpoint {0:?} is not `PROTOCOL/HOST:PORT` with a port from 1 to 65534, for example tcp/192.168.1.20:7447"
     )]
     Endpoint(String),
+    /// An endpoint that does not fit `--keys`, or their lack.
+    #[error("endpoint {endpoint:?}: {why}")]
+    Protocol {
+        /// The endpoint.
+        endpoint: String,
+        /// What does not fit.
+        why: &'static str,
+    },
+    /// Keys, certificates or lists that cannot be used.
+    #[error(transparent)]
+    Credentials(#[from] CredentialsError),
+    /// Somebody answers who is no vehicle and no router of the fleet.
+    #[error(
+        "whoever answers at {endpoints} shows the certificate of {name}, not of a vehicle or router of this fleet"
+    )]
+    Stranger {
+        /// Where.
+        endpoints: String,
+        /// Who it says it is.
+        name: String,
+    },
     /// A Zenoh configuration that cannot be read.
     #[error("{path}: not a Zenoh configuration: {why}", path = path.display())]
     Config {

@@ -5,10 +5,13 @@
 
 use std::path::PathBuf;
 
+mod commands;
 pub mod config;
 pub mod edge;
 pub mod endpoints;
 mod error;
+pub mod ros2;
+pub mod security;
 pub mod sessions;
 pub mod shared;
 

@@ -85,7 +85,8 @@ fn answer(
         | Topic::Event
         | Topic::MapHead
         | Topic::View
-        | Topic::Tile(_) => return None,
+        | Topic::Tile(_)
+        | Topic::Operator(_) => return None,
     })
 }
 

@@ -4,15 +4,21 @@
 //! buffer, and small messages wait behind tiles.
 
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{SendError, sync_channel};
+use std::thread;
 use std::time::Duration;
 
+use serde_json::{Value, json};
 use zenoh::{Config, Session, Wait};
 
 use super::LinkError;
-use super::endpoints::{Channel, on_channel};
+use super::endpoints::{Channel, attempts, listeners};
+use super::security::{self, SettingsOfTls};
+use crate::audit::Audit;
+use crate::credentials::Credentials;
 
 /// How to reach others.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default)]
 pub struct Endpoints {
     /// Control endpoints to listen on.
     pub listen: Vec<String>,
@@ -20,6 +26,10 @@ pub struct Endpoints {
     pub connect: Vec<String>,
     /// A Zenoh configuration (JSON5) that ours is laid over.
     pub zenoh_config: Option<PathBuf>,
+    /// Who this program is: with them the link is mutual TLS, without them it is open to whoever reaches it.
+    pub credentials: Option<Credentials>,
+    /// Where it is written down who connects.
+    pub audit: Option<Audit>,
 }
 
 /// Which side of the link.
@@ -36,47 +46,137 @@ pub const CONNECT_TIMEOUT: Duration = Duration::from_secs(1);
 /// Between two attempts to connect.
 pub const RETRY_PERIOD: Duration = Duration::from_millis(500);
 
-/// Bulk's own buffer in the kernel: what is in it can be neither replaced nor overtaken.
-const BULK_SEND_BUFFER: &str = "so_sndbuf=32768";
+/// What QUIC is given before TLS is tried beside it: some round trips on a long link. Its listener may be held up by a
+/// stranger who begins to connect and falls silent; that of TLS is not.
+const HEAD_START: Duration = Duration::from_millis(600);
 
 /// Opens one session.
 ///
+/// With credentials a console's control is QUIC, and TLS where that does not answer.
+///
 /// # Errors
-/// Where an endpoint is malformed, the port is taken, nobody answers in time (consoles) or the configuration
-/// cannot be read.
+/// Where an endpoint is malformed or does not fit the credentials, the port is taken, nobody answers in time or somebody
+/// else does (consoles), or the configuration cannot be read.
 pub fn open(side: Side, channel: Channel, endpoints: &Endpoints) -> Result<Session, LinkError> {
-    let mut listen = on_channel(channel, &endpoints.listen)?;
-    let connect = on_channel(channel, &endpoints.connect)?;
-    if channel == Channel::Bulk {
-        listen = listen.into_iter().map(with_small_buffer).collect();
+    let credentials = endpoints.credentials.as_ref();
+    let listen = listeners(channel, &endpoints.listen, credentials.is_some())?;
+    let mut ways = attempts(channel, &endpoints.connect, credentials.is_some())?;
+    let security = match (credentials, side) {
+        (None, _) => SettingsOfTls::new(),
+        (Some(credentials), Side::Edge) => security::edge_settings(credentials)?,
+        (Some(credentials), Side::Console) => security::console_settings(credentials),
+    };
+    if side == Side::Edge {
+        // It goes on trying in the background, and would never come to the second way.
+        ways.truncate(1);
     }
-    let config = config(
-        side,
-        channel,
-        &listen,
-        &connect,
-        endpoints.zenoh_config.as_deref(),
-    )?;
-    zenoh::open(config).wait().map_err(|why| LinkError::Open {
-        channel,
-        endpoints: [listen, connect].concat().join(", "),
-        why,
-    })
+    let mut configs = Vec::with_capacity(ways.len());
+    for connect in ways {
+        let settings = settings((side, channel), &listen, &connect, credentials.is_none());
+        let file = endpoints.zenoh_config.as_deref();
+        let config = config(settings.chain(security.clone()), file)?;
+        configs.push((config, [&listen[..], &connect].concat().join(", ")));
+    }
+    let session = first_to_open(channel, configs)?;
+    if side == Side::Console && credentials.is_some() {
+        security::refuse_strangers(&session, &endpoints.connect.join(", "))?;
+    }
+    if let Some(audit) = &endpoints.audit {
+        security::write_down_links(&session, channel, audit.clone())?;
+    }
+    Ok(session)
 }
 
-fn with_small_buffer(endpoint: String) -> String {
-    if endpoint.contains('#') {
-        endpoint
-    } else {
-        format!("{endpoint}#{BULK_SEND_BUFFER}")
+/// Opens sessions in turn, each beside those before when these have failed or had their head start; the first that is
+/// open.
+fn first_to_open(channel: Channel, ways: Vec<(Config, String)>) -> Result<Session, LinkError> {
+    let open = move |config: Config, endpoints: String| {
+        zenoh::open(config).wait().map_err(|why| LinkError::Open {
+            channel,
+            endpoints,
+            why,
+        })
+    };
+    let count = ways.len();
+    let mut ways = ways.into_iter().enumerate();
+    let (sender, opened) = sync_channel(count);
+    let mut underway = 0;
+    loop {
+        if let Some((n, (config, endpoints))) = ways.next() {
+            if count == 1 {
+                return open(config, endpoints);
+            }
+            let sender = sender.clone();
+            underway += 1;
+            thread::spawn(move || {
+                if let Err(SendError((_, Ok(late)))) = sender.send((n, open(config, endpoints))) {
+                    // Another was first, and nobody waits for this one.
+                    drop(late.close().wait());
+                }
+            });
+        }
+        match opened.recv_timeout(HEAD_START) {
+            Ok((n, Ok(session))) => {
+                if n > 0 {
+                    tracing::warn!(
+                        "QUIC does not answer; control goes by TLS, where what is lost holds up what follows"
+                    );
+                }
+                return Ok(session);
+            }
+            Ok((_, Err(why))) => {
+                underway -= 1;
+                if underway == 0 && ways.len() == 0 {
+                    return Err(why);
+                }
+            }
+            Err(_none_yet) => {}
+        }
     }
+}
+
+/// The settings of one session that do not depend on credentials.
+fn settings(
+    (side, channel): (Side, Channel),
+    listen: &[String],
+    connect: &[String],
+    is_open: bool,
+) -> impl Iterator<Item = (&'static str, Value)> {
+    // A secured robot is reached at an address that was told: it shouts nothing about itself.
+    let answers_scouts = is_open && side == Side::Edge && channel == Channel::Control;
+    let retry_ms = RETRY_PERIOD.as_millis() as u64;
+    let (mode, timeout_ms) = match side {
+        Side::Edge => ("peer", -1),
+        // A router does not route between peers that do not gossip; to a client it does.
+        Side::Console => ("client", CONNECT_TIMEOUT.as_millis() as i64),
+    };
+    [
+        ("mode", json!(mode)),
+        ("listen/endpoints", json!(listen)),
+        ("connect/endpoints", json!(connect)),
+        ("connect/exit_on_failure", json!(false)),
+        ("connect/timeout_ms", json!(timeout_ms)),
+        (
+            "connect/retry",
+            json!({ "period_init_ms": retry_ms, "period_max_ms": retry_ms, "period_increase_factor": 1 }),
+        ),
+        ("open/return_conditions/connect_scouted", json!(false)),
+        // Discovery is an explicit scout of the console's; nobody connects to whom it was not told to.
+        ("scouting/multicast/enabled", json!(answers_scouts)),
+        ("scouting/multicast/listen", json!(answers_scouts)),
+        ("scouting/multicast/autoconnect", json!([])),
+        ("scouting/gossip/enabled", json!(false)),
+        // 1000 ms flapped on harsh links. Safety never rests on it.
+        ("transport/link/tx/lease", json!(4000)),
+        ("transport/link/rx/max_message_size", json!(4 << 20)),
+        ("transport/shared_memory/enabled", json!(false)),
+        ("adminspace/enabled", json!(false)),
+    ]
+    .into_iter()
 }
 
 fn config(
-    side: Side,
-    channel: Channel,
-    listen: &[String],
-    connect: &[String],
+    settings: impl Iterator<Item = (&'static str, Value)>,
     file: Option<&Path>,
 ) -> Result<Config, LinkError> {
     let mut config = match file {
@@ -86,40 +186,9 @@ fn config(
         })?,
         None => Config::default(),
     };
-    let list = |endpoints: &[String]| serde_json::Value::from(endpoints.to_vec()).to_string();
-    let answers_scouts = side == Side::Edge && channel == Channel::Control;
-    let retry_ms = RETRY_PERIOD.as_millis();
-    let (mode, timeout_ms) = match side {
-        Side::Edge => ("\"peer\"", "-1".to_owned()),
-        // A router does not route between peers that do not gossip; to a client it does.
-        Side::Console => ("\"client\"", CONNECT_TIMEOUT.as_millis().to_string()),
-    };
-    for (key, value) in [
-        ("mode", mode.to_owned()),
-        ("listen/endpoints", list(listen)),
-        ("connect/endpoints", list(connect)),
-        ("connect/exit_on_failure", "false".to_owned()),
-        ("connect/timeout_ms", timeout_ms),
-        (
-            "connect/retry",
-            format!(
-                "{{ period_init_ms: {retry_ms}, period_max_ms: {retry_ms}, period_increase_factor: 1 }}"
-            ),
-        ),
-        ("open/return_conditions/connect_scouted", "false".to_owned()),
-        // Discovery is an explicit scout of the console's; nobody connects to whom it was not told to.
-        ("scouting/multicast/enabled", answers_scouts.to_string()),
-        ("scouting/multicast/listen", answers_scouts.to_string()),
-        ("scouting/multicast/autoconnect", "[]".to_owned()),
-        ("scouting/gossip/enabled", "false".to_owned()),
-        // 1000 ms flapped on harsh links. Safety never rests on it.
-        ("transport/link/tx/lease", "4000".to_owned()),
-        ("transport/link/rx/max_message_size", (4 << 20).to_string()),
-        ("transport/shared_memory/enabled", "false".to_owned()),
-        ("adminspace/enabled", "false".to_owned()),
-    ] {
+    for (key, value) in settings {
         config
-            .insert_json5(key, &value)
+            .insert_json5(key, &value.to_string())
             .map_err(|why| LinkError::Setting { key, why })?;
     }
     Ok(config)

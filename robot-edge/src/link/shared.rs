@@ -52,10 +52,9 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Shared {
-    /// Where the vehicle is now. Its speeds are those between the last pose and this one.
+    /// Where the vehicle is now.
     pub fn set_pose(&self, stamp: RobotTime, pose: Pose) {
-        let mut last = lock(&self.pose);
-        *last = Some((stamp, with_speeds(*last, stamp, pose)));
+        *lock(&self.pose) = Some((stamp, pose));
     }
 
     /// The last pose and its stamp.
@@ -217,60 +216,9 @@ impl Shared {
     }
 }
 
-/// `pose` with the speeds that lead to it from the one before; those of a pose repeated stay, and those across
-/// a gap of more than a second are unknown, so zero.
-fn with_speeds(last: Option<(RobotTime, Pose)>, stamp: RobotTime, mut pose: Pose) -> Pose {
-    let Some((before, last)) = last else {
-        return pose;
-    };
-    let elapsed_s = stamp.since(before).as_secs_f64();
-    if elapsed_s == 0.0 {
-        (pose.speed_mps, pose.turn_rate_radps) = (last.speed_mps, last.turn_rate_radps);
-        return pose;
-    }
-    if !(0.0..=1.0).contains(&elapsed_s) {
-        return pose;
-    }
-    let [dx, dy, _]: [f64; 3] = std::array::from_fn(|i| pose.position_m[i] - last.position_m[i]);
-    let (sin, cos) = libm::sincos(yaw_rad(&last));
-    let turn_rad = yaw_rad(&pose) - yaw_rad(&last);
-    let turn_rad = libm::remainder(turn_rad, std::f64::consts::TAU);
-    pose.speed_mps = ((dx * cos + dy * sin) / elapsed_s) as f32;
-    pose.turn_rate_radps = (turn_rad / elapsed_s) as f32;
-    pose
-}
-
-fn yaw_rad(pose: &Pose) -> f64 {
-    let [x, y, z, w] = pose.quaternion_xyzw.map(f64::from);
-    libm::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn speeds_are_those_between_poses_in_the_vehicles_frame() {
-        let shared = Shared::default();
-        let half = std::f32::consts::FRAC_1_SQRT_2;
-        let pose = |y: f64, z: f32, w: f32| Pose {
-            position_m: [0.0, y, 0.0],
-            quaternion_xyzw: [0.0, 0.0, z, w],
-            speed_mps: 0.0,
-            turn_rate_radps: 0.0,
-        };
-        let speeds = |ms: i64, pose: Pose| {
-            shared.set_pose(RobotTime::from_nanos(ms * 1_000_000), pose);
-            let (_, pose) = shared.pose().unwrap();
-            [pose.speed_mps, pose.turn_rate_radps].map(|speed| (speed * 100.0).round() as i32)
-        };
-        // It looks along y, drives backwards along it, then turns to look along x.
-        assert_eq!(speeds(0, pose(0.0, half, half)), [0, 0]);
-        assert_eq!(speeds(500, pose(-1.0, half, half)), [-200, 0]);
-        assert_eq!(speeds(500, pose(-1.0, half, half)), [-200, 0]);
-        assert_eq!(speeds(1_000, pose(-1.0, 0.0, 1.0)), [0, -314]);
-        assert_eq!(speeds(9_000, pose(-50.0, 0.0, 1.0)), [0, 0], "across a gap");
-    }
 
     #[test]
     fn shores_are_news_once_and_only_where_they_differ() {

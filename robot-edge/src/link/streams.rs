@@ -4,26 +4,28 @@ use std::time::Duration;
 
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
-use protocol::message::{MapHead, TileBand, View};
+use protocol::message::{AgeToken, Event, MapHead, TileBand, View};
 use protocol::tile::TileKey;
 use protocol::tile::codec::Encoder;
 use zenoh::Wait;
 use zenoh::pubsub::Publisher;
-use zenoh::qos::{CongestionControl, Priority};
+use zenoh::qos::{CongestionControl, Priority, Reliability};
 
 use super::LinkError;
 use super::edge::Context;
 use super::outgoing::Outgoing;
 use crate::clock::{self, Monotonic};
+use crate::driving::Board;
 use crate::streaming::answers::{self, with};
 use crate::streaming::flow::Flow;
 
 const POSE_PERIOD: Duration = Duration::from_millis(50);
-/// Status and map heads go out every so many poses.
-const POSES_PER_STATUS: u32 = 10;
-const POSES_PER_HEAD: u32 = 20;
-/// Heads that are news wait for this many poses at most.
-const POSES_PER_NEWS: u32 = 4;
+/// While somebody drives, or is about to: with each pose goes a token, and a command is as old as its token.
+const DRIVEN_POSE_PERIOD: Duration = Duration::from_millis(20);
+const STATUS_PERIOD: Duration = Duration::from_millis(500);
+const HEAD_PERIOD: Duration = Duration::from_secs(1);
+/// Heads that are news wait for this long at most.
+const NEWS_PERIOD: Duration = Duration::from_millis(200);
 const TILES_PERIOD: Duration = Duration::from_millis(20);
 /// Shores are not pushed more often.
 const SHORES_PERIOD: Duration = Duration::from_secs(1);
@@ -40,7 +42,7 @@ pub(super) struct StatePublishers {
 
 impl StatePublishers {
     pub(super) fn declare(context: &Context) -> Result<Self, LinkError> {
-        let declare = |topic: Topic| {
+        let declare = |topic: Topic, reliability| {
             let key = topic.key(&context.robot);
             context
                 .control
@@ -49,54 +51,96 @@ impl StatePublishers {
                 .congestion_control(CongestionControl::Drop)
                 .priority(Priority::RealTime)
                 .express(true)
+                .reliability(reliability)
                 .wait()
                 .map_err(|why| LinkError::Declare { what: key, why })
         };
         Ok(Self {
-            pose: declare(Topic::Pose)?,
-            status: declare(Topic::Status)?,
-            event: declare(Topic::Event)?,
-            map_head: declare(Topic::MapHead)?,
+            // The next one follows: over QUIC it goes as a datagram, and waits for nothing that was lost before it.
+            pose: declare(Topic::Pose, Reliability::BestEffort)?,
+            status: declare(Topic::Status, Reliability::Reliable)?,
+            event: declare(Topic::Event, Reliability::Reliable)?,
+            map_head: declare(Topic::MapHead, Reliability::Reliable)?,
         })
     }
 }
 
 /// Sends pose, status, events and map heads until the link closes.
 pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &StatePublishers) {
-    let mut next = Monotonic::now();
+    let start = Monotonic::now();
+    let mut next = start;
+    let [mut status_due, mut head_due, mut news_due] = [Due(start); 3];
     let mut told: Option<MapHead> = None;
-    for tick in 0u32.. {
+    let mut shown = None;
+    loop {
+        let board = context.board.as_deref();
+        let period = if board.is_some_and(Board::is_held) {
+            DRIVEN_POSE_PERIOD
+        } else {
+            POSE_PERIOD
+        };
         // What a suspended machine missed is not made up for.
-        next = (next + POSE_PERIOD).max(Monotonic::now());
+        next = (next + period).max(Monotonic::now());
         if !clock::sleep_until(next, || context.shared.is_closing()) {
             return;
         }
+        let now = Monotonic::now();
         let mut stamp_ns = 0;
-        if let Some((stamp, pose)) = context.shared.pose() {
+        if let Some((stamp, mut pose)) = context.shared.pose() {
             stamp_ns = stamp.as_nanos();
+            pose.token = board.and_then(Board::token).map(|token| AgeToken {
+                n: token.n,
+                nonce: token.nonce,
+            });
             put(&publishers.pose, out.message(stamp_ns, &pose));
+        }
+        for (kind, message) in board.map(Board::take_events).unwrap_or_default() {
+            let kind = kind.to_owned();
+            context.shared.tell(Event { kind, message });
         }
         for event in context.shared.take_events() {
             put(&publishers.event, out.message(stamp_ns, &event));
         }
         // Somebody new should know at once, and the last word is a head behind a status that says so.
         let is_asked_for = context.shared.take_call();
-        if is_asked_for || tick.is_multiple_of(POSES_PER_STATUS) {
-            let status = context.shared.status(Monotonic::now());
+        let teleop = board.and_then(Board::status);
+        let state = teleop
+            .as_ref()
+            .map(|teleop| (teleop.state, teleop.lease.clone(), teleop.estop));
+        let is_changed = shown != state;
+        if status_due.is_due(now, STATUS_PERIOD, is_asked_for || is_changed) {
+            let mut status = context.shared.status(now);
+            status.teleop = teleop;
             put(&publishers.status, out.message(stamp_ns, &status));
+            shown = state;
         }
         // A head that is announced while tiles wait is one that nobody can have reached.
-        let is_news = tick.is_multiple_of(POSES_PER_NEWS)
+        let is_news = news_due.is_due(now, NEWS_PERIOD, false)
             && context.shared.outbox().is_empty()
             && context.shared.take_news();
-        if is_asked_for || is_news || tick.is_multiple_of(POSES_PER_HEAD) {
+        let is_head_due = head_due.is_due(now, HEAD_PERIOD, is_asked_for);
+        if is_head_due || is_news {
             let head = answers::head(&context.store);
-            let is_told = told.as_ref() == Some(&head);
-            if is_asked_for || !is_told || tick.is_multiple_of(POSES_PER_HEAD) {
+            if is_head_due || told.as_ref() != Some(&head) {
                 put(&publishers.map_head, out.message(stamp_ns, &head));
             }
             told = Some(head);
         }
+    }
+}
+
+/// When something is sent again.
+#[derive(Clone, Copy)]
+struct Due(Monotonic);
+
+impl Due {
+    /// Whether it is, by the time or because it is `wanted`, and then not again for a `period`.
+    fn is_due(&mut self, now: Monotonic, period: Duration, wanted: bool) -> bool {
+        let is_due = wanted || now >= self.0;
+        if is_due {
+            self.0 = now + period;
+        }
+        is_due
     }
 }
 
@@ -118,6 +162,9 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder
             return;
         }
         let now = Monotonic::now();
+        if let Some(board) = &context.board {
+            flow.set_budget(board.budget_kbps());
+        }
         let views = context.shared.views(now);
         let wanted = views.iter().fold(0, |wanted, view| wanted | view.layers);
         // Nothing is encoded that nobody looks at; whoever turns to it asks.

@@ -64,6 +64,13 @@ pub fn encode(measurement: &Measurement) -> Option<(MessageType, Vec<u8>)> {
     Some((kind, out.bytes))
 }
 
+/// A `geometry_msgs/Twist`, which has no stamp.
+pub fn twist_message(twist: &Twist) -> Vec<u8> {
+    let mut out = CdrWriter::new();
+    out.twist(twist);
+    out.bytes
+}
+
 /// Appends fields; each number stands at a multiple of its size, counted behind the encapsulation header.
 struct CdrWriter {
     bytes: Vec<u8>,

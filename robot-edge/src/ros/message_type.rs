@@ -48,6 +48,11 @@ impl MessageType {
         (Self::TwistStamped, "geometry_msgs/TwistStamped"),
     ];
 
+    /// All of them, with their names in ROS 1 form (`sensor_msgs/Imu`).
+    pub fn all() -> impl Iterator<Item = (Self, &'static str)> {
+        Self::NAMES.into_iter()
+    }
+
     /// From a type name in ROS 1 form (`sensor_msgs/Imu`) or ROS 2 form (`sensor_msgs/msg/Imu`).
     pub fn from_type_name(name: &str) -> Option<Self> {
         if name == "tf/tfMessage" {

@@ -7,11 +7,12 @@ mod cursor;
 mod decode;
 mod encode;
 mod message_type;
+pub mod middleware;
 mod point_cloud;
 mod schema;
 
 pub use decode::decode;
-pub use encode::encode;
+pub use encode::{encode, twist_message};
 pub use message_type::MessageType;
 pub(crate) use message_type::ros1_type_name;
 pub(crate) use schema::ros2msg;

@@ -300,3 +300,18 @@ proptest! {
         drop(decode(MessageType::PointCloud2, Encoding::Ros1, false, &bytes));
     }
 }
+
+#[test]
+fn a_twist_without_a_stamp_is_six_numbers() {
+    let twist = crate::measurement::Twist {
+        linear_mps: [0.5, 0.0, 0.0],
+        angular_radps: [0.0, 0.0, -1.0],
+    };
+    let message = twist_message(&twist);
+    let numbers = [0.5f64, 0.0, 0.0, 0.0, 0.0, -1.0].map(f64::to_le_bytes);
+    assert_eq!(message, [&[0, 1, 0, 0][..], &numbers.concat()].concat());
+    let decoded = decode(MessageType::Twist, Encoding::Cdr, false, &message).unwrap();
+    let decoded = decoded.into_iter().next().unwrap().unwrap();
+    assert_eq!(decoded.stamp, None);
+    assert_eq!(decoded.data, MeasurementData::Twist(twist));
+}

@@ -1,0 +1,324 @@
+//! The session: what is subscribed to, and what is announced.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use zenoh::query::{QueryTarget, ReplyKeyExpr};
+use zenoh::sample::{Sample, SampleKind};
+use zenoh::{Config, Session, Wait as _};
+
+use super::inbox::{Heard, Inbox, Slot};
+use super::twist::TwistPublisher;
+use crate::clock::Monotonic;
+use crate::link::random_id;
+use crate::measurement::Stream;
+use crate::ros::MessageType;
+use crate::ros::middleware::attachment::Attachment;
+use crate::ros::middleware::{
+    Announced, Carrier, HistoryKeys, announced, rmw_pattern, rmw_stream, token_patterns, twist_keys,
+};
+
+/// One attempt to connect.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(1);
+/// Between two attempts, also when the system's router was restarted.
+const RETRY_PERIOD: Duration = Duration::from_millis(500);
+/// Who keeps static transforms answers within this.
+const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
+/// A larger message is none that is mapped.
+const MAX_MESSAGE_BYTES: usize = 16 << 20;
+/// Announcements that are remembered: far more than a robot has publishers.
+const MAX_ANNOUNCED: usize = 4096;
+
+/// Where a ROS 2 system is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RosEndpoint {
+    /// Its Zenoh router, or its bridge.
+    pub endpoint: String,
+    /// Its domain; bridges have none in their keys.
+    pub domain: u32,
+}
+
+/// Why a ROS 2 system cannot be reached.
+#[derive(Debug, thiserror::Error)]
+pub enum RosLinkError {
+    /// A setting of ours, or the endpoint.
+    #[error("Zenoh does not take {key} = {value}: {why}")]
+    Setting {
+        /// Which.
+        key: &'static str,
+        /// What.
+        value: String,
+        /// What Zenoh says.
+        why: zenoh::Error,
+    },
+    /// Nobody answers.
+    #[error("nobody answers at {endpoint}: {why}")]
+    Open {
+        /// Where.
+        endpoint: String,
+        /// What Zenoh says.
+        why: zenoh::Error,
+    },
+    /// A key or a handler was refused.
+    #[error("Zenoh refused {what}: {why}")]
+    Declare {
+        /// What was to be declared.
+        what: String,
+        /// What Zenoh says.
+        why: zenoh::Error,
+    },
+}
+
+/// A connection to a ROS 2 system. Its clones are one connection, which ends with the last of them.
+#[derive(Clone)]
+pub struct RosLink {
+    session: Session,
+    domain: u32,
+    slot: Slot,
+    announced: Arc<Mutex<Announcements>>,
+}
+
+impl std::fmt::Debug for RosLink {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("RosLink")
+            .field("domain", &self.domain)
+            .finish_non_exhaustive()
+    }
+}
+
+/// What is announced, by token.
+#[derive(Default)]
+struct Announcements {
+    by_token: BTreeMap<String, Announced>,
+    /// Keys of bridges that nobody has subscribed to yet.
+    new_keys: Vec<(String, Stream)>,
+    /// Keys of bridges that were ever announced.
+    known_keys: Vec<String>,
+}
+
+impl RosLink {
+    /// Connects, and subscribes to all that can be mapped.
+    ///
+    /// # Errors
+    /// Where nobody answers within a second, or Zenoh refuses something.
+    pub fn open(at: &RosEndpoint) -> Result<(Self, Inbox), RosLinkError> {
+        let session =
+            zenoh::open(config(&at.endpoint)?)
+                .wait()
+                .map_err(|why| RosLinkError::Open {
+                    endpoint: at.endpoint.clone(),
+                    why,
+                })?;
+        let (slot, inbox) = Inbox::new();
+        let link = Self {
+            session,
+            domain: at.domain,
+            slot,
+            announced: Arc::default(),
+        };
+        link.subscribe_to_rmw()?;
+        link.listen_to_announcements()?;
+        Ok((link, inbox))
+    }
+
+    /// Asks publishers for what they have said once and for all: static transforms. Their answers come as messages.
+    ///
+    /// # Errors
+    /// Where Zenoh refuses.
+    pub fn ask_for_history(&self) -> Result<(), RosLinkError> {
+        for key in HistoryKeys::of_static_transforms(self.domain).iter() {
+            let (slot, domain) = (self.slot.clone(), self.domain);
+            self.session
+                .get(key)
+                .target(QueryTarget::All)
+                .accept_replies(ReplyKeyExpr::Any)
+                .timeout(HISTORY_TIMEOUT)
+                .callback(move |reply| {
+                    if let Ok(sample) = reply.result() {
+                        let key = sample.key_expr().as_str();
+                        let stream = rmw_stream(domain, key).unwrap_or_else(|| Stream {
+                            name: format!("/{key}"),
+                            type_name: "tf2_msgs/TFMessage".to_owned(),
+                        });
+                        offer(&slot, sample, || Some(stream));
+                    }
+                })
+                .wait()
+                .map_err(|why| refused(key, why))?;
+        }
+        Ok(())
+    }
+
+    /// Subscribes to what bridges have announced since the last call. Not in the callback that hears of it, which
+    /// Zenoh waits for.
+    ///
+    /// # Errors
+    /// Where Zenoh refuses.
+    pub fn subscribe_to_announced(&self) -> Result<(), RosLinkError> {
+        let new = std::mem::take(&mut self.announcements().new_keys);
+        for (key, stream) in new {
+            let slot = self.slot.clone();
+            self.session
+                .declare_subscriber(key.clone())
+                .callback(move |sample| offer(&slot, &sample, || Some(stream.clone())))
+                .background()
+                .wait()
+                .map_err(|why| refused(&key, why))?;
+        }
+        Ok(())
+    }
+
+    /// Publishes velocities on `topic`.
+    ///
+    /// # Errors
+    /// Where Zenoh refuses, or nobody gives random numbers for its identity.
+    pub fn twist_publisher(&self, topic: &str) -> Result<TwistPublisher, RosLinkError> {
+        let gid = random_id().map_err(|why| refused(topic, why.into()))?;
+        TwistPublisher::new(&self.session, twist_keys(self.domain, topic), gid)
+    }
+
+    /// The topics that are announced at present, in the order of their names, each once.
+    pub fn announced(&self) -> Vec<Stream> {
+        let announcements = self.announcements();
+        let streams = announcements.by_token.values();
+        let mut streams: Vec<_> = streams.map(|announced| announced.stream.clone()).collect();
+        streams.sort_by(|a, b| (&a.name, &a.type_name).cmp(&(&b.name, &b.type_name)));
+        streams.dedup();
+        streams
+    }
+
+    fn announcements(&self) -> std::sync::MutexGuard<'_, Announcements> {
+        self.announced
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The keys of `rmw_zenoh` name the type, so that no announcement is needed.
+    fn subscribe_to_rmw(&self) -> Result<(), RosLinkError> {
+        for (_, type_name) in MessageType::all().filter(|(kind, _)| is_of_use(*kind)) {
+            let Some(pattern) = rmw_pattern(self.domain, type_name) else {
+                continue;
+            };
+            let (slot, domain) = (self.slot.clone(), self.domain);
+            self.session
+                .declare_subscriber(pattern.clone())
+                .callback(move |sample| {
+                    offer(&slot, &sample, || {
+                        rmw_stream(domain, sample.key_expr().as_str())
+                    });
+                })
+                .background()
+                .wait()
+                .map_err(|why| refused(&pattern, why))?;
+        }
+        Ok(())
+    }
+
+    fn listen_to_announcements(&self) -> Result<(), RosLinkError> {
+        for pattern in token_patterns(self.domain) {
+            let announcements = Arc::clone(&self.announced);
+            self.session
+                .liveliness()
+                .declare_subscriber(pattern.clone())
+                .history(true)
+                .callback(move |sample| {
+                    let mut announcements =
+                        announcements.lock().unwrap_or_else(PoisonError::into_inner);
+                    announcements.take(sample.key_expr().as_str(), sample.kind());
+                })
+                .background()
+                .wait()
+                .map_err(|why| refused(&pattern, why))?;
+        }
+        Ok(())
+    }
+}
+
+impl Announcements {
+    fn take(&mut self, token: &str, kind: SampleKind) {
+        if kind == SampleKind::Delete {
+            self.by_token.remove(token);
+            return;
+        }
+        let Some(announced) = announced(token) else {
+            return;
+        };
+        if self.by_token.len() >= MAX_ANNOUNCED || self.known_keys.len() >= MAX_ANNOUNCED {
+            return;
+        }
+        let is_mapped =
+            MessageType::from_type_name(&announced.stream.type_name).is_some_and(is_of_use);
+        if let (Carrier::Bridge, Some(key), true) = (announced.carrier, &announced.key, is_mapped)
+            && !self.known_keys.contains(key)
+        {
+            self.known_keys.push(key.clone());
+            self.new_keys.push((key.clone(), announced.stream.clone()));
+        }
+        self.by_token.insert(token.to_owned(), announced);
+    }
+}
+
+/// Clouds are neither mapped nor recorded, and they are heavy.
+fn is_of_use(kind: MessageType) -> bool {
+    kind != MessageType::PointCloud2
+}
+
+fn offer(slot: &Slot, sample: &Sample, stream: impl FnOnce() -> Option<Stream>) {
+    let came = Monotonic::now();
+    if sample.kind() != SampleKind::Put {
+        return;
+    }
+    let payload = sample.payload();
+    slot.offer(payload.len(), || {
+        let attachment = sample.attachment().map(|bytes| bytes.to_bytes());
+        let attachment = attachment.and_then(|bytes| Attachment::decode(&bytes));
+        Some(Heard {
+            stream: stream()?,
+            message: payload.to_bytes().into_owned(),
+            published: attachment.map(|attachment| attachment.published),
+            came,
+        })
+    });
+}
+
+fn refused(what: &str, why: zenoh::Error) -> RosLinkError {
+    RosLinkError::Declare {
+        what: what.to_owned(),
+        why,
+    }
+}
+
+fn config(endpoint: &str) -> Result<Config, RosLinkError> {
+    let mut config = Config::default();
+    let text = |text: &str| serde_json::Value::from(text).to_string();
+    let retry_ms = RETRY_PERIOD.as_millis();
+    for (key, value) in [
+        ("mode", text("client")),
+        ("connect/endpoints", format!("[{}]", text(endpoint))),
+        (
+            "connect/timeout_ms",
+            CONNECT_TIMEOUT.as_millis().to_string(),
+        ),
+        (
+            "connect/retry",
+            format!(
+                "{{ period_init_ms: {retry_ms}, period_max_ms: {retry_ms}, period_increase_factor: 1 }}"
+            ),
+        ),
+        ("listen/endpoints", "[]".to_owned()),
+        ("scouting/multicast/enabled", false.to_string()),
+        ("scouting/gossip/enabled", false.to_string()),
+        (
+            "transport/link/rx/max_message_size",
+            MAX_MESSAGE_BYTES.to_string(),
+        ),
+        ("transport/shared_memory/enabled", false.to_string()),
+        ("adminspace/enabled", false.to_string()),
+    ] {
+        if let Err(why) = config.insert_json5(key, &value) {
+            return Err(RosLinkError::Setting { key, value, why });
+        }
+    }
+    Ok(config)
+}

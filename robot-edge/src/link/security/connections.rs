@@ -1,0 +1,47 @@
+//! Who connects to a vehicle, for the audit log.
+
+use zenoh::sample::SampleKind;
+use zenoh::{Session, Wait};
+
+use crate::audit::Audit;
+use crate::link::LinkError;
+use crate::link::endpoints::Channel;
+
+/// Writes down every link that is set up and every one that ends.
+pub(in crate::link) fn write_down_links(
+    session: &Session,
+    channel: Channel,
+    audit: Audit,
+) -> Result<(), LinkError> {
+    let channel = match channel {
+        Channel::Control => "control",
+        Channel::Bulk => "tiles",
+    };
+    session
+        .info()
+        .link_events_listener()
+        .callback(move |event| {
+            let link = event.link();
+            // Of a connection that carries datagrams too, one line is enough.
+            if !link.is_streamed() {
+                return;
+            }
+            let (kind, verb) = match event.kind() {
+                SampleKind::Put => ("connect", "connects"),
+                SampleKind::Delete => ("disconnect", "is gone"),
+            };
+            let who = link
+                .auth_identifier()
+                .unwrap_or("somebody without a certificate");
+            audit.write(
+                kind,
+                format!("{who} {verb}, {channel}, from {}", link.dst()),
+            );
+        })
+        .background()
+        .wait()
+        .map_err(|why| LinkError::Declare {
+            what: "the watch over links".to_owned(),
+            why,
+        })
+}
