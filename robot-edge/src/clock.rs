@@ -78,14 +78,19 @@ pub fn sleep_until(deadline: Monotonic, is_cancelled: impl Fn() -> bool) -> bool
 }
 
 /// The present by the wall clock, for labels only: `2026-03-01T12:34:56Z`.
-#[expect(clippy::disallowed_methods, reason = "this file is the clock")]
 pub fn wall_clock_label() -> String {
+    utc_label(seconds_since_1970())
+}
+
+/// The present by the wall clock, for labels and the dates of certificates: seconds since 1970, UTC.
+#[expect(clippy::disallowed_methods, reason = "this file is the clock")]
+pub fn seconds_since_1970() -> u64 {
     let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH);
-    label(since_epoch.map_or(0, |duration| duration.as_secs()))
+    since_epoch.map_or(0, |duration| duration.as_secs())
 }
 
 /// UTC in the form of RFC 3339.
-fn label(secs_since_epoch: u64) -> String {
+pub fn utc_label(secs_since_epoch: u64) -> String {
     let (days, secs) = (secs_since_epoch / 86_400, secs_since_epoch % 86_400);
     // Howard Hinnant, "chrono-compatible low-level date algorithms", civil_from_days: years begin in March,
     // so that the leap day is their last.
@@ -121,7 +126,7 @@ mod tests {
             (1_772_368_496, "2026-03-01T12:34:56Z"),
             (4_107_542_400, "2100-03-01T00:00:00Z"),
         ] {
-            assert_eq!(label(secs), expected);
+            assert_eq!(utc_label(secs), expected);
         }
         assert_eq!(wall_clock_label().len(), "2026-03-01T12:34:56Z".len());
     }

@@ -4,6 +4,7 @@ use std::error::Error;
 use std::process::ExitCode;
 
 use crate::config::ConfigError;
+use crate::credentials::CredentialsError;
 use crate::link::LinkError;
 use crate::recording::RecordingError;
 use crate::simulation::WorldError;
@@ -41,12 +42,19 @@ impl Exit {
         while let Some(error) = cause {
             if error.is::<UsageError>()
                 || error.is::<ConfigError>()
+                || error.is::<CredentialsError>()
                 || error.is::<WorldError>()
                 || error.is::<clap::Error>()
             {
                 return Self::Usage;
             }
-            if let Some(LinkError::Endpoint(_) | LinkError::Config { .. }) = error.downcast_ref() {
+            if let Some(
+                LinkError::Endpoint(_)
+                | LinkError::Protocol { .. }
+                | LinkError::Credentials(_)
+                | LinkError::Config { .. },
+            ) = error.downcast_ref()
+            {
                 return Self::Usage;
             }
             if error.is::<RecordingError>() {

@@ -3,6 +3,8 @@
 //! Data flows one way: a source ([`recording`], [`simulation`]) yields [`measurement::Measurement`]s;
 //! [`localization`] places every beam of a scan in `odom`; [`mapping`] turns posed scans into cells;
 //! [`streaming`] turns changed cells into tiles. [`app`] owns the threads and channels between them.
+//! [`credentials`] say who may connect, and who may drive.
+//! [`teleop`] decides which commands of an operator move the vehicle, [`driving`] carries that out on [`actuators`].
 //! [`experiments`] holds the maps of simulated worlds against their truth.
 
 pub mod clock;
@@ -13,9 +15,13 @@ pub mod pose;
 pub mod robot_time;
 pub mod scan;
 
+pub mod actuators;
 pub mod app;
+pub mod audit;
 pub mod cli;
 pub mod config;
+pub mod credentials;
+pub mod driving;
 pub mod exit;
 pub mod experiments;
 pub mod export;
@@ -29,4 +35,5 @@ pub mod ros;
 pub mod simulation;
 pub mod streaming;
 pub mod summary;
+pub mod teleop;
 pub mod vehicle_commands;

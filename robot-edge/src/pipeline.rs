@@ -34,6 +34,26 @@ pub struct Pipeline {
     last_scan: Option<RobotTime>,
 }
 
+/// Whoever wants to see scans on their way into the map.
+pub trait ScanObserver {
+    /// The beams of a scan were placed; it is not in the map yet.
+    fn placed(&mut self, _scan: &PosedScan, _mapper: &Mapper) {}
+
+    /// A scan got into the map.
+    fn mapped(&mut self, scan: &PosedScan, mapper: &Mapper);
+}
+
+/// Nobody looks.
+impl ScanObserver for () {
+    fn mapped(&mut self, _scan: &PosedScan, _mapper: &Mapper) {}
+}
+
+impl<F: FnMut(&PosedScan)> ScanObserver for F {
+    fn mapped(&mut self, scan: &PosedScan, _mapper: &Mapper) {
+        self(scan);
+    }
+}
+
 /// Something that the people who watch should know.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Happening {
@@ -113,43 +133,43 @@ impl Pipeline {
         })
     }
 
-    /// Takes one measurement. Every scan that got into the map is handed to `mapped`.
+    /// Takes one measurement. Every scan is shown to `observer`.
     ///
     /// # Errors
     /// Where publishing stopped.
     pub fn push(
         &mut self,
         measurement: Measurement,
-        mapped: impl FnMut(&PosedScan),
+        observer: impl ScanObserver,
     ) -> Result<(), PublishError> {
         let started = Monotonic::now();
         self.placer.push(measurement, &mut self.placed);
         self.report.stages.place.record(started.elapsed());
-        self.map_placed(mapped)
+        self.map_placed(observer)
     }
 
     /// The clock of the data started anew.
     ///
     /// # Errors
     /// Where publishing stopped.
-    pub fn reset_clock(&mut self, mapped: impl FnMut(&PosedScan)) -> Result<(), PublishError> {
+    pub fn reset_clock(&mut self, observer: impl ScanObserver) -> Result<(), PublishError> {
         self.placer.reset_clock(&mut self.placed);
         self.published_at = None;
-        self.map_placed(mapped)
+        self.map_placed(observer)
     }
 
     /// The data ended: maps what still waits and publishes all of it.
     ///
     /// # Errors
     /// Where publishing stopped.
-    pub fn finish(&mut self, mapped: impl FnMut(&PosedScan)) -> Result<(), PublishError> {
+    pub fn finish(&mut self, observer: impl ScanObserver) -> Result<(), PublishError> {
         self.placer.finish(&mut self.placed);
-        self.map_placed(mapped)?;
+        self.map_placed(observer)?;
         self.mapper.refresh();
         self.publish()
     }
 
-    fn map_placed(&mut self, mut mapped: impl FnMut(&PosedScan)) -> Result<(), PublishError> {
+    fn map_placed(&mut self, mut observer: impl ScanObserver) -> Result<(), PublishError> {
         let mut placed = std::mem::take(&mut self.placed);
         for placed in &placed {
             let scan = match placed {
@@ -159,6 +179,7 @@ impl Pipeline {
                     continue;
                 }
             };
+            observer.placed(scan, &self.mapper);
             let started = Monotonic::now();
             let map = self.mapper.integrate(scan);
             self.report.stages.mapping.record(started.elapsed());
@@ -171,7 +192,7 @@ impl Pipeline {
             if let Some(change) = map.ground_change {
                 self.tell(change.stamp, "ground_plane", change.to_string());
             }
-            mapped(scan);
+            observer.mapped(scan, &self.mapper);
             self.scans_unpublished += 1;
             // Time of the data, so that what is published does not depend on the speed of a replay; and a
             // number of scans, because stamps may stand still and memory has limits.

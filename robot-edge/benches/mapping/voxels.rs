@@ -9,6 +9,7 @@ use robot_edge::experiments::run::{pipeline, vehicle_config};
 use robot_edge::mapping::columns::{ColumnKind, ColumnRules, read_columns};
 use robot_edge::mapping::cost_config::Surface;
 use robot_edge::mapping::octree::{BrickColumn, Octree};
+use robot_edge::mapping::posed_scan::PosedScan;
 use robot_edge::mapping::voxel_layers::VoxelLayers;
 use robot_edge::measurement::{Measurement, Stream};
 use robot_edge::robot_time::RobotDuration;
@@ -137,7 +138,7 @@ impl Drive {
                     let mut measurement = measurement.clone();
                     measurement.stamp = measurement.stamp + late;
                     let (started, mut mapped) = (Monotonic::now(), 0);
-                    pipeline.push(measurement, |scan| {
+                    pipeline.push(measurement, |scan: &PosedScan| {
                         mapped += 1;
                         end = Some(Point3::from(scan.odom_from_base.translation.vector));
                     })?;

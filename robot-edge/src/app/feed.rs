@@ -16,6 +16,8 @@ const BATCH: usize = 64;
 /// Items on their way from the source to the pipeline.
 pub(super) struct Batch {
     pub(super) items: Vec<Item>,
+    /// When the first of them was due.
+    pub(super) came: Monotonic,
     /// The streams met since the last batch, whose numbers the items carry.
     pub(super) new_streams: Vec<Stream>,
     /// How far reading has come.
@@ -44,6 +46,7 @@ pub(super) fn feed(
     let mut pacer = Pacer::new(rate);
     let mut hand = Hand {
         items: Vec::with_capacity(BATCH),
+        came: Monotonic::now(),
         streams: 0,
         take: hand_over,
     };
@@ -81,7 +84,16 @@ fn feed_all(
                 }
             }
             Item::Due(Ordered::ClockReset { .. }) => pacer.reset(),
-            Item::AtOnce(_) | Item::Aside(_) => {}
+            Item::Pause => {
+                if hand.over(source) {
+                    continue;
+                }
+                return Ok(());
+            }
+            Item::AtOnce(_) | Item::Aside(_) | Item::Came { .. } => {}
+        }
+        if hand.items.is_empty() {
+            hand.came = Monotonic::now();
         }
         hand.items.push(item);
         if hand.items.len() >= BATCH && !hand.over(source) {
@@ -93,6 +105,7 @@ fn feed_all(
 
 struct Hand<F> {
     items: Vec<Item>,
+    came: Monotonic,
     /// Streams that were handed over.
     streams: usize,
     take: F,
@@ -108,6 +121,7 @@ impl<F: FnMut(Batch) -> bool> Hand<F> {
         self.streams += new_streams.len();
         (self.take)(Batch {
             items: std::mem::replace(&mut self.items, Vec::with_capacity(BATCH)),
+            came: self.came,
             new_streams,
             position: source.position(),
             lost: source.lost_total(),

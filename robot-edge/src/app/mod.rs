@@ -1,17 +1,26 @@
 //! The program: what each command sets up, and the threads and channels between the parts.
 
+mod background;
 mod data_clock;
+mod driving;
 mod event_log;
 mod experiments;
 mod feed;
+mod free_space;
+mod keys;
+mod live;
+mod live_recording;
 mod mapping_side;
 mod network;
+mod network_plan;
 mod outputs;
+mod people;
 pub mod placing;
 mod plan;
 mod recorder;
 mod replay;
 mod run;
+mod run_live;
 mod simulate;
 mod source;
 mod writable;
@@ -22,7 +31,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context as _;
 
-use crate::cli::{Cli, Command, Recover};
+use crate::cli::{Cli, Command, MotorGuard, Recover};
 use crate::config::presets;
 use crate::exit::{Exit, UsageError};
 use crate::recording::Format;
@@ -38,14 +47,16 @@ pub(crate) use simulate::simulated_placing;
 /// What went wrong, in words for the person who typed the command; [`Exit::of`] gives the exit code.
 pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
     match &cli.command {
-        Command::Replay(_) | Command::Simulate(_) | Command::Experiments(_) => {
+        Command::Run(_) | Command::Replay(_) | Command::Simulate(_) | Command::Experiments(_) => {
             run_until(cli, &*interrupt_flag()?, out)
         }
         Command::Info(_)
         | Command::Recover(_)
         | Command::Vehicles(_)
         | Command::Check(_)
-        | Command::Completions(_) => run_until(cli, &AtomicBool::new(false), out),
+        | Command::Keys(_)
+        | Command::Completions(_)
+        | Command::MotorGuard(_) => run_until(cli, &AtomicBool::new(false), out),
     }
 }
 
@@ -56,6 +67,7 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
 pub fn run_until(cli: &Cli, interrupt: &AtomicBool, out: &mut dyn Write) -> anyhow::Result<Exit> {
     let quiet = cli.verbosity.quiet;
     match &cli.command {
+        Command::Run(command) => run_live::run_live(command, quiet, interrupt, out),
         Command::Replay(command) => replay::replay(command, quiet, interrupt, out),
         Command::Simulate(command) => simulate::simulate(command, quiet, interrupt, out),
         Command::Info(command) => {
@@ -71,12 +83,27 @@ pub fn run_until(cli: &Cli, interrupt: &AtomicBool, out: &mut dyn Write) -> anyh
             Ok(Exit::Done)
         }
         Command::Check(command) => Ok(vehicle_commands::check(&command.config, out)?),
+        Command::Keys(command) => keys::keys(command, out),
         Command::Experiments(command) => experiments::experiments(command, quiet, interrupt, out),
         Command::Completions(command) => {
             command.print(out)?;
             Ok(Exit::Done)
         }
+        Command::MotorGuard(command) => guard_motors(command),
     }
+}
+
+#[cfg(target_os = "linux")]
+fn guard_motors(command: &MotorGuard) -> anyhow::Result<Exit> {
+    let config = serde_json::from_str(&command.config)
+        .map_err(|err| UsageError(format!("motor guard: {err}")))?;
+    crate::actuators::motor_guard::run(std::io::stdin(), std::io::stdout(), &config)?;
+    Ok(Exit::Done)
+}
+
+#[cfg(not(target_os = "linux"))]
+fn guard_motors(_command: &MotorGuard) -> anyhow::Result<Exit> {
+    Err(UsageError("motors are driven on Linux only".to_owned()).into())
 }
 
 fn salvage(command: &Recover, out: &mut dyn Write) -> anyhow::Result<Exit> {

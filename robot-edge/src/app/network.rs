@@ -6,113 +6,52 @@ use std::time::Duration;
 
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
-use protocol::message::{Event, Info, LayerInfo, Pose, Reason, Shores, Status};
+use protocol::message::{self, Event, Info, LayerInfo, Reason, Shores, Status};
 use protocol::tile::BootId;
 
 use super::data_clock::DataClock;
-use crate::cli::NetworkOptions;
+use super::driving::DrivePlan;
+use super::network_plan::NetworkPlan;
+use super::people;
+use crate::audit::AuditLog;
 use crate::clock::{self, Monotonic};
 use crate::config::Config;
+use crate::driving::speedometer::Speedometer;
+use crate::driving::{Driving, ListWatch, Lookout, Operators};
 use crate::drops::DropCounts;
-use crate::exit::UsageError;
+use crate::link::LinkError;
 use crate::link::edge::{EdgeLink, EdgeSettings};
-use crate::link::endpoints::{DEFAULT_CONTROL, bulk_endpoint, is_loopback};
 use crate::link::sessions::Endpoints;
 use crate::link::shared::Shared;
-use crate::link::{LinkError, zenoh_config_file};
+use crate::mapping::Mapper;
 use crate::mapping::posed_scan::PosedScan;
 use crate::pipeline::Pipeline;
-use crate::robot_time::RobotTime;
+use crate::pose::Pose;
+use crate::robot_time::{RobotDuration, RobotTime};
 
 /// Consoles that lag when the data has ended are waited for this long.
 const FAREWELL: Duration = Duration::from_secs(10);
 /// Time for the status that says so to arrive.
 const LAST_WORDS: Duration = Duration::from_millis(1200);
 
-/// How a run is on the network.
-#[derive(Clone, Debug)]
-pub(super) struct NetworkPlan {
-    robot: RobotId,
-    endpoints: Endpoints,
-    /// Whether an endpoint was named: then mapping without it is not what was asked for.
-    is_asked_for: bool,
-    stay: bool,
-}
-
-impl NetworkPlan {
-    /// What the command line and the configuration say; `None` for no network.
-    ///
-    /// # Errors
-    /// Where an endpoint is none, or open to others without being said to be.
-    pub(super) fn new(
-        options: &NetworkOptions,
-        robot: Option<&RobotId>,
-        config: &Config,
-    ) -> Result<Option<Self>, UsageError> {
-        if options.no_network {
-            return Ok(None);
-        }
-        let named = |flags: &[String], setting: &Option<String>| {
-            if flags.is_empty() {
-                setting.iter().cloned().collect()
-            } else {
-                flags.to_vec()
-            }
-        };
-        let mut listen: Vec<String> = named(&options.listen, &config.link.listen);
-        let connect: Vec<String> = named(&options.connect, &config.link.connect);
-        for endpoint in listen.iter().chain(&connect) {
-            bulk_endpoint(endpoint).map_err(|err| UsageError(err.to_string()))?;
-        }
-        if let Some(open) = listen.iter().find(|endpoint| !is_loopback(endpoint))
-            && !options.insecure
-        {
-            return Err(UsageError(format!(
-                "--listen {open}: whoever reaches this address could watch the robot, unencrypted. If that is \
-                 meant, say --insecure; else listen on 127.0.0.1 and reach it through a tunnel"
-            )));
-        }
-        let is_asked_for = !(listen.is_empty() && connect.is_empty());
-        if !is_asked_for {
-            listen.push(DEFAULT_CONTROL.to_owned());
-        }
-        Ok(Some(Self {
-            robot: match robot {
-                Some(robot) => robot.clone(),
-                None => name_of(&config.vehicle.name),
-            },
-            endpoints: Endpoints {
-                listen,
-                connect,
-                zenoh_config: zenoh_config_file(options.zenoh_config.clone()),
-            },
-            is_asked_for,
-            stay: options.stay,
-        }))
-    }
-
-    /// Whether the map is served on when the data has ended.
-    pub(super) const fn stays(&self) -> bool {
-        self.stay
-    }
-}
-
-/// A vehicle's name as a robot's: every sign that a key cannot have becomes `_`.
-fn name_of(vehicle: &str) -> RobotId {
-    let plain = |sign: char| {
-        if sign.is_ascii_alphanumeric() || sign == '-' {
-            sign
-        } else {
-            '_'
-        }
-    };
-    let name: String = vehicle.chars().map(plain).take(64).collect();
-    name.parse().unwrap_or_else(|_empty| RobotId::default())
-}
+/// Speeds are measured over this: encoders of wheels are fine.
+const SPEED_ON_LAND: RobotDuration = RobotDuration::from_nanos(100_000_000);
+/// Fixes scatter by centimetres.
+const SPEED_ON_WATER: RobotDuration = RobotDuration::from_nanos(500_000_000);
 
 /// A run's link, and what is told over it.
 pub(super) struct Network {
+    // Ends before the link: what is driven is told zero first.
+    driving: Option<Driving>,
+    _list_watch: Option<ListWatch>,
+    robot: RobotId,
+    lookout: Option<Lookout>,
+    speedometer: Speedometer,
+    /// Stamp of the newest pose that was told.
+    moved: Option<RobotTime>,
     link: EdgeLink,
+    // Last: it writes down how the others end.
+    _audit_log: Option<AuditLog>,
     stay: bool,
 }
 
@@ -127,21 +66,60 @@ impl Network {
         source: &str,
         boot: BootId,
         pipeline: &Pipeline,
+        drive: &DrivePlan,
         quiet: bool,
     ) -> anyhow::Result<Option<Self>> {
         let store = pipeline.publisher().shared_store();
         let shared = Arc::new(Shared::default());
+        let audit_log = plan
+            .audit
+            .as_deref()
+            .map(|path| people::open_audit_log(path, &plan.robot, config, boot))
+            .transpose()?;
+        let audit = audit_log.as_ref().map(AuditLog::audit);
+        let operators = plan
+            .people
+            .as_ref()
+            .map_or_else(Operators::open, Operators::listed);
+        let list_watch = plan
+            .endpoints
+            .credentials
+            .as_ref()
+            .zip(plan.people.clone())
+            .map(|(credentials, list)| {
+                people::watch_list(credentials, list, operators.newer(), &shared, audit.clone())
+            })
+            .transpose()?;
+        let who = (&plan.robot, boot);
+        let (driving, lookout) = drive
+            .start(who, (operators, audit.clone()), config)?
+            .unzip();
         let settings = EdgeSettings {
             robot: plan.robot.clone(),
             boot,
-            endpoints: plan.endpoints.clone(),
+            endpoints: Endpoints {
+                audit,
+                ..plan.endpoints.clone()
+            },
             budget_kbps: config.streaming.budget_kbps,
             info: info(config, source, pipeline),
+            driving: driving.as_ref().map(Driving::handles),
         };
         match EdgeLink::open(settings, store, shared) {
             Ok(link) => {
                 let network = Self {
+                    driving,
+                    _list_watch: list_watch,
+                    robot: plan.robot.clone(),
+                    lookout: lookout.flatten(),
+                    speedometer: Speedometer::new(if config.teleop.is_boat {
+                        SPEED_ON_WATER
+                    } else {
+                        SPEED_ON_LAND
+                    }),
+                    moved: None,
                     link,
+                    _audit_log: audit_log,
                     stay: plan.stay,
                 };
                 if let Some(cell_m) = pipeline.publisher().store().cell_m(LayerId::Shore) {
@@ -154,6 +132,7 @@ impl Network {
                     } = &plan.endpoints;
                     let places = [&listen[..], &connect[..]].concat().join(", ");
                     writeln!(io::stderr(), "network: robot {} at {places}", plan.robot)?;
+                    people::say_how_open(&plan.endpoints, &mut io::stderr())?;
                 }
                 Ok(Some(network))
             }
@@ -171,18 +150,76 @@ impl Network {
         }
     }
 
-    /// Tells consoles where the vehicle is.
-    pub(super) fn moved(&self, scan: &PosedScan) {
-        let q = scan.odom_from_base.rotation.quaternion();
+    /// Something stamped `stamp` came.
+    pub(super) fn came(&mut self, stamp: RobotTime, came: Monotonic) {
+        if let Some(lookout) = &mut self.lookout {
+            lookout.came(stamp, came);
+        }
+    }
+
+    /// The clock of the data starts anew.
+    pub(super) fn reset_clock(&mut self) {
+        self.moved = None;
+        if let Some(lookout) = &mut self.lookout {
+            lookout.reset_clock();
+        }
+    }
+
+    /// Tells consoles and the guard where the vehicle is, unless it is older than what they know.
+    pub(super) fn moved(&mut self, (stamp, pose): (RobotTime, Pose)) {
+        if self.moved.is_some_and(|last| stamp <= last) {
+            return;
+        }
+        self.moved = Some(stamp);
+        let measured = self.speedometer.see(stamp, &pose);
+        if let Some(lookout) = &mut self.lookout {
+            lookout.moved(stamp, &pose, measured, Monotonic::now());
+        }
+        let q = pose.rotation.quaternion();
         self.link.shared().set_pose(
-            scan.stamp,
-            Pose {
-                position_m: scan.odom_from_base.translation.vector.into(),
+            stamp,
+            message::Pose {
+                position_m: pose.translation.vector.into(),
                 quaternion_xyzw: [q.i, q.j, q.k, q.w].map(|part| part as f32),
-                speed_mps: 0.0,
-                turn_rate_radps: 0.0,
+                speed_mps: measured.linear_mps as f32,
+                turn_rate_radps: measured.angular_radps as f32,
+                token: None,
             },
         );
+    }
+
+    /// Tells the guard what a scan sees.
+    pub(super) fn placed(&mut self, scan: &PosedScan, mapper: &Mapper) {
+        // Where scans bring their poses, these are all there are.
+        self.moved((scan.stamp, scan.odom_from_base));
+        if let Some(lookout) = &mut self.lookout {
+            lookout.see(scan, mapper, Monotonic::now());
+        }
+    }
+
+    /// Whether an operator wants a recording to run, since the last call.
+    pub(super) fn take_recording_wish(&self) -> Option<bool> {
+        let (_, board) = self.driving.as_ref()?.handles();
+        board.take_recording_wish()
+    }
+
+    /// Tells consoles whether a recording runs.
+    pub(super) fn show_recording(&self, is_running: bool) {
+        if let Some(driving) = &self.driving {
+            driving.handles().1.show_recording(is_running);
+        }
+    }
+
+    /// The robot's name on the network.
+    pub(super) const fn robot(&self) -> &RobotId {
+        &self.robot
+    }
+
+    /// A scan is in the map.
+    pub(super) fn mapped(&mut self, scan: &PosedScan, mapper: &Mapper) {
+        if let Some(lookout) = &mut self.lookout {
+            lookout.mapped(scan, mapper, Monotonic::now());
+        }
     }
 
     /// Tells consoles of the shores and docking sites that the data up to `stamp` makes.

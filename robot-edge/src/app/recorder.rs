@@ -63,6 +63,11 @@ impl Recorder {
         Ok(())
     }
 
+    /// Hands all of it to the disk.
+    pub(super) fn flush(&mut self) -> Result<(), WriteError> {
+        self.writer.flush()
+    }
+
     fn write_moved(
         &mut self,
         stream: &Stream,

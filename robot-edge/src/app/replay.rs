@@ -4,7 +4,8 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use super::network::NetworkPlan;
+use super::driving::DrivePlan;
+use super::network_plan::NetworkPlan;
 use super::outputs::SETUP;
 use super::placing::{placer_settings, range_sensors};
 use super::plan::plan;
@@ -65,6 +66,7 @@ pub(super) fn replay(
         placer: placer_settings(&config, &plan.placing),
         rate: command.rate,
         network: NetworkPlan::new(&options.network, options.robot.as_ref(), &config)?,
+        drive: DrivePlan::none(),
         record: options.record.clone(),
         export: options.export.clone(),
         summary: options.summary.clone(),

@@ -8,12 +8,15 @@ use std::sync::mpsc::sync_channel;
 use anyhow::{Context as _, anyhow};
 use protocol::tile::BootId;
 
+use super::background::give_way;
 use super::data_clock::DataClock;
+use super::driving::DrivePlan;
 use super::event_log::EventLog;
 use super::feed::{Batch, SourceEnd, feed};
 use super::is_set;
 use super::mapping_side::MappingSide;
-use super::network::{self, Network, NetworkPlan};
+use super::network::{self, Network};
+use super::network_plan::NetworkPlan;
 use super::outputs::{self, Trajectory};
 use super::recorder::Recorder;
 use super::source::Source;
@@ -40,6 +43,8 @@ pub(super) struct Run<'a> {
     pub(super) rate: Rate,
     /// How it is on the network, if at all.
     pub(super) network: Option<NetworkPlan>,
+    /// What moves the vehicle, where it can be driven.
+    pub(super) drive: DrivePlan,
     pub(super) record: Option<PathBuf>,
     pub(super) export: Option<PathBuf>,
     pub(super) summary: Option<PathBuf>,
@@ -64,7 +69,11 @@ impl Run<'_> {
         out: &mut dyn Write,
     ) -> anyhow::Result<Exit> {
         let mut side = self.start()?;
-        let (end, taken) = if self.config.mapping.threads > 1 {
+        if self.drive.can_drive() {
+            give_way();
+        }
+        // What is driven must not wait for what is mapped.
+        let (end, taken) = if self.config.mapping.threads > 1 || self.drive.can_drive() {
             let _pool = pool_around_this_thread(self.config.mapping.threads);
             map_in_two_threads(source, self.rate, interrupt, &mut side)?
         } else {
@@ -87,7 +96,9 @@ impl Run<'_> {
             network.take_leave(revision, self.quiet, || is_set(interrupt));
         }
         // Whoever served the map until Ctrl-C asked for nothing else.
-        let stayed = self.network.as_ref().is_some_and(NetworkPlan::stays) && end.is_complete;
+        // What is driven waits to be driven on: nothing else ends it.
+        let is_at_its_end = end.is_complete || self.drive.can_drive();
+        let stayed = self.network.as_ref().is_some_and(NetworkPlan::stays) && is_at_its_end;
         let interrupted = is_set(interrupt) && !stayed;
         let left = self.leave_behind(side, &end, wall_s, interrupted, out);
         taken?;
@@ -130,8 +141,23 @@ impl Run<'_> {
         let pipeline = Pipeline::new(self.config, self.placer.clone(), boot, encode)?;
         let network = match &self.network {
             Some(plan) => {
-                Network::open(plan, self.config, &self.title, boot, &pipeline, self.quiet)?
+                let title = &self.title;
+                Network::open(
+                    plan,
+                    self.config,
+                    title,
+                    boot,
+                    &pipeline,
+                    &self.drive,
+                    self.quiet,
+                )?
             }
+            None => None,
+        };
+        let live = match &network {
+            Some(network) => self
+                .drive
+                .recording(network.robot(), &self.config.vehicle.name)?,
             None => None,
         };
         for event in &self.events {
@@ -143,6 +169,10 @@ impl Run<'_> {
             pipeline,
             network,
             recorder,
+            live,
+            told_problem: None,
+            not_recorded: None,
+            is_driven: self.drive.can_drive(),
             trajectory: Trajectory::new(),
             progress: Progress::new(self.quiet),
             clock: DataClock::default(),
@@ -169,10 +199,14 @@ impl Run<'_> {
         summary.events.extend(side.events.into_events());
         summary.add_source_end(end, interrupted);
 
-        let recorded = side.recorder.map_or(Ok(()), |recorder| {
-            summary.add_recorder_notes(recorder.notes());
-            recorder.finish()
-        });
+        let recorded = match (side.not_recorded, side.recorder) {
+            (Some(error), _) => Err(error),
+            (None, Some(recorder)) => {
+                summary.add_recorder_notes(recorder.notes());
+                recorder.finish()
+            }
+            (None, None) => Ok(()),
+        };
         let exported = self.export.as_ref().map_or(Ok(Vec::new()), |dir| {
             outputs::export(dir, &side.pipeline, &side.trajectory, &self.title)
         });
@@ -196,6 +230,9 @@ impl Run<'_> {
 ///
 /// Where that fails, rayon's own pool shares the work, for the same maps.
 fn pool_around_this_thread(threads: usize) -> Option<rayon::ThreadPool> {
+    if threads < 2 {
+        return None;
+    }
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .use_current_thread()

@@ -3,7 +3,8 @@
 use std::io::Write;
 use std::sync::atomic::AtomicBool;
 
-use super::network::NetworkPlan;
+use super::driving::{DrivePlan, MotorsPlan};
+use super::network_plan::NetworkPlan;
 use super::outputs::SETUP;
 use super::placing::{
     Placing, PlannedSensor, placer_settings, poses_from_fixes, poses_from_wheels, range_sensors,
@@ -12,11 +13,13 @@ use super::placing::{
 use super::run::Run;
 use super::source::Simulated;
 use crate::cli::Simulate;
-use crate::config::{self, Config, FixesAndAttitude, WheelsAndAttitude};
+use crate::config::{self, Config, FixesAndAttitude, MotorsConfig, WheelsAndAttitude};
+use crate::driving::motors::SimulatedMotors;
 use crate::exit::{Exit, UsageError};
 use crate::localization::config::PoseSource;
 use crate::localization::placer::{MountOrigin, PoseOrigin, PoseStreams};
 use crate::measurement::{Stream, StreamId};
+use crate::pacer::Rate;
 use crate::recording::survey::range_sensors::assign;
 use crate::simulation::{SimulatedSource, SimulationOptions, World};
 use crate::summary::Event;
@@ -34,6 +37,16 @@ pub(super) fn simulate(
         .as_deref()
         .unwrap_or_else(|| world.vehicle());
     let config = config::load(vehicle, &options.overrides())?;
+    let network = NetworkPlan::new(&options.network, options.robot.as_ref(), &config)?;
+    let is_in_real_time = matches!(command.rate, Rate::Times(rate) if (rate - 1.0).abs() < 1e-9);
+    let motors = (network.is_some() && is_in_real_time).then(SimulatedMotors::default);
+    if motors.is_none() && command.driving.drive_log.is_some() {
+        return Err(UsageError(
+            "--drive-log: a simulated vehicle is driven at --rate 1, over a network".to_owned(),
+        )
+        .into());
+    }
+    let stays = network.as_ref().is_some_and(NetworkPlan::stays);
     let source = SimulatedSource::new(
         &world,
         SimulationOptions {
@@ -43,29 +56,44 @@ pub(super) fn simulate(
         },
     )
     .map_err(|err| UsageError(err.to_string()))?;
+    let source = if motors.is_some() && stays {
+        source.until_stopped()
+    } else {
+        source
+    };
+    let mut notes = vec![format!(
+        "{vehicle}, in world {} with seed {}",
+        world.name(),
+        command.seed
+    )];
+    if config.motors != MotorsConfig::default() {
+        notes.push("[motors] is left alone: only `run` drives real motors".to_owned());
+    }
     let run = Run {
         source: command.world.clone(),
         title: world.name().to_owned(),
         placer: placer_settings(&config, &simulated_placing(&config, source.streams())?),
         config: &config,
         rate: command.rate,
-        network: NetworkPlan::new(&options.network, options.robot.as_ref(), &config)?,
+        network,
+        drive: motors.clone().map_or_else(DrivePlan::none, |motors| {
+            DrivePlan::new(MotorsPlan::Simulated(motors), &command.driving)
+        }),
         record: options.record.clone(),
         export: options.export.clone(),
         summary: options.summary.clone(),
         quiet,
         earliest: None,
-        events: vec![Event {
-            stamp_s: None,
-            kind: SETUP.to_owned(),
-            message: format!(
-                "{vehicle}, in world {} with seed {}",
-                world.name(),
-                command.seed
-            ),
-        }],
+        events: notes
+            .into_iter()
+            .map(|message| Event {
+                stamp_s: None,
+                kind: SETUP.to_owned(),
+                message,
+            })
+            .collect(),
     };
-    run.go(&mut Simulated(source), interrupt, out)
+    run.go(&mut Simulated { source, motors }, interrupt, out)
 }
 
 /// How the beams of a simulated vehicle that gives these streams are placed.

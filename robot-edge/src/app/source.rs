@@ -1,15 +1,19 @@
-//! Recordings and simulated worlds as one kind of source.
+//! Recordings, simulated worlds and live sensors as one kind of source.
 
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
 
 use super::data_clock::DataClock;
+use crate::clock::Monotonic;
+use crate::driving::motors::SimulatedMotors;
 use crate::drops::DropCounts;
 use crate::measurement::{Measurement, MeasurementData, Stream};
 use crate::recording::stamp_order::{Ordered, StampOrder};
 use crate::recording::{Position, RecordingError, RecordingReader};
 use crate::robot_time::{RobotDuration, RobotTime};
+use crate::simulation::CommandedVelocity;
 use crate::simulation::SimulatedSource;
+use crate::teleop::Velocity;
 
 /// What a source yields.
 #[derive(Debug)]
@@ -20,6 +24,15 @@ pub(super) enum Item {
     AtOnce(Measurement),
     /// Not to be mapped, for `--record` only.
     Aside(Measurement),
+    /// To be mapped at once: it came, live.
+    Came {
+        /// What.
+        ordered: Ordered,
+        /// Since when it could have been known, on this machine's clock.
+        taken: Monotonic,
+    },
+    /// There is no more at present.
+    Pause,
 }
 
 /// What a source lost.
@@ -226,7 +239,9 @@ impl Source for Replayed {
             Some(Item::Due(Ordered::Measurement(measurement))) => measurement.stamp,
             Some(Item::AtOnce(pose)) if !pose.is_timeless() => pose.stamp,
             // What holds for all time goes first; a clock that starts anew and the end, last.
-            Some(Item::AtOnce(_) | Item::Aside(_)) => RobotTime::MIN,
+            Some(Item::AtOnce(_) | Item::Aside(_) | Item::Came { .. } | Item::Pause) => {
+                RobotTime::MIN
+            }
             Some(Item::Due(Ordered::ClockReset { .. })) | None => RobotTime::MAX,
         };
         let is_their_turn = |aside: &Measurement| aside.stamp <= turn;
@@ -268,12 +283,46 @@ impl Source for Replayed {
     }
 }
 
-/// A simulated run.
-pub(super) struct Simulated(pub(super) SimulatedSource);
+/// A simulated run, and the motors of its vehicle where somebody may drive it.
+pub(super) struct Simulated {
+    pub(super) source: SimulatedSource,
+    pub(super) motors: Option<SimulatedMotors>,
+}
+
+impl Simulated {
+    /// The vehicle does what its motors are told, from as soon as nothing has been measured yet.
+    fn drive(&mut self) {
+        let Some(motors) = &self.motors else { return };
+        let at = self.source.frontier();
+        let true_velocity = self.source.velocity(at);
+        let told = motors.exchange(Velocity {
+            linear_mps: true_velocity.forward_mps,
+            angular_radps: true_velocity.turn_rate_radps,
+        });
+        let Velocity {
+            linear_mps,
+            angular_radps,
+        } = told.velocity;
+        let velocity = CommandedVelocity {
+            linear_mps,
+            angular_radps,
+        };
+        let stopped = if told.is_taken_over && !self.source.is_driven() {
+            self.source.take_over(at).map(drop)
+        } else {
+            Ok(())
+        };
+        // Never too far ahead: it is where measuring has come.
+        if let Err(error) = stopped.and_then(|()| self.source.drive(at, velocity).map(drop)) {
+            tracing::warn!(%error, "the simulated vehicle was not driven");
+        }
+    }
+}
 
 impl Source for Simulated {
     fn next(&mut self) -> Result<Option<Item>, RecordingError> {
-        Ok(self.0.next_measurement().map(|measurement| {
+        self.drive();
+        Ok(self.source.next_measurement().map(|measurement| {
             if measurement.is_timeless() {
                 Item::AtOnce(measurement)
             } else {
@@ -283,7 +332,7 @@ impl Source for Simulated {
     }
 
     fn streams_from(&self, from: usize) -> Vec<Stream> {
-        self.0.streams().iter().skip(from).cloned().collect()
+        self.source.streams().iter().skip(from).cloned().collect()
     }
 
     fn position(&self) -> Option<Position> {

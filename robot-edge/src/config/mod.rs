@@ -12,6 +12,7 @@ use serde::Deserialize;
 
 pub mod error;
 pub mod load;
+pub mod motors;
 pub mod overrides;
 pub mod presets;
 pub mod sensors;
@@ -25,6 +26,7 @@ mod validate;
 
 pub use error::{ConfigError, Fault, Origin, Problem};
 pub use load::load;
+pub use motors::{MotorsConfig, TwistConfig};
 pub use overrides::Override;
 pub use sensors::{
     FixesAndAttitude, GpsConfig, ImuConfig, Mount, RangeSensor, RangeSensorConfig, SensorConfig,
@@ -38,6 +40,7 @@ use crate::mapping::config::MappingConfig;
 use crate::mapping::octree_config::RangeSensorModel;
 use crate::mapping::posed_scan::SensorId;
 use crate::streaming::config::StreamingConfig;
+use crate::teleop::TeleopConfig;
 
 /// Everything that can be set, by module.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -55,6 +58,10 @@ pub struct Config {
     pub streaming: StreamingConfig,
     /// Network.
     pub link: LinkConfig,
+    /// Driving.
+    pub teleop: TeleopConfig,
+    /// What is driven.
+    pub motors: MotorsConfig,
 }
 
 impl Config {
@@ -93,6 +100,8 @@ impl Default for Config {
             mapping: MappingConfig::default(),
             streaming: StreamingConfig::default(),
             link: LinkConfig::default(),
+            teleop: TeleopConfig::default(),
+            motors: MotorsConfig::default(),
         }
     }
 }

@@ -47,7 +47,10 @@ impl Config {
         voxels(&mut checks, &self.mapping);
         streaming(&mut checks, &self.streaming);
         link(&mut checks, &self.link);
-        checks.into_faults()
+        let mut faults = checks.into_faults();
+        faults.extend(self.teleop.check());
+        faults.extend(self.motors.check());
+        faults
     }
 }
 

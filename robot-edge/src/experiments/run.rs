@@ -113,7 +113,7 @@ impl SimulatedRun {
         let mut scans = Vec::new();
         while let Some(measurement) = self.next.take_if(|next| next.stamp <= until) {
             self.pipeline
-                .push(measurement, |scan| scans.push(scan.clone()))?;
+                .push(measurement, |scan: &PosedScan| scans.push(scan.clone()))?;
             for scan in scans.drain(..) {
                 mapped(&self.pipeline, &scan);
             }
@@ -131,7 +131,7 @@ impl SimulatedRun {
     /// Where publishing stopped.
     pub fn finish(mut self) -> Result<Pipeline, ExperimentError> {
         self.advance_to(self.duration_s())?;
-        self.pipeline.finish(|_| ())?;
+        self.pipeline.finish(())?;
         Ok(self.pipeline)
     }
 

@@ -185,6 +185,17 @@ impl BeamPlacer {
         self.reckoning.as_ref()?.datum()
     }
 
+    /// Where the vehicle is, as far as poses have come; `None` before the first and where only scans bring them.
+    pub fn newest_pose(&self) -> Option<StampedPose> {
+        let settings = &self.settings;
+        let path = self
+            .tree
+            .path(settings.fixed_frame(), &settings.base_frame)?;
+        let stamp = path.newest()?.min(self.newest);
+        let pose = path.sampler().pose_at(stamp).ok()?;
+        Some((stamp, pose))
+    }
+
     fn take_scan(
         &mut self,
         sensor: usize,

@@ -16,6 +16,7 @@ mod damage_check;
 mod format;
 mod loss_log;
 pub mod mcap;
+pub(crate) mod messages;
 pub mod rosbag;
 #[cfg(test)]
 pub(crate) mod shared_data;

@@ -40,6 +40,8 @@ pub enum WriteError {
 pub struct McapWriter {
     path: PathBuf,
     writer: mcap::Writer<BufWriter<File>>,
+    /// The same file, to have it synced.
+    file: File,
     /// By topic and type: channel, and messages written.
     channels: BTreeMap<(String, &'static str), (u16, u32)>,
     not_written: u64,
@@ -56,6 +58,7 @@ impl McapWriter {
             source,
         };
         let file = File::create(path).map_err(|source| error(source.into()))?;
+        let same = file.try_clone().map_err(|source| error(source.into()))?;
         let options = WriteOptions::new()
             .profile("ros2")
             .library(concat!("foreshore ", env!("CARGO_PKG_VERSION")))
@@ -74,6 +77,7 @@ impl McapWriter {
         Ok(Self {
             path: path.to_owned(),
             writer,
+            file: same,
             channels: BTreeMap::new(),
             not_written: 0,
         })
@@ -116,10 +120,13 @@ impl McapWriter {
     /// # Errors
     /// Where the disk fails.
     pub fn flush(&mut self) -> Result<(), WriteError> {
-        self.writer.flush().map_err(|source| WriteError::Mcap {
-            path: self.path.clone(),
-            source,
-        })
+        let flushed = self.writer.flush();
+        flushed
+            .and_then(|()| Ok(self.file.sync_data()?))
+            .map_err(|source| WriteError::Mcap {
+                path: self.path.clone(),
+                source,
+            })
     }
 
     /// Measurements of kinds that are not recorded (clouds).

@@ -47,6 +47,16 @@ impl Flow {
         }
     }
 
+    /// Another budget, kilobits per second; nothing where it is the same.
+    pub fn set_budget(&mut self, budget_kbps: u32) {
+        let most_kbps = f64::from(budget_kbps);
+        if (self.most_kbps - most_kbps).abs() >= 0.5 {
+            self.most_kbps = most_kbps;
+            self.kbps = most_kbps;
+            self.budget.set_rate(most_kbps);
+        }
+    }
+
     /// Whether something may be pushed now.
     pub fn allows(&mut self, now: Monotonic) -> bool {
         self.budget.allows(now)

@@ -9,6 +9,8 @@ mod exported_map;
 mod info;
 #[cfg(unix)]
 mod interrupt;
+#[cfg(target_os = "linux")]
+mod motor_guard;
 mod outputs;
 mod own_clip;
 mod process;

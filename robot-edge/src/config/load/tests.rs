@@ -63,6 +63,12 @@ fn uncommented(text: &str) -> String {
     text.lines().map(uncomment).collect()
 }
 
+/// Without the last of the kinds of motors, of which a vehicle has one.
+fn with_one_kind_of_motors(uncommented: &str) -> &str {
+    let (text, _other) = uncommented.split_once("[motors.ros2_twist]").unwrap();
+    text
+}
+
 fn flattened(prefix: &str, table: &Table, keys: &mut Vec<String>) {
     for (key, value) in table {
         let path = join(prefix, key);
@@ -92,7 +98,7 @@ fn presets_list_every_key_and_their_examples_are_valid() {
         let mut listed = Vec::new();
         flattened("", &text.parse().unwrap(), &mut listed);
         listed.sort();
-        let config = file(&text).unwrap();
+        let config = file(with_one_kind_of_motors(&text)).unwrap();
         let mut known: Vec<String> = config
             .sensors
             .iter()
@@ -108,7 +114,7 @@ fn presets_list_every_key_and_their_examples_are_valid() {
 
 #[test]
 fn the_generic_preset_shows_every_kind_of_sensor_with_its_defaults() {
-    let config = file(uncommented(GENERIC.text)).unwrap();
+    let config = file(with_one_kind_of_motors(&uncommented(GENERIC.text))).unwrap();
     let mut kinds: Vec<_> = config.sensors.values().map(SensorConfig::kind).collect();
     kinds.sort_unstable();
     assert_eq!(
@@ -244,7 +250,7 @@ fn misspelt_keys_are_named_with_the_nearest() {
         let expected = format!("--set: `{key}`: unknown key: did you mean `{nearest}`?");
         assert_eq!(set_fault(setting), expected);
     }
-    assert!(set_fault("teleop.lease_s=1").contains("unknown key: the nearest that exists is `"));
+    assert!(set_fault("radio.call_sign=1").contains("unknown key: the nearest that exists is `"));
 }
 
 #[test]

@@ -11,26 +11,23 @@ mod record;
 pub mod recover;
 mod summary;
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use framing::{Frame, Framing};
 use magic::open_checked;
 use record::{Malformed, op};
 
-use super::loss_log::LossLog;
+use super::messages::{MAX_STREAMS, Messages, Reading};
 use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary};
 use crate::drops::{DropCounts, DropReason};
 use crate::measurement::{Measurement, Stream, StreamId};
 use crate::robot_time::RobotTime;
-use crate::ros::{self, DecodeError, Encoding, MessageType};
+use crate::ros::{self, Encoding, MessageType};
 
 /// Name of the metadata record that Foreshore writes, and the key in it that names the vehicle.
 pub(super) const METADATA_NAME: &str = "foreshore";
 pub(super) const VEHICLE_KEY: &str = "vehicle";
-
-/// Topics a file may have before more are taken for damage.
-const MAX_STREAMS: usize = 4096;
 
 /// Reads an MCAP file from its beginning to its end, in bounded memory: one chunk at a time.
 #[derive(Debug)]
@@ -40,11 +37,8 @@ pub struct McapReader {
     selection: Selection,
     schemas: BTreeMap<u16, String>,
     channels: BTreeMap<u16, Channel>,
-    streams: Vec<StreamSummary>,
-    losses: LossLog,
+    messages: Messages,
     vehicle: Option<String>,
-    newest_stamp: Option<RobotTime>,
-    ready: VecDeque<Measurement>,
     chunk: Vec<u8>,
     data_has_ended: bool,
     is_finished: bool,
@@ -55,13 +49,6 @@ struct Channel {
     stream: StreamId,
     /// How its messages are read; `None` where they are only counted.
     reading: Option<Reading>,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Reading {
-    kind: MessageType,
-    encoding: Encoding,
-    is_static: bool,
 }
 
 impl McapReader {
@@ -83,11 +70,8 @@ impl McapReader {
             selection,
             schemas: BTreeMap::new(),
             channels: BTreeMap::new(),
-            streams: Vec::new(),
-            losses: LossLog::default(),
+            messages: Messages::default(),
             vehicle: None,
-            newest_stamp: None,
-            ready: VecDeque::new(),
             chunk: Vec::new(),
             data_has_ended: false,
             is_finished: false,
@@ -128,7 +112,7 @@ impl McapReader {
             }) => self.check_statistics(),
             Some(Frame::Record { opcode, offset }) => {
                 if self.data_has_ended && matches!(opcode, op::CHUNK | op::MESSAGE) {
-                    self.losses.add(DropReason::Damaged, || {
+                    self.messages.losses_mut().add(DropReason::Damaged, || {
                         format!("byte {offset}: there is data behind the end of the data")
                     });
                 }
@@ -138,11 +122,15 @@ impl McapReader {
                     self.take_outer_record(opcode, offset);
                 }
             }
-            Some(Frame::Damaged { offset, bytes }) => self.losses.add(DropReason::Damaged, || {
-                format!("byte {offset}: {bytes} bytes are no records; reading went on behind them")
-            }),
+            Some(Frame::Damaged { offset, bytes }) => {
+                self.messages.losses_mut().add(DropReason::Damaged, || {
+                    format!(
+                        "byte {offset}: {bytes} bytes are no records; reading went on behind them"
+                    )
+                });
+            }
             Some(Frame::CutOff { offset }) => {
-                self.losses.add(DropReason::CutOff, || {
+                self.messages.losses_mut().add(DropReason::CutOff, || {
                     format!("byte {offset}: the file ends in the middle of a record")
                 });
                 return Ok(false);
@@ -158,7 +146,9 @@ impl McapReader {
     fn take_outer_record(&mut self, opcode: u8, offset: u64) {
         let body = std::mem::take(self.framing.body_mut());
         if self.take_record(opcode, &body).is_err() {
-            self.losses.add(DropReason::Damaged, || malformed(offset));
+            self.messages
+                .losses_mut()
+                .add(DropReason::Damaged, || malformed(offset));
         }
         *self.framing.body_mut() = body;
     }
@@ -169,7 +159,7 @@ impl McapReader {
         } else {
             "its recorder was stopped too early"
         };
-        self.losses.add(DropReason::CutOff, || {
+        self.messages.losses_mut().add(DropReason::CutOff, || {
             format!("the file ends without its end mark: {data}")
         });
     }
@@ -195,11 +185,13 @@ impl McapReader {
                 for record in record::records(&records) {
                     let taken = record.and_then(|(opcode, body)| self.take_record(opcode, body));
                     if taken.is_err() {
-                        self.losses.add(DropReason::Damaged, || malformed(offset));
+                        self.messages
+                            .losses_mut()
+                            .add(DropReason::Damaged, || malformed(offset));
                     }
                 }
             }
-            Err(note) => self.losses.add(DropReason::Damaged, || note),
+            Err(note) => self.messages.losses_mut().add(DropReason::Damaged, || note),
         }
         *self.framing.body_mut() = body;
         self.chunk = records;
@@ -256,26 +248,10 @@ impl McapReader {
             type_name: ros::ros1_type_name(type_name),
         };
         // Merged files and restarted drivers have several channels of one topic.
-        let known = self
-            .streams
-            .iter()
-            .position(|summary| summary.stream == stream);
-        let index = known.unwrap_or(self.streams.len());
-        let id = StreamId(
-            u16::try_from(index)
-                .ok()
-                .filter(|_| index < MAX_STREAMS)
-                .ok_or(Malformed)?,
-        );
-        if known.is_none() {
-            self.streams.push(StreamSummary {
-                stream,
-                understood: reading.is_some(),
-                messages: 0,
-                first: None,
-                last: None,
-            });
-        }
+        let id = self
+            .messages
+            .stream(&stream, reading.is_some())
+            .ok_or(Malformed)?;
         let reading = reading.filter(|_| self.selection.contains(channel.topic));
         self.channels.insert(
             channel.id,
@@ -291,52 +267,9 @@ impl McapReader {
         let &Channel { stream, reading } =
             self.channels.get(&message.channel_id).ok_or(Malformed)?;
         let log_time = RobotTime::from_nanos(i64::try_from(message.log_time).unwrap_or(i64::MAX));
-        let summary = &mut self.streams[usize::from(stream.0)];
-        summary.messages += 1;
-        summary.first.get_or_insert(log_time);
-        summary.last = Some(log_time);
-        let Some(Reading {
-            kind,
-            encoding,
-            is_static,
-        }) = reading
-        else {
-            return Ok(());
-        };
-        match ros::decode(kind, encoding, is_static, message.data) {
-            Ok(parts) => {
-                for part in parts {
-                    match part {
-                        Ok(decoded) => self.take_decoded(stream, log_time, decoded),
-                        Err(err) => self.lose_message(stream, err),
-                    }
-                }
-            }
-            Err(err) => self.lose_message(stream, err),
-        }
+        self.messages
+            .take(stream, reading, Some(log_time), message.data);
         Ok(())
-    }
-
-    fn take_decoded(&mut self, stream: StreamId, log_time: RobotTime, decoded: ros::Decoded) {
-        // A message without a stamp happened when its neighbours did, on *their* clock.
-        let stamp = decoded.stamp.or(self.newest_stamp).unwrap_or(log_time);
-        self.newest_stamp = self.newest_stamp.max(decoded.stamp);
-        self.ready.push_back(Measurement {
-            stamp,
-            stream,
-            frame: decoded.frame,
-            data: decoded.data,
-        });
-    }
-
-    fn lose_message(&mut self, stream: StreamId, err: DecodeError) {
-        let summary = &self.streams[usize::from(stream.0)];
-        self.losses.add(err.reason(), || {
-            format!(
-                "{}: message {}: {err}",
-                summary.stream.name, summary.messages
-            )
-        });
     }
 
     /// At the end of the data: was something changed that nothing else showed?
@@ -346,9 +279,9 @@ impl McapReader {
         if let Some(found) = self.framing.crc_before_last_record()
             && expected != 0
             && found != expected
-            && self.losses.counts().total() == 0
+            && self.messages.loss_counts().total() == 0
         {
-            self.losses.add(DropReason::Damaged, || {
+            self.messages.losses_mut().add(DropReason::Damaged, || {
                 "the checksum of the data section does not fit: something outside of its chunks was changed"
                     .to_owned()
             });
@@ -357,10 +290,15 @@ impl McapReader {
 
     /// The writer's own count shows what was lost without a trace.
     fn check_statistics(&mut self) {
-        let read: u64 = self.streams.iter().map(|summary| summary.messages).sum();
+        let read: u64 = self
+            .messages
+            .streams()
+            .iter()
+            .map(|summary| summary.messages)
+            .sum();
         match record::message_count(self.framing.body()) {
-            Ok(written) if read < written && self.losses.counts().total() == 0 => {
-                self.losses.add(DropReason::Damaged, || {
+            Ok(written) if read < written && self.messages.loss_counts().total() == 0 => {
+                self.messages.losses_mut().add(DropReason::Damaged, || {
                     format!("{read} messages were read of the {written} that were written")
                 });
             }
@@ -376,7 +314,7 @@ fn malformed(offset: u64) -> String {
 impl RecordingReader for McapReader {
     fn next_measurement(&mut self) -> Result<Option<Measurement>, RecordingError> {
         loop {
-            if let Some(measurement) = self.ready.pop_front() {
+            if let Some(measurement) = self.messages.pop() {
                 return Ok(Some(measurement));
             }
             if self.is_finished {
@@ -387,15 +325,15 @@ impl RecordingReader for McapReader {
     }
 
     fn streams(&self) -> &[StreamSummary] {
-        &self.streams
+        self.messages.streams()
     }
 
     fn losses(&self) -> &DropCounts {
-        self.losses.counts()
+        self.messages.loss_counts()
     }
 
     fn loss_notes(&self) -> &[String] {
-        self.losses.notes()
+        self.messages.losses().notes()
     }
 
     fn position(&self) -> Position {

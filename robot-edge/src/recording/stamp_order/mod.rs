@@ -32,7 +32,7 @@ const MAX_SOURCES: usize = 4096;
 #[derive(Clone, Debug, PartialEq)]
 pub enum Ordered {
     /// The next measurement: its stamp is not before that of the one ahead of it, unless either passed at once
-    /// or a [`Ordered::ClockReset`] came between.
+    /// (in [`StampOrder::live`], also because it was late) or a [`Ordered::ClockReset`] came between.
     Measurement(Measurement),
     /// The data's clock went back: what is known by stamp (poses above all) no longer holds.
     ClockReset {
@@ -50,7 +50,13 @@ pub enum Ordered {
 /// What is older than what already left is dropped and counted as [`DropReason::Late`].
 #[derive(Debug)]
 pub struct StampOrder {
+    /// A longer step of stamps is not believed at once.
     window: RobotDuration,
+    /// How long items wait for older ones.
+    hold: RobotDuration,
+    /// What is older than what left already, but not than what came before it from the same source, goes on at once
+    /// instead of being dropped.
+    passes_late: bool,
     waiting: WaitingRoom,
     suspects: Vec<Suspect>,
     out: VecDeque<Ordered>,
@@ -106,6 +112,8 @@ impl StampOrder {
     pub fn new(window: RobotDuration) -> Self {
         Self {
             window,
+            hold: window,
+            passes_late: false,
             waiting: WaitingRoom::default(),
             suspects: Vec::new(),
             out: VecDeque::new(),
@@ -113,6 +121,33 @@ impl StampOrder {
             arrivals: 0,
             drops: DropCounts::default(),
             late_scans: 0,
+        }
+    }
+
+    /// One for data that is mapped as it comes: items wait for older ones no longer than `hold`, and what comes later
+    /// than that goes on out of order, for a vehicle must see; each source's own order holds.
+    pub fn live(hold: RobotDuration) -> Self {
+        Self {
+            hold,
+            passes_late: true,
+            ..Self::default()
+        }
+    }
+
+    /// The oldest stamp of what waits, unless it is one that was not believed, so far ahead that its time may never come.
+    pub fn first_waiting(&self) -> Option<RobotTime> {
+        let reach = self.epoch.newest? + self.window;
+        self.waiting.first_stamp().filter(|first| *first <= reach)
+    }
+
+    /// Items up to `stamp`, which is one of [`first_waiting`](Self::first_waiting), wait no longer.
+    pub fn release_until(&mut self, stamp: RobotTime) {
+        while self
+            .waiting
+            .first_stamp()
+            .is_some_and(|first| first <= stamp)
+        {
+            self.release_first();
         }
     }
 
@@ -288,8 +323,13 @@ impl StampOrder {
             self.epoch.newest = self.epoch.newest.max(Some(stamp));
         }
         let newest_of_source = self.epoch.newest_of.entry(source).or_insert(stamp);
+        let is_in_order = stamp >= *newest_of_source;
         *newest_of_source = stamp.max(*newest_of_source);
-        self.insert(arrival, measurement);
+        if self.passes_late && is_in_order && self.epoch.left.is_some_and(|left| stamp < left) {
+            self.out.push_back(Ordered::Measurement(measurement));
+        } else {
+            self.insert(arrival, measurement);
+        }
     }
 
     fn insert(&mut self, arrival: u64, measurement: Measurement) {
@@ -327,7 +367,7 @@ impl StampOrder {
         let Some(newest) = self.epoch.newest else {
             return;
         };
-        let until = newest - self.window;
+        let until = newest - self.hold;
         while self.waiting.is_over_full() || self.waiting.first_stamp().is_some_and(|s| s <= until)
         {
             self.release_first();

@@ -313,3 +313,46 @@ proptest! {
         prop_assert_eq!(out, expected);
     }
 }
+
+#[test]
+fn live_data_waits_briefly_and_goes_on_even_if_it_is_late() {
+    let mut order = StampOrder::live(RobotDuration::from_millis(50));
+    let out = |order: &mut StampOrder| {
+        let mut stamps = Vec::new();
+        while let Some(Ordered::Measurement(measurement)) = order.pop() {
+            stamps.push(measurement.stamp.as_nanos() / 1_000_000);
+        }
+        stamps
+    };
+    for (stream, stamp) in [(0, 100), (1, 90), (0, 120), (0, 150)] {
+        order.push(item(stream, stamp, 0));
+    }
+    assert_eq!(
+        out(&mut order),
+        [90, 100],
+        "the clock has passed them by 50 ms"
+    );
+    order.push(item(1, 70, 0));
+    assert_eq!(out(&mut order), [] as [i64; 0], "behind its own source");
+    assert_eq!(order.drops().total(), 1);
+    order.push(item(2, 70, 0));
+    assert_eq!(out(&mut order), [70], "late, and wanted all the same");
+    assert_eq!(order.drops().total(), 1);
+    // Nothing comes any more, and nobody waits for ever.
+    order.release_until(ms(120));
+    assert_eq!(out(&mut order), [120]);
+    order.release_until(ms(150));
+    assert_eq!(out(&mut order), [150]);
+    // A stamp far ahead is no more believed than in a recording.
+    order.push(item(0, 9_000, 0));
+    order.push(item(1, 200, 0));
+    assert_eq!(order.first_waiting(), Some(ms(200)));
+    order.release_until(ms(200));
+    assert_eq!(out(&mut order), [200]);
+    // Nor does it go on when the next of its source says otherwise.
+    order.push(item(0, 300, 0));
+    assert_eq!(order.first_waiting(), Some(ms(300)));
+    order.release_until(ms(300));
+    assert_eq!(order.first_waiting(), None);
+    assert_eq!(out(&mut order), [300]);
+}

@@ -1,0 +1,177 @@
+//! What is driven in a run, and by which rules.
+
+use std::path::PathBuf;
+
+use anyhow::Context as _;
+use protocol::keys::RobotId;
+use protocol::tile::BootId;
+
+use super::live_recording::LiveRecording;
+#[cfg(target_os = "linux")]
+use crate::actuators::motor_guard::{GuardCommand, GuardedMotors};
+use crate::actuators::published_velocity::PublishedVelocity;
+#[cfg(target_os = "linux")]
+use crate::actuators::roboteq::RoboteqConfig;
+use crate::audit::Audit;
+use crate::cli::DrivingOptions;
+use crate::config::{Config, Fault};
+use crate::driving::motors::SimulatedMotors;
+use crate::driving::{
+    DriveLog, Driving, DrivingSettings, EStopFile, Keeper, LocalWishes, Lookout, Motors, Operators,
+    lookout,
+};
+use crate::exit::UsageError;
+use crate::link::ros2::RosLink;
+use crate::teleop::Rules;
+use crate::teleop::guard::GuardRules;
+
+/// Which motors.
+#[derive(Clone, Debug)]
+pub(super) enum MotorsPlan {
+    /// None: it can be watched, and not driven.
+    None,
+    /// Those of a simulated vehicle.
+    Simulated(SimulatedMotors),
+    /// Those of a ROS 2 system, which is told on this topic.
+    Ros2Twist(RosLink, String),
+    /// Real ones, behind a guard.
+    #[cfg(target_os = "linux")]
+    Roboteq(RoboteqConfig),
+}
+
+impl MotorsPlan {
+    fn start(&self) -> anyhow::Result<Motors> {
+        Ok(match self {
+            Self::None => Motors::None,
+            Self::Simulated(motors) => Motors::Simulated(motors.clone()),
+            Self::Ros2Twist(link, topic) => {
+                let publisher = link.twist_publisher(topic)?;
+                let motors = PublishedVelocity::start(Box::new(publisher));
+                Motors::Published(motors.context("no thread can be had to publish velocities")?)
+            }
+            #[cfg(target_os = "linux")]
+            Self::Roboteq(config) => {
+                let guarded = GuardCommand::this_program(config)
+                    .and_then(|command| GuardedMotors::start(command, config.clone()));
+                Motors::Guarded(guarded.context("the motors' guard cannot be started")?)
+            }
+        })
+    }
+}
+
+/// The motors of a run and where driving leaves its files.
+#[derive(Clone, Debug)]
+pub(super) struct DrivePlan {
+    motors: MotorsPlan,
+    log: Option<PathBuf>,
+    state: Option<PathBuf>,
+    recordings: Option<PathBuf>,
+}
+
+impl DrivePlan {
+    /// A vehicle that can be watched, and not driven.
+    pub(super) const fn none() -> Self {
+        Self {
+            motors: MotorsPlan::None,
+            log: None,
+            state: None,
+            recordings: None,
+        }
+    }
+
+    /// These motors, with what the command line says.
+    pub(super) fn new(motors: MotorsPlan, options: &DrivingOptions) -> Self {
+        Self {
+            motors,
+            log: options.drive_log.clone(),
+            state: options.state.clone(),
+            recordings: options.recordings.clone(),
+        }
+    }
+
+    /// Whether anything can be driven.
+    pub(super) const fn can_drive(&self) -> bool {
+        match self.motors {
+            MotorsPlan::None => false,
+            MotorsPlan::Simulated(_) | MotorsPlan::Ros2Twist(..) => true,
+            #[cfg(target_os = "linux")]
+            MotorsPlan::Roboteq(_) => true,
+        }
+    }
+
+    /// What records when operators want it, where they may.
+    ///
+    /// # Errors
+    /// Where the folder cannot be made or a thread cannot be had.
+    pub(super) fn recording(
+        &self,
+        robot: &RobotId,
+        vehicle: &str,
+    ) -> anyhow::Result<Option<LiveRecording>> {
+        let folder = self.recordings.as_ref().filter(|_| self.can_drive());
+        let recording = folder.map(|folder| {
+            LiveRecording::new(folder, robot.as_str(), vehicle)
+                .with_context(|| format!("{}: cannot record here", folder.display()))
+        });
+        recording.transpose()
+    }
+
+    /// Starts the loop that drives, where there is anything to drive.
+    ///
+    /// # Errors
+    /// Where the configuration makes no rules, or a file or thread cannot be had.
+    pub(super) fn start(
+        &self,
+        (robot, boot): (&RobotId, BootId),
+        (operators, audit): (Operators, Option<Audit>),
+        config: &Config,
+    ) -> anyhow::Result<Option<(Driving, Option<Lookout>)>> {
+        if !self.can_drive() {
+            return Ok(None);
+        }
+        let rules = Rules::new(&config.teleop, &config.vehicle).map_err(|faults| words(&faults))?;
+        let guard_rules = GuardRules::new(
+            &config.teleop.guard,
+            &config.teleop,
+            &config.vehicle,
+            &config.mapping.obstacle,
+        )
+        .map_err(|faults| words(&faults))?;
+        let (lookout, sight) = config
+            .teleop
+            .guard
+            .enabled
+            .then(|| lookout(guard_rules, config.range_models().len()))
+            .unzip();
+        let keeper = self.state.as_ref().map(|dir| {
+            EStopFile::open(dir)
+                .and_then(Keeper::start)
+                .with_context(|| format!("{}: cannot keep an emergency stop here", dir.display()))
+        });
+        let log = self.log.as_ref().map(|path| {
+            DriveLog::create(path)
+                .with_context(|| format!("{}: cannot write the drive log", path.display()))
+        });
+        let driving = Driving::start(DrivingSettings {
+            robot: robot.clone(),
+            boot,
+            rules,
+            operators,
+            audit,
+            motors: self.motors.start()?,
+            local: LocalWishes::by_signals().context("signals cannot be taken")?,
+            budget_kbps: config.streaming.budget_kbps,
+            sight,
+            keeper: keeper.transpose()?,
+            can_record: self.recordings.is_some(),
+            log: log.transpose()?,
+        });
+        let driving = driving.context("no thread can be had to drive with")?;
+        Ok(Some((driving, lookout)))
+    }
+}
+
+fn words(faults: &[Fault]) -> UsageError {
+    let faults: Vec<_> = faults.iter().map(ToString::to_string).collect();
+    UsageError(faults.join("\n"))
+}

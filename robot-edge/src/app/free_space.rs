@@ -1,0 +1,66 @@
+//! How much room a disk has.
+
+use std::io;
+use std::path::Path;
+
+/// Recording leaves this much free …
+const LEAST_FREE_BYTES: u64 = 1_000_000_000;
+/// … and one part in so many of the disk.
+const LEAST_FREE_PART: u64 = 20;
+
+/// Room on a file system, bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Space {
+    /// What an ordinary user may still write.
+    pub(super) free_bytes: u64,
+    /// All of it.
+    pub(super) total_bytes: u64,
+}
+
+impl Space {
+    /// Less is free than 1 GB or 5 % ("Recording durability").
+    pub(super) const fn is_scarce(&self) -> bool {
+        self.free_bytes < LEAST_FREE_BYTES || self.free_bytes < self.total_bytes / LEAST_FREE_PART
+    }
+}
+
+/// The room where `path` is.
+///
+/// # Errors
+/// Where the system does not say.
+#[cfg(target_os = "linux")]
+pub(super) fn space_of(path: &Path) -> io::Result<Space> {
+    let found = rustix::fs::statvfs(path)?;
+    Ok(Space {
+        free_bytes: found.f_bavail.saturating_mul(found.f_frsize),
+        total_bytes: found.f_blocks.saturating_mul(found.f_frsize),
+    })
+}
+
+/// Not asked here: a disk that is full says so when it is written to.
+///
+/// # Errors
+/// Always.
+#[cfg(not(target_os = "linux"))]
+pub(super) fn space_of(_path: &Path) -> io::Result<Space> {
+    Err(io::ErrorKind::Unsupported.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GB: u64 = 1_000_000_000;
+
+    #[test]
+    fn scarce_is_less_than_a_gigabyte_or_a_twentieth() {
+        let space = |free_bytes, total_bytes| Space {
+            free_bytes,
+            total_bytes,
+        };
+        assert!(!space(GB, 10 * GB).is_scarce());
+        assert!(space(GB - 1, 10 * GB).is_scarce());
+        assert!(!space(50 * GB, 1000 * GB).is_scarce());
+        assert!(space(50 * GB - 1, 1000 * GB).is_scarce());
+    }
+}

@@ -1,0 +1,343 @@
+//! Recordings that operators start and stop while the vehicle is driven, by a thread of their own.
+//!
+//! "Recording durability": files of a minute, on the disk every second; where the disk is nearly full recording ends, with
+//! an alarm, and driving goes on.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use super::free_space::{Space, space_of};
+use super::recorder::Recorder;
+use crate::clock::{self, Monotonic};
+use crate::measurement::{Measurement, MeasurementData, Stream};
+use crate::recording::writer::WriteError;
+
+/// Measurements that wait for the disk at most: some seconds of all sensors.
+const CAPACITY: usize = 2048;
+/// A file ends after this.
+const FILE_PERIOD: Duration = Duration::from_mins(1);
+/// The disk is looked at this often.
+const LOOK_PERIOD: Duration = Duration::from_secs(1);
+/// Transforms that hold for all time and begin every file; no vehicle has as many.
+const MAX_TIMELESS: usize = 256;
+
+/// The mapping thread's end.
+pub(super) struct LiveRecording {
+    orders: Option<SyncSender<Order>>,
+    /// What found no room yet and must not be lost: rare, and short.
+    waiting: VecDeque<Order>,
+    state: Arc<Mutex<RecordingState>>,
+    is_wanted: bool,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// How recording is going.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct RecordingState {
+    /// Measurements are being written.
+    pub(super) is_running: bool,
+    /// The file that is being written, or was last.
+    pub(super) file: Option<PathBuf>,
+    /// Why it has ended by itself; until it is started anew.
+    pub(super) problem: Option<String>,
+    /// Measurements that found no room on their way to the disk.
+    pub(super) lost: u64,
+}
+
+/// Says how much room there is where a folder is.
+type SpaceOf = fn(&Path) -> io::Result<Space>;
+
+enum Order {
+    Streams(Vec<Stream>),
+    Measured(Measurement),
+    ClockReset,
+    Record(bool),
+}
+
+impl LiveRecording {
+    /// Records into `folder`, which is made, once somebody wants it.
+    ///
+    /// # Errors
+    /// Where the folder cannot be made or the system gives no thread.
+    pub(super) fn new(folder: &Path, robot: &str, vehicle: &str) -> io::Result<Self> {
+        Self::on_disk(space_of, folder, robot, vehicle)
+    }
+
+    fn on_disk(space_of: SpaceOf, folder: &Path, robot: &str, vehicle: &str) -> io::Result<Self> {
+        std::fs::create_dir_all(folder)?;
+        let (orders, ordered) = sync_channel(CAPACITY);
+        let state = Arc::new(Mutex::new(RecordingState::default()));
+        let writer = Writer {
+            space_of,
+            folder: folder.to_owned(),
+            robot: robot.to_owned(),
+            vehicle: vehicle.to_owned(),
+            streams: Vec::new(),
+            timeless: BTreeMap::new(),
+            file: None,
+            state: Arc::clone(&state),
+        };
+        let thread = thread::Builder::new()
+            .name("recording".to_owned())
+            .spawn(move || writer.run(&ordered))?;
+        Ok(Self {
+            orders: Some(orders),
+            waiting: VecDeque::new(),
+            state,
+            is_wanted: false,
+            thread: Some(thread),
+        })
+    }
+
+    /// Streams met since the last call, whose numbers measurements carry.
+    pub(super) fn add_streams(&mut self, streams: &[Stream]) {
+        if !streams.is_empty() {
+            self.order(Order::Streams(streams.to_vec()));
+        }
+    }
+
+    /// Something came in.
+    pub(super) fn add(&mut self, measurement: &Measurement) {
+        if self.is_wanted || measurement.is_timeless() {
+            self.order(Order::Measured(measurement.clone()));
+        }
+    }
+
+    /// The clock of the data starts anew.
+    pub(super) fn reset_clock(&mut self) {
+        self.order(Order::ClockReset);
+    }
+
+    /// Starts or stops.
+    pub(super) fn record(&mut self, is_wanted: bool) {
+        self.is_wanted = is_wanted;
+        self.order(Order::Record(is_wanted));
+    }
+
+    /// How it is going.
+    pub(super) fn state(&self) -> RecordingState {
+        lock(&self.state).clone()
+    }
+
+    /// Never waits: measurements that find no room are lost and counted, everything else goes as soon as there is some.
+    fn order(&mut self, order: Order) {
+        self.waiting.push_back(order);
+        while let (Some(orders), Some(order)) = (&self.orders, self.waiting.pop_front()) {
+            match orders.try_send(order) {
+                Ok(()) => {}
+                Err(TrySendError::Disconnected(_)) => self.orders = None,
+                Err(TrySendError::Full(Order::Measured(_))) => lock(&self.state).lost += 1,
+                Err(TrySendError::Full(order)) => {
+                    self.waiting.push_front(order);
+                    // Those behind it keep their order; what was measured meanwhile is lost.
+                    let before = self.waiting.len();
+                    self.waiting
+                        .retain(|order| !matches!(order, Order::Measured(_)));
+                    lock(&self.state).lost += (before - self.waiting.len()) as u64;
+                    return;
+                }
+            }
+        }
+    }
+}
+
+impl Drop for LiveRecording {
+    fn drop(&mut self) {
+        self.orders = None;
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the thread that records failed");
+        }
+    }
+}
+
+fn lock(state: &Mutex<RecordingState>) -> MutexGuard<'_, RecordingState> {
+    state.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+struct Writer {
+    space_of: SpaceOf,
+    folder: PathBuf,
+    robot: String,
+    vehicle: String,
+    streams: Vec<Stream>,
+    /// By stream, parent and child.
+    timeless: BTreeMap<(u16, String, String), Measurement>,
+    file: Option<Open>,
+    state: Arc<Mutex<RecordingState>>,
+}
+
+struct Open {
+    recorder: Recorder,
+    since: Monotonic,
+}
+
+impl Writer {
+    fn run(mut self, ordered: &Receiver<Order>) {
+        let mut looked = Monotonic::now();
+        loop {
+            let done = match ordered.recv_timeout(LOOK_PERIOD) {
+                Ok(order) => self.take(order),
+                Err(RecvTimeoutError::Timeout) => Ok(()),
+                Err(RecvTimeoutError::Disconnected) => break,
+            };
+            let now = Monotonic::now();
+            let looked_at = if now.since(looked) >= LOOK_PERIOD {
+                looked = now;
+                self.look(now)
+            } else {
+                Ok(())
+            };
+            if let Err(error) = done.and(looked_at) {
+                self.end_with(error.to_string());
+            }
+        }
+        if let Err(error) = self.close() {
+            tracing::error!(%error, "the last recording has no end");
+        }
+    }
+
+    fn take(&mut self, order: Order) -> Result<(), WriteError> {
+        match order {
+            Order::Streams(streams) => self.streams.extend(streams),
+            Order::ClockReset => {
+                if let Some(open) = &mut self.file {
+                    open.recorder.reset_clock();
+                }
+            }
+            Order::Record(true) => {
+                lock(&self.state).problem = None;
+                if self.file.is_none() {
+                    return self.open();
+                }
+            }
+            Order::Record(false) => return self.close(),
+            Order::Measured(measurement) => {
+                self.remember(&measurement);
+                let stream = self.streams.get(usize::from(measurement.stream.0));
+                if let (Some(open), Some(stream)) = (&mut self.file, stream) {
+                    return open.recorder.write(stream, &measurement);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn remember(&mut self, measurement: &Measurement) {
+        if let MeasurementData::Transform {
+            child,
+            is_static: true,
+            ..
+        } = &measurement.data
+        {
+            let key = (
+                measurement.stream.0,
+                measurement.frame.to_string(),
+                child.to_string(),
+            );
+            if self.timeless.len() < MAX_TIMELESS || self.timeless.contains_key(&key) {
+                self.timeless.insert(key, measurement.clone());
+            }
+        }
+    }
+
+    /// Flushes, begins the next file, and ends where the disk is nearly full.
+    fn look(&mut self, now: Monotonic) -> Result<(), WriteError> {
+        let Some(open) = &mut self.file else {
+            return Ok(());
+        };
+        open.recorder.flush()?;
+        let is_over = now.since(open.since) >= FILE_PERIOD;
+        match (self.space_of)(&self.folder) {
+            Ok(space) if space.is_scarce() => {
+                self.close()?;
+                self.end_with(scarce(&space));
+                return Ok(());
+            }
+            Ok(_) => {}
+            Err(error) => tracing::warn!(%error, "nobody knows how much room the disk has"),
+        }
+        if is_over {
+            self.close()?;
+            self.open()?;
+        }
+        Ok(())
+    }
+
+    fn open(&mut self) -> Result<(), WriteError> {
+        match (self.space_of)(&self.folder) {
+            Ok(space) if space.is_scarce() => {
+                self.end_with(scarce(&space));
+                return Ok(());
+            }
+            Ok(_) | Err(_) => {}
+        }
+        let path = self.next_path();
+        let mut recorder = Recorder::create(&path, &self.vehicle, false, None)?;
+        for measurement in self.timeless.values() {
+            if let Some(stream) = self.streams.get(usize::from(measurement.stream.0)) {
+                recorder.write(stream, measurement)?;
+            }
+        }
+        self.file = Some(Open {
+            recorder,
+            since: Monotonic::now(),
+        });
+        // Or a power cut leaves a file that no folder knows.
+        if let Err(error) = File::open(&self.folder).and_then(|folder| folder.sync_all()) {
+            tracing::warn!(%error, "the folder of recordings cannot be synced");
+        }
+        let mut state = lock(&self.state);
+        state.is_running = true;
+        state.file = Some(path);
+        Ok(())
+    }
+
+    /// `scout-2026-03-01T123456Z.mcap`; a number follows where there is such a file.
+    fn next_path(&self) -> PathBuf {
+        let name = format!(
+            "{}-{}",
+            self.robot,
+            clock::wall_clock_label().replace(':', "")
+        );
+        let first = self.folder.join(format!("{name}.mcap"));
+        let others = (2..).map(|n: u32| self.folder.join(format!("{name}-{n}.mcap")));
+        std::iter::once(first)
+            .chain(others)
+            .find(|path| !path.exists())
+            .unwrap_or_else(|| self.folder.join("recording.mcap"))
+    }
+
+    fn close(&mut self) -> Result<(), WriteError> {
+        lock(&self.state).is_running = false;
+        self.file
+            .take()
+            .map_or(Ok(()), |open| open.recorder.finish())
+    }
+
+    fn end_with(&mut self, problem: String) {
+        self.file = None;
+        tracing::error!(problem, "recording ended");
+        let mut state = lock(&self.state);
+        state.is_running = false;
+        state.problem = Some(problem);
+    }
+}
+
+fn scarce(space: &Space) -> String {
+    format!(
+        "the disk is nearly full: {:.1} of {:.1} GB are free",
+        space.free_bytes as f64 / 1e9,
+        space.total_bytes as f64 / 1e9
+    )
+}
+
+#[cfg(test)]
+mod tests;

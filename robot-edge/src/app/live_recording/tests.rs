@@ -1,0 +1,152 @@
+use super::*;
+use crate::measurement::StreamId;
+use crate::pose::Pose;
+use crate::recording::{Selection, open};
+use crate::robot_time::RobotTime;
+
+fn transform(nanos: i64, child: &str, is_static: bool) -> Measurement {
+    Measurement {
+        stamp: RobotTime::from_nanos(nanos),
+        stream: StreamId(0),
+        frame: "odom".into(),
+        data: MeasurementData::Transform {
+            child: child.into(),
+            parent_from_child: Pose::translation(1.0, 2.0, 3.0),
+            is_static,
+        },
+    }
+}
+
+fn stream() -> Stream {
+    Stream {
+        name: "/tf".into(),
+        type_name: "tf2_msgs/TFMessage".into(),
+    }
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "disks may refuse to say")]
+fn roomy(_folder: &Path) -> io::Result<Space> {
+    Ok(Space {
+        free_bytes: 90_000_000_000,
+        total_bytes: 100_000_000_000,
+    })
+}
+
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<_> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    files.sort();
+    files
+}
+
+fn stamps(path: &Path) -> Vec<i64> {
+    let mut reader = open(path, Selection::default()).unwrap();
+    let mut stamps = Vec::new();
+    while let Some(measurement) = reader.next_measurement().unwrap() {
+        stamps.push(measurement.stamp.as_nanos());
+    }
+    stamps
+}
+
+#[test]
+fn what_comes_between_start_and_stop_is_recorded_and_what_always_holds_begins_each_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path().join("recordings");
+    let mut live = LiveRecording::on_disk(roomy, &folder, "scout", "pioneer").unwrap();
+    live.add_streams(&[stream()]);
+    live.add(&transform(5, "laser", true));
+    live.add(&transform(10, "base_link", false));
+    for (start, end) in [(20, 30), (40, 45)] {
+        live.record(true);
+        for nanos in start..end {
+            live.add(&transform(nanos, "base_link", false));
+        }
+        live.record(false);
+        live.add(&transform(35, "base_link", false));
+    }
+    let state = Arc::clone(&live.state);
+    drop(live);
+    let state = lock(&state).clone();
+    assert_eq!(
+        (state.is_running, state.problem, state.lost),
+        (false, None, 0)
+    );
+    let files = files(&folder);
+    assert_eq!(files.len(), 2);
+    let expected =
+        |range: std::ops::Range<i64>| -> Vec<i64> { std::iter::once(5).chain(range).collect() };
+    let mut found: Vec<_> = files.iter().map(|file| stamps(file)).collect();
+    found.sort_by_key(|stamps| stamps.get(1).copied());
+    assert_eq!(found, [expected(20..30), expected(40..45)]);
+}
+
+#[test]
+fn a_folder_that_is_gone_ends_the_recording_and_says_why() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("recordings");
+    let mut live = LiveRecording::on_disk(roomy, &place, "scout", "pioneer").unwrap();
+    std::fs::remove_dir_all(&place).unwrap();
+    live.record(true);
+    let state = Arc::clone(&live.state);
+    drop(live);
+    let state = lock(&state).clone();
+    assert!(!state.is_running);
+    assert!(
+        state
+            .problem
+            .unwrap()
+            .contains("cannot write the recording")
+    );
+}
+
+#[test]
+fn a_disk_that_is_nearly_full_is_left_alone_and_that_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let scarce = |_folder: &Path| {
+        Ok(Space {
+            free_bytes: 900_000_000,
+            total_bytes: 10_000_000_000,
+        })
+    };
+    let mut live = LiveRecording::on_disk(scarce, folder.path(), "scout", "pioneer").unwrap();
+    live.record(true);
+    let state = Arc::clone(&live.state);
+    drop(live);
+    let state = lock(&state).clone();
+    let why = "the disk is nearly full: 0.9 of 10.0 GB are free";
+    assert_eq!(
+        (state.is_running, state.problem.as_deref()),
+        (false, Some(why))
+    );
+    assert!(files(folder.path()).is_empty());
+}
+
+#[test]
+fn orders_wait_where_measurements_are_lost() {
+    let (orders, ordered) = sync_channel(1);
+    let mut live = LiveRecording {
+        orders: Some(orders),
+        waiting: VecDeque::new(),
+        state: Arc::default(),
+        is_wanted: true,
+        thread: None,
+    };
+    live.add(&transform(1, "base_link", false));
+    live.add(&transform(2, "base_link", false));
+    live.record(false);
+    live.record(true);
+    live.add(&transform(3, "base_link", false));
+    assert_eq!(live.state().lost, 2);
+    let mut taken = Vec::new();
+    for _ in 0..3 {
+        taken.push(match ordered.try_recv().unwrap() {
+            Order::Record(is_on) => i64::from(is_on),
+            Order::Measured(measurement) => 100 + measurement.stamp.as_nanos(),
+            Order::Streams(_) | Order::ClockReset => -1,
+        });
+        live.reset_clock();
+    }
+    assert_eq!(taken, [101, 0, 1]);
+}

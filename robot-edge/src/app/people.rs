@@ -1,0 +1,90 @@
+//! Who may drive, kept as the list says, and what they do, written down.
+
+use std::io::{self, Write};
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use protocol::keys::RobotId;
+use protocol::message::Event;
+use protocol::tile::BootId;
+
+use crate::audit::{Audit, AuditLog};
+use crate::config::Config;
+use crate::credentials::{Credentials, OperatorList};
+use crate::driving::ListWatch;
+use crate::driving::operators::NewerList;
+use crate::exit::UsageError;
+use crate::link::endpoints::is_loopback;
+use crate::link::sessions::Endpoints;
+use crate::link::shared::Shared;
+
+/// Why a robot does not let everybody in without being told to.
+pub(super) fn open_to_all(endpoint: &str) -> UsageError {
+    UsageError(format!(
+        "{endpoint}: whoever reaches this address could watch the robot and drive it, unencrypted and without saying who \
+         they are. Make keys (`robot-edge keys --help`) and give --keys; if an open robot is meant, say --insecure"
+    ))
+}
+
+/// Says what somebody who starts a robot should know of its keys, or of their lack.
+pub(super) fn say_how_open(endpoints: &Endpoints, out: &mut dyn Write) -> io::Result<()> {
+    let mut places = endpoints.listen.iter().chain(&endpoints.connect);
+    match &endpoints.credentials {
+        Some(credentials) => match credentials.complaint() {
+            Some(complaint) => writeln!(out, "network: {complaint}"),
+            None => Ok(()),
+        },
+        None if places.all(|endpoint| is_loopback(endpoint)) => Ok(()),
+        None => writeln!(
+            out,
+            "network: INSECURE: whoever reaches it may watch this robot and drive it; nothing is encrypted, and nobody \
+             proves who they are"
+        ),
+    }
+}
+
+/// Opens the audit log and begins it with what this run is.
+pub(super) fn open_audit_log(
+    path: &Path,
+    robot: &RobotId,
+    config: &Config,
+    boot: BootId,
+) -> anyhow::Result<AuditLog> {
+    let run = format!("{:032x}", u128::from_be_bytes(boot.0));
+    let log =
+        AuditLog::open(path, run).with_context(|| format!("link.audit: {}", path.display()))?;
+    // Of the configuration as it is in force, however it was put together; equal only between equal versions.
+    let hash = blake3::hash(format!("{config:?}").as_bytes()).to_hex();
+    log.audit().write(
+        "start",
+        format!(
+            "{robot} starts, version {}, configuration {hash}",
+            env!("CARGO_PKG_VERSION")
+        ),
+    );
+    Ok(log)
+}
+
+/// Keeps the list of operators as the file says, and tells consoles and the audit log when it changes.
+pub(super) fn watch_list(
+    credentials: &Credentials,
+    list: OperatorList,
+    newer: NewerList,
+    shared: &Arc<Shared>,
+    audit: Option<Audit>,
+) -> anyhow::Result<ListWatch> {
+    let shared = Arc::clone(shared);
+    let tell = move |kind: &'static str, message: String| {
+        if let Some(audit) = &audit {
+            audit.write(kind, message.clone());
+        }
+        shared.tell(Event {
+            kind: kind.to_owned(),
+            message,
+        });
+    };
+    let path = credentials.operator_list();
+    ListWatch::start(path, list, newer, Box::new(tell))
+        .context("no thread can be had to watch the list of operators")
+}

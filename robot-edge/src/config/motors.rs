@@ -1,0 +1,150 @@
+//! Settings of `[motors]`.
+
+use serde::Deserialize;
+
+use super::error::{Fault, Problem};
+use super::layer::{join, quoted};
+use crate::actuators::roboteq::RoboteqConfig;
+
+/// What moves the vehicle; nothing where nothing is named.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MotorsConfig {
+    /// A Roboteq AX3500 on a serial line.
+    pub roboteq: Option<RoboteqConfig>,
+    /// Those of the ROS 2 system whose sensors are mapped, which is told velocities.
+    pub ros2_twist: Option<TwistConfig>,
+}
+
+/// Where velocities are published.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TwistConfig {
+    /// Topic of `geometry_msgs/Twist`.
+    pub topic: String,
+}
+
+impl Default for TwistConfig {
+    fn default() -> Self {
+        Self {
+            topic: "/cmd_vel".to_owned(),
+        }
+    }
+}
+
+impl MotorsConfig {
+    /// Everything that is wrong with the values.
+    pub(super) fn check(&self) -> Vec<Fault> {
+        let of_roboteq = self.roboteq.iter().flat_map(RoboteqConfig::check);
+        let mut faults: Vec<_> = of_roboteq
+            .map(|fault| Fault {
+                key: join("motors.roboteq", &fault.key),
+                ..fault
+            })
+            .collect();
+        let mut fault = |key: &str, value: &str, why, allowed: &str| {
+            faults.push(Fault {
+                origin: None,
+                key: key.to_owned(),
+                problem: Problem::NotAllowed {
+                    value: quoted(value),
+                    why,
+                    allowed: allowed.to_owned(),
+                },
+            });
+        };
+        if let Some(TwistConfig { topic }) = &self.ros2_twist {
+            if self.roboteq.is_some() {
+                fault(
+                    "motors.ros2_twist",
+                    topic,
+                    "there is motors.roboteq already, and a vehicle has one kind of motors",
+                    "one of the two",
+                );
+            }
+            if !is_topic(topic) {
+                fault(
+                    "motors.ros2_twist.topic",
+                    topic,
+                    "it names a topic of ROS 2",
+                    "\"/NAME\" of letters, digits, `_` and `/`",
+                );
+            }
+        }
+        faults
+    }
+}
+
+fn is_topic(name: &str) -> bool {
+    let is_part = |part: &str| {
+        let first_fits = part
+            .chars()
+            .next()
+            .is_some_and(|first| !first.is_ascii_digit());
+        first_fits && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+    };
+    name.len() <= 255
+        && name
+            .strip_prefix('/')
+            .is_some_and(|bare| bare.split('/').all(is_part))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::config::load;
+
+    const ROBOTEQ: &str = "[motors.roboteq]\nport = \"/dev/ttyS0\"\nleft_channel = \"two\"\n\
+                           drive = { track_width_m = 0.5, full_speed_mps = 1.5 }\n";
+
+    fn check(text: &str, settings: &[&str]) -> Result<crate::config::Config, String> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("rover.toml");
+        std::fs::write(&path, text).unwrap();
+        let settings: Vec<_> = settings.iter().map(|set| set.parse().unwrap()).collect();
+        load(path.to_str().unwrap(), &settings).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_roboteq_is_a_table_and_absent_by_default() {
+        assert_eq!(load("generic2d", &[]).unwrap().motors.roboteq, None);
+        let config = check(ROBOTEQ, &["motors.roboteq.port=/dev/ttyUSB1"]).unwrap();
+        let roboteq = config.motors.roboteq.unwrap();
+        assert_eq!(roboteq.port.to_str(), Some("/dev/ttyUSB1"));
+        assert!((roboteq.drive.full_speed_mps - 1.5).abs() < 1e-12);
+        assert!(roboteq.require_watchdog);
+    }
+
+    #[test]
+    fn what_is_wrong_with_it_is_named() {
+        let error = check(&ROBOTEQ.replace("0.5", "0.0"), &[]).unwrap_err();
+        assert!(
+            error.contains("motors.roboteq.drive.track_width_m"),
+            "{error}"
+        );
+        let error = check(&ROBOTEQ.replace("port", "prot"), &[]).unwrap_err();
+        assert!(
+            error.contains("motors.roboteq.prot") && error.contains("port"),
+            "{error}"
+        );
+        let error = check(&ROBOTEQ.replace("\"two\"", "\"three\""), &[]).unwrap_err();
+        assert!(error.contains("\"one\", \"two\""), "{error}");
+    }
+
+    #[test]
+    fn velocities_are_published_on_a_topic_and_only_instead_of_other_motors() {
+        let config = check("[motors.ros2_twist]\n", &[]).unwrap();
+        assert_eq!(config.motors.ros2_twist.unwrap().topic, "/cmd_vel");
+        for topic in ["/bot/cmd_vel", "/a_1"] {
+            check("", &[&format!("motors.ros2_twist.topic={topic}")]).unwrap();
+        }
+        for topic in ["cmd_vel", "/", "/cmd vel", "/**", "/1st", "/a//b", "/a/"] {
+            let error = check("", &[&format!("motors.ros2_twist.topic='{topic}'")]).unwrap_err();
+            assert!(
+                error.contains("it names a topic of ROS 2"),
+                "{topic}: {error}"
+            );
+        }
+        let error = check(ROBOTEQ, &["motors.ros2_twist.topic=/cmd_vel"]).unwrap_err();
+        assert!(error.contains("one kind of motors"), "{error}");
+    }
+}
