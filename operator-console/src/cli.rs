@@ -4,8 +4,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::builder::NonEmptyStringValueParser;
-use clap::{ArgAction, Parser};
-use protocol::keys::RobotId;
+use clap::{ArgAction, Args, Parser, Subcommand};
+use protocol::keys::{OperatorId, RobotId};
+use robot_edge::exit::UsageError;
 
 const EXIT_CODES: &str = "\
 Exit codes: 0 done; 1 it failed while running; 2 wrong usage or configuration; 130 interrupted.";
@@ -17,17 +18,17 @@ Exit codes: 0 done; 1 it failed while running; 2 wrong usage or configuration; 1
 #[command(name = "operator-console", version, after_help = EXIT_CODES)]
 pub struct Cli {
     /// Ask here for robots: `tcp/HOST:PORT` of a robot or router; may be repeated
-    #[arg(long, value_name = "ENDPOINT")]
+    #[arg(long, value_name = "ENDPOINT", global = true)]
     pub connect: Vec<String>,
     /// Watch this robot
-    #[arg(long, value_name = "ID")]
+    #[arg(long, value_name = "ID", global = true)]
     pub robot: Option<RobotId>,
     /// Start a simulated robot and connect to it: nothing else to set up
     #[arg(long, value_name = "WORLD", num_args = 0..=1, default_missing_value = "rooms",
           conflicts_with_all = ["connect", "robot"], value_parser = NonEmptyStringValueParser::new())]
     pub demo: Option<String>,
-    /// No window: wait until the map is in step, write the exports, end
-    #[arg(long, requires = "export")]
+    /// No window: wait until the map is in step, write the exports, end; or `drive` by a script
+    #[arg(long)]
     pub headless: bool,
     /// Where to write the maps (with --headless)
     #[arg(long, value_name = "DIR", requires = "headless")]
@@ -49,15 +50,60 @@ pub struct Cli {
     /// Seconds from the start to the picture
     #[arg(long, value_name = "S", requires = "screenshot", value_parser = seconds, allow_negative_numbers = true)]
     pub after: Option<Duration>,
+    /// Who you are: your folder of `robot-edge keys`. Then the link is mutual TLS, and --connect is quic/HOST:PORT
+    #[arg(long, value_name = "DIR", requires = "connect", global = true)]
+    pub keys: Option<PathBuf>,
+    /// Who drives [default: the user of this computer]
+    #[arg(long, value_name = "NAME", global = true)]
+    pub operator: Option<OperatorId>,
     /// Zenoh configuration (JSON5) that ours is laid over [default: what `ZENOH_CONFIG` names]
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", global = true)]
     pub zenoh_config: Option<PathBuf>,
     /// Say nothing but errors
-    #[arg(long, short)]
+    #[arg(long, short, global = true)]
     pub quiet: bool,
     /// Say more; twice, still more (`RUST_LOG` overrides)
-    #[arg(long, short, action = ArgAction::Count, conflicts_with = "quiet")]
+    #[arg(long, short, action = ArgAction::Count, conflicts_with = "quiet", global = true)]
     pub verbose: u8,
+    /// What to do besides showing a map
+    #[command(subcommand)]
+    pub task: Option<Task>,
+}
+
+/// What a console can do without a window but export.
+#[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
+pub enum Task {
+    /// Drive by a script of timed inputs (with --headless), for tests and demonstrations
+    #[command(after_help = crate::script::LANGUAGE)]
+    Drive(DriveArgs),
+}
+
+/// `drive`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct DriveArgs {
+    /// Timed inputs, one a line
+    #[arg(long, value_name = "FILE")]
+    pub script: PathBuf,
+}
+
+impl Cli {
+    /// Checks what stands in no single option.
+    ///
+    /// # Errors
+    /// Where options do not go together.
+    pub fn check(&self) -> Result<(), UsageError> {
+        let wrong = |why: &str| Err(UsageError(why.to_owned()));
+        match (&self.task, self.headless, &self.export) {
+            (Some(Task::Drive(_)), false, _) => {
+                wrong("`drive` needs --headless: in the window you drive by hand")
+            }
+            (Some(Task::Drive(_)), true, Some(_)) => {
+                wrong("`drive` writes no maps: leave out --export")
+            }
+            (None, true, None) => wrong("--headless needs --export DIR, or `drive --script FILE`"),
+            (Some(Task::Drive(_)), true, None) | (None, true, Some(_)) | (None, false, _) => Ok(()),
+        }
+    }
 }
 
 fn seconds(text: &str) -> Result<Duration, String> {
@@ -94,14 +140,38 @@ mod tests {
     }
 
     #[test]
+    fn a_script_drives_without_a_window_only() {
+        let cli =
+            parse("--headless drive --script a.txt --connect tcp/a:1 --operator anna").unwrap();
+        assert_eq!(cli.check(), Ok(()));
+        assert_eq!(cli.connect, ["tcp/a:1"]);
+        let script = PathBuf::from("a.txt");
+        assert_eq!(cli.task, Some(Task::Drive(DriveArgs { script })));
+        for (line, says) in [
+            ("--headless", "--export DIR, or `drive"),
+            ("drive --script a", "--headless"),
+            (
+                "--headless --export b drive --script a",
+                "leave out --export",
+            ),
+        ] {
+            let error = parse(line).unwrap().check().unwrap_err();
+            assert!(error.0.contains(says), "{line}: {error}");
+        }
+        for line in ["", "--demo", "--headless --export a"] {
+            assert_eq!(parse(line).unwrap().check(), Ok(()));
+        }
+    }
+
+    #[test]
     fn wrong_usage_says_what_is_allowed() {
         for (line, says) in [
-            ("--headless", "--export"),
             ("--export maps", "--headless"),
             ("--robot a/b", "letters"),
             ("--headless --export a --for -1", "0 or more"),
             ("--screenshot a.png", "--after"),
             ("--demo --connect tcp/a:1", "cannot be used with"),
+            ("--keys anna", "--connect"),
         ] {
             let error = parse(line).unwrap_err();
             assert_eq!(error.exit_code(), 2, "{line}");

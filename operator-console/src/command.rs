@@ -2,6 +2,7 @@
 
 use protocol::layer::{LayerId, Scheme};
 
+use crate::helm::Intent;
 use crate::link::FoundRobot;
 
 /// A wish of the operator.
@@ -19,6 +20,8 @@ pub enum Command {
     FitColors,
     /// Look elsewhere.
     Look(Look),
+    /// Something about driving.
+    Drive(Intent),
 }
 
 /// How to look at the map.

@@ -1,6 +1,5 @@
 //! No window: joins, waits until the map is in step, writes the exports.
 
-use std::collections::BTreeSet;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -11,13 +10,15 @@ use protocol::keys::RobotId;
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
 use robot_edge::clock::{self, Monotonic};
-use robot_edge::exit::{Exit, Interrupted, UsageError};
+use robot_edge::credentials::Credentials;
+use robot_edge::exit::{Exit, Interrupted};
 use robot_edge::link::sessions::Endpoints;
 use robot_edge::link::{random_id, zenoh_config_file};
 
-use crate::link::{Discovery, FoundRobot, RobotSession};
+use crate::link::RobotSession;
 use crate::milestones::{Milestones, VISIBLE_M};
 use crate::model::{ConsoleModel, ModelSettings};
+use crate::target::Target;
 
 /// Between two looks at the model.
 const LOOK: Duration = Duration::from_millis(20);
@@ -33,6 +34,8 @@ pub struct Headless {
     pub robot: Option<RobotId>,
     /// A Zenoh configuration.
     pub zenoh_config: Option<PathBuf>,
+    /// Who the operator is, where the link is secured.
+    pub credentials: Option<Credentials>,
     /// Where to write.
     pub export: PathBuf,
     /// How long to watch, if not until the first time in step.
@@ -54,7 +57,14 @@ pub fn run(
     out: &mut dyn Write,
 ) -> anyhow::Result<Exit> {
     let started = Monotonic::now();
-    let robot = find(settings, &is_interrupted)?;
+    let target = Target {
+        connect: settings.connect.clone(),
+        robot: settings.robot.clone(),
+        zenoh_config: settings.zenoh_config.clone(),
+        credentials: settings.credentials.clone(),
+        timeout: settings.timeout,
+    };
+    let robot = target.find(&is_interrupted)?;
     let discovered = Monotonic::now();
     if !settings.quiet {
         writeln!(io::stderr(), "robot {} at {}", robot.robot, robot.endpoint)?;
@@ -68,6 +78,7 @@ pub fn run(
     let endpoints = Endpoints {
         connect: vec![robot.endpoint],
         zenoh_config: zenoh_config_file(settings.zenoh_config.clone()),
+        credentials: settings.credentials.clone(),
         ..Endpoints::default()
     };
     let session = RobotSession::open(model, &endpoints, || {}).context("cannot watch")?;
@@ -153,70 +164,6 @@ fn watch(
             return Watched::Interrupted;
         }
     }
-}
-
-/// The robot that is meant: the one that is named, or the only one.
-fn find(settings: &Headless, is_interrupted: &impl Fn() -> bool) -> anyhow::Result<FoundRobot> {
-    // A named robot at one address needs no asking: the link waits for it.
-    if let (Some(robot), [endpoint]) = (&settings.robot, &settings.connect[..]) {
-        return Ok(FoundRobot {
-            robot: robot.clone(),
-            endpoint: endpoint.clone(),
-        });
-    }
-    let zenoh_config = zenoh_config_file(settings.zenoh_config.clone());
-    let discovery = Discovery::start(
-        settings.connect.clone(),
-        settings.connect.is_empty(),
-        zenoh_config,
-        || {},
-    );
-    let deadline = Monotonic::now() + settings.timeout;
-    let mut found = Vec::new();
-    let is_found = |found: &[FoundRobot]| match &settings.robot {
-        Some(robot) => found.iter().any(|found| found.robot == *robot),
-        None => !found.is_empty(),
-    };
-    while !is_found(&found) {
-        if deadline.since(Monotonic::now()).is_zero() {
-            return Err(nobody(settings, &found, discovery.problem().as_deref()));
-        }
-        if !clock::sleep_until(Monotonic::now() + LOOK, is_interrupted) {
-            return Err(Interrupted.into());
-        }
-        found = discovery.found();
-    }
-    match &settings.robot {
-        Some(robot) => found.retain(|found| found.robot == *robot),
-        None if found.len() > 1 => {
-            let names: Vec<_> = found.iter().map(|found| found.robot.to_string()).collect();
-            return Err(UsageError(format!(
-                "there are several robots ({}): name one with --robot",
-                names.join(", ")
-            ))
-            .into());
-        }
-        None => {}
-    }
-    found.into_iter().next().ok_or_else(|| anyhow!("no robot"))
-}
-
-fn nobody(settings: &Headless, found: &[FoundRobot], problem: Option<&str>) -> anyhow::Error {
-    let names: BTreeSet<_> = found.iter().map(|found| found.robot.to_string()).collect();
-    let there_is = match names.len() {
-        0 => "no robot".to_owned(),
-        _ => format!("only {}", names.into_iter().collect::<Vec<_>>().join(", ")),
-    };
-    let place = match &settings.connect[..] {
-        [] => "on the local network".to_owned(),
-        addresses => format!("at {}", addresses.join(", ")),
-    };
-    let problem = problem
-        .map(|problem| format!(" ({problem})"))
-        .unwrap_or_default();
-    anyhow!(
-        "there is {there_is} {place}{problem}; start one with `robot-edge`, or name its address with --connect"
-    )
 }
 
 /// Writes what the model holds; says which files.

@@ -5,14 +5,23 @@
 
 pub mod app;
 pub mod cli;
+pub mod cockpit;
 pub mod command;
 pub mod demo;
+pub mod gamepad;
+pub mod hands;
 pub mod headless;
+pub mod helm;
+pub mod identity;
+pub mod input_loop;
 pub mod link;
 pub mod map_view;
 mod milestones;
 pub mod model;
 pub mod panels;
 pub mod run;
+pub mod script;
+mod target;
+pub mod teleop_input;
 pub mod theme;
 pub mod window;

@@ -1,16 +1,19 @@
 //! The program: what each command sets up.
 
-use std::io::Write;
+use std::io::{self, Write};
 use std::sync::atomic::Ordering;
 
 use robot_edge::app::interrupt_flag;
+use robot_edge::credentials::Credentials;
 use robot_edge::exit::{Exit, UsageError};
-use robot_edge::link::endpoints::bulk_endpoint;
+use robot_edge::link::endpoints;
 use robot_edge::link::zenoh_config_file;
 
-use crate::cli::Cli;
+use crate::cli::{Cli, Task};
 use crate::demo::Demo;
 use crate::headless::{self, Headless};
+use crate::identity::Identity;
+use crate::script::{self, Drive};
 use crate::window::{self, WindowSettings};
 
 /// Runs what the command line asks for. What it prints goes to `out`.
@@ -18,19 +21,44 @@ use crate::window::{self, WindowSettings};
 /// # Errors
 /// What went wrong, in words for the person who typed the command; [`Exit::of`] gives the exit code.
 pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
+    cli.check()?;
     for endpoint in &cli.connect {
-        bulk_endpoint(endpoint).map_err(|err| UsageError(err.to_string()))?;
+        endpoints::check(endpoint, cli.keys.is_some())
+            .map_err(|err| UsageError(err.to_string()))?;
     }
+    let credentials = cli.keys.as_deref().map(Credentials::open).transpose()?;
+    if let Some(complaint) = credentials.as_ref().and_then(Credentials::complaint) {
+        writeln!(io::stderr(), "{complaint}")?;
+    }
+    let identity = Identity::of(cli.operator.clone(), credentials.as_ref())?;
     let demo = cli.demo.as_deref().map(Demo::start).transpose()?;
     let (connect, robot) = match &demo {
         Some(demo) => (vec![demo.endpoint.clone()], Some(demo.robot.clone())),
         None => (cli.connect.clone(), cli.robot.clone()),
     };
+    if let Some(Task::Drive(drive)) = &cli.task {
+        let settings = Drive {
+            connect,
+            robot,
+            zenoh_config: cli.zenoh_config.clone(),
+            identity,
+            credentials,
+            script: drive.script.clone(),
+            timeout: cli.timeout,
+        };
+        let interrupt = interrupt_flag()?;
+        let ended = script::run(&settings, || interrupt.load(Ordering::Relaxed), out);
+        return match demo.as_ref().and_then(Demo::failure) {
+            Some(why) => Err(why),
+            None => ended,
+        };
+    }
     if let Some(export) = &cli.export {
         let settings = Headless {
             connect,
             robot,
             zenoh_config: cli.zenoh_config.clone(),
+            credentials,
             export: export.clone(),
             watch_for: cli.watch_for,
             timeout: cli.timeout,
@@ -47,7 +75,9 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
     let settings = WindowSettings {
         connect,
         robot,
+        identity,
         zenoh_config: zenoh_config_file(cli.zenoh_config.clone()),
+        credentials,
         screenshot: cli.screenshot.clone().zip(cli.after),
         title: "Foreshore".to_owned(),
     };

@@ -99,6 +99,9 @@ pub const STALE_VEIL: Color32 = Color32::from_black_alpha(70);
 /// Banners of warning, and what is written on them.
 pub const BANNER: [Color32; 2] = [rgb(0xf0_a8_20), rgb(0x1a_12_00)];
 
+/// What stops the vehicle, and what is written on it.
+pub const DANGER: [Color32; 2] = [rgb(0xb3_1b_1b), rgb(0xff_ff_ff)];
+
 impl Tone {
     /// The colour of marks and words. Okabe and Ito's, lighter in the dark.
     pub const fn color(self, visuals: &Visuals) -> Color32 {
@@ -179,5 +182,6 @@ mod tests {
             assert!(wall > 4.5 && free > 1.6, "{theme:?}: {wall} {free}");
         }
         assert!(contrast(BANNER[0], BANNER[1]) > 7.0);
+        assert!(contrast(DANGER[0], DANGER[1]) > 6.0);
     }
 }

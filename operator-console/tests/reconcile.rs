@@ -149,7 +149,8 @@ impl Edge {
             | Topic::Ping
             | Topic::Shores
             | Topic::View
-            | Topic::Tile(_) => Vec::new(),
+            | Topic::Tile(_)
+            | Topic::Operator(_) => Vec::new(),
         }
     }
 

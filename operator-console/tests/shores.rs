@@ -284,6 +284,7 @@ fn over_the_network_shores_arrive_and_both_sides_export_the_same() {
     let boot = BootId([7; 16]);
     let shared = Arc::new(Shared::default());
     let edge = EdgeSettings {
+        driving: None,
         robot: robot(),
         boot,
         endpoints: Endpoints {

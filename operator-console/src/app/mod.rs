@@ -6,23 +6,29 @@ mod screenshot;
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
+use std::rc::Rc;
 use std::time::Duration;
 
 use eframe::egui::{Context, Ui};
 use protocol::keys::RobotId;
 use protocol::tile::BootId;
 use robot_edge::clock::Monotonic;
+use robot_edge::credentials::Credentials;
 use robot_edge::link::sessions::Endpoints;
 
+use crate::cockpit::Cockpit;
 use crate::command::Command;
+use crate::hands::Hands;
+use crate::identity::Identity;
 use crate::link::{Discovery, FoundRobot, RobotSession};
 use crate::model::ModelSettings;
 use crate::panels::connection::LinkSight;
 use crate::panels::robots::RobotsData;
+use crate::teleop_input::InputEvent;
 
 use choice::RobotChoice;
 
-pub use screen::Screen;
+pub use screen::{RobotSight, Screen};
 pub use screenshot::{Outcome, Screenshot, result_of};
 
 /// Memory for tiles, megabytes: 30,000 tiles, 30 km² at 0.5 m.
@@ -36,16 +42,23 @@ pub struct AppSettings {
     pub robot: Option<RobotId>,
     /// A Zenoh configuration to lay ours over.
     pub zenoh_config: Option<PathBuf>,
+    /// Who the operator is, where the link is secured.
+    pub credentials: Option<Credentials>,
     /// This run of the console: random.
     pub session: BootId,
     /// A picture to take.
     pub screenshot: Option<Screenshot>,
+    /// Who drives.
+    pub identity: Identity,
+    /// What drives.
+    pub hands: Rc<Hands>,
 }
 
 /// The app.
 pub struct ConsoleApp {
     ctx: Context,
     zenoh_config: Option<PathBuf>,
+    credentials: Option<Credentials>,
     session_id: BootId,
     discovery: Discovery,
     choice: RobotChoice,
@@ -55,6 +68,8 @@ pub struct ConsoleApp {
     problem: Option<String>,
     screen: Screen,
     screenshot: Option<Screenshot>,
+    identity: Identity,
+    hands: Rc<Hands>,
 }
 
 impl ConsoleApp {
@@ -67,6 +82,7 @@ impl ConsoleApp {
             settings.connect,
             scouts,
             settings.zenoh_config.clone(),
+            settings.credentials.clone(),
             move || {
                 waking.request_repaint();
             },
@@ -74,6 +90,7 @@ impl ConsoleApp {
         Self {
             ctx: ctx.clone(),
             zenoh_config: settings.zenoh_config,
+            credentials: settings.credentials,
             session_id: settings.session,
             discovery,
             choice: RobotChoice::new(settings.robot),
@@ -82,6 +99,8 @@ impl ConsoleApp {
             problem: None,
             screen: Screen::default(),
             screenshot: settings.screenshot,
+            identity: settings.identity,
+            hands: settings.hands,
         }
     }
 
@@ -96,15 +115,27 @@ impl ConsoleApp {
             listen: Vec::new(),
             connect: vec![found.endpoint.clone()],
             zenoh_config: self.zenoh_config.clone(),
+            credentials: self.credentials.clone(),
+            audit: None,
         };
         self.screen.map_view_mut().forget();
         let ctx = self.ctx.clone();
         // Any delay but none: a request for now would be two frames.
         let wake = move || ctx.request_repaint_after(Duration::from_millis(1));
-        match RobotSession::open(settings, &endpoints, wake) {
-            Ok(session) => {
+        // What was driven is left before anything else is.
+        self.hands.take(None);
+        let opened = RobotSession::open(settings, &endpoints, wake).map_err(anyhow::Error::from);
+        let opened = opened.and_then(|mut session| {
+            let cockpit = session
+                .take_driving()
+                .map(|driving| Cockpit::new(found.robot.clone(), self.identity.clone(), driving));
+            Ok((session, cockpit.transpose()?))
+        });
+        match opened {
+            Ok((session, cockpit)) => {
                 self.problem = None;
                 self.shown = Some((found, session));
+                self.hands.take(cockpit);
             }
             Err(why) => {
                 tracing::error!(%why, "the robot cannot be shown");
@@ -121,6 +152,7 @@ impl ConsoleApp {
             Command::AddAddress(address) => self.discovery.add_address(address),
             Command::ShowScheme(scheme) => map_view.show_scheme(scheme),
             Command::Look(look) => map_view.look(look),
+            Command::Drive(intent) => self.hands.want(intent, Monotonic::now()),
             Command::ShowLayer(layer) => {
                 if let Some((_, session)) = &self.shown {
                     map_view.show_layer(layer, &session.model());
@@ -164,7 +196,15 @@ impl eframe::App for ConsoleApp {
                     problem: session.problem(),
                 };
                 let mut model = session.model();
-                let robot = Some((&mut *model, &link));
+                if let Some(info) = model.info() {
+                    self.hands.hear_of(info);
+                }
+                let helm = self.hands.sight(now);
+                let robot = Some(RobotSight {
+                    model: &mut model,
+                    link: &link,
+                    helm: helm.as_ref(),
+                });
                 let commands = self.screen.show(ui, &robots, robot, now);
                 let map_view = self.screen.map_view();
                 let rectangle_m = map_view.visible_m().map(|edge_m| edge_m as f32);
@@ -174,6 +214,8 @@ impl eframe::App for ConsoleApp {
             }
             None => self.screen.show(ui, &robots, None, now),
         };
+        let is_typing = ui.ctx().text_edit_focused();
+        self.hands.apply(InputEvent::Typing(is_typing));
         for command in commands {
             self.obey(command);
         }

@@ -8,9 +8,11 @@ use eframe::egui::{
 use robot_edge::clock::Monotonic;
 
 use crate::command::Command;
+use crate::helm::HelmSight;
 use crate::map_view::MapView;
 use crate::model::ConsoleModel;
 use crate::panels::connection::{ConnectionData, LinkSight, connection_ui};
+use crate::panels::driving::{DrivingData, DrivingEntry, driving_ui};
 use crate::panels::events::{EventsData, events_ui};
 use crate::panels::layers::{LayersData, layers_ui};
 use crate::panels::legend::{LegendData, legend_ui};
@@ -22,6 +24,11 @@ use crate::panels::stale::{StaleData, stale_ui};
 use crate::theme;
 
 const SIDE_WIDTH: f32 = 290.0;
+const DRIVING_WIDTH: f32 = 300.0;
+/// Narrower windows have no room for two panels and a map.
+const NARROW: f32 = 1000.0;
+/// Ages of commands are looked at while somebody drives.
+const DRIVING_PERIOD: Duration = Duration::from_millis(100);
 /// Ages on the screen are at most this much behind.
 const AGES_PERIOD: Duration = Duration::from_secs(1);
 
@@ -30,6 +37,17 @@ const AGES_PERIOD: Duration = Duration::from_secs(1);
 pub struct Screen {
     map_view: MapView,
     address: AddressEntry,
+    driving: DrivingEntry,
+}
+
+/// What is shown of one robot.
+pub struct RobotSight<'a> {
+    /// The robot.
+    pub model: &'a mut ConsoleModel,
+    /// Its link.
+    pub link: &'a LinkSight,
+    /// Its helm, where there is one.
+    pub helm: Option<&'a HelmSight>,
 }
 
 impl Screen {
@@ -43,29 +61,49 @@ impl Screen {
         &mut self.map_view
     }
 
-    /// Draws everything; what the operator asks for. `robot` is the robot that is shown and its link.
+    /// Draws everything; what the operator asks for.
     pub fn show(
         &mut self,
         ui: &mut Ui,
         robots: &RobotsData,
-        mut robot: Option<(&mut ConsoleModel, &LinkSight)>,
+        mut robot: Option<RobotSight<'_>>,
         now: Monotonic,
     ) -> Vec<Command> {
         let mut commands = Vec::new();
-        if let Some((model, _)) = &mut robot {
+        if let Some(RobotSight { model, .. }) = &mut robot {
             self.map_view.update(model);
             ui.ctx().request_repaint_after(AGES_PERIOD);
         }
-        let robot = robot.map(|(model, link)| (&*model, link));
-        Panel::left("side")
-            .resizable(true)
-            .default_size(SIDE_WIDTH)
-            .size_range(240.0..=480.0)
-            .show(ui, |ui| {
-                ScrollArea::vertical()
-                    .auto_shrink([false, false])
-                    .show(ui, |ui| commands = self.side_ui(ui, robots, robot, now));
-            });
+        let helm = robot.as_ref().and_then(|robot| robot.helm);
+        let robot = robot.map(|RobotSight { model, link, .. }| (&*model, link));
+        // Who drives in a small window looks at the map.
+        let is_driving = helm.is_some_and(|helm| helm.lease.held().is_some());
+        if !(is_driving && ui.available_width() < NARROW) {
+            Panel::left("side")
+                .resizable(true)
+                .default_size(SIDE_WIDTH)
+                .size_range(240.0..=480.0)
+                .show(ui, |ui| {
+                    ScrollArea::vertical()
+                        .auto_shrink([false, false])
+                        .show(ui, |ui| commands = self.side_ui(ui, robots, robot, now));
+                });
+        }
+        if let (Some((model, _)), Some(helm)) = (robot, helm)
+            && let Some(data) = DrivingData::new(model, helm, now)
+        {
+            if !data.is_at_rest() {
+                ui.ctx().request_repaint_after(DRIVING_PERIOD);
+            }
+            Panel::right("driving")
+                .resizable(true)
+                .default_size(DRIVING_WIDTH)
+                .size_range(270.0..=420.0)
+                .show(ui, |ui| {
+                    ui.add_space(4.0);
+                    commands.extend(driving_ui(ui, &data, &mut self.driving));
+                });
+        }
         if let Some((model, _)) = robot {
             self.probe_ui(ui, model, now);
         }

@@ -20,6 +20,7 @@ use zenoh::query::{ConsolidationMode, Reply};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
+use super::driving::{DrivingLink, Tap};
 use super::lock;
 use crate::model::{Incoming, Outgoing, RequestId};
 
@@ -44,6 +45,7 @@ struct State {
     overrun: AtomicU64,
     oversized: AtomicU64,
     is_closing: AtomicBool,
+    tap: Arc<Tap>,
 }
 
 impl Connections {
@@ -52,7 +54,8 @@ impl Connections {
         robot: RobotId,
         endpoints: &Endpoints,
         incoming: SyncSender<Incoming>,
-    ) -> Self {
+    ) -> (Self, DrivingLink) {
+        let (tap, heard) = Tap::new();
         let state = Arc::new(State {
             robot,
             incoming,
@@ -62,6 +65,7 @@ impl Connections {
             overrun: AtomicU64::new(0),
             oversized: AtomicU64::new(0),
             is_closing: AtomicBool::new(false),
+            tap: Arc::clone(&tap),
         });
         for channel in [Channel::Control, Channel::Bulk] {
             let (state, endpoints) = (Arc::clone(&state), endpoints.clone());
@@ -72,7 +76,16 @@ impl Connections {
             let state = Arc::clone(&state);
             move || send_all(&state, &to_send)
         });
-        Self { state, outgoing }
+        let driving = DrivingLink::start(tap, heard, {
+            let state = Arc::clone(&state);
+            move || lock(&state.control).clone()
+        });
+        (Self { state, outgoing }, driving)
+    }
+
+    /// How much the helm was told.
+    pub(super) fn told_helm(&self) -> u64 {
+        self.state.tap.count()
     }
 
     /// Sends or asks; what cannot even wait to be sent counts as not answered.
@@ -146,8 +159,14 @@ impl State {
         Some(payload.to_bytes().into_owned())
     }
 
-    fn take_sample(&self, sample: &Sample) {
+    /// `topic` is known where it matters who is told first.
+    fn take_sample(&self, sample: &Sample, topic: Option<Topic>) {
         if let Some(payload) = self.bytes(sample.payload()) {
+            match topic {
+                Some(Topic::Pose) => self.tap.take_pose(&payload),
+                Some(Topic::Status) => self.tap.take_status(&payload),
+                Some(_) | None => {}
+            }
             let key = sample.key_expr().as_str().to_owned();
             self.hand_over(Incoming::Sample { key, payload });
         }
@@ -198,6 +217,9 @@ fn in_words(why: &LinkError, endpoints: &Endpoints) -> String {
             endpoints.connect.join(", ")
         ),
         LinkError::Endpoint(_)
+        | LinkError::Protocol { .. }
+        | LinkError::Credentials(_)
+        | LinkError::Stranger { .. }
         | LinkError::Config { .. }
         | LinkError::Setting { .. }
         | LinkError::Declare { .. }
@@ -210,15 +232,18 @@ fn subscribe(state: &Arc<State>, channel: Channel, session: Session) -> Result<S
     let robot = &state.robot;
     let keys = match channel {
         Channel::Control => [Topic::Pose, Topic::Status, Topic::Event, Topic::MapHead]
-            .map(|topic| topic.key(robot))
+            .map(|topic| (topic.key(robot), Some(topic)))
             .to_vec(),
-        Channel::Bulk => vec![keys::all_tiles(robot), Topic::Shores.key(robot)],
+        Channel::Bulk => vec![
+            (keys::all_tiles(robot), None),
+            (Topic::Shores.key(robot), Some(Topic::Shores)),
+        ],
     };
-    for key in keys {
+    for (key, topic) in keys {
         let state = Arc::clone(state);
         session
             .declare_subscriber(key.clone())
-            .callback(move |sample| state.take_sample(&sample))
+            .callback(move |sample| state.take_sample(&sample, topic))
             .background()
             .wait()
             .map_err(|why| LinkError::Declare { what: key, why })?;

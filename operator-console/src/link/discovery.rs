@@ -13,6 +13,7 @@ use std::time::Duration;
 
 use protocol::keys::{RobotId, Topic, every_robot_alive};
 use robot_edge::clock::{self, Monotonic};
+use robot_edge::credentials::Credentials;
 use robot_edge::link::LinkError;
 use robot_edge::link::endpoints::{Channel, bulk_endpoint};
 use robot_edge::link::sessions::{self, Endpoints, Side};
@@ -51,6 +52,7 @@ pub struct Discovery {
 struct State {
     typed: Mutex<BTreeSet<String>>,
     zenoh_config: Option<PathBuf>,
+    credentials: Option<Credentials>,
     /// With the rounds since it was last heard of.
     found: Mutex<BTreeMap<FoundRobot, u32>>,
     problem: Mutex<Option<String>>,
@@ -66,11 +68,13 @@ impl Discovery {
         addresses: Vec<String>,
         scouts: bool,
         zenoh_config: Option<PathBuf>,
+        credentials: Option<Credentials>,
         wake: impl Fn() + Send + 'static,
     ) -> Self {
         let state = Arc::new(State {
             typed: Mutex::new(addresses.into_iter().collect()),
             zenoh_config,
+            credentials,
             found: Mutex::default(),
             problem: Mutex::default(),
             is_hurried: AtomicBool::new(false),
@@ -189,6 +193,7 @@ fn robots_at(state: &State, address: &str) -> Result<Vec<FoundRobot>, LinkError>
     let endpoints = Endpoints {
         connect: vec![address.to_owned()],
         zenoh_config: state.zenoh_config.clone(),
+        credentials: state.credentials.clone(),
         ..Endpoints::default()
     };
     let session = sessions::open(Side::Console, Channel::Control, &endpoints)?;

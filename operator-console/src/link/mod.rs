@@ -6,6 +6,7 @@
 
 mod connect;
 mod discovery;
+mod driving;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
@@ -21,6 +22,7 @@ use crate::model::{ConsoleModel, Incoming, ModelSettings};
 use connect::Connections;
 
 pub use discovery::{Discovery, FoundRobot};
+pub use driving::DrivingLink;
 
 /// Messages that wait for the model at most; what comes beyond is dropped and counted, and what of it mattered
 /// is asked for again.
@@ -36,6 +38,7 @@ const WAKE_PERIOD: Duration = Duration::from_millis(33);
 pub struct RobotSession {
     model: Arc<Mutex<ConsoleModel>>,
     connections: Arc<Connections>,
+    driving: Option<DrivingLink>,
     is_closing: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
@@ -54,7 +57,8 @@ impl RobotSession {
         let (sender, received) = sync_channel(MAX_WAITING);
         let robot = settings.robot.clone();
         let model = Arc::new(Mutex::new(ConsoleModel::new(settings)?));
-        let connections = Arc::new(Connections::start(robot, endpoints, sender));
+        let (connections, driving) = Connections::start(robot, endpoints, sender);
+        let connections = Arc::new(connections);
         let is_closing = Arc::new(AtomicBool::new(false));
         let thread = thread::spawn({
             let (model, connections, is_closing) = (
@@ -67,6 +71,7 @@ impl RobotSession {
         Ok(Self {
             model,
             connections,
+            driving: Some(driving),
             is_closing,
             thread: Some(thread),
         })
@@ -75,6 +80,11 @@ impl RobotSession {
     /// The robot as it is known; the link waits while the guard is held.
     pub fn model(&self) -> MutexGuard<'_, ConsoleModel> {
         lock(&self.model)
+    }
+
+    /// The way to drive it, for one helm: the first that asks.
+    pub const fn take_driving(&mut self) -> Option<DrivingLink> {
+        self.driving.take()
     }
 
     /// Whether both sessions are open. They stay so, and reconnect by themselves, when the link is cut.
@@ -136,7 +146,12 @@ fn run(
         } else {
             Vec::new()
         };
-        let changes = Some((guard.changes(), is_connected, connections.problem()));
+        let changes = Some((
+            guard.changes(),
+            connections.told_helm(),
+            is_connected,
+            connections.problem(),
+        ));
         drop(guard);
         for outgoing in outgoing {
             connections.send(outgoing);

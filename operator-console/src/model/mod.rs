@@ -6,6 +6,7 @@
 mod connection;
 mod incoming;
 mod layer_sync;
+mod link_quality;
 mod map_questions;
 mod map_sync;
 mod refusals;
@@ -30,6 +31,7 @@ use serde::de::DeserializeOwned;
 
 pub use connection::{Connection, LinkState, SILENT_AFTER};
 pub use incoming::{Incoming, Outgoing, RequestId};
+pub use link_quality::{LinkQuality, LinkSample, Stream};
 pub use map_sync::{LayerStep, MapSync};
 pub use refusals::{Refusal, Refusals};
 pub use vehicle::Vehicle;
@@ -60,6 +62,7 @@ pub struct ConsoleModel {
     vehicle: Vehicle,
     shores: ShoresSync,
     connection: Connection,
+    quality: LinkQuality,
     refusals: Refusals,
     info: Option<(Info, BootId)>,
     status: Option<(Status, Monotonic)>,
@@ -90,6 +93,7 @@ impl ConsoleModel {
             vehicle: Vehicle::default(),
             shores: ShoresSync::default(),
             connection: Connection::default(),
+            quality: LinkQuality::default(),
             refusals: Refusals::default(),
             info: None,
             status: None,
@@ -155,6 +159,11 @@ impl ConsoleModel {
     /// How the link does.
     pub const fn connection(&self) -> &Connection {
         &self.connection
+    }
+
+    /// How well it carries each stream.
+    pub const fn link_quality(&self) -> &LinkQuality {
+        &self.quality
     }
 
     /// What was not taken.
@@ -272,11 +281,16 @@ impl ConsoleModel {
                     return Err(Refusal::Malformed);
                 }
                 self.of_this_boot(header)?;
+                self.quality.pose(now);
                 self.changes += u64::from(self.vehicle.take(pose, header.robot_time_ns, now));
             }
             Topic::Status => {
                 let (header, status): (_, Status) = decode(payload)?;
                 self.of_this_boot(header)?;
+                self.quality.heard(Stream::Status, now);
+                let teleop = status.teleop.as_ref();
+                let is_held = teleop.is_some_and(|teleop| teleop.lease.holder.is_some());
+                self.quality.rate(is_held, now);
                 if status.has_ended {
                     if self.ended_seq.is_none() {
                         self.ended_seq = Some(header.seq);
@@ -315,11 +329,13 @@ impl ConsoleModel {
                         self.info = None;
                     }
                 }
+                self.quality.heard(Stream::MapHead, now);
                 self.head_seq = seq;
             }
             Topic::Tile(tile) => {
                 let (header, band): (_, TileBand) = decode(payload)?;
                 self.map.take_band(tile, header.boot, &band, None, now)?;
+                self.quality.heard(Stream::Tiles, now);
                 self.changes += 1;
             }
             Topic::Shores => self.take_shores(payload, None, now)?,
@@ -328,7 +344,8 @@ impl ConsoleModel {
             | Topic::Info
             | Topic::Ping
             | Topic::Tiles(_)
-            | Topic::Digests(_) => return Err(Refusal::Key),
+            | Topic::Digests(_)
+            | Topic::Operator(_) => return Err(Refusal::Key),
         }
         Ok(())
     }
@@ -372,7 +389,8 @@ impl ConsoleModel {
             | Topic::Status
             | Topic::Event
             | Topic::MapHead
-            | Topic::Tile(_) => return Err(Refusal::Key),
+            | Topic::Tile(_)
+            | Topic::Operator(_) => return Err(Refusal::Key),
         }
         Ok(())
     }

@@ -74,6 +74,9 @@ impl ConsoleModel {
                 payload,
             }));
         }
+        let round_trip = self.connection.round_trip();
+        self.quality
+            .sample(round_trip, self.connection.kbps(now), now);
         if self.connection.is_ping_due(now) {
             let request = self.number();
             self.connection.pinged(request, now);

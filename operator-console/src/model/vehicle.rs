@@ -112,6 +112,7 @@ mod tests {
             quaternion_xyzw: [0.0, 0.0, z, w],
             speed_mps: 0.0,
             turn_rate_radps: 0.0,
+            token: None,
         }
     }
 

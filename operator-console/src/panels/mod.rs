@@ -2,6 +2,7 @@
 //! returns what the operator asks for.
 
 pub mod connection;
+pub mod driving;
 pub mod events;
 pub mod layers;
 pub mod legend;

@@ -38,6 +38,7 @@ struct Rig {
     screen: Screen,
     model: Option<ConsoleModel>,
     link: LinkSight,
+    helm: Option<HelmSight>,
     robots: RobotsData,
     now: Monotonic,
     store: TileStore,
@@ -55,6 +56,7 @@ impl Rig {
             screen: Screen::default(),
             model: None,
             link: LinkSight::default(),
+            helm: None,
             robots: RobotsData::new(&[], None, None, None),
             now: at(1_000),
             store,
@@ -130,6 +132,7 @@ impl Rig {
                 quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
                 speed_mps: 0.55,
                 turn_rate_radps: 0.0,
+                token: None,
             },
         );
     }
@@ -208,7 +211,11 @@ impl Rig {
                         crate::theme::set(ui.ctx());
                         rig.theme_is_set = true;
                     }
-                    let robot = rig.model.as_mut().map(|model| (model, &rig.link));
+                    let robot = rig.model.as_mut().map(|model| RobotSight {
+                        model,
+                        link: &rig.link,
+                        helm: rig.helm.as_ref(),
+                    });
                     let commands = rig.screen.show(ui, &rig.robots, robot, rig.now);
                     rig.commands.extend(commands);
                 },

@@ -1,0 +1,371 @@
+//! From hands to commands: one iteration of an input loop at a time.
+//!
+//! Pure: whoever owns a loop (the window, a script) calls [`Helm::begin`] with the newest token *before* it drains its
+//! queue of events, then hands over what was in the queue, then sends what [`Helm::end`] returns, once. So the age that
+//! the robot sees in a token is never less than that of the input that the command was made of, and a loop that hangs,
+//! wherever it hangs, sends nothing or what the robot refuses. Design: "Teleop: never obey an old command"; bytes:
+//! `SPEC.md`, sections 12 and 13.
+
+mod emergency;
+mod heard;
+mod hearing;
+mod lease;
+mod pace;
+mod requests;
+mod sight;
+mod signing;
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use protocol::keys::{OperatorId, RobotId};
+use protocol::message::{AgeToken, LeaseRequest, TeleopStatus};
+use protocol::tile::BootId;
+use robot_edge::clock::Monotonic;
+
+use crate::identity::Identity;
+use crate::teleop_input::{InputEvent, Loss, TeleopInput, Wish};
+
+pub use heard::{Asked, Heard, Intent, Newest, Note, RequestNumber, SignedMessage, WhyNot};
+pub use lease::Lease;
+pub use sight::{EStopSight, HelmSight};
+
+use emergency::Pending;
+use pace::Pace;
+use requests::Requests;
+
+/// Without a token for so long the link is lost: longer than a jittery link pauses, shorter than an operator would take
+/// for a pause. The robot has stopped long before.
+const LINK_LOST: Duration = Duration::from_millis(600);
+/// An iteration that takes longer was not one of a loop that runs 50 times a second.
+const FROZEN: Duration = Duration::from_millis(300);
+/// What the robot wants of neutral before a press counts (200 ms), and what a link may shift it by.
+const NEUTRAL: Duration = Duration::from_millis(250);
+/// Slower than this the vehicle stands, m/s and rad/s.
+const STANDING: f32 = 0.02;
+/// A stick that moves by less is not a change that is sent three times.
+const CHANGE: f32 = 0.1;
+/// Turning faster than this nobody steers by a picture that is as old as the link is slow, rad/s.
+const FASTEST_TURN_RADPS: f32 = 1.5;
+const MAX_NOTES: usize = 64;
+
+/// One operator at the helm of one robot.
+pub struct Helm {
+    robot: RobotId,
+    identity: Identity,
+    input: TeleopInput,
+    /// What is asked for at most: speed, m/s, and turn rate, rad/s; zero until the robot has told.
+    limits: [f32; 2],
+    /// As it was before the events of this iteration.
+    newest: Option<Newest>,
+    /// When the last pose came that was looked at.
+    looked_at: Option<Monotonic>,
+    boot: Option<BootId>,
+    /// The newest grant of the lease that is known of, whoever's.
+    epoch: u64,
+    lease: Lease,
+    status: Option<TeleopStatus>,
+    seq: u64,
+    requests: Requests,
+    numbers: u64,
+    estop: Option<Pending>,
+    estop_refused: Option<protocol::message::Refusal>,
+    next_press: u64,
+    pace: Pace,
+    sent: Wish,
+    /// Since when nothing but neutral was sent under this grant.
+    neutral_since: Option<Monotonic>,
+    last_end: Option<Monotonic>,
+    is_link_lost: bool,
+    notes: VecDeque<(Monotonic, Note)>,
+    /// The last of them that the operator did not expect.
+    notice: Option<(Monotonic, Note)>,
+}
+
+impl Helm {
+    /// Nobody has the lease, and nothing is known of the robot. `random` makes presses of the emergency stop different
+    /// from those of all other consoles.
+    pub fn new(robot: RobotId, identity: Identity, random: u64) -> Self {
+        Self {
+            robot,
+            identity,
+            input: TeleopInput::default(),
+            limits: [0.0; 2],
+            newest: None,
+            looked_at: None,
+            boot: None,
+            epoch: 0,
+            lease: Lease::None,
+            status: None,
+            seq: 0,
+            requests: Requests::default(),
+            numbers: 0,
+            estop: None,
+            estop_refused: None,
+            next_press: random,
+            pace: Pace::new(Monotonic::default()),
+            sent: Wish::NEUTRAL,
+            neutral_since: None,
+            last_end: None,
+            is_link_lost: false,
+            notes: VecDeque::new(),
+            notice: None,
+        }
+    }
+
+    /// Greatest speed, m/s, and turn rate, rad/s, of the robot, that keys and sticks are shares of.
+    pub fn set_limits(&mut self, limits: [f32; 2]) {
+        let [speed_mps, turn_rate_radps] = limits.map(|limit| {
+            if limit.is_finite() {
+                limit.max(0.0)
+            } else {
+                0.0
+            }
+        });
+        self.limits = [speed_mps, turn_rate_radps.min(FASTEST_TURN_RADPS)];
+    }
+
+    /// An iteration begins: the newest token, taken before the queue of events is drained.
+    pub fn begin(&mut self, newest: Option<Newest>, now: Monotonic) {
+        if let Some(newest) = newest
+            && self.looked_at != Some(newest.at)
+        {
+            self.looked_at = Some(newest.at);
+            self.is_of(newest.boot, now);
+            self.newest = Some(newest);
+        }
+    }
+
+    /// Something of the queue.
+    pub fn apply(&mut self, event: InputEvent) {
+        self.input.apply(event);
+    }
+
+    /// The queue is drained: what is to be sent now, in this order.
+    pub fn end(&mut self, now: Monotonic) -> Vec<SignedMessage> {
+        self.look_for_losses(now);
+        let mut messages = Vec::new();
+        if self.input.take_estop() {
+            self.press_estop(now);
+        }
+        self.repeat_estop(now, &mut messages);
+        self.ask(now, &mut messages);
+        self.drive(now, &mut messages);
+        self.last_end = Some(now);
+        messages
+    }
+
+    /// The last words of a console that is closed: an emergency stop that is on its way once more, zero, and the lease
+    /// back.
+    pub fn farewell(&mut self) -> Vec<SignedMessage> {
+        self.input.lose(Loss::Focus);
+        let token = self.newest.and_then(|newest| newest.token);
+        let token = token.unwrap_or(AgeToken { n: 0, nonce: 0 });
+        let mut messages = Vec::new();
+        if let Some(body) = self.estop.as_ref().map(Pending::body) {
+            let number = self.number();
+            messages.extend(self.signed(token, &body, Some(number)));
+        }
+        if self.lease.held().is_some() {
+            messages.extend(self.signed(token, &self.command(Wish::NEUTRAL), None));
+            let number = self.number();
+            messages.extend(self.signed(token, &LeaseRequest::Release, Some(number)));
+            self.lease = Lease::None;
+        }
+        messages
+    }
+
+    /// When the next iteration is due without any event; `None` where nothing is to be done by itself.
+    pub fn due(&self, now: Monotonic) -> Option<Monotonic> {
+        let drive = self.lease.held().map(|_| self.pace.due());
+        let estop = self.estop.as_ref().map(|pending| pending.due(now));
+        let estop = estop.filter(|_| self.boot.is_some());
+        let request = self.requests.due(now);
+        [drive, estop, request].into_iter().flatten().min()
+    }
+
+    /// What the operator wants besides moving.
+    pub fn want(&mut self, intent: Intent, now: Monotonic) {
+        let asked = match intent {
+            Intent::EStop => return self.input.apply(InputEvent::EStop),
+            Intent::Step(step) => return self.input.apply(InputEvent::Step(step)),
+            Intent::Reset(estop) => Asked::Reset(estop),
+            Intent::Set(setting) => Asked::Set(setting),
+            Intent::Lease(request) => {
+                if request == LeaseRequest::Release {
+                    self.lose_lease(now);
+                }
+                Asked::Lease(request)
+            }
+        };
+        if let Err(asked) = self.requests.push(asked) {
+            self.warn(now, Note::NotSent(asked, WhyNot::TooMany));
+        }
+    }
+
+    /// Whether this console has the lease.
+    pub const fn is_driving(&self) -> bool {
+        self.lease.held().is_some()
+    }
+
+    /// Who drives.
+    pub const fn operator(&self) -> &OperatorId {
+        &self.identity.operator
+    }
+
+    /// Notes that were taken since the last call, oldest first.
+    pub fn take_notes(&mut self) -> VecDeque<(Monotonic, Note)> {
+        std::mem::take(&mut self.notes)
+    }
+
+    fn look_for_losses(&mut self, now: Monotonic) {
+        let is_held = self.lease.held().is_some();
+        // Input that came while this program stood still is as old as that, whenever it is read.
+        let is_frozen = self
+            .last_end
+            .is_some_and(|last| now.since(last) > FROZEN.max(pace::PERIOD));
+        if is_held && is_frozen {
+            self.lose(Loss::Frozen, now);
+        }
+        let was_lost = self.is_link_lost;
+        self.is_link_lost = self
+            .newest
+            .is_none_or(|newest| now.since(newest.at) > LINK_LOST);
+        if is_held && self.is_link_lost {
+            if was_lost {
+                self.neutral_since = None;
+                self.input.lose(Loss::Link);
+            } else {
+                self.lose(Loss::Link, now);
+            }
+        }
+        if !is_held {
+            self.input.lose(Loss::Lease);
+        }
+        if let Some(asked) = self.requests.take_overdue(now) {
+            self.warn(now, Note::NotAnswered(asked));
+        }
+    }
+
+    fn press_estop(&mut self, now: Monotonic) {
+        if self.estop.is_some() {
+            return;
+        }
+        let before = self.status.as_ref().and_then(|status| status.estop);
+        let before = before.map(|estop| estop.number);
+        self.estop = Some(Pending::new(self.next_press, before, now));
+        self.estop_refused = None;
+        // An odd step visits every number before it comes back.
+        self.next_press = self.next_press.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        self.note(now, Note::EStopPressed);
+    }
+
+    /// By both ways, lest one is closed; its token may be of any age, or none.
+    fn repeat_estop(&mut self, now: Monotonic, messages: &mut Vec<SignedMessage>) {
+        let is_due = |pending: &Pending| pending.due(now) <= now;
+        let Some(estop) = self.estop.as_ref().filter(|pending| is_due(pending)) else {
+            return;
+        };
+        if self.boot.is_none() {
+            return;
+        }
+        let body = estop.body();
+        let token = self.newest.and_then(|newest| newest.token);
+        let token = token.unwrap_or(AgeToken { n: 0, nonce: 0 });
+        let number = self.number();
+        messages.extend(self.signed(token, &body, Some(number)));
+        if let Some(estop) = &mut self.estop {
+            estop.sent(number, now);
+        }
+        if self.lease.held().is_none() {
+            let drive = self.command(Wish::NEUTRAL);
+            messages.extend(self.signed(token, &drive, None));
+        }
+    }
+
+    fn ask(&mut self, now: Monotonic, messages: &mut Vec<SignedMessage>) {
+        while let Some(asked) = self.requests.next() {
+            let Some(token) = self.fresh_token(now) else {
+                self.warn(now, Note::NotSent(asked, WhyNot::NoToken));
+                continue;
+            };
+            let number = self.number();
+            messages.extend(match &asked {
+                Asked::Lease(request) => self.signed(token, request, Some(number)),
+                Asked::Reset(estop) => {
+                    let reset = protocol::message::Reset { estop: *estop };
+                    self.signed(token, &reset, Some(number))
+                }
+                Asked::Set(setting) => self.signed(token, setting, Some(number)),
+            });
+            self.requests.sent(number, asked, now);
+        }
+    }
+
+    fn drive(&mut self, now: Monotonic, messages: &mut Vec<SignedMessage>) {
+        if self.lease.held().is_none() {
+            return;
+        }
+        let Some(token) = self.fresh_token(now) else {
+            return;
+        };
+        let wish = self.wish(now);
+        let is_changed = wish.is_neutral() != self.sent.is_neutral()
+            || (wish.forward - self.sent.forward).abs() >= CHANGE
+            || (wish.left - self.sent.left).abs() >= CHANGE;
+        if !self.pace.is_due(now, is_changed) {
+            return;
+        }
+        self.sent = wish;
+        if wish.is_neutral() {
+            self.neutral_since.get_or_insert(now);
+        } else {
+            self.neutral_since = None;
+        }
+        let drive = self.command(wish);
+        messages.extend(self.signed(token, &drive, None));
+    }
+
+    /// What the hands ask for; for a moment nothing where the robot would take a press that comes too early for one
+    /// that was held all along, and ignore it until it is let go.
+    fn wish(&self, now: Monotonic) -> Wish {
+        let wish = self.input.wish();
+        if wish.is_neutral() || !self.sent.is_neutral() || self.moves() {
+            return wish;
+        }
+        match self.neutral_since {
+            Some(since) if now.since(since) >= NEUTRAL => wish,
+            Some(_) | None => Wish::NEUTRAL,
+        }
+    }
+
+    fn moves(&self) -> bool {
+        self.newest
+            .is_some_and(|newest| newest.velocity.iter().any(|speed| speed.abs() >= STANDING))
+    }
+
+    fn lose(&mut self, loss: Loss, now: Monotonic) {
+        let was_asking = !self.input.wish().is_neutral();
+        self.input.lose(loss);
+        self.neutral_since = None;
+        if was_asking {
+            self.note(now, Note::Lost(loss));
+        }
+    }
+
+    fn warn(&mut self, now: Monotonic, note: Note) {
+        self.notice = Some((now, note.clone()));
+        self.note(now, note);
+    }
+
+    fn note(&mut self, now: Monotonic, note: Note) {
+        tracing::debug!(?note, "helm");
+        if self.notes.len() == MAX_NOTES {
+            self.notes.pop_front();
+        }
+        self.notes.push_back((now, note));
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,85 @@
+//! What the operator is to see of the helm itself.
+
+use std::time::Duration;
+
+use protocol::keys::OperatorId;
+use protocol::message::Refusal;
+use robot_edge::clock::Monotonic;
+
+use super::{Helm, Lease, Note};
+use crate::teleop_input::{Loss, SpeedStep, Wish};
+
+/// How long something that was not expected is shown.
+const NOTICE: Duration = Duration::from_secs(10);
+
+/// The helm as it is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HelmSight {
+    /// Who drives from this console.
+    pub operator: OperatorId,
+    /// Whether they do.
+    pub lease: Lease,
+    /// How fast keys drive.
+    pub step: SpeedStep,
+    /// What it asks for at most: speed, m/s, and turn rate, rad/s.
+    pub limits: [f32; 2],
+    /// What the hands ask for.
+    pub wish: Wish,
+    /// Why what is held down counts for nothing.
+    pub ignored: Option<Loss>,
+    /// Whether a press would count.
+    pub is_ready: bool,
+    /// Since when the last token is here; `None` before the first.
+    pub token_age: Option<Duration>,
+    /// Whether a request waits for its answer.
+    pub is_asking: bool,
+    /// What the operator did not expect, lately.
+    pub notice: Option<Note>,
+    /// The emergency stop, as far as this console is concerned.
+    pub estop: EStopSight,
+}
+
+/// An emergency stop of this console.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EStopSight {
+    /// None is on its way.
+    Quiet,
+    /// It was pressed so long ago and is not acknowledged; it is sent ten times a second.
+    Sending(Duration),
+    /// It was pressed so long ago, and the robot was never heard: nobody can be told.
+    Unsendable(Duration),
+    /// The robot does not obey this operator.
+    Refused(Refusal),
+}
+
+impl Helm {
+    /// The helm as it is at `now`.
+    pub fn sight(&self, now: Monotonic) -> HelmSight {
+        let estop = match (&self.estop, self.estop_refused) {
+            (Some(pending), _) if pending.is_sent() => {
+                EStopSight::Sending(now.since(pending.since))
+            }
+            (Some(pending), _) => EStopSight::Unsendable(now.since(pending.since)),
+            (None, Some(refusal)) => EStopSight::Refused(refusal),
+            (None, None) => EStopSight::Quiet,
+        };
+        let token = self.newest.filter(|newest| newest.token.is_some());
+        HelmSight {
+            operator: self.identity.operator.clone(),
+            lease: self.lease,
+            step: self.input.step(),
+            limits: self.limits,
+            wish: self.input.wish(),
+            ignored: self.input.ignored_because(),
+            is_ready: self.input.is_ready(),
+            token_age: token.map(|newest| now.since(newest.at)),
+            is_asking: self.requests.is_busy(),
+            notice: self
+                .notice
+                .as_ref()
+                .filter(|(at, _)| now.since(*at) < NOTICE)
+                .map(|(_, note)| note.clone()),
+            estop,
+        }
+    }
+}

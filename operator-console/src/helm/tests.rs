@@ -1,0 +1,607 @@
+#![expect(clippy::float_cmp, reason = "shares of whole presses are exact")]
+
+use protocol::keys::OperatorTopic;
+use protocol::message::{
+    Answer, Drive, EStop, EStopStatus, LeaseStatus, Refusal, StopReason, TeleopState,
+};
+use protocol::signed::{Envelope, Route, Stamp};
+
+use super::*;
+use crate::teleop_input::{DriveKey, SpeedStep};
+
+const BOOT: BootId = BootId([7; 16]);
+
+const fn at(ms: u64) -> Monotonic {
+    Monotonic::from_nanos(ms * 1_000_000)
+}
+
+/// What a robot reads of a message.
+#[derive(Clone, Debug, PartialEq)]
+enum Read {
+    Drive(Drive),
+    EStop(EStop),
+    Lease(LeaseRequest),
+    Other(OperatorTopic),
+}
+
+/// A helm, and a robot that hears every word.
+struct Rig {
+    helm: Helm,
+    ms: u64,
+    boot: BootId,
+    speaks: bool,
+    velocity: [f32; 2],
+    last_seq: u64,
+    /// Everything that was sent, with its stamp and when.
+    sent: Vec<(u64, Stamp, Read)>,
+}
+
+impl Rig {
+    fn new() -> Self {
+        let identity = Identity::without_keys("anna".parse().unwrap());
+        let mut helm = Helm::new("scout".parse().unwrap(), identity, 77);
+        helm.set_limits([1.0, 2.0]);
+        helm.apply(InputEvent::Focus(true));
+        helm.apply(InputEvent::Step(SpeedStep::new(5).unwrap()));
+        Self {
+            helm,
+            ms: 1000,
+            boot: BOOT,
+            speaks: true,
+            velocity: [0.0; 2],
+            last_seq: 0,
+            sent: Vec::new(),
+        }
+    }
+
+    /// A helm that has the lease by grant 4, and has been neutral for long enough.
+    fn held() -> Self {
+        let mut rig = Self::new();
+        rig.ask(LeaseRequest::Request);
+        rig.run(20);
+        rig.answer(Answer::Granted(4));
+        rig.run(400);
+        rig
+    }
+
+    fn newest(&self) -> Option<Newest> {
+        let n = self.ms / 20;
+        self.speaks.then_some(Newest {
+            boot: self.boot,
+            token: Some(AgeToken { n, nonce: n ^ 9 }),
+            velocity: self.velocity,
+            at: at(n * 20),
+        })
+    }
+
+    /// One iteration, with these events in its queue.
+    fn turn(&mut self, events: &[InputEvent]) {
+        let newest = self.newest();
+        self.helm.begin(newest, at(self.ms));
+        for event in events {
+            self.helm.apply(*event);
+        }
+        for message in self.helm.end(at(self.ms)) {
+            let envelope = Envelope::parse(&message.payload).unwrap();
+            let stamp = envelope.claimed_stamp();
+            assert!(stamp.seq > self.last_seq, "the number grows");
+            self.last_seq = stamp.seq;
+            let key = self.helm.identity.key.public();
+            let (robot, operator) = (&self.helm.robot, &self.helm.identity.operator);
+            let route = Route { robot, operator };
+            let read = match message.topic {
+                OperatorTopic::Drive => Read::Drive(envelope.open(route, &key).unwrap()),
+                OperatorTopic::EStop => Read::EStop(envelope.open(route, &key).unwrap()),
+                OperatorTopic::Lease => Read::Lease(envelope.open(route, &key).unwrap()),
+                OperatorTopic::Reset | OperatorTopic::Set => Read::Other(message.topic),
+            };
+            assert_eq!(
+                message.request.is_none(),
+                message.topic == OperatorTopic::Drive
+            );
+            self.sent.push((self.ms, stamp, read));
+        }
+    }
+
+    /// Iterations of a loop that sleeps until the helm is due, for this long.
+    fn run(&mut self, ms: u64) {
+        let until = self.ms + ms;
+        while self.ms < until {
+            self.turn(&[]);
+            self.ms += 1;
+            while self.ms < until
+                && self
+                    .helm
+                    .due(at(self.ms))
+                    .is_none_or(|due| due > at(self.ms))
+            {
+                self.ms += 1;
+            }
+        }
+    }
+
+    fn ask(&mut self, request: LeaseRequest) {
+        self.helm.want(Intent::Lease(request), at(self.ms));
+    }
+
+    fn answer(&mut self, answer: Answer) {
+        let request = RequestNumber(self.helm.numbers);
+        let boot = self.boot;
+        let heard = Heard::Answer {
+            request,
+            boot,
+            answer,
+        };
+        self.helm.hear(heard, at(self.ms));
+    }
+
+    fn status(&mut self, change: impl FnOnce(&mut TeleopStatus)) {
+        let mut status = status();
+        change(&mut status);
+        let heard = Heard::Status {
+            boot: self.boot,
+            teleop: Some(status),
+        };
+        self.helm.hear(heard, at(self.ms));
+    }
+
+    /// What was sent since, and when.
+    fn since(&mut self) -> Vec<(u64, Stamp, Read)> {
+        std::mem::take(&mut self.sent)
+    }
+
+    fn speeds(&mut self) -> Vec<(u64, f32)> {
+        let sent = self.since().into_iter();
+        sent.filter_map(|(ms, _, read)| match read {
+            Read::Drive(drive) => Some((ms, drive.linear_mps)),
+            Read::EStop(_) | Read::Lease(_) | Read::Other(_) => None,
+        })
+        .collect()
+    }
+
+    fn moves(&mut self) -> bool {
+        self.speeds().iter().any(|(_, speed)| *speed != 0.0)
+    }
+}
+
+fn status() -> TeleopStatus {
+    use protocol::message::{Arming, CommandCounters, Guard, Settings, Velocity};
+    TeleopStatus {
+        state: TeleopState::Held,
+        last_stop: None,
+        is_drifting: false,
+        lease: LeaseStatus {
+            epoch: 4,
+            holder: Some("anna".parse().unwrap()),
+            next: None,
+            waiting: None,
+        },
+        arming: Arming::Neutral,
+        age_ms: None,
+        greatest_age_ms: None,
+        speed_allowed_mps: 1.0,
+        requested: Velocity::default(),
+        applied: Velocity::default(),
+        clamp: None,
+        guard: Guard::Off,
+        estop: None,
+        counters: CommandCounters::default(),
+        settings: Settings {
+            budget_kbps: 256,
+            guard: false,
+            recording: false,
+        },
+    }
+}
+
+const W: InputEvent = InputEvent::Press(DriveKey::W);
+const NO_W: InputEvent = InputEvent::Release(DriveKey::W);
+
+#[test]
+fn nothing_is_sent_before_it_is_asked_for() {
+    let mut rig = Rig::new();
+    rig.run(500);
+    rig.turn(&[W]);
+    rig.run(500);
+    assert_eq!(rig.since(), []);
+    assert_eq!(
+        rig.helm.due(at(rig.ms)),
+        None,
+        "nor does the loop wake for it"
+    );
+}
+
+#[test]
+fn the_lease_is_asked_for_and_then_neutral_is_sent_at_50_hz() {
+    let mut rig = Rig::new();
+    rig.ask(LeaseRequest::Request);
+    rig.run(100);
+    let sent = rig.since();
+    assert_eq!(sent.len(), 1);
+    assert_eq!(sent[0].2, Read::Lease(LeaseRequest::Request));
+    rig.answer(Answer::Granted(4));
+    rig.run(1000);
+    let sent = rig.since();
+    assert_eq!(sent.len(), 50);
+    for (ms, stamp, read) in sent {
+        let neutral = Drive {
+            linear_mps: 0.0,
+            angular_radps: 0.0,
+            estop: None,
+        };
+        assert_eq!(read, Read::Drive(neutral));
+        assert_eq!((stamp.boot, stamp.epoch), (BOOT, 4));
+        assert_eq!(stamp.token.n, ms / 20, "the newest token");
+    }
+}
+
+#[test]
+fn a_press_and_a_release_are_sent_at_once_and_three_times() {
+    let mut rig = Rig::held();
+    rig.since();
+    let pressed = rig.ms;
+    rig.turn(&[W]);
+    rig.run(60);
+    let sent = rig.speeds();
+    let expected = [0, 7, 14, 34, 54].map(|ms| (pressed + ms, 1.0));
+    assert_eq!(sent, expected);
+    let released = rig.ms;
+    rig.turn(&[NO_W]);
+    rig.run(20);
+    assert_eq!(rig.speeds(), [0, 7, 14].map(|ms| (released + ms, 0.0)));
+}
+
+#[test]
+fn a_key_that_was_down_before_the_grant_moves_nothing() {
+    let mut rig = Rig::new();
+    rig.turn(&[W]);
+    rig.ask(LeaseRequest::Request);
+    rig.run(20);
+    rig.answer(Answer::Granted(4));
+    rig.run(500);
+    assert!(!rig.moves());
+    assert_eq!(rig.helm.sight(at(rig.ms)).ignored, Some(Loss::Lease));
+    rig.turn(&[NO_W]);
+    rig.turn(&[W]);
+    assert!(rig.moves());
+}
+
+#[test]
+fn a_new_grant_locks_what_is_down_although_this_console_drove_before() {
+    let mut rig = Rig::held();
+    rig.turn(&[W]);
+    rig.run(100);
+    rig.ask(LeaseRequest::Request);
+    rig.run(20);
+    assert!(rig.moves());
+    rig.answer(Answer::Granted(5));
+    rig.run(500);
+    assert!(!rig.moves());
+    rig.turn(&[NO_W]);
+    rig.run(300);
+    rig.turn(&[W]);
+    assert!(rig.moves());
+}
+
+#[test]
+fn a_press_that_comes_before_the_robot_takes_it_is_held_back_and_not_lost() {
+    let mut rig = Rig::held();
+    rig.turn(&[W]);
+    rig.run(40);
+    rig.turn(&[NO_W]);
+    rig.run(40);
+    rig.since();
+    let again = rig.ms;
+    rig.turn(&[W]);
+    rig.run(400);
+    let first = rig.speeds().into_iter().find(|(_, speed)| *speed > 0.0);
+    let held_back = first.unwrap().0 - again;
+    assert!((200..=250).contains(&held_back), "{held_back}");
+    // While the vehicle still moves, the robot takes it at once.
+    rig.turn(&[NO_W]);
+    rig.velocity = [0.5, 0.0];
+    rig.run(40);
+    rig.since();
+    rig.turn(&[W]);
+    assert!(rig.moves());
+}
+
+#[test]
+fn without_tokens_nothing_is_sent_and_a_held_key_is_to_be_pressed_anew() {
+    let mut rig = Rig::held();
+    rig.turn(&[W]);
+    rig.run(100);
+    assert!(rig.moves());
+    rig.speaks = false;
+    let cut = rig.ms;
+    rig.run(3000);
+    let sent = rig.speeds();
+    assert!(sent.iter().all(|(ms, _)| *ms <= cut + 1020), "{sent:?}");
+    let moving = sent.iter().filter(|(_, speed)| *speed != 0.0);
+    assert!(moving.clone().all(|(ms, _)| *ms <= cut + 620));
+    rig.speaks = true;
+    rig.run(1000);
+    assert!(!rig.moves(), "W is still down");
+    rig.turn(&[NO_W]);
+    rig.run(300);
+    rig.turn(&[W]);
+    assert!(rig.moves());
+}
+
+#[test]
+fn a_loop_that_stood_still_sends_nothing_of_what_came_meanwhile() {
+    let mut rig = Rig::held();
+    rig.turn(&[W]);
+    rig.run(100);
+    rig.since();
+    rig.ms += 2000;
+    // Even a fresh press that waited in the queue.
+    rig.turn(&[NO_W, W]);
+    rig.run(500);
+    assert!(!rig.moves());
+    rig.turn(&[NO_W]);
+    rig.run(300);
+    rig.turn(&[W]);
+    assert!(rig.moves());
+}
+
+/// The token is taken before the queue is drained: where painting hangs in between, the command is as old as it looks.
+#[test]
+fn a_command_has_the_token_from_before_its_events() {
+    let mut rig = Rig::held();
+    rig.since();
+    let newest = rig.newest();
+    rig.helm.begin(newest, at(rig.ms));
+    let n = rig.ms / 20;
+    rig.ms += 200;
+    rig.helm.apply(W);
+    let messages = rig.helm.end(at(rig.ms));
+    let envelope = Envelope::parse(&messages[0].payload).unwrap();
+    assert_eq!(envelope.claimed_stamp().token.n, n);
+}
+
+#[test]
+fn losing_the_lease_or_the_robot_silences_the_helm() {
+    for change in [
+        |rig: &mut Rig| rig.status(|status| status.lease.holder = None),
+        |rig: &mut Rig| rig.status(|status| status.lease.epoch = 5),
+        |rig: &mut Rig| rig.boot = BootId([8; 16]),
+    ] {
+        let mut rig = Rig::held();
+        rig.turn(&[W]);
+        rig.run(100);
+        change(&mut rig);
+        rig.since();
+        rig.run(1000);
+        assert_eq!(rig.since(), []);
+        assert_eq!(rig.helm.sight(at(rig.ms)).lease, Lease::None);
+        let notes: Vec<_> = rig
+            .helm
+            .take_notes()
+            .into_iter()
+            .map(|(_, note)| note)
+            .collect();
+        assert!(notes.contains(&Note::LeaseLost), "{notes:?}");
+    }
+}
+
+#[test]
+fn a_robot_that_stopped_by_itself_wants_a_new_press() {
+    let mut rig = Rig::held();
+    rig.turn(&[W]);
+    rig.status(|status| status.state = TeleopState::Driving);
+    rig.run(100);
+    assert!(rig.moves());
+    rig.status(|status| status.last_stop = Some(StopReason::Age));
+    rig.run(300);
+    rig.since();
+    rig.run(500);
+    assert!(!rig.moves());
+    assert_eq!(rig.helm.sight(at(rig.ms)).ignored, Some(Loss::Stopped));
+}
+
+#[test]
+fn a_press_right_after_a_release_is_not_taken_for_a_stop() {
+    let mut rig = Rig::held();
+    rig.turn(&[W]);
+    rig.status(|status| status.state = TeleopState::Driving);
+    rig.run(100);
+    rig.turn(&[NO_W]);
+    rig.run(300);
+    rig.turn(&[W]);
+    rig.status(|status| status.last_stop = Some(StopReason::Released));
+    rig.since();
+    rig.run(100);
+    assert!(rig.moves());
+}
+
+#[test]
+fn an_emergency_stop_is_sent_by_both_ways_until_it_is_acknowledged() {
+    for holds in [true, false] {
+        let mut rig = if holds { Rig::held() } else { Rig::new() };
+        rig.run(20);
+        rig.since();
+        rig.turn(&[W]);
+        let pressed = rig.ms;
+        rig.turn(&[InputEvent::EStop]);
+        rig.run(1000);
+        let sent = rig.since();
+        let mut queries = Vec::new();
+        for (ms, _, read) in &sent {
+            match read {
+                Read::EStop(estop) => queries.push((*ms, estop.press)),
+                Read::Drive(drive) if *ms > pressed => {
+                    assert_eq!(drive.estop, Some(EStop { press: 77 }));
+                    assert_eq!(drive.linear_mps, 0.0);
+                }
+                Read::Drive(_) | Read::Lease(_) | Read::Other(_) => {}
+            }
+        }
+        let expected: Vec<_> = (0..10).map(|n| (pressed + 100 * n, 77)).collect();
+        assert_eq!(queries, expected);
+        let drives = sent.len() - queries.len();
+        assert!(if holds { drives >= 50 } else { drives == 10 }, "{drives}");
+
+        rig.status(|status| {
+            status.estop = Some(EStopStatus {
+                number: 1,
+                is_stored: false,
+            });
+        });
+        assert!(matches!(
+            rig.helm.sight(at(rig.ms)).estop,
+            EStopSight::Sending(_)
+        ));
+        rig.answer(Answer::EStopped(1));
+        assert_eq!(rig.helm.sight(at(rig.ms)).estop, EStopSight::Quiet);
+        rig.since();
+        rig.run(500);
+        let sent = rig.since();
+        let is_estop = |(_, _, read): &(u64, Stamp, Read)| matches!(read, Read::EStop(_));
+        assert!(!sent.iter().any(is_estop));
+    }
+}
+
+#[test]
+fn an_emergency_stop_outlives_the_robots_restart_and_a_robot_that_is_not_heard_yet() {
+    let mut rig = Rig::new();
+    rig.speaks = false;
+    rig.turn(&[InputEvent::EStop]);
+    rig.run(1000);
+    assert_eq!(rig.since(), []);
+    assert!(matches!(
+        rig.helm.sight(at(rig.ms)).estop,
+        EStopSight::Unsendable(_)
+    ));
+    rig.speaks = true;
+    for boot in [7, 8] {
+        rig.boot = BootId([boot; 16]);
+        rig.run(100);
+        let sent = rig.since();
+        assert!(
+            sent.iter().any(|(_, stamp, read)| stamp.boot == rig.boot
+                && *read == Read::EStop(EStop { press: 77 })),
+            "{sent:?}"
+        );
+    }
+    rig.answer(Answer::Refused(Refusal::Role));
+    let refused = EStopSight::Refused(Refusal::Role);
+    assert_eq!(rig.helm.sight(at(rig.ms)).estop, refused);
+}
+
+#[test]
+fn requests_go_one_after_another_and_are_given_up() {
+    let mut rig = Rig::new();
+    rig.ask(LeaseRequest::Request);
+    rig.helm.want(Intent::Reset(3), at(rig.ms));
+    rig.run(100);
+    assert_eq!(rig.since().len(), 1);
+    rig.answer(Answer::Refused(Refusal::Busy));
+    rig.run(100);
+    assert_eq!(rig.since()[0].2, Read::Other(OperatorTopic::Reset));
+    rig.run(5000);
+    let notes: Vec<_> = rig
+        .helm
+        .take_notes()
+        .into_iter()
+        .map(|(_, note)| note)
+        .collect();
+    let busy = Answer::Refused(Refusal::Busy);
+    let expected = [
+        Note::Answered(Asked::Lease(LeaseRequest::Request), busy),
+        Note::NotAnswered(Asked::Reset(3)),
+    ];
+    assert_eq!(notes, expected);
+    rig.speaks = false;
+    rig.run(2000);
+    rig.ask(LeaseRequest::Request);
+    rig.run(100);
+    let notes = rig.helm.take_notes();
+    let not_sent = Note::NotSent(Asked::Lease(LeaseRequest::Request), WhyNot::NoToken);
+    assert_eq!(notes[0].1, not_sent);
+    assert_eq!(rig.since(), []);
+}
+
+#[test]
+fn who_waits_drives_when_the_status_says_so() {
+    let mut rig = Rig::new();
+    rig.status(|status| status.lease.holder = Some("bert".parse().unwrap()));
+    rig.ask(LeaseRequest::Request);
+    rig.run(20);
+    rig.answer(Answer::Waiting);
+    rig.run(100);
+    rig.status(|status| {
+        status.lease.epoch = 5;
+    });
+    rig.since();
+    rig.run(100);
+    let (_, stamp, _) = rig.since()[0];
+    assert_eq!(stamp.epoch, 5);
+}
+
+#[test]
+fn a_console_that_closes_says_zero_and_gives_the_lease_back() {
+    let mut rig = Rig::held();
+    rig.turn(&[W]);
+    let messages = rig.helm.farewell();
+    let topics: Vec<_> = messages.iter().map(|message| message.topic).collect();
+    assert_eq!(topics, [OperatorTopic::Drive, OperatorTopic::Lease]);
+    let drive: Drive = Envelope::parse(&messages[0].payload)
+        .unwrap()
+        .claimed_command()
+        .unwrap();
+    assert!(drive.is_neutral());
+}
+
+#[test]
+fn what_the_operator_did_not_expect_is_shown_for_a_while() {
+    let mut rig = Rig::held();
+    assert_eq!(rig.helm.sight(at(rig.ms)).notice, None);
+    rig.helm.want(Intent::Reset(3), at(rig.ms));
+    rig.run(20);
+    let refused = Answer::Refused(Refusal::NoEStop);
+    rig.answer(refused);
+    let notice = Note::Answered(Asked::Reset(3), refused);
+    assert_eq!(rig.helm.sight(at(rig.ms)).notice, Some(notice));
+    rig.run(10_000);
+    assert_eq!(rig.helm.sight(at(rig.ms)).notice, None);
+    // Who gives the lease back knows that.
+    rig.ask(LeaseRequest::Release);
+    assert_eq!(rig.helm.sight(at(rig.ms)).notice, None);
+    let mut rig = Rig::held();
+    rig.status(|status| status.lease.holder = None);
+    assert_eq!(rig.helm.sight(at(rig.ms)).notice, Some(Note::LeaseLost));
+}
+
+/// Whoever owns the loop owns the clock, the network and the window; so a script's commands are a window's.
+#[test]
+fn helm_and_hands_are_pure() {
+    let impure = [
+        "Monotonic::now",
+        "std::thread",
+        "std::fs",
+        "mpsc",
+        "zenoh",
+        "egui",
+        "winit",
+        "crate::link",
+    ];
+    for folder in ["helm", "teleop_input"] {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("src")
+            .join(folder);
+        let files = std::fs::read_dir(path)
+            .unwrap()
+            .map(|file| file.unwrap().path());
+        let mut seen = 0;
+        for file in files.filter(|file| !file.ends_with("tests.rs")) {
+            seen += 1;
+            for line in std::fs::read_to_string(&file).unwrap().lines() {
+                let code = line.split("//").next().unwrap_or_default();
+                let word = impure.into_iter().find(|word| code.contains(word));
+                assert_eq!(word, None, "{}: {line}", file.display());
+            }
+        }
+        assert!(seen >= 4, "{folder} has moved");
+    }
+}

@@ -1,0 +1,222 @@
+//! The window's event loop, with the helm in it.
+//!
+//! eframe gives an app its input once a frame, and a frame may take as long as it likes: without a GPU 10 ms and more,
+//! behind other windows for ever. So the helm does not live in frames. This loop sees each event before eframe does: an
+//! iteration takes the newest token, drains the queue, sends, and then lets eframe paint if it wants to. While the lease
+//! is held it wakes 50 times a second by itself, painting or not, and painting gets at most every other moment: where a
+//! frame takes 40 ms, the next has to wait for as long. Where painting hangs, the loop hangs and sends nothing.
+
+mod keys;
+
+use std::rc::Rc;
+use std::time::Duration;
+
+use eframe::{EframeWinitApplication, UserEvent};
+use robot_edge::clock::Monotonic;
+use winit::application::ApplicationHandler;
+use winit::event::{DeviceEvent, DeviceId, ElementState, KeyEvent, StartCause, WindowEvent};
+use winit::event_loop::{ActiveEventLoop, ControlFlow};
+use winit::keyboard::ModifiersState;
+use winit::window::WindowId;
+
+use crate::gamepad::Gamepads;
+use crate::hands::Hands;
+use crate::teleop_input::InputEvent;
+
+use keys::{HelmKey, helm_key};
+
+/// An iteration that takes longer is worth a line in the log.
+const SLOW: Duration = Duration::from_millis(100);
+/// A gamepad has no events in the window's queue: it is looked at this often while one is there.
+const GAMEPAD_PERIOD: Duration = Duration::from_millis(20);
+
+/// eframe's loop, and the helm's around it.
+pub struct InputLoop<'a> {
+    window: EframeWinitApplication<'a>,
+    hands: Rc<Hands>,
+    gamepads: Gamepads,
+    modifiers: ModifiersState,
+    began: Monotonic,
+    /// Whether this iteration has sent already, before it painted.
+    is_sent: bool,
+    /// A frame that has to wait, and the moment before which none is painted.
+    postponed: Option<WindowId>,
+    paint_from: Monotonic,
+}
+
+impl<'a> InputLoop<'a> {
+    /// `hands` are those that the app in `window` knows too.
+    pub fn new(window: EframeWinitApplication<'a>, hands: Rc<Hands>) -> Self {
+        Self {
+            window,
+            hands,
+            gamepads: Gamepads::open(),
+            modifiers: ModifiersState::empty(),
+            began: Monotonic::now(),
+            is_sent: false,
+            postponed: None,
+            paint_from: Monotonic::default(),
+        }
+    }
+
+    /// Sends what the events so far mean, then paints: nobody's command waits for a frame.
+    fn paint(&mut self, event_loop: &ActiveEventLoop, id: WindowId) {
+        let now = Monotonic::now();
+        if self.hands.is_driving() && now < self.paint_from {
+            self.postponed = Some(id);
+            return;
+        }
+        self.postponed = None;
+        self.send(now);
+        self.is_sent = true;
+        self.window
+            .window_event(event_loop, id, WindowEvent::RedrawRequested);
+        let painted = Monotonic::now();
+        self.paint_from = painted + painted.since(now);
+    }
+
+    fn send(&mut self, now: Monotonic) -> Option<Monotonic> {
+        for event in self.gamepads.events() {
+            self.hands.apply(event);
+        }
+        self.hands.end(now)
+    }
+
+    /// Whether the event is the helm's alone.
+    fn take(&mut self, event: &WindowEvent) -> bool {
+        if let WindowEvent::KeyboardInput {
+            event,
+            is_synthetic,
+            ..
+        } = event
+        {
+            return self.take_key(event, *is_synthetic);
+        }
+        if let WindowEvent::Focused(has_focus) = event {
+            self.hands.apply(InputEvent::Focus(*has_focus));
+        } else if let WindowEvent::Occluded(is_hidden) = event {
+            self.hands.apply(InputEvent::Visible(!is_hidden));
+        } else if let WindowEvent::ModifiersChanged(modifiers) = event {
+            self.modifiers = modifiers.state();
+        } else if matches!(event, WindowEvent::CloseRequested | WindowEvent::Destroyed) {
+            self.hands.leave();
+        }
+        false
+    }
+
+    fn take_key(&self, event: &KeyEvent, is_synthetic: bool) -> bool {
+        let Some(key) = helm_key(event.physical_key) else {
+            return false;
+        };
+        if !self.hands.is_taken() {
+            return false;
+        }
+        let is_down = event.state == ElementState::Pressed;
+        let is_press = is_down && !event.repeat && !is_synthetic;
+        let is_plain = !self
+            .modifiers
+            .intersects(ModifiersState::CONTROL | ModifiersState::ALT | ModifiersState::SUPER);
+        match key {
+            // Even while text is typed: nothing here has a space in it.
+            HelmKey::EStop => {
+                if is_press {
+                    self.hands.apply(InputEvent::EStop);
+                }
+                true
+            }
+            HelmKey::Drive(key) => {
+                self.hands.apply(match (is_down, is_press && is_plain) {
+                    (false, _) => InputEvent::Release(key),
+                    (true, true) => InputEvent::Press(key),
+                    (true, false) => InputEvent::StillDown(key),
+                });
+                is_plain && !self.hands.is_typing()
+            }
+            HelmKey::Step(step) => {
+                let is_meant = is_plain && !self.hands.is_typing();
+                if is_press && is_meant {
+                    self.hands.apply(InputEvent::Step(step));
+                }
+                is_meant
+            }
+        }
+    }
+}
+
+impl ApplicationHandler<UserEvent> for InputLoop<'_> {
+    fn new_events(&mut self, event_loop: &ActiveEventLoop, cause: StartCause) {
+        self.began = Monotonic::now();
+        self.hands.begin(self.began);
+        self.window.new_events(event_loop, cause);
+    }
+
+    fn window_event(&mut self, event_loop: &ActiveEventLoop, id: WindowId, event: WindowEvent) {
+        if matches!(event, WindowEvent::RedrawRequested) {
+            self.paint(event_loop, id);
+        } else if !self.take(&event) {
+            self.window.window_event(event_loop, id, event);
+        }
+    }
+
+    fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
+        self.window.about_to_wait(event_loop);
+        if let Some(id) = self.postponed {
+            self.paint(event_loop, id);
+        }
+        let now = Monotonic::now();
+        let took = now.since(self.began);
+        if took > SLOW {
+            tracing::debug!(ms = took.as_millis(), "a slow iteration");
+        }
+        if std::mem::take(&mut self.is_sent) {
+            // What came while it painted is looked at in an iteration of its own, with a token of its own.
+            wake_within(event_loop, Duration::ZERO);
+            return;
+        }
+        let due = self.send(now);
+        let gamepad_due = self.gamepads.is_any().then(|| now + GAMEPAD_PERIOD);
+        let paint_due = self.postponed.map(|_| self.paint_from);
+        if let Some(due) = [due, gamepad_due, paint_due].into_iter().flatten().min() {
+            wake_within(event_loop, due.since(now));
+        }
+    }
+
+    fn exiting(&mut self, event_loop: &ActiveEventLoop) {
+        self.hands.leave();
+        self.window.exiting(event_loop);
+    }
+
+    fn resumed(&mut self, event_loop: &ActiveEventLoop) {
+        self.window.resumed(event_loop);
+    }
+
+    fn suspended(&mut self, event_loop: &ActiveEventLoop) {
+        self.hands.apply(InputEvent::Focus(false));
+        self.window.suspended(event_loop);
+    }
+
+    fn user_event(&mut self, event_loop: &ActiveEventLoop, event: UserEvent) {
+        self.window.user_event(event_loop, event);
+    }
+
+    fn device_event(&mut self, event_loop: &ActiveEventLoop, id: DeviceId, event: DeviceEvent) {
+        self.window.device_event(event_loop, id, event);
+    }
+
+    fn memory_warning(&mut self, event_loop: &ActiveEventLoop) {
+        self.window.memory_warning(event_loop);
+    }
+}
+
+/// eframe has said when it wants to be woken, if at all; this may be earlier.
+fn wake_within(event_loop: &ActiveEventLoop, rest: Duration) {
+    let ours = ControlFlow::wait_duration(rest);
+    let earlier = match (event_loop.control_flow(), ours) {
+        (ControlFlow::Poll, _) => ControlFlow::Poll,
+        (ControlFlow::WaitUntil(theirs), ControlFlow::WaitUntil(ours)) => {
+            ControlFlow::WaitUntil(theirs.min(ours))
+        }
+        (ControlFlow::Wait | ControlFlow::WaitUntil(_), ours) => ours,
+    };
+    event_loop.set_control_flow(earlier);
+}

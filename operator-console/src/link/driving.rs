@@ -1,0 +1,224 @@
+//! The shortest way between the helm and the robot: tokens and answers past the model's queue, commands past the
+//! questions for tiles. Nobody at the helm ever waits for the network.
+
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::Duration;
+
+use protocol::keys::OperatorTopic;
+use protocol::message::{Answer, Pose, Status};
+use protocol::wire;
+use robot_edge::clock::Monotonic;
+use zenoh::handlers::CallbackDrop;
+use zenoh::key_expr::KeyExpr;
+use zenoh::qos::{CongestionControl, Priority, Reliability};
+use zenoh::query::{ConsolidationMode, Reply};
+use zenoh::{Session, Wait};
+
+use super::lock;
+use crate::helm::{Heard, Newest, RequestNumber, SignedMessage};
+
+/// Commands that wait for Zenoh at most: what a loop makes in a third of a second. Beyond that the link hangs, and what
+/// is older than that the robot would refuse.
+const MAX_COMMANDS: usize = 16;
+/// States and answers that wait for the helm at most.
+const MAX_HEARD: usize = 64;
+/// An answer that takes longer comes to nobody. The emergency stop is repeated meanwhile.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
+
+/// What the link's callbacks put into, and the helm takes out of.
+#[derive(Debug)]
+pub(super) struct Tap {
+    newest: Mutex<Option<Newest>>,
+    heard: SyncSender<Heard>,
+    /// How much was heard: who draws wants to know.
+    count: AtomicU64,
+}
+
+/// The helm's end of the link to one robot.
+pub struct DrivingLink {
+    tap: Arc<Tap>,
+    heard: Receiver<Heard>,
+    commands: SyncSender<SignedMessage>,
+    /// Messages that Zenoh has not taken yet.
+    unsent: Arc<AtomicUsize>,
+}
+
+impl Tap {
+    pub(super) fn new() -> (Arc<Self>, Receiver<Heard>) {
+        let (sender, heard) = sync_channel(MAX_HEARD);
+        let tap = Self {
+            newest: Mutex::default(),
+            heard: sender,
+            count: AtomicU64::new(0),
+        };
+        (Arc::new(tap), heard)
+    }
+
+    pub(super) fn count(&self) -> u64 {
+        self.count.load(Ordering::Relaxed)
+    }
+
+    /// A pose came. What is no pose, the model refuses and counts.
+    pub(super) fn take_pose(&self, bytes: &[u8]) {
+        let Ok((header, pose)) = wire::decode::<Pose>(bytes) else {
+            return;
+        };
+        let newest = Newest {
+            boot: header.boot,
+            token: pose.token,
+            velocity: [pose.speed_mps, pose.turn_rate_radps],
+            at: Monotonic::now(),
+        };
+        let mut slot = lock(&self.newest);
+        let is_overtaken = slot.is_some_and(|before| {
+            let (before_n, n) = (before.token.map(|of| of.n), pose.token.map(|of| of.n));
+            before.boot == newest.boot && n < before_n
+        });
+        if !is_overtaken {
+            *slot = Some(newest);
+        }
+    }
+
+    /// A status came.
+    pub(super) fn take_status(&self, bytes: &[u8]) {
+        if let Ok((header, status)) = wire::decode::<Status>(bytes) {
+            self.tell(Heard::Status {
+                boot: header.boot,
+                teleop: status.teleop,
+            });
+        }
+    }
+
+    fn take_reply(&self, request: RequestNumber, reply: &Reply) {
+        let Ok(sample) = reply.result() else {
+            return;
+        };
+        match wire::decode::<Answer>(&sample.payload().to_bytes()) {
+            Ok((header, answer)) => self.tell(Heard::Answer {
+                request,
+                boot: header.boot,
+                answer,
+            }),
+            Err(why) => tracing::warn!(%why, "an answer cannot be read"),
+        }
+    }
+
+    fn tell(&self, heard: Heard) {
+        // A helm that does not listen gets a newer status as soon as it does, and takes no answer for none.
+        if self.heard.try_send(heard).is_ok() {
+            self.count.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+impl DrivingLink {
+    /// Begins to send what the helm wants over what `session` returns, which is none while there is no link.
+    pub(super) fn start(
+        tap: Arc<Tap>,
+        heard: Receiver<Heard>,
+        session: impl Fn() -> Option<Session> + Send + 'static,
+    ) -> Self {
+        let (commands, to_send) = sync_channel(MAX_COMMANDS);
+        let unsent = Arc::new(AtomicUsize::new(0));
+        thread::spawn({
+            let (tap, unsent) = (Arc::clone(&tap), Arc::clone(&unsent));
+            move || {
+                for message in to_send {
+                    hand_over(&tap, session(), message);
+                    unsent.fetch_sub(1, Ordering::Release);
+                }
+            }
+        });
+        Self {
+            tap,
+            heard,
+            commands,
+            unsent,
+        }
+    }
+
+    /// The newest pose.
+    pub fn newest(&self) -> Option<Newest> {
+        *lock(&self.tap.newest)
+    }
+
+    /// What came since the last call, oldest first.
+    pub fn heard(&self) -> impl Iterator<Item = Heard> + '_ {
+        self.heard.try_iter().take(MAX_HEARD)
+    }
+
+    /// Hands a message to Zenoh, once and at once, or drops it. Never waits.
+    pub fn send(&self, message: SignedMessage) {
+        self.unsent.fetch_add(1, Ordering::Release);
+        match self.commands.try_send(message) {
+            Ok(()) => {}
+            Err(TrySendError::Full(message) | TrySendError::Disconnected(message)) => {
+                self.unsent.fetch_sub(1, Ordering::Release);
+                tracing::warn!(topic = ?message.topic, "the link hangs: a command was dropped");
+                if let Some(request) = message.request {
+                    self.tap.tell(Heard::NoAnswer { request });
+                }
+            }
+        }
+    }
+
+    /// Waits until Zenoh has what was sent, at most for `longest`.
+    pub fn flush(&self, longest: Duration) {
+        let started = Monotonic::now();
+        while self.unsent.load(Ordering::Acquire) > 0 && started.elapsed() < longest {
+            thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
+fn hand_over(tap: &Arc<Tap>, session: Option<Session>, message: SignedMessage) {
+    let request = message.request;
+    let sent = match session {
+        Some(session) => send(tap, &session, message),
+        None => Err("there is no session".into()),
+    };
+    if let Err(why) = sent {
+        tracing::debug!(%why, "a command was not sent");
+        if let Some(request) = request {
+            tap.tell(Heard::NoAnswer { request });
+        }
+    }
+}
+
+fn send(tap: &Arc<Tap>, session: &Session, message: SignedMessage) -> Result<(), zenoh::Error> {
+    let SignedMessage {
+        topic,
+        key,
+        payload,
+        request,
+    } = message;
+    let Some(request) = request else {
+        debug_assert_eq!(topic, OperatorTopic::Drive, "all else is asked");
+        return session
+            .put(key, payload)
+            .congestion_control(CongestionControl::Drop)
+            .priority(Priority::RealTime)
+            .express(true)
+            // Over QUIC a datagram: what is lost is not sent again, and holds up nothing behind it.
+            .reliability(Reliability::BestEffort)
+            .wait();
+    };
+    let (on_reply, on_end) = (Arc::clone(tap), Arc::clone(tap));
+    session
+        .get(KeyExpr::try_from(key)?)
+        .payload(payload)
+        .consolidation(ConsolidationMode::None)
+        .congestion_control(CongestionControl::Drop)
+        .priority(Priority::RealTime)
+        .express(true)
+        .timeout(ANSWER_TIMEOUT)
+        .with(CallbackDrop {
+            callback: move |reply: Reply| on_reply.take_reply(request, &reply),
+            // Behind the answer, where one came.
+            drop: move || on_end.tell(Heard::NoAnswer { request }),
+        })
+        .wait()
+}

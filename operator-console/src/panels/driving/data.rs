@@ -1,0 +1,346 @@
+//! What the operator is to see of driving, as plain data.
+
+use std::time::Duration;
+
+use protocol::keys::OperatorId;
+use protocol::message::{Arming, Clamp, Settings, StopReason, TeleopState, TeleopStatus};
+use robot_edge::clock::Monotonic;
+
+use super::{figures, words};
+use crate::helm::{EStopSight, HelmSight, Lease};
+use crate::model::{ConsoleModel, LinkState, Stream};
+use crate::panels::rows::Row;
+use crate::panels::wording::{age, signed};
+use crate::teleop_input::SpeedStep;
+use crate::theme::Tone;
+
+/// Poses come 20 times a second and more: without one for so long, what is shown is not what is.
+const POSE_LATE: Duration = Duration::from_millis(600);
+/// A status comes twice a second.
+const STATUS_LATE: Duration = Duration::from_millis(1800);
+/// A vehicle that is slower than this stands, m/s and rad/s.
+const MOVING: f32 = 0.05;
+
+/// What the panel shows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DrivingData {
+    /// How the vehicle is.
+    pub tone: Tone,
+    /// In a word or two.
+    pub headline: String,
+    /// What follows from it, or what to do.
+    pub advice: Option<String>,
+    /// The emergency stop.
+    pub estop: EStopFace,
+    /// Who drives, in words.
+    pub driver: String,
+    /// What can be done about that.
+    pub lease: LeaseFace,
+    /// What the operator did not expect, lately.
+    pub notice: Option<String>,
+    /// Somebody asks the operator to hand over.
+    pub asks: Option<OperatorId>,
+    /// How fast keys drive.
+    pub step: SpeedStep,
+    /// Forwards, m/s, and turning to the left, rad/s.
+    pub gauges: Option<[Gauge; 2]>,
+    /// Why the two differ.
+    pub clamp: Option<String>,
+    /// Ages, guard, last stop: each with its tone.
+    pub rows: Vec<(Tone, Row)>,
+    /// The link, in a few figures.
+    pub link: Vec<Row>,
+    /// What can be set, as it is.
+    pub settings: Option<Settings>,
+    /// Commands that the robot refused, by reason.
+    pub refused: Vec<Row>,
+}
+
+/// The big button.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum EStopFace {
+    /// To be pressed.
+    Ready,
+    /// Pressed, and not acknowledged.
+    Sending(String),
+    /// In force: it can be reset.
+    InForce {
+        /// Which.
+        number: u64,
+        /// Whether it would be found after a restart: only then it can be reset.
+        is_stored: bool,
+    },
+    /// The robot does not obey this operator: somebody else must press it.
+    Refused(String),
+}
+
+/// What can be done about who drives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LeaseFace {
+    /// Nothing at the moment.
+    Quiet,
+    /// Nobody drives: this operator could.
+    Free,
+    /// Somebody else does: they can be asked, or, by a supervisor, replaced.
+    Others,
+    /// This operator waits.
+    Waiting,
+    /// This operator drives.
+    Mine,
+}
+
+/// A speed that is asked for, and the one that is applied.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gauge {
+    /// What it is.
+    pub name: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// What is asked for.
+    pub requested: f32,
+    /// What the motors are told.
+    pub applied: f32,
+    /// The greatest either way.
+    pub limit: f32,
+    /// The names of its two ends.
+    pub ends: [&'static str; 2],
+}
+
+impl Gauge {
+    /// Whether less is applied than is asked for, or more.
+    pub fn is_held_back(&self) -> bool {
+        (self.applied - self.requested).abs() > 0.02 * self.limit
+    }
+}
+
+impl DrivingData {
+    /// The state at `now`; `None` where the robot cannot be driven.
+    pub fn new(model: &ConsoleModel, helm: &HelmSight, now: Monotonic) -> Option<Self> {
+        let teleop = model.status()?.0.teleop.as_ref()?;
+        let silence = silence(model, now);
+        let (tone, headline, advice) = match silence {
+            Some(silence) => lost(silence, helm),
+            None => heard(teleop, helm, moves(model)),
+        };
+        let gauges = model.info().map(|_| {
+            let [speed_mps, turn_rate_radps] = helm.limits;
+            let [requested, applied] = [teleop.requested, teleop.applied];
+            [
+                Gauge {
+                    name: "Speed",
+                    unit: "m/s",
+                    requested: requested.linear_mps,
+                    applied: applied.linear_mps,
+                    limit: speed_mps,
+                    ends: ["back", "forward"],
+                },
+                Gauge {
+                    name: "Turning",
+                    unit: "rad/s",
+                    // To the left is on the left.
+                    requested: -requested.angular_radps,
+                    applied: -applied.angular_radps,
+                    limit: turn_rate_radps,
+                    ends: ["left", "right"],
+                },
+            ]
+        });
+        let gauges = gauges.filter(|_| silence.is_none());
+        let is_held_back = gauges.iter().flatten().any(Gauge::is_held_back);
+        let clamp = teleop.clamp.filter(|_| is_held_back);
+        Some(Self {
+            tone,
+            headline,
+            advice,
+            estop: estop_face(teleop, helm),
+            driver: driver(teleop, helm),
+            lease: lease_face(teleop, helm, silence.is_some()),
+            asks: teleop
+                .lease
+                .waiting
+                .clone()
+                .filter(|_| helm.lease.held().is_some()),
+            notice: helm
+                .notice
+                .as_ref()
+                .map(|note| capitalised(&words::note(note).0)),
+            step: helm.step,
+            gauges,
+            clamp: clamp
+                .filter(|clamp| *clamp != Clamp::Stop)
+                .map(|clamp| format!("Held back by {}", words::clamp(clamp))),
+            rows: figures::rows(teleop, helm, silence),
+            link: figures::link_rows(model, now),
+            settings: Some(teleop.settings).filter(|_| silence.is_none()),
+            refused: figures::refused_rows(teleop),
+        })
+    }
+}
+
+impl DrivingData {
+    /// Whether nothing changes but ages that nobody waits for.
+    pub const fn is_at_rest(&self) -> bool {
+        matches!(self.lease, LeaseFace::Free | LeaseFace::Others)
+            && matches!(self.estop, EStopFace::Ready | EStopFace::InForce { .. })
+    }
+}
+
+/// How long nothing has been heard that tells how the vehicle is, where that is too long.
+fn silence(model: &ConsoleModel, now: Monotonic) -> Option<Duration> {
+    let quality = model.link_quality();
+    let late = |stream, longest| quality.age(stream, now).filter(|age| *age > longest);
+    let is_silent = model.connection().state(now) != LinkState::Live;
+    late(Stream::Pose, POSE_LATE)
+        .or_else(|| late(Stream::Status, STATUS_LATE))
+        .or_else(|| model.connection().age(now).filter(|_| is_silent))
+}
+
+/// A link that is lost is no pause: nobody here knows what the vehicle does.
+fn lost(silence: Duration, helm: &HelmSight) -> (Tone, String, Option<String>) {
+    let advice = match helm.lease {
+        Lease::Held(_) => {
+            "It stops by itself when commands stay away. When it is heard again, let go of all keys and press anew."
+        }
+        Lease::None | Lease::Waiting { .. } => "What it does now is not known here.",
+    };
+    let headline = format!("Link lost for {}", age(silence));
+    (Tone::Warning, headline, Some(advice.to_owned()))
+}
+
+/// The speed of a vehicle that moves, forwards, m/s.
+fn moves(model: &ConsoleModel) -> Option<f32> {
+    let (pose, _) = model.vehicle().pose()?;
+    let is_moving = pose.speed_mps.abs() >= MOVING || pose.turn_rate_radps.abs() >= MOVING;
+    is_moving.then_some(pose.speed_mps)
+}
+
+fn heard(
+    teleop: &TeleopStatus,
+    helm: &HelmSight,
+    moves: Option<f32>,
+) -> (Tone, String, Option<String>) {
+    // Told zero, and moving all the same: pushed, driven by something else, or braking.
+    let moves_untold = moves.filter(|_| {
+        matches!(
+            teleop.state,
+            TeleopState::SafeBoot
+                | TeleopState::Idle
+                | TeleopState::Held
+                | TeleopState::EStop
+                | TeleopState::Fault(_)
+        ) && !teleop.is_drifting
+    });
+    if let Some(speed_mps) = moves_untold {
+        let headline = match teleop.state {
+            TeleopState::EStop | TeleopState::Fault(_) => words::state(teleop.state),
+            TeleopState::SafeBoot
+            | TeleopState::Idle
+            | TeleopState::Held
+            | TeleopState::Driving
+            | TeleopState::Stopping(_) => "Moving by itself".to_owned(),
+        };
+        let speed = signed(f64::from(speed_mps), 2);
+        // A simulated tour does, and whatever else drives besides operators.
+        if teleop.state == TeleopState::Idle {
+            let advice = format!("Nobody drives it from here: {speed} m/s");
+            return (Tone::Waiting, headline, Some(advice));
+        }
+        let advice = format!("It is told to stand, and moves: {speed} m/s");
+        return (Tone::Warning, headline, Some(advice));
+    }
+    let is_mine = helm.lease.held().is_some();
+    let headline = match teleop.state {
+        TeleopState::Stopping(_) => "Stopping".to_owned(),
+        TeleopState::Fault(_) => "Fault".to_owned(),
+        TeleopState::Idle | TeleopState::Held if teleop.is_drifting => "Drifting".to_owned(),
+        TeleopState::Idle => "Standing".to_owned(),
+        TeleopState::SafeBoot | TeleopState::Held | TeleopState::Driving | TeleopState::EStop => {
+            words::state(teleop.state)
+        }
+    };
+    let tone = match teleop.state {
+        TeleopState::Driving => Tone::Good,
+        TeleopState::Idle | TeleopState::Held if !teleop.is_drifting => Tone::Waiting,
+        TeleopState::Stopping(StopReason::Released) | TeleopState::SafeBoot => Tone::Waiting,
+        TeleopState::Idle
+        | TeleopState::Held
+        | TeleopState::Stopping(_)
+        | TeleopState::EStop
+        | TeleopState::Fault(_) => Tone::Warning,
+    };
+    let advice = match (teleop.state, helm.ignored) {
+        (TeleopState::Stopping(why), _) => Some(capitalised(words::stop(why))),
+        (TeleopState::Fault(_), _) => Some(format!(
+            "{}. Reset it at the vehicle.",
+            words::state(teleop.state)
+        )),
+        (TeleopState::EStop, _) => Some("Nothing moves until it is reset.".to_owned()),
+        (_, Some(why)) if is_mine => Some(format!("Let go of all keys: {}", words::loss(why))),
+        (TeleopState::Held, None)
+            if is_mine && !helm.wish.is_neutral() && teleop.arming == Arming::Locked =>
+        {
+            Some("Let go of all keys, then press anew".to_owned())
+        }
+        (TeleopState::Idle | TeleopState::Held, _) if teleop.is_drifting => {
+            Some("No thrust: wind and current move it".to_owned())
+        }
+        (TeleopState::Held | TeleopState::Driving, _) if is_mine && !helm.is_ready => {
+            Some("Click into this window to drive".to_owned())
+        }
+        (TeleopState::Held | TeleopState::Driving, _) if is_mine => {
+            Some("W A S D or arrows drive while held".to_owned())
+        }
+        (
+            TeleopState::SafeBoot | TeleopState::Idle | TeleopState::Held | TeleopState::Driving,
+            _,
+        ) => None,
+    };
+    (tone, headline, advice)
+}
+
+fn estop_face(teleop: &TeleopStatus, helm: &HelmSight) -> EStopFace {
+    match (helm.estop, teleop.estop) {
+        (EStopSight::Sending(since), _) => {
+            EStopFace::Sending(format!("Not acknowledged for {}", age(since)))
+        }
+        (EStopSight::Unsendable(since), _) => {
+            EStopFace::Sending(format!("Not sent for {}: no robot is heard", age(since)))
+        }
+        (EStopSight::Quiet | EStopSight::Refused(_), Some(estop)) => EStopFace::InForce {
+            number: estop.number,
+            is_stored: estop.is_stored,
+        },
+        (EStopSight::Refused(why), None) => EStopFace::Refused(why.to_string()),
+        (EStopSight::Quiet, None) => EStopFace::Ready,
+    }
+}
+
+fn driver(teleop: &TeleopStatus, helm: &HelmSight) -> String {
+    let lease = &teleop.lease;
+    match (&helm.lease, &lease.holder, &lease.next) {
+        (Lease::Held(_), ..) => format!("You drive ({})", helm.operator),
+        (_, Some(holder), _) if *holder == helm.operator => {
+            format!("{holder} drives, from another console")
+        }
+        (_, Some(holder), _) => format!("{holder} drives"),
+        (_, None, Some(next)) => format!("Nobody drives; {next} is next"),
+        (_, None, None) => "Nobody drives".to_owned(),
+    }
+}
+
+fn lease_face(teleop: &TeleopStatus, helm: &HelmSight, is_lost: bool) -> LeaseFace {
+    match helm.lease {
+        Lease::Held(_) => LeaseFace::Mine,
+        Lease::Waiting { .. } => LeaseFace::Waiting,
+        Lease::None if is_lost || helm.is_asking => LeaseFace::Quiet,
+        Lease::None if teleop.lease.holder.is_some() => LeaseFace::Others,
+        Lease::None => LeaseFace::Free,
+    }
+}
+
+fn capitalised(text: &str) -> String {
+    let mut chars = text.chars();
+    chars.next().map_or_else(String::new, |first| {
+        first.to_uppercase().chain(chars).collect()
+    })
+}

@@ -1,0 +1,111 @@
+//! The figures of the driving panel: ages, guard, last stop, link, refusals.
+
+use std::time::Duration;
+
+use protocol::message::{Arming, Clamp, StopReason, TeleopStatus};
+use robot_edge::clock::Monotonic;
+
+use super::words;
+use crate::helm::HelmSight;
+use crate::model::{ConsoleModel, Stream};
+use crate::panels::rows::{Row, row};
+use crate::panels::wording::{age, count};
+use crate::theme::Tone;
+
+/// Ages beyond half of the greatest that is usual are worth a look.
+const OLD_MS: u32 = 200;
+
+pub(super) fn rows(
+    teleop: &TeleopStatus,
+    helm: &HelmSight,
+    silence: Option<Duration>,
+) -> Vec<(Tone, Row)> {
+    let mut rows = Vec::new();
+    if let Some(silence) = silence {
+        let words = format!("as of {} ago", age(silence));
+        rows.push((Tone::Warning, row("All below", words)));
+    }
+    let old = |age_ms: u32| match age_ms {
+        0..OLD_MS => Tone::Good,
+        OLD_MS.. => Tone::Warning,
+    };
+    let (tone, words) = match (teleop.age_ms, teleop.greatest_age_ms) {
+        (Some(now_ms), Some(greatest_ms)) => {
+            let words = format!("{now_ms} ms, at most {greatest_ms} ms");
+            (old(greatest_ms.max(now_ms)), words)
+        }
+        (Some(now_ms), None) => (old(now_ms), format!("{now_ms} ms")),
+        (None, _) => (Tone::Waiting, "none are sent".to_owned()),
+    };
+    rows.push((tone, row("Command age", words)));
+    let allowed = format!("{:.2} m/s", teleop.speed_allowed_mps);
+    let tone = if teleop.clamp == Some(Clamp::Age) {
+        Tone::Warning
+    } else {
+        Tone::Good
+    };
+    rows.push((tone, row("Age allows", allowed)));
+    let (tone, guard) = words::guard(teleop.guard);
+    rows.push((tone, row("Guard", guard)));
+    if let Some(stop) = teleop.last_stop {
+        let tone = match stop {
+            StopReason::Released => Tone::Waiting,
+            StopReason::Age
+            | StopReason::NotFinite
+            | StopReason::GuardStale
+            | StopReason::LeaseEnded(_) => Tone::Warning,
+        };
+        rows.push((tone, row("Last stop", words::stop(stop))));
+    }
+    if helm.lease.held().is_some() {
+        let tone = match teleop.arming {
+            Arming::Locked => Tone::Warning,
+            Arming::Neutral => Tone::Waiting,
+            Arming::Pressed => Tone::Good,
+        };
+        rows.push((tone, row("Keys", words::arming(teleop.arming))));
+    }
+    let stops = teleop.counters.involuntary_stops;
+    if stops > 0 {
+        let words = format!("{} unasked for", count(stops));
+        rows.push((Tone::Warning, row("Stops", words)));
+    }
+    rows
+}
+
+pub(super) fn link_rows(model: &ConsoleModel, now: Monotonic) -> Vec<Row> {
+    let quality = model.link_quality();
+    let none = || "–".to_owned();
+    let round_trip = model.connection().round_trip();
+    let round_trip = round_trip.map_or_else(none, |time| match time.as_millis() {
+        0 => "< 1 ms".to_owned(),
+        ms => format!("{ms} ms"),
+    });
+    let age_of = |stream| {
+        let age_of = quality.age(stream, now);
+        age_of.map_or_else(none, |time| format!("{} old", age(time)))
+    };
+    let poses = format!(
+        "{:.0} of {:.0} Hz, {}",
+        quality.pose_hz(now),
+        quality.expected_hz(),
+        age_of(Stream::Pose)
+    );
+    let missing = quality.missing(now);
+    let missing = missing.map_or_else(none, |share| format!("{:.0} % of poses", 100.0 * share));
+    vec![
+        row("Round trip", round_trip),
+        row("Poses", poses),
+        row("Missing", missing),
+        row("Status", age_of(Stream::Status)),
+        row("Map state", age_of(Stream::MapHead)),
+    ]
+}
+
+pub(super) fn refused_rows(teleop: &TeleopStatus) -> Vec<Row> {
+    let refused = teleop.counters.refused.iter();
+    refused
+        .filter(|refused| refused.count > 0)
+        .map(|refused| row(&count(refused.count), refused.reason.to_string()))
+        .collect()
+}

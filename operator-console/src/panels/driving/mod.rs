@@ -1,0 +1,292 @@
+//! Driving: who drives, how the vehicle obeys, what holds it back, and the emergency stop.
+
+mod data;
+mod figures;
+mod gauge;
+pub mod words;
+
+use eframe::egui::{
+    Align, Button, CollapsingHeader, Color32, DragValue, Grid, Label, Layout, RichText, ScrollArea,
+    Stroke, Ui, vec2,
+};
+use protocol::keys::OperatorId;
+use protocol::message::{LeaseRequest, Setting, Settings};
+
+pub use data::{DrivingData, EStopFace, Gauge, LeaseFace};
+
+use super::rows::rows_ui;
+use crate::command::Command;
+use crate::helm::Intent;
+use crate::teleop_input::SpeedStep;
+use crate::theme::{self, state_ui};
+
+const ESTOP_HEIGHT: f32 = 56.0;
+/// What the robot takes for a budget, kbit/s.
+const BUDGET_KBPS: std::ops::RangeInclusive<u32> = 1..=1_000_000;
+
+/// What the panel remembers between frames: numbers that are being typed.
+#[derive(Clone, Debug, Default)]
+pub struct DrivingEntry {
+    budget_kbps: Option<u32>,
+    /// The robot's budget when the number was typed.
+    budget_was: u32,
+}
+
+/// Draws the panel. The emergency stop stays where it is, whatever is scrolled or changes.
+pub fn driving_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<Command> {
+    let stop = estop_ui(ui, &data.estop);
+    let rest = ScrollArea::vertical()
+        .auto_shrink([false, false])
+        .show(ui, |ui| rest_ui(ui, data, entry));
+    stop.or(rest.inner).map(Command::Drive)
+}
+
+fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<Intent> {
+    let mut intent = None;
+    ui.add_space(6.0);
+    state_ui(ui, data.tone, &data.headline, 24.0);
+    // Always there, for the same reason.
+    let advice = RichText::new(data.advice.as_deref().unwrap_or(" ")).small();
+    ui.add(Label::new(advice).wrap());
+    ui.add_space(2.0);
+    ui.label(RichText::new(&data.driver).strong());
+    intent = intent.or(lease_ui(ui, data.lease));
+    if let Some(notice) = &data.notice {
+        let warning = theme::Tone::Warning.color(ui.visuals());
+        ui.add(Label::new(RichText::new(notice).small().color(warning)).wrap());
+    }
+    if let Some(who) = &data.asks {
+        intent = intent.or(question_ui(ui, who));
+    }
+    ui.separator();
+    intent = intent.or(step_ui(ui, data.step));
+    for gauge in data.gauges.iter().flatten() {
+        gauge::gauge_ui(ui, gauge);
+    }
+    let clamp = data.clamp.as_deref().unwrap_or(" ");
+    let warning = theme::Tone::Warning.color(ui.visuals());
+    ui.label(RichText::new(clamp).small().color(warning));
+    ui.separator();
+    toned_rows_ui(ui, data);
+    ui.separator();
+    rows_ui(ui, "driving link", &data.link);
+    if let Some(settings) = data.settings {
+        ui.separator();
+        CollapsingHeader::new("Settings of the robot").show(ui, |ui| {
+            intent = intent.take().or(settings_ui(ui, settings, entry));
+        });
+    }
+    CollapsingHeader::new("Refused commands").show(ui, |ui| {
+        if data.refused.is_empty() {
+            ui.label("None");
+        }
+        rows_ui(ui, "refused commands", &data.refused);
+    });
+    intent
+}
+
+fn estop_ui(ui: &mut Ui, face: &EStopFace) -> Option<Intent> {
+    let [fill, ink] = theme::DANGER;
+    let big = |words: &str, fill: Color32, ink: Color32| {
+        let text = RichText::new(words).size(18.0).strong().color(ink);
+        Button::new(text)
+            .fill(fill)
+            .stroke(Stroke::new(2.0, ink))
+            .corner_radius(6.0)
+    };
+    let size = vec2(ui.available_width(), ESTOP_HEIGHT);
+    match face {
+        EStopFace::Ready => {
+            let button = ui.add_sized(size, big("EMERGENCY STOP", fill, ink));
+            button
+                .on_hover_text("Stops at once, and stays stopped until it is reset (space bar)")
+                .clicked()
+                .then_some(Intent::EStop)
+        }
+        EStopFace::Sending(words) => {
+            let [fill, ink] = theme::BANNER;
+            let words = format!("STOP IS BEING SENT\n{words}");
+            // It is sent ten times a second: pressing again is what one does, and does no harm.
+            let button = ui.add_sized(size, big(&words, fill, ink));
+            button.clicked().then_some(Intent::EStop)
+        }
+        EStopFace::InForce { number, is_stored } => {
+            ui.add_sized(
+                size,
+                big(&format!("EMERGENCY STOP {number} IN FORCE"), ink, fill)
+                    .sense(eframe::egui::Sense::hover()),
+            );
+            let reset = Button::new("Reset it");
+            let reset = ui.add_enabled(*is_stored, reset);
+            reset
+                .on_disabled_hover_text("It is not stored yet")
+                .clicked()
+                .then_some(Intent::Reset(*number))
+        }
+        EStopFace::Refused(why) => {
+            let warning = theme::Tone::Warning.color(ui.visuals());
+            let words = format!("The robot does not stop for you: {why}");
+            ui.label(RichText::new(words).strong().color(warning));
+            let button = ui.add_sized(size, big("EMERGENCY STOP", fill, ink));
+            button.clicked().then_some(Intent::EStop)
+        }
+    }
+}
+
+fn lease_ui(ui: &mut Ui, face: LeaseFace) -> Option<Intent> {
+    let buttons: &[(&str, &str, LeaseRequest)] = match face {
+        LeaseFace::Quiet => &[],
+        LeaseFace::Free => &[(
+            "Drive",
+            "Ask the robot for its lease",
+            LeaseRequest::Request,
+        )],
+        LeaseFace::Others => &[
+            (
+                "Ask to hand over",
+                "Who drives is asked to consent",
+                LeaseRequest::Request,
+            ),
+            (
+                "Take over",
+                "For supervisors: the vehicle stops, then you drive. It is logged",
+                LeaseRequest::TakeOver,
+            ),
+        ],
+        LeaseFace::Waiting => &[(
+            "Wait no longer",
+            "Who drives has not consented yet, or the vehicle still moves",
+            LeaseRequest::Release,
+        )],
+        LeaseFace::Mine => &[(
+            "Give back",
+            "The vehicle stops, and others may drive",
+            LeaseRequest::Release,
+        )],
+    };
+    let mut asked = None;
+    ui.horizontal(|ui| {
+        // As high with buttons as without, so that nothing below moves.
+        ui.set_min_height(28.0);
+        for (label, hint, request) in buttons {
+            if ui.button(*label).on_hover_text(*hint).clicked() {
+                asked = Some(Intent::Lease(request.clone()));
+            }
+        }
+    });
+    asked
+}
+
+fn question_ui(ui: &mut Ui, who: &OperatorId) -> Option<Intent> {
+    let [fill, ink] = theme::BANNER;
+    let mut answer = None;
+    eframe::egui::Frame::new()
+        .fill(fill)
+        .corner_radius(4.0)
+        .inner_margin(8.0)
+        .show(ui, |ui| {
+            ui.set_width(ui.available_width());
+            ui.label(
+                RichText::new(format!("{who} asks to drive"))
+                    .strong()
+                    .color(ink),
+            );
+            ui.horizontal(|ui| {
+                for (label, request) in [
+                    ("Hand over", LeaseRequest::Consent(who.clone())),
+                    ("Keep driving", LeaseRequest::Refuse(who.clone())),
+                ] {
+                    if ui.button(label).clicked() {
+                        answer = Some(Intent::Lease(request));
+                    }
+                }
+            });
+        });
+    answer
+}
+
+fn step_ui(ui: &mut Ui, step: SpeedStep) -> Option<Intent> {
+    let mut chosen = None;
+    ui.horizontal(|ui| {
+        ui.colored_label(ui.visuals().weak_text_color(), "Keys drive at");
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            ui.spacing_mut().item_spacing.x = 3.0;
+            let steps: Vec<_> = SpeedStep::all().collect();
+            for of in steps.into_iter().rev() {
+                let words = format!("{:.0} %", 100.0 * of.share());
+                let text = RichText::new(of.number().to_string());
+                let button = Button::selectable(of == step, text).min_size(vec2(26.0, 24.0));
+                if ui.add(button).on_hover_text(words).clicked() {
+                    chosen = Some(Intent::Step(of));
+                }
+            }
+        });
+    });
+    chosen
+}
+
+fn toned_rows_ui(ui: &mut Ui, data: &DrivingData) {
+    Grid::new("driving")
+        .num_columns(2)
+        .min_col_width(96.0)
+        .min_row_height(18.0)
+        .spacing([12.0, 4.0])
+        .show(ui, |ui| {
+            for (tone, (name, value)) in &data.rows {
+                ui.label(RichText::new(name).color(ui.visuals().weak_text_color()));
+                let text = RichText::new(value);
+                let text = match tone {
+                    theme::Tone::Warning => text.color(tone.color(ui.visuals())),
+                    theme::Tone::Good | theme::Tone::Waiting => text,
+                };
+                ui.add(Label::new(text).truncate()).on_hover_text(value);
+                ui.end_row();
+            }
+        });
+}
+
+fn settings_ui(ui: &mut Ui, settings: Settings, entry: &mut DrivingEntry) -> Option<Intent> {
+    let mut set = None;
+    if entry.budget_was != settings.budget_kbps {
+        *entry = DrivingEntry {
+            budget_kbps: None,
+            budget_was: settings.budget_kbps,
+        };
+    }
+    ui.horizontal(|ui| {
+        let mut budget_kbps = entry.budget_kbps.unwrap_or(settings.budget_kbps);
+        let field = DragValue::new(&mut budget_kbps)
+            .range(BUDGET_KBPS)
+            .suffix(" kbit/s");
+        ui.label("Tiles");
+        if ui.add(field).changed() {
+            entry.budget_kbps = Some(budget_kbps);
+        }
+        let is_new = budget_kbps != settings.budget_kbps;
+        if ui.add_enabled(is_new, Button::new("Set")).clicked() {
+            set = Some(Setting::BudgetKbps(budget_kbps));
+        }
+    });
+    for (name, is_on, to) in [
+        (
+            "Collision guard",
+            settings.guard,
+            Setting::Guard(!settings.guard),
+        ),
+        (
+            "Recording",
+            settings.recording,
+            Setting::Recording(!settings.recording),
+        ),
+    ] {
+        let mut shown = is_on;
+        // What is shown is what the robot says; a click only asks.
+        if ui.checkbox(&mut shown, name).clicked() {
+            set = Some(to);
+        }
+    }
+    set.map(Intent::Set)
+}
+
+#[cfg(test)]
+mod tests;

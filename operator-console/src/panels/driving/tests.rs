@@ -1,0 +1,466 @@
+use eframe::egui::vec2;
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use protocol::keys::{RobotId, Topic};
+use protocol::message::{
+    Answer, Arming, Clamp, CommandCounters, EStopStatus, Guard, GuardLimits, Info, LeaseStatus,
+    Pose, Refusal, RefusedCount, Status, StopReason, TeleopState, TeleopStatus, Velocity,
+};
+use protocol::tile::BootId;
+use protocol::wire::{self, Header};
+use robot_edge::clock::Monotonic;
+use serde::Serialize;
+
+use super::*;
+use crate::helm::{Asked, EStopSight, HelmSight, Lease, Note};
+use crate::model::{ConsoleModel, Incoming, ModelSettings};
+use crate::teleop_input::{Loss, Wish};
+use crate::theme::Tone;
+
+const fn at(ms: u64) -> Monotonic {
+    Monotonic::from_nanos(ms * 1_000_000)
+}
+
+/// A robot that stands, and of which everything is told at 1 s.
+struct Rig {
+    teleop: TeleopStatus,
+    helm: HelmSight,
+    velocity: [f32; 2],
+    now: Monotonic,
+}
+
+impl Rig {
+    fn new() -> Self {
+        let teleop = TeleopStatus {
+            state: TeleopState::Idle,
+            last_stop: None,
+            is_drifting: false,
+            lease: LeaseStatus::default(),
+            arming: Arming::Locked,
+            age_ms: None,
+            greatest_age_ms: None,
+            speed_allowed_mps: 0.38,
+            requested: Velocity::default(),
+            applied: Velocity::default(),
+            clamp: None,
+            guard: Guard::Off,
+            estop: None,
+            counters: CommandCounters::default(),
+            settings: Settings {
+                budget_kbps: 256,
+                guard: false,
+                recording: false,
+            },
+        };
+        let helm = HelmSight {
+            operator: "anna".parse().unwrap(),
+            lease: Lease::None,
+            step: SpeedStep::default(),
+            limits: [1.0, 1.5],
+            wish: Wish::NEUTRAL,
+            ignored: None,
+            is_ready: true,
+            token_age: None,
+            is_asking: false,
+            notice: None,
+            estop: EStopSight::Quiet,
+        };
+        Self {
+            teleop,
+            helm,
+            velocity: [0.0; 2],
+            now: at(1_100),
+        }
+    }
+
+    /// Anna drives forwards, and gets half of what she asks for.
+    fn driving() -> Self {
+        let mut rig = Self::new();
+        rig.helm.lease = Lease::Held(4);
+        rig.helm.wish.forward = 0.8;
+        rig.teleop.state = TeleopState::Driving;
+        rig.teleop.lease.holder = Some("anna".parse().unwrap());
+        rig.teleop.arming = Arming::Pressed;
+        rig.teleop.requested.linear_mps = 0.8;
+        rig.teleop.applied.linear_mps = 0.4;
+        rig.teleop.clamp = Some(Clamp::Guard);
+        rig.teleop.age_ms = Some(40);
+        rig.teleop.greatest_age_ms = Some(90);
+        rig.velocity = [0.4, 0.0];
+        rig
+    }
+
+    fn model(&self) -> ConsoleModel {
+        let robot: RobotId = "scout".parse().unwrap();
+        let settings = ModelSettings {
+            robot: robot.clone(),
+            session: BootId([1; 16]),
+            store_mb: 1,
+            layers: [].into(),
+        };
+        let mut model = ConsoleModel::new(settings).unwrap();
+        let info = Info {
+            vehicle: "rover".to_owned(),
+            source: String::new(),
+            footprint_m: [0.6, 0.4],
+            limits: [1.0, 5.0],
+            layers: Vec::new(),
+        };
+        let [speed_mps, turn_rate_radps] = self.velocity;
+        let pose = Pose {
+            position_m: [0.0; 3],
+            quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
+            speed_mps,
+            turn_rate_radps,
+            token: None,
+        };
+        let status = Status {
+            teleop: Some(self.teleop.clone()),
+            ..Status::default()
+        };
+        let info = Incoming::Reply {
+            request: crate::model::RequestId(0),
+            key: Topic::Info.key(&robot),
+            payload: payload(&info),
+        };
+        model.apply(info, at(1_000));
+        for (topic, payload) in [
+            (Topic::Pose, payload(&pose)),
+            (Topic::Status, payload(&status)),
+        ] {
+            let key = topic.key(&robot);
+            model.apply(Incoming::Sample { key, payload }, at(1_000));
+        }
+        model
+    }
+
+    fn data(&self) -> DrivingData {
+        DrivingData::new(&self.model(), &self.helm, self.now).unwrap()
+    }
+
+    fn row(&self, name: &str) -> Option<(Tone, String)> {
+        let rows = self.data().rows.into_iter();
+        let mut found = rows.filter(|(_, (of, _))| of == name);
+        found.next().map(|(tone, (_, value))| (tone, value))
+    }
+
+    /// What a click on the button of this label asks for.
+    fn click(&self, label: &str) -> Option<Command> {
+        let data = self.data();
+        let mut window = Harness::builder()
+            .with_size(vec2(320.0, 800.0))
+            .build_ui_state(
+                move |ui, asked: &mut Option<Command>| {
+                    let mut entry = DrivingEntry::default();
+                    if let Some(command) = driving_ui(ui, &data, &mut entry) {
+                        *asked = Some(command);
+                    }
+                },
+                None,
+            );
+        window.run_steps(2);
+        window.get_by_label(label).click();
+        window.run_steps(2);
+        window.state().clone()
+    }
+}
+
+fn payload<T: Serialize>(body: &T) -> Vec<u8> {
+    let header = Header {
+        boot: BootId([9; 16]),
+        seq: 1,
+        robot_time_ns: 0,
+    };
+    wire::encode(&header, body).unwrap()
+}
+
+fn lease(request: LeaseRequest) -> Command {
+    Command::Drive(Intent::Lease(request))
+}
+
+#[test]
+fn a_robot_that_nobody_drives_is_offered() {
+    let rig = Rig::new();
+    let data = rig.data();
+    assert_eq!(
+        (data.headline.as_str(), data.tone),
+        ("Standing", Tone::Waiting)
+    );
+    assert_eq!(data.driver, "Nobody drives");
+    assert_eq!(
+        (data.lease, &data.estop),
+        (LeaseFace::Free, &EStopFace::Ready)
+    );
+    assert!(data.is_at_rest());
+    assert_eq!(rig.click("Drive"), Some(lease(LeaseRequest::Request)));
+    let step = Command::Drive(Intent::Step(SpeedStep::new(5).unwrap()));
+    assert_eq!(rig.click("5"), Some(step));
+}
+
+#[test]
+fn what_is_asked_for_what_is_applied_and_what_holds_it_back_are_seen() {
+    let rig = Rig::driving();
+    let data = rig.data();
+    assert_eq!((data.headline.as_str(), data.tone), ("Driving", Tone::Good));
+    assert_eq!(data.driver, "You drive (anna)");
+    assert_eq!(
+        data.clamp.as_deref(),
+        Some("Held back by the collision guard")
+    );
+    let [speed, turning] = data.gauges.as_ref().unwrap();
+    assert_eq!(
+        (speed.requested, speed.applied, speed.limit),
+        (0.8, 0.4, 1.0)
+    );
+    assert!(speed.is_held_back() && !turning.is_held_back());
+    let age = Some((Tone::Good, "40 ms, at most 90 ms".to_owned()));
+    assert_eq!(rig.row("Command age"), age);
+    assert_eq!(rig.row("Keys"), Some((Tone::Good, "Obeyed".to_owned())));
+    assert!(!data.is_at_rest());
+    assert_eq!(rig.click("Give back"), Some(lease(LeaseRequest::Release)));
+
+    let mut equal = Rig::driving();
+    equal.teleop.applied = equal.teleop.requested;
+    assert_eq!(equal.data().clamp, None);
+    let mut old = Rig::driving();
+    old.teleop.greatest_age_ms = Some(260);
+    assert_eq!(old.row("Command age").unwrap().0, Tone::Warning);
+}
+
+#[test]
+fn a_lost_link_is_no_pause() {
+    for driving in [true, false] {
+        let mut rig = if driving { Rig::driving() } else { Rig::new() };
+        rig.now = at(1_601);
+        let data = rig.data();
+        assert_eq!(data.headline, "Link lost for 0.6 s");
+        assert_eq!(data.tone, Tone::Warning);
+        assert!(data.advice.is_some());
+        assert_eq!((data.gauges.as_ref(), data.clamp.as_ref()), (None, None));
+        assert_eq!(data.settings, None);
+        let (_, first) = &data.rows[0];
+        assert_eq!(first.1, "as of 0.6 s ago");
+        // The emergency stop can be pressed all the same.
+        assert_eq!(
+            rig.click("EMERGENCY STOP"),
+            Some(Command::Drive(Intent::EStop))
+        );
+    }
+}
+
+#[test]
+fn whoever_asks_for_the_helm_is_a_question() {
+    let mut rig = Rig::driving();
+    rig.teleop.lease.waiting = Some("bert".parse().unwrap());
+    let bert = || "bert".parse().unwrap();
+    assert_eq!(rig.data().asks, Some(bert()));
+    assert_eq!(
+        rig.click("Hand over"),
+        Some(lease(LeaseRequest::Consent(bert())))
+    );
+    assert_eq!(
+        rig.click("Keep driving"),
+        Some(lease(LeaseRequest::Refuse(bert())))
+    );
+    rig.helm.lease = Lease::None;
+    assert_eq!(rig.data().asks, None, "others are not asked");
+}
+
+#[test]
+fn who_does_not_drive_may_ask_or_take_over() {
+    let mut rig = Rig::driving();
+    rig.teleop.lease.holder = Some("bert".parse().unwrap());
+    rig.helm.lease = Lease::None;
+    assert_eq!(rig.data().driver, "bert drives");
+    assert_eq!(
+        rig.click("Ask to hand over"),
+        Some(lease(LeaseRequest::Request))
+    );
+    assert_eq!(rig.click("Take over"), Some(lease(LeaseRequest::TakeOver)));
+    rig.helm.lease = Lease::Waiting {
+        after: 3,
+        since: at(0),
+    };
+    assert_eq!(
+        rig.click("Wait no longer"),
+        Some(lease(LeaseRequest::Release))
+    );
+    rig.helm.lease = Lease::None;
+    rig.teleop.lease.holder = Some("anna".parse().unwrap());
+    assert_eq!(rig.data().driver, "anna drives, from another console");
+}
+
+#[test]
+fn an_emergency_stop_is_seen_from_press_to_reset() {
+    let mut rig = Rig::driving();
+    rig.helm.estop = EStopSight::Sending(std::time::Duration::from_millis(700));
+    let sending = EStopFace::Sending("Not acknowledged for 0.7 s".to_owned());
+    assert_eq!(rig.data().estop, sending);
+    rig.helm.estop = EStopSight::Quiet;
+    rig.teleop.state = TeleopState::EStop;
+    rig.velocity = [0.0; 2];
+    rig.teleop.estop = Some(EStopStatus {
+        number: 3,
+        is_stored: false,
+    });
+    assert_eq!(rig.data().headline, "Emergency stop");
+    assert_eq!(rig.click("Reset it"), None, "it is not stored yet");
+    rig.teleop.estop = Some(EStopStatus {
+        number: 3,
+        is_stored: true,
+    });
+    assert_eq!(
+        rig.click("Reset it"),
+        Some(Command::Drive(Intent::Reset(3)))
+    );
+    rig.teleop.estop = None;
+    rig.helm.estop = EStopSight::Refused(Refusal::Role);
+    let refused = EStopFace::Refused("the sender's role does not allow it".to_owned());
+    assert_eq!(rig.data().estop, refused);
+}
+
+#[test]
+fn a_vehicle_that_moves_untold_does_not_stand() {
+    for (state, headline, tone) in [
+        (TeleopState::Idle, "Moving by itself", Tone::Waiting),
+        (TeleopState::Held, "Moving by itself", Tone::Warning),
+        (TeleopState::EStop, "Emergency stop", Tone::Warning),
+    ] {
+        let mut rig = Rig::new();
+        rig.teleop.state = state;
+        rig.velocity = [-0.55, 0.0];
+        let data = rig.data();
+        assert_eq!((data.headline.as_str(), data.tone), (headline, tone));
+        assert!(data.advice.unwrap().contains("−0.55 m/s"));
+    }
+    let mut boat = Rig::new();
+    boat.teleop.is_drifting = true;
+    boat.velocity = [0.2, 0.0];
+    assert_eq!(boat.data().headline, "Drifting");
+    assert_eq!(boat.data().tone, Tone::Warning);
+}
+
+#[test]
+fn keys_that_are_ignored_are_said_to_be_and_why() {
+    let mut rig = Rig::driving();
+    rig.teleop.state = TeleopState::Held;
+    rig.velocity = [0.0; 2];
+    rig.helm.ignored = Some(Loss::Focus);
+    let advice = rig.data().advice.unwrap();
+    assert_eq!(advice, "Let go of all keys: the window lost the keyboard");
+    rig.helm.ignored = None;
+    rig.teleop.arming = Arming::Locked;
+    assert_eq!(
+        rig.data().advice.unwrap(),
+        "Let go of all keys, then press anew"
+    );
+}
+
+#[test]
+fn the_guard_and_the_last_stop_are_always_seen() {
+    let limits = GuardLimits {
+        forward_mps: 0.25,
+        reverse_mps: f32::INFINITY,
+        left_radps: f32::INFINITY,
+        right_radps: f32::INFINITY,
+    };
+    for (guard, tone, words) in [
+        (Guard::Off, Tone::Warning, "Off"),
+        (Guard::Silent, Tone::Warning, "Silent: nothing moves"),
+        (Guard::On(limits), Tone::Good, "On, ahead 0.25 m/s at most"),
+        (
+            Guard::Blind(limits),
+            Tone::Warning,
+            "Blind, ahead 0.25 m/s at most",
+        ),
+        (
+            Guard::Stale,
+            Tone::Warning,
+            "Sees nothing new: nothing moves",
+        ),
+    ] {
+        let mut rig = Rig::new();
+        rig.teleop.guard = guard;
+        rig.teleop.last_stop = Some(StopReason::Age);
+        assert_eq!(rig.row("Guard"), Some((tone, words.to_owned())));
+        let stop = Some((Tone::Warning, "commands too old".to_owned()));
+        assert_eq!(rig.row("Last stop"), stop);
+    }
+}
+
+#[test]
+fn what_was_refused_is_counted_by_reason_and_settings_are_asked_for() {
+    let mut rig = Rig::new();
+    rig.teleop.counters.refused = vec![RefusedCount {
+        reason: Refusal::TooOld,
+        count: 1_234,
+    }];
+    let expected = ("1\u{2009}234".to_owned(), "it is too old".to_owned());
+    assert_eq!(rig.data().refused, [expected]);
+    let data = rig.data();
+    let mut window = Harness::builder()
+        .with_size(vec2(320.0, 900.0))
+        .build_ui_state(
+            move |ui, asked: &mut Option<Command>| {
+                let mut entry = DrivingEntry::default();
+                if let Some(command) = driving_ui(ui, &data, &mut entry) {
+                    *asked = Some(command);
+                }
+            },
+            None,
+        );
+    window.run_steps(2);
+    window.get_by_label("Settings of the robot").click();
+    window.run_steps(30);
+    window.get_by_label("Collision guard").click();
+    window.run_steps(2);
+    let set = Command::Drive(Intent::Set(Setting::Guard(true)));
+    assert_eq!(window.state().clone(), Some(set));
+}
+
+#[test]
+fn what_was_not_expected_is_said() {
+    let mut rig = Rig::driving();
+    assert_eq!(rig.data().notice, None);
+    for (note, says) in [
+        (Note::LeaseLost, "Lease lost"),
+        (
+            Note::Answered(Asked::Reset(3), Answer::Refused(Refusal::Role)),
+            "Reset of emergency stop 3 refused: the sender's role does not allow it",
+        ),
+        (
+            Note::NotAnswered(Asked::Lease(LeaseRequest::Request)),
+            "Lease request: no answer",
+        ),
+    ] {
+        rig.helm.notice = Some(note);
+        assert_eq!(rig.data().notice.as_deref(), Some(says));
+    }
+}
+
+#[test]
+fn the_emergency_stop_is_in_sight_however_small_the_window_is() {
+    let data = Rig::driving().data();
+    let mut window = Harness::builder()
+        .with_size(vec2(320.0, 160.0))
+        .build_ui(move |ui| {
+            driving_ui(ui, &data, &mut DrivingEntry::default());
+        });
+    window.run_steps(2);
+    window.hover_at(eframe::egui::pos2(160.0, 120.0));
+    window.event(eframe::egui::Event::MouseWheel {
+        unit: eframe::egui::MouseWheelUnit::Point,
+        delta: vec2(0.0, -1000.0),
+        phase: eframe::egui::TouchPhase::Move,
+        source: eframe::egui::MouseWheelSource::Unknown,
+        modifiers: eframe::egui::Modifiers::NONE,
+    });
+    window.run_steps(30);
+    let button = window.get_by_label("EMERGENCY STOP").rect();
+    assert!(button.top() >= 0.0 && button.bottom() <= 80.0, "{button:?}");
+    let scrolled = window.get_by_label("Give back").rect();
+    assert!(
+        scrolled.bottom() < button.bottom(),
+        "it did not scroll: {scrolled:?}"
+    );
+}

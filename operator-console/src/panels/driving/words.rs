@@ -1,0 +1,155 @@
+//! States and reasons of driving as the operator reads them.
+
+use protocol::message::{
+    Answer, Arming, Clamp, FaultReason, Guard, GuardLimits, LeaseEnd, LeaseRequest, Setting,
+    StopReason, TeleopState,
+};
+
+use crate::helm::{Asked, Note, WhyNot};
+use crate::teleop_input::Loss;
+use crate::theme::Tone;
+
+/// A state, with its reason.
+pub fn state(state: TeleopState) -> String {
+    match state {
+        TeleopState::SafeBoot => "Self-test".to_owned(),
+        TeleopState::Idle => "Nobody drives".to_owned(),
+        TeleopState::Held => "Standing".to_owned(),
+        TeleopState::Driving => "Driving".to_owned(),
+        TeleopState::Stopping(why) => format!("Stopping: {}", stop(why)),
+        TeleopState::EStop => "Emergency stop".to_owned(),
+        TeleopState::Fault(why) => format!("Fault: {}", fault(why)),
+    }
+}
+
+/// Why it stopped.
+pub const fn stop(why: StopReason) -> &'static str {
+    match why {
+        StopReason::Released => "keys let go",
+        StopReason::Age => "commands too old",
+        StopReason::NotFinite => "nonsense was asked for",
+        StopReason::GuardStale => "the guard knows too little",
+        StopReason::LeaseEnded(LeaseEnd::Released) => "the lease was given back",
+        StopReason::LeaseEnded(LeaseEnd::Expired) => "the console fell silent",
+        StopReason::LeaseEnded(LeaseEnd::Renewed) => "the lease was asked for anew",
+        StopReason::LeaseEnded(LeaseEnd::HandedOver) => "handed over",
+        StopReason::LeaseEnded(LeaseEnd::TakenOver) => "taken over",
+        StopReason::LeaseEnded(LeaseEnd::Revoked) => "the operator was struck off",
+        StopReason::LeaseEnded(LeaseEnd::Reset) => "an emergency stop was reset",
+        StopReason::LeaseEnded(LeaseEnd::Fault) => "the vehicle is at fault",
+    }
+}
+
+const fn fault(why: FaultReason) -> &'static str {
+    match why {
+        FaultReason::SelfTest => "the self-test failed",
+        FaultReason::Actuator => "the motors do not obey",
+    }
+}
+
+/// What keeps the vehicle from doing what is asked for.
+pub const fn clamp(clamp: Clamp) -> &'static str {
+    match clamp {
+        Clamp::Speed => "the vehicle's greatest speed",
+        Clamp::Ramp => "its acceleration",
+        Clamp::Age => "the age of commands",
+        Clamp::Guard => "the collision guard",
+        Clamp::Stop => "its state",
+    }
+}
+
+/// The collision guard.
+pub fn guard(guard: Guard) -> (Tone, String) {
+    match guard {
+        Guard::Silent => (Tone::Warning, "Silent: nothing moves".to_owned()),
+        Guard::Off => (Tone::Warning, "Off".to_owned()),
+        Guard::On(limits) => (Tone::Good, format!("On{}", ahead(limits))),
+        Guard::Blind(limits) => (Tone::Warning, format!("Blind{}", ahead(limits))),
+        Guard::Stale => (Tone::Warning, "Sees nothing new: nothing moves".to_owned()),
+    }
+}
+
+fn ahead(limits: GuardLimits) -> String {
+    if limits.forward_mps.is_finite() {
+        format!(", ahead {:.2} m/s at most", limits.forward_mps)
+    } else {
+        String::new()
+    }
+}
+
+/// Why what is held down counts for nothing.
+pub const fn loss(loss: Loss) -> &'static str {
+    match loss {
+        Loss::Focus => "the window lost the keyboard",
+        Loss::Sight => "the window was hidden",
+        Loss::Typing => "text was typed",
+        Loss::Gamepad => "the gamepad went away",
+        Loss::Link => "the link was lost",
+        Loss::Robot => "the robot was restarted",
+        Loss::Lease => "they were down before you drove",
+        Loss::EStop => "emergency stop",
+        Loss::Stopped => "the robot stopped by itself",
+        Loss::Frozen => "this program stood still",
+    }
+}
+
+/// Whether a press would count on the vehicle.
+pub const fn arming(arming: Arming) -> &'static str {
+    match arming {
+        Arming::Locked => "Let go of everything",
+        Arming::Neutral => "Ready",
+        Arming::Pressed => "Obeyed",
+    }
+}
+
+/// A note, and whether it says that something was not done.
+pub fn note(note: &Note) -> (String, bool) {
+    match note {
+        Note::Answered(what, Answer::Refused(why)) => {
+            (format!("{} refused: {why}", asked(what)), true)
+        }
+        Note::Answered(what, answer) => (format!("{}: {}", asked(what), outcome(*answer)), false),
+        Note::NotAnswered(what) => (format!("{}: no answer", asked(what)), true),
+        Note::NotSent(what, why) => {
+            let why = match why {
+                WhyNot::NoToken => "the robot gives no tokens",
+                WhyNot::TooMany => "too many wait",
+            };
+            (format!("{} not sent: {why}", asked(what)), true)
+        }
+        Note::LeaseGained(epoch) => (format!("lease held, grant {epoch}"), false),
+        Note::LeaseLost => ("lease lost".to_owned(), false),
+        Note::EStopPressed => ("emergency stop pressed".to_owned(), false),
+        Note::EStopAcknowledged(number) => (format!("emergency stop {number} acknowledged"), false),
+        Note::EStopRefused(why) => (format!("emergency stop refused: {why}"), true),
+        Note::Lost(why) => (format!("keys count no more: {}", loss(*why)), false),
+    }
+}
+
+fn asked(asked: &Asked) -> String {
+    match asked {
+        Asked::Lease(LeaseRequest::Request) => "lease request".to_owned(),
+        Asked::Lease(LeaseRequest::Release) => "lease release".to_owned(),
+        Asked::Lease(LeaseRequest::TakeOver) => "lease take-over".to_owned(),
+        Asked::Lease(LeaseRequest::Consent(to)) => format!("lease consent {to}"),
+        Asked::Lease(LeaseRequest::Refuse(whom)) => format!("lease refuse {whom}"),
+        Asked::Reset(number) => format!("reset of emergency stop {number}"),
+        Asked::Set(Setting::BudgetKbps(kbps)) => format!("budget {kbps}"),
+        Asked::Set(Setting::Guard(is_on)) => format!("guard {}", switch(*is_on)),
+        Asked::Set(Setting::Recording(is_on)) => format!("recording {}", switch(*is_on)),
+    }
+}
+
+fn outcome(answer: Answer) -> String {
+    match answer {
+        Answer::Done => "done".to_owned(),
+        Answer::Granted(epoch) => format!("granted, grant {epoch}"),
+        Answer::Waiting => "waiting".to_owned(),
+        Answer::EStopped(number) => format!("stopped, number {number}"),
+        Answer::Refused(why) => format!("refused: {why}"),
+    }
+}
+
+const fn switch(is_on: bool) -> &'static str {
+    if is_on { "on" } else { "off" }
+}

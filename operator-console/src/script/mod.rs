@@ -1,0 +1,317 @@
+//! `--headless drive --script FILE`: timed inputs through the same helm as the window's.
+
+mod parse;
+mod words;
+
+use std::collections::{BTreeSet, VecDeque};
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use anyhow::{Context as _, anyhow};
+use protocol::keys::RobotId;
+use protocol::message::{TeleopState, TeleopStatus};
+use protocol::tile::BootId;
+use robot_edge::clock::{self, Monotonic};
+use robot_edge::credentials::Credentials;
+use robot_edge::exit::{Exit, Interrupted, UsageError};
+use robot_edge::link::sessions::Endpoints;
+use robot_edge::link::{random_id, zenoh_config_file};
+
+use crate::cockpit::Cockpit;
+use crate::helm::Intent;
+use crate::identity::Identity;
+use crate::link::RobotSession;
+use crate::model::ModelSettings;
+use crate::panels::driving::words::note as note_in_words;
+use crate::target::Target;
+use crate::teleop_input::InputEvent;
+
+pub use parse::{Action, LANGUAGE, ScriptError, State, Step, parse};
+
+/// Between two iterations at most: a queue is looked at no more rarely than commands are sent.
+const PERIOD: Duration = Duration::from_millis(20);
+/// Tiles are not asked for.
+const STORE_MB: u32 = 1;
+
+/// What to drive, and how.
+#[derive(Clone)]
+pub struct Drive {
+    /// Addresses to ask; where there are none the network is searched.
+    pub connect: Vec<String>,
+    /// Which robot; else the only one there is.
+    pub robot: Option<RobotId>,
+    /// A Zenoh configuration.
+    pub zenoh_config: Option<PathBuf>,
+    /// Who connects, where the link is secured.
+    pub credentials: Option<Credentials>,
+    /// Who drives.
+    pub identity: Identity,
+    /// The script.
+    pub script: PathBuf,
+    /// How long to wait for the robot.
+    pub timeout: Duration,
+}
+
+/// Drives, and tells what happens. Ends with [`Exit::Failed`] where something was refused, not answered, or awaited in
+/// vain.
+///
+/// # Errors
+/// Where the script cannot be read, or there is no robot that can be driven.
+pub fn run(
+    settings: &Drive,
+    is_interrupted: impl Fn() -> bool,
+    out: &mut dyn Write,
+) -> anyhow::Result<Exit> {
+    let steps = load(&settings.script)?;
+    let target = Target {
+        connect: settings.connect.clone(),
+        robot: settings.robot.clone(),
+        zenoh_config: settings.zenoh_config.clone(),
+        credentials: settings.credentials.clone(),
+        timeout: settings.timeout,
+    };
+    let found = target.find(&is_interrupted)?;
+    let model = ModelSettings {
+        robot: found.robot.clone(),
+        session: BootId(random_id()?),
+        store_mb: STORE_MB,
+        layers: BTreeSet::new(),
+    };
+    let endpoints = Endpoints {
+        connect: vec![found.endpoint],
+        zenoh_config: zenoh_config_file(settings.zenoh_config.clone()),
+        credentials: settings.credentials.clone(),
+        ..Endpoints::default()
+    };
+    let mut session = RobotSession::open(model, &endpoints, || {}).context("cannot drive")?;
+    let link = session
+        .take_driving()
+        .ok_or_else(|| anyhow!("the robot is driven already"))?;
+    let mut cockpit = Cockpit::new(found.robot, settings.identity.clone(), link)?;
+    // A terminal does not tell whether somebody is there; a script is.
+    cockpit.apply(InputEvent::Focus(true));
+    let limits = limits(&session, settings.timeout, &is_interrupted)?;
+    cockpit.set_limits(limits);
+
+    let mut play = Play {
+        session,
+        cockpit,
+        steps: steps.into(),
+        started: Monotonic::now(),
+        waited: Duration::ZERO,
+        awaiting: None,
+        seen: None,
+        greatest_age_ms: 0,
+        failures: 0,
+        out,
+    };
+    let is_whole = play.run(&is_interrupted)?;
+    // While there is still a session to say it on.
+    play.cockpit.leave();
+    play.tell_end()?;
+    if !is_whole {
+        return Err(Interrupted.into());
+    }
+    Ok(if play.failures == 0 {
+        Exit::Done
+    } else {
+        Exit::Failed
+    })
+}
+
+fn load(path: &Path) -> anyhow::Result<Vec<Step>> {
+    let text =
+        fs::read_to_string(path).map_err(|why| UsageError(format!("{}: {why}", path.display())))?;
+    Ok(parse(&text).map_err(|why| UsageError(format!("{}: {why}", path.display())))?)
+}
+
+/// What the robot can do, as soon as it tells and can be driven.
+fn limits(
+    session: &RobotSession,
+    timeout: Duration,
+    is_interrupted: &impl Fn() -> bool,
+) -> anyhow::Result<[f32; 2]> {
+    let deadline = Monotonic::now() + timeout;
+    loop {
+        {
+            let model = session.model();
+            let pose = model.vehicle().pose();
+            let is_drivable = pose.is_some_and(|(pose, _)| pose.token.is_some());
+            if let Some(info) = model.info().filter(|_| is_drivable) {
+                return Ok(info.limits);
+            }
+            if deadline.since(Monotonic::now()).is_zero() {
+                let why = match (session.problem(), model.info()) {
+                    (Some(problem), _) => problem,
+                    (None, None) => "it says nothing".to_owned(),
+                    (None, Some(_)) => "it cannot be driven".to_owned(),
+                };
+                return Err(anyhow!("{} cannot be driven: {why}", model.robot()));
+            }
+        }
+        if !clock::sleep_until(Monotonic::now() + PERIOD, is_interrupted) {
+            return Err(Interrupted.into());
+        }
+    }
+}
+
+/// A script that is being played.
+struct Play<'a> {
+    session: RobotSession,
+    cockpit: Cockpit,
+    steps: VecDeque<Step>,
+    started: Monotonic,
+    /// What was spent waiting: the script's clock stands still then.
+    waited: Duration,
+    awaiting: Option<(State, Monotonic, Duration, usize)>,
+    seen: Option<(TeleopState, bool)>,
+    greatest_age_ms: u32,
+    failures: u32,
+    out: &'a mut dyn Write,
+}
+
+impl Play<'_> {
+    /// Whether it was played to its end.
+    fn run(&mut self, is_interrupted: &impl Fn() -> bool) -> io::Result<bool> {
+        loop {
+            let now = Monotonic::now();
+            self.cockpit.begin(now);
+            let freeze = self.act(now)?;
+            self.cockpit.end(Monotonic::now());
+            self.tell_news()?;
+            if let Some(freeze) = freeze
+                && !clock::sleep_until(Monotonic::now() + freeze, is_interrupted)
+            {
+                return Ok(false);
+            }
+            if self.steps.is_empty() && self.awaiting.is_none() {
+                return Ok(true);
+            }
+            let mut next = now + PERIOD;
+            next = next.min(self.cockpit.due(now).unwrap_or(next));
+            if let Some(step) = self.steps.front() {
+                next = next.min(self.started + self.waited + step.at);
+            }
+            if !clock::sleep_until(next, is_interrupted) {
+                return Ok(false);
+            }
+        }
+    }
+
+    /// Takes out of the queue what is due.
+    fn act(&mut self, now: Monotonic) -> io::Result<Option<Duration>> {
+        if !self.is_awaited(now)? {
+            return Ok(None);
+        }
+        while let Some(step) = self
+            .steps
+            .pop_front_if(|step| self.started + self.waited + step.at <= now)
+        {
+            match step.action {
+                Action::Input(events) => {
+                    for event in events {
+                        self.cockpit.apply(event);
+                    }
+                }
+                Action::Want(intent) => self.cockpit.want(intent, now),
+                Action::Reset => {
+                    if let Some(estop) = self.teleop().and_then(|teleop| teleop.estop) {
+                        self.cockpit.want(Intent::Reset(estop.number), now);
+                    } else {
+                        let words = format!("line {}: there is no emergency stop", step.line);
+                        self.fail(&words)?;
+                    }
+                }
+                Action::Freeze(time) => {
+                    self.say(&format!("stands still for {:.1} s", time.as_secs_f64()))?;
+                    return Ok(Some(time));
+                }
+                Action::Await(state, longest) => {
+                    self.awaiting = Some((state, now, longest, step.line));
+                    return Ok(None);
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Whether nothing is waited for any more.
+    fn is_awaited(&mut self, now: Monotonic) -> io::Result<bool> {
+        let Some((state, since, longest, line)) = self.awaiting else {
+            return Ok(true);
+        };
+        let is_so = match state {
+            State::Lease => self.cockpit.sight(now).lease.held().is_some(),
+            State::Idle
+            | State::Held
+            | State::Driving
+            | State::Stopping
+            | State::EStop
+            | State::Fault => self.teleop().is_some_and(|teleop| state.is(teleop.state)),
+        };
+        let is_late = now.since(since) >= longest;
+        if is_so || is_late {
+            self.awaiting = None;
+            self.waited += now.since(since);
+        }
+        if is_late && !is_so {
+            self.fail(&format!("line {line}: waited in vain"))?;
+        }
+        Ok(is_so || is_late)
+    }
+
+    fn teleop(&self) -> Option<TeleopStatus> {
+        let model = self.session.model();
+        model.status()?.0.teleop.clone()
+    }
+
+    fn tell_news(&mut self) -> io::Result<()> {
+        let notes: Vec<_> = self.cockpit.take_notes().collect();
+        for (_, note) in notes {
+            match note_in_words(&note) {
+                (words, true) => self.fail(&words)?,
+                (words, false) => self.say(&words)?,
+            }
+        }
+        if let Some(teleop) = self.teleop() {
+            self.greatest_age_ms = self
+                .greatest_age_ms
+                .max(teleop.greatest_age_ms.unwrap_or(0));
+            let moves = teleop.applied.linear_mps != 0.0 || teleop.applied.angular_radps != 0.0;
+            let now = Some((teleop.state, moves));
+            if now != self.seen {
+                self.seen = now;
+                self.say(&words::status(&teleop))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn tell_end(&mut self) -> io::Result<()> {
+        let Some(teleop) = self.teleop() else {
+            return Ok(());
+        };
+        let counters = &teleop.counters;
+        self.say(&format!(
+            "{} commands accepted, greatest age {} ms, {} involuntary stops",
+            counters.accepted, self.greatest_age_ms, counters.involuntary_stops
+        ))?;
+        for refused in &counters.refused {
+            self.say(&format!("{} refused: {}", refused.count, refused.reason))?;
+        }
+        Ok(())
+    }
+
+    fn fail(&mut self, words: &str) -> io::Result<()> {
+        self.failures += 1;
+        self.say(words)
+    }
+
+    fn say(&mut self, words: &str) -> io::Result<()> {
+        let time_s = self.started.elapsed().as_secs_f64();
+        writeln!(self.out, "{time_s:8.3} {words}")?;
+        self.out.flush()
+    }
+}

@@ -1,0 +1,324 @@
+//! Scripts as text: a time and an action in each line.
+
+use std::time::Duration;
+
+use protocol::keys::OperatorId;
+use protocol::message::{LeaseRequest, Setting, TeleopState};
+
+use crate::helm::Intent;
+use crate::teleop_input::{DriveKey, InputEvent, PadReading, SpeedStep};
+
+/// Said in `--help`.
+pub const LANGUAGE: &str = "\
+A script has one action a line, behind the second at which it happens; `#` begins a comment.
+  0.0 lease request             also: release, take-over, consent NAME, refuse NAME
+  0.5 press forward             also: back, left, right
+  2.0 release forward           also: all
+  2.5 speed 3                   1 (slowest) to 5
+  3.0 pad 0.5 -0.2              a gamepad's stick, forwards and to the left; pad off
+  3.5 focus off                 as if the window lost the keyboard; focus on
+  4.0 freeze 1.5                the program stands still for so many seconds
+  5.0 estop
+  6.0 await estop 5             waits for a state, at most so many seconds, and shifts what follows:
+                                idle, held, driving, stopping, estop, fault,
+                                or `lease`: that this console has it
+  6.0 reset                     ends the emergency stop that is in force
+  7.0 budget 128                kbit/s for tiles; guard on|off; recording on|off";
+
+/// Longest script, bytes: a day of one action a second.
+const MAX_BYTES: usize = 4 << 20;
+/// Longest time in a script.
+const MAX_TIME_S: f64 = 7.0 * 86_400.0;
+const AWAIT: Duration = Duration::from_secs(10);
+
+/// What happens when.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Step {
+    /// Since the start, without what was spent waiting.
+    pub at: Duration,
+    /// Line of the file, from 1.
+    pub line: usize,
+    /// What happens.
+    pub action: Action,
+}
+
+/// What a script can do.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Action {
+    /// The hands.
+    Input(Vec<InputEvent>),
+    /// What a panel would ask for.
+    Want(Intent),
+    /// The end of the emergency stop in force, whichever it is.
+    Reset,
+    /// The program stands still.
+    Freeze(Duration),
+    /// Waits for a state.
+    Await(State, Duration),
+}
+
+/// A state of driving, without its reason.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    /// Nobody drives.
+    Idle,
+    /// Somebody could.
+    Held,
+    /// Somebody does.
+    Driving,
+    /// It brakes.
+    Stopping,
+    /// It was stopped for good.
+    EStop,
+    /// It is at fault.
+    Fault,
+    /// This console has the lease, whatever the vehicle does.
+    Lease,
+}
+
+impl State {
+    /// Whether the vehicle's is this one.
+    pub const fn is(self, state: TeleopState) -> bool {
+        matches!(
+            (self, state),
+            (Self::Idle, TeleopState::Idle)
+                | (Self::Held, TeleopState::Held)
+                | (Self::Driving, TeleopState::Driving)
+                | (Self::Stopping, TeleopState::Stopping(_))
+                | (Self::EStop, TeleopState::EStop)
+                | (Self::Fault, TeleopState::Fault(_))
+        )
+    }
+}
+
+/// Why a text is no script.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ScriptError {
+    /// A line that cannot be read.
+    #[error("line {line}: {why}")]
+    Line {
+        /// Which, from 1.
+        line: usize,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// Too long.
+    #[error("it is longer than {MAX_BYTES} bytes")]
+    TooLong,
+}
+
+/// Reads a script.
+///
+/// # Errors
+/// Where a line is no action, or earlier than the one before.
+pub fn parse(text: &str) -> Result<Vec<Step>, ScriptError> {
+    if text.len() > MAX_BYTES {
+        return Err(ScriptError::TooLong);
+    }
+    let mut steps: Vec<Step> = Vec::new();
+    for (index, line) in text.lines().enumerate() {
+        let line_number = index + 1;
+        let wrong = |why: String| ScriptError::Line {
+            line: line_number,
+            why,
+        };
+        let mut words = line
+            .split('#')
+            .next()
+            .unwrap_or_default()
+            .split_whitespace();
+        let Some(time) = words.next() else {
+            continue;
+        };
+        let at = time_of(time).map_err(wrong)?;
+        if steps.last().is_some_and(|last| at < last.at) {
+            return Err(wrong(format!("{time} is earlier than the line before")));
+        }
+        let words: Vec<_> = words.collect();
+        let action = action_of(&words).map_err(wrong)?;
+        steps.push(Step {
+            at,
+            line: line_number,
+            action,
+        });
+    }
+    Ok(steps)
+}
+
+fn time_of(word: &str) -> Result<Duration, String> {
+    let seconds = word.parse::<f64>().ok();
+    seconds
+        .filter(|seconds| (0.0..=MAX_TIME_S).contains(seconds))
+        .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
+        .ok_or_else(|| format!("{word:?} is no time: seconds, 0 or more, come first"))
+}
+
+fn action_of(words: &[&str]) -> Result<Action, String> {
+    Ok(match words {
+        ["lease", rest @ ..] => Action::Want(Intent::Lease(lease_of(rest)?)),
+        ["press", key] => Action::Input(vec![InputEvent::Press(key_of(key)?)]),
+        ["release", "all"] => Action::Input(DriveKey::ALL.map(InputEvent::Release).to_vec()),
+        ["release", key] => Action::Input(vec![InputEvent::Release(key_of(key)?)]),
+        ["speed", number] => {
+            let step = number.parse().ok().and_then(SpeedStep::new);
+            let step = step.ok_or_else(|| format!("{number:?} is no speed: 1 to 5"))?;
+            Action::Want(Intent::Step(step))
+        }
+        ["pad", "off"] => Action::Input(vec![InputEvent::PadGone]),
+        ["pad", forward, left] => Action::Input(vec![InputEvent::Pad(PadReading {
+            is_deadman_held: true,
+            forward: deflection_of(forward)?,
+            left: deflection_of(left)?,
+        })]),
+        ["focus", switch] => Action::Input(vec![InputEvent::Focus(switch_of(switch)?)]),
+        ["freeze", time] => Action::Freeze(time_of(time)?),
+        ["estop"] => Action::Want(Intent::EStop),
+        ["reset"] => Action::Reset,
+        ["await", state] => Action::Await(state_of(state)?, AWAIT),
+        ["await", state, time] => Action::Await(state_of(state)?, time_of(time)?),
+        ["budget", kbps] => {
+            let kbps = kbps
+                .parse()
+                .map_err(|_why| format!("{kbps:?} is no number of kbit/s"))?;
+            Action::Want(Intent::Set(Setting::BudgetKbps(kbps)))
+        }
+        ["guard", switch] => Action::Want(Intent::Set(Setting::Guard(switch_of(switch)?))),
+        ["recording", switch] => Action::Want(Intent::Set(Setting::Recording(switch_of(switch)?))),
+        [] => return Err("there is no action behind the time".to_owned()),
+        words => {
+            return Err(format!(
+                "{:?} is no action; `operator-console drive --help` lists them",
+                words.join(" ")
+            ));
+        }
+    })
+}
+
+fn lease_of(words: &[&str]) -> Result<LeaseRequest, String> {
+    let name = |name: &str| {
+        name.parse::<OperatorId>()
+            .map_err(|why| format!("{name:?} is no operator: {why}"))
+    };
+    Ok(match words {
+        ["request"] => LeaseRequest::Request,
+        ["release"] => LeaseRequest::Release,
+        ["take-over"] => LeaseRequest::TakeOver,
+        ["consent", operator] => LeaseRequest::Consent(name(operator)?),
+        ["refuse", operator] => LeaseRequest::Refuse(name(operator)?),
+        words => {
+            return Err(format!(
+                "lease {:?}: it is request, release, take-over, consent NAME or refuse NAME",
+                words.join(" ")
+            ));
+        }
+    })
+}
+
+fn key_of(word: &str) -> Result<DriveKey, String> {
+    Ok(match word {
+        "forward" => DriveKey::W,
+        "back" => DriveKey::S,
+        "left" => DriveKey::A,
+        "right" => DriveKey::D,
+        other => return Err(format!("{other:?} is no key: forward, back, left or right")),
+    })
+}
+
+fn deflection_of(word: &str) -> Result<f32, String> {
+    let deflection = word.parse::<f32>().ok();
+    deflection
+        .filter(|deflection| (-1.0..=1.0).contains(deflection))
+        .ok_or_else(|| format!("{word:?} is no deflection: −1 to 1"))
+}
+
+fn switch_of(word: &str) -> Result<bool, String> {
+    match word {
+        "on" => Ok(true),
+        "off" => Ok(false),
+        other => Err(format!("{other:?}: it is on or off")),
+    }
+}
+
+fn state_of(word: &str) -> Result<State, String> {
+    Ok(match word {
+        "idle" => State::Idle,
+        "held" => State::Held,
+        "driving" => State::Driving,
+        "stopping" => State::Stopping,
+        "estop" => State::EStop,
+        "fault" => State::Fault,
+        "lease" => State::Lease,
+        other => {
+            return Err(format!(
+                "{other:?} is no state: idle, held, driving, stopping, estop, fault or lease"
+            ));
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn what_help_shows_is_a_script() {
+        let examples = LANGUAGE.lines().skip(1).filter_map(|line| {
+            let example = line.get(..32.min(line.len())).unwrap_or(line).trim();
+            example
+                .starts_with(|first: char| first.is_ascii_digit())
+                .then(|| format!("{example}\n"))
+        });
+        let examples: String = examples.collect();
+        let steps = parse(&examples).unwrap();
+        assert_eq!(steps.len(), 11, "{examples}");
+        assert_eq!(steps[1].at, Duration::from_millis(500));
+        let press = Action::Input(vec![InputEvent::Press(DriveKey::W)]);
+        assert_eq!((steps[1].line, &steps[1].action), (2, &press));
+        assert_eq!(
+            steps[8].action,
+            Action::Await(State::EStop, Duration::from_secs(5))
+        );
+    }
+
+    #[test]
+    fn comments_and_empty_lines_are_none_of_it() {
+        let steps = parse("# a\n\n  1 estop # b\n2 lease consent bert\n").unwrap();
+        assert_eq!(steps[0].line, 3);
+        let consent = LeaseRequest::Consent("bert".parse().unwrap());
+        assert_eq!(steps[1].action, Action::Want(Intent::Lease(consent)));
+        assert_eq!(parse(""), Ok(Vec::new()));
+    }
+
+    #[test]
+    fn what_is_wrong_is_said_with_its_line() {
+        for (script, says) in [
+            ("0 estop\nnow estop", "line 2: \"now\" is no time"),
+            ("-1 estop", "line 1: \"-1\" is no time"),
+            ("NaN estop", "no time"),
+            ("1e300 estop", "no time"),
+            ("1 estop\n0.5 estop", "line 2: 0.5 is earlier"),
+            ("1", "no action behind the time"),
+            ("1 honk", "\"honk\" is no action"),
+            ("1 press up", "forward, back, left or right"),
+            ("1 speed 6", "1 to 5"),
+            ("1 pad 2 0", "−1 to 1"),
+            ("1 lease steal", "take-over"),
+            ("1 lease consent a/b", "no operator"),
+            ("1 guard maybe", "on or off"),
+            ("1 await bliss", "idle, held"),
+            ("1 budget lots", "kbit/s"),
+        ] {
+            let error = parse(script).unwrap_err().to_string();
+            assert!(error.contains(says), "{script}: {error}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn no_text_panics(text in "([0-9.e-]{0,5} ?(press|lease|pad|await|#|estop|freeze)? ?[a-z0-9./-]{0,9}\n?){0,9}") {
+            drop(parse(&text));
+        }
+    }
+}

@@ -1,0 +1,287 @@
+#![expect(clippy::float_cmp, reason = "shares of whole presses are exact")]
+
+use proptest::prelude::*;
+
+use super::*;
+
+/// Hands on a window that has the keyboard.
+fn hands() -> TeleopInput {
+    let mut input = TeleopInput::default();
+    input.apply(InputEvent::Focus(true));
+    input
+}
+
+fn after(events: &[InputEvent]) -> TeleopInput {
+    let mut input = hands();
+    input.apply(InputEvent::Step(SpeedStep::new(5).unwrap()));
+    for event in events {
+        input.apply(*event);
+    }
+    input
+}
+
+fn wish(events: &[InputEvent]) -> [f32; 2] {
+    let Wish { forward, left } = after(events).wish();
+    [forward, left]
+}
+
+const fn pad(is_deadman_held: bool, forward: f32) -> InputEvent {
+    InputEvent::Pad(PadReading {
+        is_deadman_held,
+        forward,
+        left: 0.0,
+    })
+}
+
+use InputEvent::{Focus, Press, Release, StillDown, Typing, Visible};
+
+#[test]
+fn keys_drive_while_they_are_held() {
+    assert_eq!(wish(&[]), [0.0, 0.0]);
+    assert_eq!(wish(&[Press(DriveKey::W)]), [1.0, 0.0]);
+    assert_eq!(
+        wish(&[Press(DriveKey::W), Release(DriveKey::W)]),
+        [0.0, 0.0]
+    );
+    assert_eq!(wish(&[Press(DriveKey::W), Press(DriveKey::A)]), [1.0, 1.0]);
+    assert_eq!(
+        wish(&[Press(DriveKey::Down), Press(DriveKey::D)]),
+        [-1.0, -1.0]
+    );
+    let both_hands = [Press(DriveKey::W), Press(DriveKey::Up)];
+    assert_eq!(wish(&both_hands), [1.0, 0.0]);
+    assert_eq!(wish(&[Press(DriveKey::W), Press(DriveKey::S)]), [0.0, 0.0]);
+}
+
+#[test]
+fn a_step_scales_what_is_asked_for() {
+    let mut input = hands();
+    input.apply(Press(DriveKey::Left));
+    assert!((input.wish().left - 0.4).abs() < 1e-6);
+    input.apply(InputEvent::Step(SpeedStep::new(1).unwrap()));
+    assert!((input.wish().left - 0.2).abs() < 1e-6);
+}
+
+#[test]
+fn after_a_loss_a_key_that_is_still_down_asks_for_nothing() {
+    for loss in [Loss::Link, Loss::Lease, Loss::Stopped, Loss::Frozen] {
+        let mut input = after(&[Press(DriveKey::W)]);
+        input.lose(loss);
+        assert!(input.wish().is_neutral());
+        assert_eq!(input.ignored_because(), Some(loss));
+        input.apply(StillDown(DriveKey::W));
+        input.apply(Press(DriveKey::W));
+        assert!(input.wish().is_neutral(), "a repeat is no press");
+        input.apply(Press(DriveKey::D));
+        assert!(input.wish().is_neutral(), "W is still down");
+        input.apply(Release(DriveKey::W));
+        assert!(input.wish().is_neutral(), "D was pressed too early");
+        input.apply(Release(DriveKey::D));
+        assert_eq!(input.ignored_because(), None);
+        input.apply(Press(DriveKey::W));
+        assert_eq!(input.wish().forward, 1.0);
+    }
+}
+
+/// X11 tells a window that gets the keyboard what is down, and then sends the first repetition as if it were a press.
+#[test]
+fn a_key_held_while_the_window_was_left_asks_for_nothing() {
+    let held = [
+        Press(DriveKey::W),
+        Focus(false),
+        Focus(true),
+        StillDown(DriveKey::W),
+        Press(DriveKey::W),
+        StillDown(DriveKey::W),
+    ];
+    assert_eq!(wish(&held), [0.0, 0.0]);
+    let left = [Press(DriveKey::W), Focus(false), Press(DriveKey::W)];
+    assert_eq!(wish(&left), [0.0, 0.0]);
+    let mut anew = held.to_vec();
+    anew.extend([Release(DriveKey::W), Press(DriveKey::W)]);
+    assert_eq!(wish(&anew), [1.0, 0.0]);
+}
+
+#[test]
+fn a_window_that_is_hidden_or_typed_into_does_not_drive() {
+    for (lost, back) in [
+        (Visible(false), Visible(true)),
+        (Typing(true), Typing(false)),
+    ] {
+        let w = DriveKey::W;
+        assert_eq!(wish(&[Press(w), lost]), [0.0, 0.0]);
+        assert_eq!(wish(&[Press(w), lost, back]), [0.0, 0.0]);
+        assert_eq!(wish(&[lost, Press(w), back]), [0.0, 0.0]);
+        assert_eq!(
+            wish(&[Press(w), lost, back, Release(w), Press(w)]),
+            [1.0, 0.0]
+        );
+    }
+}
+
+#[test]
+fn a_gamepad_drives_while_its_dead_man_button_is_held() {
+    assert_eq!(wish(&[pad(false, 1.0)]), [0.0, 0.0]);
+    assert_eq!(wish(&[pad(true, 1.0)]), [1.0, 0.0]);
+    assert_eq!(wish(&[pad(true, 1.0), pad(false, 1.0)]), [0.0, 0.0]);
+    assert_eq!(wish(&[pad(true, 1.0), InputEvent::PadGone]), [0.0, 0.0]);
+    assert_eq!(wish(&[pad(true, f32::NAN)]), [0.0, 0.0]);
+    // Keys go before.
+    assert_eq!(wish(&[pad(true, 1.0), Press(DriveKey::S)]), [-1.0, 0.0]);
+    let mut input = after(&[pad(true, 1.0)]);
+    input.lose(Loss::Link);
+    input.apply(pad(true, 0.9));
+    assert!(input.wish().is_neutral());
+    input.apply(pad(false, 0.9));
+    input.apply(pad(true, 1.0));
+    assert_eq!(input.wish().forward, 1.0);
+}
+
+#[test]
+fn the_emergency_stop_is_taken_once_and_lets_nothing_go_on() {
+    let mut input = after(&[Press(DriveKey::W), InputEvent::EStop]);
+    assert!(input.wish().is_neutral());
+    assert!(input.take_estop() && !input.take_estop());
+    let mut unfocused = TeleopInput::default();
+    unfocused.apply(InputEvent::EStop);
+    assert!(
+        unfocused.take_estop(),
+        "it counts whatever has the keyboard"
+    );
+}
+
+/// Something that happens to the hands or to what they drive.
+#[derive(Clone, Copy, Debug)]
+enum Happening {
+    Input(InputEvent),
+    Loss(Loss),
+}
+
+fn happening() -> impl Strategy<Value = Happening> {
+    let key = prop::sample::select(&DriveKey::ALL);
+    prop_oneof![
+        8 => (key.clone(), 0..5u8).prop_map(|(key, what)| Happening::Input(match what {
+            0 | 1 => Press(key),
+            2 => StillDown(key),
+            _ => Release(key),
+        })),
+        2 => (any::<bool>(), any::<f32>()).prop_map(|(held, forward)| Happening::Input(pad(held, forward))),
+        1 => Just(Happening::Input(InputEvent::PadGone)),
+        2 => any::<bool>().prop_map(|is| Happening::Input(Focus(is))),
+        1 => any::<bool>().prop_map(|is| Happening::Input(Visible(is))),
+        1 => any::<bool>().prop_map(|is| Happening::Input(Typing(is))),
+        1 => Just(Happening::Input(InputEvent::EStop)),
+        1 => prop::sample::select(vec![Loss::Link, Loss::Lease, Loss::Stopped, Loss::Frozen])
+            .prop_map(Happening::Loss),
+    ]
+}
+
+/// What the rule says, told from the whole history instead of from a state.
+fn may_move(history: &[Happening]) -> bool {
+    let is_loss = |happening: &Happening| {
+        matches!(
+            happening,
+            Happening::Loss(_)
+                | Happening::Input(
+                    Focus(false) | Visible(false) | Typing(true) | InputEvent::EStop
+                )
+        )
+    };
+    let since_loss = history
+        .iter()
+        .rposition(is_loss)
+        .map_or(0, |index| index + 1);
+    let (mut focus, mut visible, mut typing) = (false, true, false);
+    let mut down = [false; 9];
+    let mut all_let_go = false;
+    let mut pressed_anew = [false; 9];
+    for (index, happening) in history.iter().enumerate() {
+        if let Happening::Input(input) = happening {
+            match input {
+                Focus(is) => {
+                    focus = *is;
+                    if !is {
+                        down[..8].fill(false);
+                    }
+                }
+                Visible(is) => visible = *is,
+                Typing(is) => typing = *is,
+                Press(key) => {
+                    let is_new = !down[*key as usize];
+                    down[*key as usize] = true;
+                    if is_new {
+                        pressed_anew[*key as usize] = all_let_go && index >= since_loss;
+                    }
+                }
+                StillDown(key) => down[*key as usize] = true,
+                Release(key) => down[*key as usize] = false,
+                InputEvent::Pad(reading) => {
+                    let is_new = reading.is_deadman_held && !down[8];
+                    down[8] = reading.is_deadman_held;
+                    if is_new {
+                        pressed_anew[8] = all_let_go && index >= since_loss;
+                    }
+                }
+                InputEvent::PadGone => {
+                    // A pad that goes away while it drives is a loss as well; to demand that here is stricter
+                    // than the code, so it is left out.
+                    down[8] = false;
+                }
+                InputEvent::EStop | InputEvent::Step(_) => {}
+            }
+        }
+        let is_attended = focus && visible && !typing;
+        if index + 1 >= since_loss && is_attended && down == [false; 9] {
+            all_let_go = true;
+        }
+    }
+    let is_attended = focus && visible && !typing;
+    is_attended && (0..9).any(|key| down[key] && pressed_anew[key])
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(4096))]
+
+    #[test]
+    fn nothing_is_asked_for_but_by_a_press_after_all_was_let_go(
+        history in prop::collection::vec(happening(), 0..60)
+    ) {
+        let mut input = TeleopInput::default();
+        for (index, happening) in history.iter().enumerate() {
+            match *happening {
+                Happening::Input(event) => input.apply(event),
+                Happening::Loss(loss) => input.lose(loss),
+            }
+            let Wish { forward, left } = input.wish();
+            prop_assert!(forward.abs() <= 1.0 && left.abs() <= 1.0);
+            if !input.wish().is_neutral() {
+                prop_assert!(may_move(&history[..=index]), "{:?}", &history[..=index]);
+            }
+        }
+    }
+
+    #[test]
+    fn whoever_lets_go_of_everything_stands(
+        history in prop::collection::vec(happening(), 0..60)
+    ) {
+        let mut input = TeleopInput::default();
+        for happening in history {
+            match happening {
+                Happening::Input(event) => input.apply(event),
+                Happening::Loss(loss) => input.lose(loss),
+            }
+        }
+        for key in DriveKey::ALL {
+            input.apply(Release(key));
+        }
+        input.apply(pad(false, 1.0));
+        prop_assert!(input.wish().is_neutral());
+        // And from there a press drives again.
+        for back in [Focus(true), Visible(true), Typing(false)] {
+            input.apply(back);
+        }
+        prop_assert!(input.is_ready());
+        input.apply(Press(DriveKey::W));
+        prop_assert!(input.wish().forward > 0.0);
+    }
+}
