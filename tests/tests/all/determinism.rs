@@ -5,7 +5,9 @@ use std::io;
 
 use protocol::tile_store::RootDigest;
 use robot_edge::app;
-use robot_edge::cli::{Cli, Command, MappingOptions, NetworkOptions, Simulate, Verbosity};
+use robot_edge::cli::{
+    Cli, Command, DrivingOptions, MappingOptions, NetworkOptions, Simulate, Verbosity,
+};
 use robot_edge::exit::Exit;
 use robot_edge::measurement::{Measurement, MeasurementData};
 use robot_edge::pacer::Rate;
@@ -32,9 +34,9 @@ fn map_of(world: &World, measurements: Vec<Measurement>, settings: &[&str]) -> R
         .filter(|measurement| is_scan(measurement))
         .count();
     for measurement in measurements {
-        pipeline.push(measurement, |_| ()).unwrap();
+        pipeline.push(measurement, ()).unwrap();
     }
-    pipeline.finish(|_| ()).unwrap();
+    pipeline.finish(()).unwrap();
     assert_eq!(pipeline.report().scans_mapped, scans as u64);
     assert_eq!(pipeline.placer().counts().dropped_scans.total(), 0);
     digest(&pipeline)
@@ -111,6 +113,7 @@ fn digest_of_simulate(seed: u64, setting: &str) -> String {
             seed,
             duration_s: Some(DURATION_S),
             rate: Rate::Max,
+            driving: DrivingOptions::default(),
             mapping: MappingOptions {
                 vehicle: None,
                 settings: vec![setting.parse().unwrap()],

@@ -90,12 +90,12 @@ fn check(cell_m: f64, duration_s: f64) -> (Watch, u64) {
     let mut unlimited = pipeline(&vehicle_config(&world, &[&cell]));
     let mut watch = Watch::default();
     for measurement in measurements(&world, options) {
-        limited.push(measurement.clone(), |_| ()).unwrap();
-        unlimited.push(measurement, |_| ()).unwrap();
+        limited.push(measurement.clone(), ()).unwrap();
+        unlimited.push(measurement, ()).unwrap();
         watch.look(&limited);
     }
     for pipeline in [&mut limited, &mut unlimited] {
-        pipeline.finish(|_| ()).unwrap();
+        pipeline.finish(()).unwrap();
         let counters = pipeline.publisher().store().counters();
         assert_eq!(counters.tiles_evicted, 0, "the store has room for all");
     }

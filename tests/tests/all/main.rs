@@ -16,7 +16,18 @@ mod simulated_run;
 #[cfg(target_os = "linux")]
 mod rig;
 
+mod chance;
 mod determinism;
 mod eviction;
 mod experiments;
 mod link;
+mod security;
+
+#[cfg(target_os = "linux")]
+mod live;
+#[cfg(target_os = "linux")]
+mod teleop;
+
+/// Where the edge's emulator, which [`live`] borrows, expects it.
+#[cfg(target_os = "linux")]
+use robot_edge::clock;

@@ -28,9 +28,9 @@ fn drive(on_jump: &str) -> (Pipeline, Vec<Happening>) {
     let mut source = SimulatedSource::new(&world, options).unwrap();
     let mut pipeline = run::pipeline(&config, source.streams()).unwrap();
     while let Some(measurement) = source.next_measurement() {
-        pipeline.push(jumping(measurement), |_| ()).unwrap();
+        pipeline.push(jumping(measurement), ()).unwrap();
     }
-    pipeline.finish(|_| ()).unwrap();
+    pipeline.finish(()).unwrap();
     let happenings = pipeline.take_happenings();
     (pipeline, happenings)
 }

@@ -31,7 +31,7 @@ impl Direction {
     /// Both.
     pub const ALL: [Self; 2] = [Self::ToTarget, Self::FromTarget];
 
-    const fn index(self) -> usize {
+    pub(in crate::rig) const fn index(self) -> usize {
         match self {
             Self::ToTarget => 0,
             Self::FromTarget => 1,

@@ -3,21 +3,17 @@
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
 use robot_edge::clock::Monotonic;
 use rustix::event::{PollFd, PollFlags};
 use tun_rs::SyncDevice;
 
 use super::{Conditions, MTU_BYTES, Side, Traffic};
 use crate::rig::bottleneck::Bottleneck;
+use crate::rig::dice::Dice;
 use crate::rig::remote::{Inbox, Received, wait};
 
 /// Packets read from one device before the other has its turn.
 const PACKETS_IN_A_ROW: usize = 64;
-
-/// The distance of two neighbouring draws.
-const UNIT_STEP: f64 = 1.0 / (1_u64 << 53) as f64;
 
 /// What a caller wants.
 #[derive(Clone, Copy, Debug)]
@@ -44,7 +40,7 @@ pub(super) struct Emulator {
 struct Direction {
     conditions: Conditions,
     line: Bottleneck<Packet>,
-    random: ChaCha8Rng,
+    dice: Dice,
 }
 
 struct Packet {
@@ -157,13 +153,11 @@ impl Emulator {
 
 impl Direction {
     fn new(seed: u64, side: Side) -> Self {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        random.set_stream(side.index() as u64);
         let conditions = Conditions::default();
         Self {
             conditions,
             line: Bottleneck::new(conditions.line),
-            random,
+            dice: Dice::new(seed, side.index()),
         }
     }
 
@@ -181,8 +175,8 @@ impl Direction {
         let size = packet.len();
         traffic.sent.add(size);
         // Always two draws, so that the same packets get lost whatever else is set.
-        let is_lost = self.draw() < self.conditions.loss;
-        let further_delay = self.conditions.jitter.mul_f64(self.draw());
+        let is_lost = self.dice.draw() < self.conditions.loss;
+        let further_delay = self.conditions.jitter.mul_f64(self.dice.draw());
         if self.conditions.blackhole {
             traffic.swallowed.add(size);
             return;
@@ -193,11 +187,6 @@ impl Direction {
         if !self.line.offer(now, size, further_delay, packet) {
             traffic.overflowed.add(size);
         }
-    }
-
-    /// Evenly from 0 to just below 1.
-    fn draw(&mut self) -> f64 {
-        (self.random.next_u64() >> 11) as f64 * UNIT_STEP
     }
 }
 

@@ -15,8 +15,8 @@ use std::process::Command;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use super::Line;
 use super::remote::Remote;
+use super::{Count, Line};
 use emulator::{Emulator, Order};
 use namespace::Namespace;
 pub use namespace::Unavailable;
@@ -75,23 +75,8 @@ pub struct Conditions {
     pub blackhole: bool,
 }
 
-/// Packets and their bytes, IP headers included.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Count {
-    /// How many packets.
-    pub packets: u64,
-    /// How many bytes they had together.
-    pub bytes: u64,
-}
-
-impl Count {
-    fn add(&mut self, bytes: usize) {
-        self.packets += 1;
-        self.bytes += bytes as u64;
-    }
-}
-
-/// What became of the packets of one direction so far. What was sent and is in no other count is under way.
+/// What became of the packets of one direction so far, IP headers included. What was sent and is in no other count is
+/// under way.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
     /// Sent into the link.

@@ -43,7 +43,7 @@ fn garbage() -> Vec<Vec<u8>> {
         .map(&mut random)
         .into();
     // A right header with anything behind it, and with another version.
-    for version in [wire::PROTOCOL, 2, 999] {
+    for version in [wire::PROTOCOL, wire::PROTOCOL + 1, 999] {
         for length in [0, 1, 20, 5000] {
             let mut message = version.to_le_bytes().to_vec();
             message.extend(random(32));

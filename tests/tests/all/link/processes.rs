@@ -56,6 +56,10 @@ impl Running {
         }
     }
 
+    pub(crate) fn id(&self) -> u32 {
+        self.child.id()
+    }
+
     pub(crate) fn signal(&self, signal: &str) {
         let sent = Command::new("kill")
             .args([&format!("-{signal}"), &self.child.id().to_string()])
@@ -91,6 +95,12 @@ impl Running {
             .collect();
         let ticks = [11, 12].map(|field| fields[field].parse::<f64>().unwrap());
         (ticks[0] + ticks[1]) / 100.0
+    }
+
+    /// Whether a library of that name is loaded into it.
+    pub(crate) fn has_loaded(&self, library: &str) -> bool {
+        let maps = fs::read_to_string(format!("/proc/{}/maps", self.child.id())).unwrap();
+        maps.contains(library)
     }
 
     pub(crate) fn is_running(&mut self) -> bool {

@@ -28,7 +28,8 @@ fn python() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("python-{}", &wanted[..16]));
     let python = folder.join("bin/python");
     let is_ready = |python: &Path| {
-        run(Command::new(python).args(["-c", "import zenoh, zstandard, blake3"])).is_some()
+        run(Command::new(python).args(["-c", "import zenoh, zstandard, blake3, cryptography"]))
+            .is_some()
     };
     if is_ready(&python) {
         return Some(python);

@@ -1,0 +1,161 @@
+//! What an operator sent, and when, by the clock that the drive log has too.
+
+use std::io::{self, Write};
+
+use robot_edge::clock::Monotonic;
+
+use super::Input;
+
+/// The first line of a journal as CSV.
+const COLUMNS: &str = "t_ns,seq,epoch,token,token_t_ns,linear_mps,angular_radps";
+
+/// One command, as it was sent.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sent {
+    /// When it was built.
+    pub at: Monotonic,
+    /// Its number.
+    pub seq: u64,
+    /// The grant of the lease that it names.
+    pub epoch: u64,
+    /// Number of its token.
+    pub token: u64,
+    /// When that token was heard first: later than it was issued.
+    pub token_heard: Monotonic,
+    /// What it asks for.
+    pub input: Input,
+}
+
+/// All commands of one operator, by rising [`Sent::seq`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Journal {
+    sent: Vec<Sent>,
+}
+
+impl Journal {
+    /// Adds the next command.
+    pub fn push(&mut self, sent: Sent) {
+        debug_assert!(self.sent.last().is_none_or(|last| last.seq < sent.seq));
+        self.sent.push(sent);
+    }
+
+    /// All of them.
+    pub fn sent(&self) -> &[Sent] {
+        &self.sent
+    }
+
+    /// The command of that number.
+    pub fn find(&self, seq: u64) -> Option<&Sent> {
+        let at = self.sent.binary_search_by_key(&seq, |sent| sent.seq).ok()?;
+        self.sent.get(at)
+    }
+
+    /// Those after `after` and before `before`, by number.
+    pub fn between(&self, after: u64, before: u64) -> &[Sent] {
+        let from = self.sent.partition_point(|sent| sent.seq <= after);
+        let to = self.sent.partition_point(|sent| sent.seq < before);
+        self.sent.get(from..to).unwrap_or_default()
+    }
+
+    /// Writes the first line of a CSV file.
+    pub fn begin(out: &mut impl Write) -> io::Result<()> {
+        writeln!(out, "{COLUMNS}")
+    }
+
+    /// Writes one command as a line of it.
+    pub fn write(out: &mut impl Write, sent: &Sent) -> io::Result<()> {
+        let Sent {
+            at,
+            seq,
+            epoch,
+            token,
+            token_heard,
+            input,
+        } = sent;
+        let [at, heard] = [*at, *token_heard].map(nanos);
+        let Input {
+            linear_mps,
+            angular_radps,
+        } = input;
+        let line = format!("{at},{seq},{epoch},{token},{heard},{linear_mps},{angular_radps}\n");
+        out.write_all(line.as_bytes())
+    }
+
+    /// Reads such a file; a last line that was cut off, as by a kill, is left out.
+    ///
+    /// Fails at the first other line that is none, and says which.
+    pub fn parse(csv: &str) -> Result<Self, String> {
+        let mut lines = csv.split_inclusive('\n');
+        let first = lines.next().unwrap_or_default().trim_end();
+        if first != COLUMNS {
+            return Err(format!("line 1 is {first:?}, not {COLUMNS:?}"));
+        }
+        let mut sent = Vec::new();
+        for (number, line) in (2..).zip(lines) {
+            let Some(line) = line.strip_suffix('\n') else {
+                break;
+            };
+            sent.push(parse_line(line).ok_or_else(|| format!("line {number}: {line:?}"))?);
+        }
+        Ok(Self { sent })
+    }
+}
+
+fn parse_line(line: &str) -> Option<Sent> {
+    let mut fields = line.split(',');
+    let mut whole = || fields.next()?.parse::<u64>().ok();
+    let (at, seq, epoch) = (whole()?, whole()?, whole()?);
+    let (token, heard) = (whole()?, whole()?);
+    let mut speed = || fields.next()?.parse::<f32>().ok();
+    let input = Input::of(speed()?, speed()?);
+    fields.next().is_none().then(|| Sent {
+        at: Monotonic::from_nanos(at),
+        seq,
+        epoch,
+        token,
+        token_heard: Monotonic::from_nanos(heard),
+        input,
+    })
+}
+
+fn nanos(moment: Monotonic) -> u128 {
+    moment.since(Monotonic::default()).as_nanos()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sent(seq: u64) -> Sent {
+        Sent {
+            at: Monotonic::from_nanos(10 * seq),
+            seq,
+            epoch: 3,
+            token: seq / 2,
+            token_heard: Monotonic::from_nanos(9 * seq),
+            input: Input::of(0.1, -0.25),
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let mut csv = Vec::new();
+        Journal::begin(&mut csv).unwrap();
+        for seq in [4, 5, 9] {
+            Journal::write(&mut csv, &sent(seq)).unwrap();
+        }
+        let csv = String::from_utf8(csv).unwrap();
+        let journal = Journal::parse(&csv).unwrap();
+        assert_eq!(journal.sent(), [sent(4), sent(5), sent(9)]);
+        assert_eq!(journal.find(5), Some(&sent(5)));
+        assert_eq!(journal.find(6), None);
+        assert_eq!(journal.between(4, 9), [sent(5)]);
+        assert_eq!(journal.between(9, 9), []);
+
+        let cut_off = &csv[..csv.len() - 3];
+        assert_eq!(Journal::parse(cut_off).unwrap().sent().len(), 2);
+        let wrong = csv.replace("5,3,2", "5,3");
+        assert!(Journal::parse(&wrong).unwrap_err().starts_with("line 3"));
+        assert!(Journal::parse("").unwrap_err().starts_with("line 1"));
+    }
+}

@@ -1,0 +1,477 @@
+//! Somebody who drives over a real link, as SPEC.md sections 12 and 13 have it, and keeps a journal of it.
+//!
+//! It is written from the specification and shares no code with the console: session, signature and keys are all
+//! that it takes from the project.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    reason = "a part of tests: what fails here fails the test, with its reason"
+)]
+
+mod journal;
+
+use std::fs::File;
+use std::io;
+use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::sleep;
+use std::time::Duration;
+
+use protocol::keys::{OperatorId, OperatorTopic, RobotId, Topic, operator_key};
+use protocol::message::{
+    Answer, Drive, LeaseRequest, Pose, Refusal, Status, TeleopState, TeleopStatus,
+};
+use protocol::signed::{Command, Route, SecretKey, Stamp, sign};
+use protocol::tile::BootId;
+use protocol::wire;
+use robot_edge::clock::{Monotonic, sleep_until};
+use robot_edge::credentials::{Credentials, Identity};
+use robot_edge::link::endpoints::Channel;
+use robot_edge::link::sessions::{self, Endpoints, Side};
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Priority, Reliability};
+use zenoh::{Session, Wait as _};
+
+pub use journal::{Journal, Sent};
+
+/// How long a robot may take to do what it is told; nothing is measured by it.
+pub const PATIENCE: Duration = Duration::from_secs(30);
+
+/// From one command to the next.
+pub const PERIOD: Duration = Duration::from_millis(20);
+
+/// A change of input is sent so often, within [`PERIOD`].
+const REPETITIONS: u32 = 3;
+
+/// One reply is waited for so long; then the question is asked anew.
+const REPLY_TIMEOUT: Duration = Duration::from_secs(1);
+
+/// Where nothing moves for so long, whoever drives lets go and presses again.
+const PRESSED_AGAIN: Duration = Duration::from_secs(2);
+
+/// Longer than the neutral time that a press needs before it.
+pub const NEUTRAL: Duration = Duration::from_millis(400);
+
+/// What is pressed, m/s and rad/s in `base_link`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Input {
+    /// Along x.
+    pub linear_mps: f32,
+    /// About z.
+    pub angular_radps: f32,
+}
+
+impl Input {
+    /// Nothing.
+    pub const NEUTRAL: Self = Self::of(0.0, 0.0);
+
+    /// These speeds.
+    pub const fn of(linear_mps: f32, angular_radps: f32) -> Self {
+        Self {
+            linear_mps,
+            angular_radps,
+        }
+    }
+}
+
+/// What was heard of the robot last.
+#[derive(Default)]
+struct Heard {
+    pose: Option<(BootId, Pose)>,
+    token: Option<Token>,
+    status: Option<Status>,
+}
+
+/// The newest token, and when it came.
+#[derive(Clone, Copy)]
+struct Token {
+    boot: BootId,
+    given: protocol::message::AgeToken,
+    heard: Monotonic,
+}
+
+/// Somebody who drives.
+pub struct Operator {
+    /// What they call themselves.
+    pub name: OperatorId,
+    /// What they sign with.
+    pub key: SecretKey,
+    /// The grant of the lease that they rely on.
+    pub epoch: u64,
+    /// Of the last message that they signed.
+    pub seq: u64,
+    /// Every command sent so far.
+    pub journal: Journal,
+    robot: RobotId,
+    session: Session,
+    drive: Publisher<'static>,
+    heard: Arc<Mutex<Heard>>,
+    pressed: Input,
+    journal_file: Option<File>,
+}
+
+impl Operator {
+    /// Connects to `robot` at `endpoint` without keys, as soon as there is somebody to connect to.
+    pub fn connect(endpoint: &str, robot: &str, name: &str) -> Self {
+        let name: OperatorId = name.parse().unwrap();
+        let key = SecretKey::without_secret(&name);
+        Self::on(connected(endpoint, None), robot, name, key)
+    }
+
+    /// As [`Operator::ready`], with the keys of a person's folder.
+    pub fn with_keys(endpoint: &str, robot: &str, folder: &Path) -> Self {
+        let credentials = Credentials::open(folder).unwrap();
+        let Identity::Person(name, _) = credentials.identity().clone() else {
+            panic!("these are the keys of {}", credentials.identity())
+        };
+        let key = credentials.signing_key().unwrap();
+        let session = connected(endpoint, Some(credentials));
+        Self::on(session, robot, name, key).with_token()
+    }
+
+    /// On a link that is open already, signing with that key.
+    pub fn on(session: Session, robot: &str, name: OperatorId, key: SecretKey) -> Self {
+        let robot: RobotId = robot.parse().unwrap();
+        let heard = Arc::new(Mutex::new(Heard::default()));
+        for topic in [Topic::Pose, Topic::Status] {
+            let heard = Arc::clone(&heard);
+            session
+                .declare_subscriber(topic.key(&robot))
+                .callback(move |sample| {
+                    let bytes = sample.payload().to_bytes();
+                    let mut heard = heard.lock().unwrap_or_else(PoisonError::into_inner);
+                    // What others send on these keys is not for this one to judge.
+                    if topic != Topic::Pose {
+                        heard.status = wire::decode(&bytes).ok().map(|(_, status)| status);
+                    } else if let Ok((header, pose)) = wire::decode(&bytes) {
+                        heard.pose(header.boot, pose);
+                    }
+                })
+                .background()
+                .wait()
+                .unwrap();
+        }
+        let drive = session
+            .declare_publisher(operator_key(&robot, &name, OperatorTopic::Drive))
+            .congestion_control(CongestionControl::Drop)
+            .priority(Priority::RealTime)
+            .express(true)
+            // Over QUIC a datagram, which is never sent again.
+            .reliability(Reliability::BestEffort)
+            .wait()
+            .unwrap();
+        Self {
+            key,
+            name,
+            epoch: 0,
+            seq: 0,
+            journal: Journal::default(),
+            robot,
+            session,
+            drive,
+            heard,
+            pressed: Input::NEUTRAL,
+            journal_file: None,
+        }
+    }
+
+    /// Writes the journal to a file too, each command before it is sent: it is whole whenever the process is killed.
+    pub fn write_journal(&mut self, path: &Path) -> io::Result<()> {
+        let mut file = File::create(path)?;
+        Journal::begin(&mut file)?;
+        self.journal_file = Some(file);
+        Ok(())
+    }
+
+    /// As [`Operator::connect`], and ready to send commands.
+    pub fn ready(endpoint: &str, robot: &str, name: &str) -> Self {
+        Self::connect(endpoint, robot, name).with_token()
+    }
+
+    /// Waits until it can send commands.
+    #[must_use]
+    pub fn with_token(self) -> Self {
+        self.awaits("a token", || self.heard().token.is_some().then_some(()));
+        self
+    }
+
+    /// The robot that it drives.
+    pub const fn robot(&self) -> &RobotId {
+        &self.robot
+    }
+
+    /// The session that it drives over.
+    pub const fn session(&self) -> &Session {
+        &self.session
+    }
+
+    /// How driving goes, as last heard.
+    pub fn teleop(&self) -> Option<TeleopStatus> {
+        self.heard().status.as_ref()?.teleop.clone()
+    }
+
+    /// Where the robot is, by the last pose that came.
+    pub fn pose(&self) -> Pose {
+        lock(&self.heard).pose.expect("a pose").1
+    }
+
+    /// How fast the robot turns, as last heard.
+    pub fn turn_rate_radps(&self) -> f32 {
+        self.heard().pose.unwrap().1.turn_rate_radps
+    }
+
+    /// Waits until the status is as wanted.
+    pub fn sees(&self, what: &str, is_so: impl Fn(&TeleopStatus) -> bool) -> TeleopStatus {
+        let started = Monotonic::now();
+        loop {
+            let teleop = self.teleop();
+            if let Some(teleop) = teleop.as_ref().filter(|teleop| is_so(teleop)) {
+                return teleop.clone();
+            }
+            assert!(started.elapsed() < PATIENCE, "not {what}: {teleop:?}");
+            sleep(PERIOD);
+        }
+    }
+
+    /// Waits for a status that the robot sends from now on, and returns it.
+    pub fn sees_anew(&self) -> TeleopStatus {
+        self.heard().status = None;
+        self.sees("told", |_| true)
+    }
+
+    /// Signs a command with the newest token, a new `seq` and the present epoch.
+    pub fn signed<T: Command>(&mut self, command: &T) -> Vec<u8> {
+        let newest = self.heard().token.expect("a token");
+        self.signed_with(newest, command)
+    }
+
+    /// Sends a `Drive` as it is, for instance once more.
+    pub fn put(&self, message: Vec<u8>) {
+        // While the link is down there is nobody to send to.
+        drop(self.drive.put(message).wait());
+    }
+
+    /// Sends what is pressed, as one iteration of a console's input loop does.
+    pub fn command(&mut self, input: Input) -> Vec<u8> {
+        let newest = self.heard().token.expect("a token");
+        let message = self.signed_with(
+            newest,
+            &Drive {
+                linear_mps: input.linear_mps,
+                angular_radps: input.angular_radps,
+                estop: None,
+            },
+        );
+        let sent = Sent {
+            at: Monotonic::now(),
+            seq: self.seq,
+            epoch: self.epoch,
+            token: newest.given.n,
+            token_heard: newest.heard,
+            input,
+        };
+        if let Some(file) = &mut self.journal_file {
+            Journal::write(file, &sent).unwrap();
+        }
+        self.journal.push(sent);
+        self.put(message.clone());
+        message
+    }
+
+    /// Holds this for a time; the last command, for whoever wants to send it again.
+    pub fn hold(&mut self, input: Input, time: Duration) -> Vec<u8> {
+        let until = Monotonic::now() + time;
+        self.hold_until(input, || Monotonic::now() >= until)
+    }
+
+    /// Holds this until it is asked not to.
+    pub fn hold_until(&mut self, input: Input, is_over: impl Fn() -> bool) -> Vec<u8> {
+        let mut next = Monotonic::now();
+        loop {
+            let mut last = self.command(input);
+            if input != self.pressed {
+                for repetition in 1..REPETITIONS {
+                    sleep_until(next + PERIOD * repetition / (REPETITIONS + 1), || false);
+                    last = self.command(input);
+                }
+                self.pressed = input;
+            }
+            // What was missed is not made up for.
+            next = (next + PERIOD).max(Monotonic::now());
+            sleep_until(next, || false);
+            if is_over() {
+                return last;
+            }
+        }
+    }
+
+    /// Asks until there is an answer, with a new token and `seq` each time.
+    pub fn ask<T: Command>(&mut self, command: &T) -> Answer {
+        let key = operator_key(&self.robot, &self.name, T::TOPIC);
+        let started = Monotonic::now();
+        while started.elapsed() < PATIENCE {
+            let message = self.signed(command);
+            let query = self.session.get(key.clone()).payload(message);
+            let replies = query.timeout(REPLY_TIMEOUT).wait();
+            let reply = replies.ok().and_then(|replies| replies.recv().ok());
+            if let Some(Ok(sample)) = reply.as_ref().map(zenoh::query::Reply::result) {
+                return wire::decode(&sample.payload().to_bytes()).unwrap().1;
+            }
+            sleep(PERIOD);
+        }
+        panic!("no answer to {key}");
+    }
+
+    /// Asks for the lease until it is granted, or for `PATIENCE`.
+    pub fn take_lease(&mut self) {
+        let started = Monotonic::now();
+        loop {
+            match self.ask(&LeaseRequest::Request) {
+                Answer::Granted(epoch) => {
+                    self.epoch = epoch;
+                    return;
+                }
+                // The link has just come back, and the newest token has not.
+                Answer::Refused(Refusal::TooOld | Refusal::UnknownToken)
+                    if started.elapsed() < PATIENCE =>
+                {
+                    sleep(PERIOD);
+                }
+                // It has to stand first. What is granted and not heard of in time has to be asked for again.
+                Answer::Waiting if started.elapsed() < PATIENCE => {
+                    let asked = Monotonic::now();
+                    while asked.elapsed() < Duration::from_secs(1) {
+                        let lease = self.teleop().map(|teleop| teleop.lease);
+                        let granted =
+                            lease.filter(|lease| lease.holder.as_ref() == Some(&self.name));
+                        if let Some(lease) = granted {
+                            self.epoch = lease.epoch;
+                            return;
+                        }
+                        sleep(PERIOD);
+                    }
+                }
+                answer @ (Answer::Done
+                | Answer::Waiting
+                | Answer::EStopped(_)
+                | Answer::Refused(_)) => {
+                    panic!("{answer:?}")
+                }
+            }
+        }
+    }
+
+    /// Takes the lease where it is not held, lets go of everything, presses, and waits until it drives.
+    pub fn sets_off(&mut self, input: Input) {
+        let lease = self.sees_anew().lease;
+        if lease.holder.as_ref() == Some(&self.name) || lease.next.as_ref() == Some(&self.name) {
+            let granted = self.sees("granted", |teleop| {
+                teleop.lease.holder.as_ref() == Some(&self.name)
+            });
+            self.epoch = granted.lease.epoch;
+        } else {
+            self.take_lease();
+        }
+        let heard = Arc::clone(&self.heard);
+        let started = Monotonic::now();
+        loop {
+            self.hold(Input::NEUTRAL, NEUTRAL);
+            lock(&heard).status = None;
+            let pressed = Monotonic::now();
+            let teleop = || lock(&heard).status.as_ref()?.teleop.clone();
+            let drives = || teleop().is_some_and(|teleop| teleop.state == TeleopState::Driving);
+            self.hold_until(input, || drives() || pressed.elapsed() > PRESSED_AGAIN);
+            if drives() {
+                return;
+            }
+            let teleop = teleop();
+            assert!(
+                started.elapsed() < PATIENCE,
+                "it does not set off: {teleop:?}"
+            );
+        }
+    }
+
+    /// The next stamp, with the newest token.
+    pub fn stamp(&mut self) -> Stamp {
+        let newest = self.heard().token.expect("a token");
+        self.stamp_with(newest)
+    }
+
+    fn stamp_with(&mut self, newest: Token) -> Stamp {
+        self.seq += 1;
+        Stamp {
+            boot: newest.boot,
+            token: newest.given,
+            epoch: self.epoch,
+            seq: self.seq,
+        }
+    }
+
+    fn signed_with<T: Command>(&mut self, newest: Token, command: &T) -> Vec<u8> {
+        let stamp = self.stamp_with(newest);
+        let route = Route {
+            robot: &self.robot,
+            operator: &self.name,
+        };
+        sign(&self.key, route, &stamp, command).unwrap()
+    }
+
+    fn heard(&self) -> MutexGuard<'_, Heard> {
+        lock(&self.heard)
+    }
+
+    fn awaits<T>(&self, what: &str, find: impl Fn() -> Option<T>) -> T {
+        let started = Monotonic::now();
+        loop {
+            if let Some(found) = find() {
+                return found;
+            }
+            let name = &self.name;
+            assert!(
+                started.elapsed() < PATIENCE,
+                "{name} waits for {what} in vain"
+            );
+            sleep(PERIOD);
+        }
+    }
+}
+
+impl Heard {
+    fn pose(&mut self, boot: BootId, pose: Pose) {
+        self.pose = Some((boot, pose));
+        let Some(token) = pose.token else { return };
+        let is_news = self
+            .token
+            .is_none_or(|last| last.boot != boot || last.given.n < token.n);
+        if is_news {
+            self.token = Some(Token {
+                boot,
+                given: token,
+                heard: Monotonic::now(),
+            });
+        }
+    }
+}
+
+/// A session as consoles open them, as soon as somebody answers.
+pub fn connected(endpoint: &str, credentials: Option<Credentials>) -> Session {
+    let endpoints = Endpoints {
+        connect: vec![endpoint.to_owned()],
+        credentials,
+        ..Endpoints::default()
+    };
+    let started = Monotonic::now();
+    loop {
+        match sessions::open(Side::Console, Channel::Control, &endpoints) {
+            Ok(session) => return session,
+            Err(why) => assert!(started.elapsed() < PATIENCE, "{why}"),
+        }
+        sleep(PERIOD);
+    }
+}
+
+fn lock(heard: &Mutex<Heard>) -> MutexGuard<'_, Heard> {
+    heard.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,237 @@
+//! The relay's one thread: it owns the sockets, and moves datagrams when `poll` or the line says so.
+
+use std::io::{self, ErrorKind};
+use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::sync::{Arc, Mutex};
+
+use robot_edge::clock::Monotonic;
+use rustix::event::{PollFd, PollFlags};
+
+use super::way::{Datagram, Way};
+use super::{CAPTURED, Conditions, Ledger, lock};
+use crate::rig::dice::Dice;
+use crate::rig::relay::Direction;
+use crate::rig::remote::{Inbox, Received, wait};
+
+/// Flows at a time; the one that was used longest ago goes.
+const MOST_FLOWS: usize = 64;
+
+/// Datagrams read from one socket before others have their turn.
+const IN_A_ROW: usize = 64;
+
+/// Longest datagram.
+const LARGEST_BYTES: usize = 1 << 16;
+
+/// What a caller wants.
+#[derive(Debug)]
+pub(super) enum Order {
+    Set(Direction, Conditions),
+    Inject(Direction, Vec<Vec<u8>>),
+    /// Nothing: it is carried out between two rounds, when the counters agree with the sockets.
+    Settle,
+}
+
+/// What `poll` watches.
+#[derive(Clone, Copy, Debug)]
+enum Watch {
+    Inbox,
+    Clients,
+    Target(u64),
+}
+
+/// One sender, as the target sees them.
+#[derive(Debug)]
+struct Flow {
+    id: u64,
+    client: SocketAddr,
+    to_target: UdpSocket,
+}
+
+pub(super) struct EventLoop {
+    socket: UdpSocket,
+    target: SocketAddr,
+    /// The one that was used last is the last.
+    flows: Vec<Flow>,
+    next_flow: u64,
+    ways: [Way; 2],
+    ledger: Arc<Mutex<Ledger>>,
+    buffer: Vec<u8>,
+}
+
+impl EventLoop {
+    pub(super) fn new(
+        socket: UdpSocket,
+        target: SocketAddr,
+        seed: u64,
+        ledger: Arc<Mutex<Ledger>>,
+    ) -> Self {
+        Self {
+            socket,
+            target,
+            flows: Vec::new(),
+            next_flow: 0,
+            ways: Direction::ALL.map(|direction| Way::new(Dice::new(seed, direction.index()))),
+            ledger,
+            buffer: vec![0; LARGEST_BYTES],
+        }
+    }
+
+    /// Relays until the handle is dropped.
+    pub(super) fn run(mut self, inbox: &Inbox<Order>) {
+        loop {
+            match inbox.receive() {
+                Received::Command(order, done) => {
+                    // What came before the order fares as it would have without it.
+                    self.take_in_everything();
+                    self.deliver();
+                    done.report(self.obey(order));
+                    continue;
+                }
+                Received::Nothing => {}
+                Received::Over => return,
+            }
+            self.deliver();
+            let Ok(ready) = self.ready(inbox) else {
+                return;
+            };
+            for watch in ready {
+                match watch {
+                    Watch::Inbox => {}
+                    Watch::Clients => self.take_from_clients(),
+                    Watch::Target(flow) => self.take_from_target(flow),
+                }
+            }
+        }
+    }
+
+    fn obey(&mut self, order: Order) -> io::Result<()> {
+        let now = Monotonic::now();
+        match order {
+            Order::Set(direction, conditions) => {
+                let traffic = &mut lock(&self.ledger).traffic[direction.index()];
+                self.ways[direction.index()].set(now, conditions, traffic);
+            }
+            Order::Inject(direction, datagrams) => {
+                let flow = self.flows.last().map(|flow| flow.id);
+                let flow = flow.ok_or_else(|| io::Error::other("nobody has sent anything yet"))?;
+                let traffic = &mut lock(&self.ledger).traffic[direction.index()];
+                for bytes in datagrams {
+                    traffic.injected.add(bytes.len());
+                    let datagram = Datagram { flow, bytes };
+                    self.ways[direction.index()].take_in(now, datagram, traffic);
+                }
+            }
+            Order::Settle => {}
+        }
+        Ok(())
+    }
+
+    fn ready(&self, inbox: &Inbox<Order>) -> io::Result<Vec<Watch>> {
+        let mut watched = vec![
+            (
+                Watch::Inbox,
+                PollFd::from_borrowed_fd(inbox.readable(), PollFlags::IN),
+            ),
+            (Watch::Clients, PollFd::new(&self.socket, PollFlags::IN)),
+        ];
+        for flow in &self.flows {
+            let descriptor = PollFd::new(&flow.to_target, PollFlags::IN);
+            watched.push((Watch::Target(flow.id), descriptor));
+        }
+        let next = self.ways.iter().filter_map(Way::next_event).min();
+        wait(watched, next.map(|moment| moment.since(Monotonic::now())))
+    }
+
+    fn take_in_everything(&mut self) {
+        self.take_from_clients();
+        let flows: Vec<_> = self.flows.iter().map(|flow| flow.id).collect();
+        for flow in flows {
+            self.take_from_target(flow);
+        }
+    }
+
+    fn take_from_clients(&mut self) {
+        for _ in 0..IN_A_ROW {
+            let (bytes, client) = match self.socket.recv_from(&mut self.buffer) {
+                Ok((count, client)) => (self.buffer[..count].to_vec(), client),
+                Err(err) if err.kind() == ErrorKind::WouldBlock => return,
+                // One client is gone, and said so; others may have sent something.
+                Err(_gone) => continue,
+            };
+            if let Ok(flow) = self.flow_of(client) {
+                self.take_in(Direction::ToTarget, Datagram { flow, bytes });
+            }
+        }
+    }
+
+    fn take_from_target(&mut self, flow: u64) {
+        for _ in 0..IN_A_ROW {
+            let Some(from) = self.flows.iter().find(|one| one.id == flow) else {
+                return;
+            };
+            let bytes = match from.to_target.recv(&mut self.buffer) {
+                Ok(count) => self.buffer[..count].to_vec(),
+                Err(err) if err.kind() == ErrorKind::WouldBlock => return,
+                // Nobody listens at the target: what was sent is lost, as on a link.
+                Err(_refused) => continue,
+            };
+            self.take_in(Direction::FromTarget, Datagram { flow, bytes });
+        }
+    }
+
+    fn take_in(&mut self, direction: Direction, datagram: Datagram) {
+        let mut ledger = lock(&self.ledger);
+        let captured = &mut ledger.captured[direction.index()];
+        if captured.len() >= CAPTURED {
+            captured.pop_front();
+        }
+        captured.push_back(datagram.bytes.clone());
+        let traffic = &mut ledger.traffic[direction.index()];
+        traffic.sent.add(datagram.bytes.len());
+        self.ways[direction.index()].take_in(Monotonic::now(), datagram, traffic);
+    }
+
+    /// The flow of a client, which is then the one that was used last.
+    fn flow_of(&mut self, client: SocketAddr) -> io::Result<u64> {
+        if let Some(at) = self.flows.iter().position(|flow| flow.client == client) {
+            let flow = self.flows.remove(at);
+            let id = flow.id;
+            self.flows.push(flow);
+            return Ok(id);
+        }
+        let to_target = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
+        to_target.set_nonblocking(true)?;
+        to_target.connect(self.target)?;
+        if self.flows.len() >= MOST_FLOWS {
+            self.flows.remove(0);
+        }
+        self.next_flow += 1;
+        self.flows.push(Flow {
+            id: self.next_flow,
+            client,
+            to_target,
+        });
+        Ok(self.next_flow)
+    }
+
+    /// Hands on what has come to the other end.
+    fn deliver(&mut self) {
+        let now = Monotonic::now();
+        let mut ledger = lock(&self.ledger);
+        for direction in Direction::ALL {
+            let traffic = &mut ledger.traffic[direction.index()];
+            while let Some(datagram) = self.ways[direction.index()].take(now, traffic) {
+                let Datagram { flow, bytes } = datagram;
+                let flow = self.flows.iter().find(|one| one.id == flow);
+                let outcome = flow.map(|flow| match direction {
+                    Direction::ToTarget => flow.to_target.send(&bytes),
+                    Direction::FromTarget => self.socket.send_to(&bytes, flow.client),
+                });
+                match outcome {
+                    Some(Ok(_)) => traffic.delivered.add(bytes.len()),
+                    Some(Err(_)) | None => traffic.refused.add(bytes.len()),
+                }
+            }
+        }
+    }
+}

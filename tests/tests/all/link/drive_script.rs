@@ -1,0 +1,227 @@
+//! The console drives a simulated robot by a script: the same helm as the window's, over real sessions.
+
+use std::fs;
+use std::path::Path;
+use std::thread::sleep;
+use std::time::Duration;
+
+use tempfile::tempdir;
+
+use super::processes::{Running, free_port, program};
+
+fn robot(port: u16) -> Running {
+    let mut command = program("robot-edge");
+    command.args([
+        "simulate", "rooms", "--rate", "1", "--stay", "--robot", "scout", "--quiet", "--listen",
+    ]);
+    command.arg(format!("tcp/127.0.0.1:{port}"));
+    Running::start(&mut command, "edge")
+}
+
+/// A console that plays the script on the robot at `port`.
+fn starts(port: u16, operator: &str, file: &Path) -> Running {
+    let mut command = program("operator-console");
+    command
+        .args(["--headless", "--robot", "scout", "--operator", operator])
+        .arg("--connect")
+        .arg(format!("tcp/127.0.0.1:{port}"))
+        .args(["drive", "--script"])
+        .arg(file);
+    Running::start(&mut command, "console")
+}
+
+/// Plays the script on the robot at `port`; the exit code, and what was said.
+fn drives(port: u16, operator: &str, script: &str) -> (Option<i32>, String) {
+    let folder = tempdir().unwrap();
+    let file = folder.path().join("script.txt");
+    fs::write(&file, script).unwrap();
+    starts(port, operator, &file).end()
+}
+
+/// The lines that hold `words`.
+fn lines<'a>(said: &'a str, words: &str) -> Vec<&'a str> {
+    said.lines().filter(|line| line.contains(words)).collect()
+}
+
+#[test]
+fn a_script_drives_stops_and_stops_for_good() {
+    let port = free_port();
+    let _edge = robot(port);
+    let script = "\
+0.0 lease request
+0.0 await held
+# Down before the grant was known: it moves nothing until it is pressed anew.
+0.4 press left
+0.4 await driving
+1.2 focus off           # the window loses the keyboard
+1.2 await held
+1.4 focus on
+1.8 press right
+1.8 await driving
+2.4 freeze 1.5          # the program hangs with the key down
+2.5 await held
+3.2 release all
+3.6 press left
+3.6 await driving
+4.0 estop
+4.0 await estop
+4.2 release all
+4.2 reset
+4.2 await idle
+4.4 budget 100
+5.0 lease request
+5.0 await held
+5.2 lease release
+5.2 await idle
+";
+    let (code, said) = drives(port, "anna", script);
+    assert_eq!(code, Some(0), "{said}");
+    assert_eq!(lines(&said, "lease held, grant").len(), 2, "{said}");
+    assert_eq!(lines(&said, " Driving, lease of anna").len(), 3, "{said}");
+    assert_eq!(
+        lines(&said, "emergency stop 1 acknowledged").len(),
+        1,
+        "{said}"
+    );
+    assert_eq!(
+        lines(&said, "reset of emergency stop 1: done").len(),
+        1,
+        "{said}"
+    );
+    assert_eq!(lines(&said, "budget 100: done").len(), 1, "{said}");
+    // The program that hung was stopped for its age, and by nothing else.
+    assert_eq!(lines(&said, "1 involuntary stops").len(), 1, "{said}");
+}
+
+#[test]
+fn a_key_that_was_down_all_along_moves_nothing() {
+    let port = free_port();
+    let _edge = robot(port);
+    let script = "\
+0.0 press forward
+0.0 lease request
+0.0 await held
+1.5 speed 1
+2.0 release forward
+2.0 lease release
+2.0 await idle
+";
+    let (code, said) = drives(port, "anna", script);
+    assert_eq!(code, Some(0), "{said}");
+    assert_eq!(lines(&said, "Driving").len(), 0, "{said}");
+    let accepted: u64 = lines(&said, "commands accepted")[0]
+        .split_whitespace()
+        .nth(1)
+        .unwrap()
+        .parse()
+        .unwrap();
+    assert!(accepted >= 50, "neutral ones were sent all along: {said}");
+}
+
+/// The whole vehicle stands still for a while, and wakes up to commands that are as old as that: none moves it, nor does
+/// the key that is down all along.
+#[test]
+fn a_robot_that_hangs_obeys_nothing_of_what_it_missed() {
+    let port = free_port();
+    let edge = robot(port);
+    let folder = tempdir().unwrap();
+    let file = folder.path().join("script.txt");
+    let script = "\
+0.0 lease request
+0.0 await lease
+0.4 press left
+0.4 await driving
+6.0 release left        # the robot hangs and comes back meanwhile
+6.5 lease request
+6.5 await lease
+7.0 press left
+7.0 await driving
+8.0 release left
+8.0 await held
+";
+    fs::write(&file, script).unwrap();
+    let mut console = starts(port, "anna", &file);
+    console.says(" Driving, lease of anna");
+    edge.signal("STOP");
+    sleep(Duration::from_millis(1500));
+    edge.signal("CONT");
+    let (code, said) = console.end();
+    assert_eq!(code, Some(0), "{said}");
+    // `says` has read the first.
+    assert_eq!(lines(&said, " Driving, lease of anna").len(), 1, "{said}");
+    let stopped = said.find("applied 0.00 m/s 0.00 rad/s").unwrap();
+    assert!(stopped < said.find(" Driving").unwrap(), "{said}");
+}
+
+#[test]
+fn operators_hand_over_and_what_is_refused_is_a_failure() {
+    let port = free_port();
+    let _edge = robot(port);
+    let anna = std::thread::spawn(move || {
+        drives(
+            port,
+            "anna",
+            "0.0 lease request\n0.0 await lease\n3.0 lease consent bert\n6.0 focus on\n",
+        )
+    });
+    let bert = drives(
+        port,
+        "bert",
+        "1.0 lease request\n1.0 await lease 20\n2.0 lease release\n2.0 await idle\n",
+    );
+    let (anna_code, anna) = anna.join().unwrap();
+    assert_eq!(
+        (anna_code, bert.0),
+        (Some(0), Some(0)),
+        "{anna}\n{}",
+        bert.1
+    );
+    assert_eq!(lines(&anna, "lease consent bert: done").len(), 1, "{anna}");
+    assert_eq!(lines(&anna, "lease lost").len(), 1, "{anna}");
+    assert_eq!(
+        lines(&bert.1, "lease request: waiting").len(),
+        1,
+        "{}",
+        bert.1
+    );
+    assert_eq!(lines(&bert.1, "lease held").len(), 1, "{}", bert.1);
+
+    let (code, said) = drives(
+        port,
+        "anna",
+        "0 reset\n0 lease consent bert\n1 estop\n1 await held 1",
+    );
+    assert_eq!(code, Some(1), "{said}");
+    for words in [
+        "line 1: there is no emergency stop",
+        "lease consent bert refused",
+        "emergency stop 1 acknowledged",
+        "line 4: waited in vain",
+    ] {
+        assert_eq!(lines(&said, words).len(), 1, "{words}: {said}");
+    }
+}
+
+/// A script that ends while it drives gives the lease back: the next one need not wait until it runs out.
+#[test]
+fn a_script_that_ends_leaves_the_helm() {
+    let port = free_port();
+    let _edge = robot(port);
+    let (code, said) = drives(
+        port,
+        "anna",
+        "0 lease request\n0 await lease\n0.4 press left\n0.4 await driving\n",
+    );
+    assert_eq!(code, Some(0), "{said}");
+    let (code, said) = drives(port, "bert", "0 lease request\n0 await lease 20\n");
+    assert_eq!(code, Some(0), "{said}");
+    let first = lines(&said, ", lease of ")[0];
+    assert!(first.contains("lease of nobody"), "{said}");
+}
+
+#[test]
+fn a_script_that_is_none_says_its_line() {
+    let (code, said) = drives(9, "anna", "0.0 lease request\n1.0 honk\n");
+    assert_eq!(code, Some(2), "{said}");
+    assert!(said.contains("line 2") && said.contains("honk"), "{said}");
+}

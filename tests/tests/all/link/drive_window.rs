@@ -1,0 +1,321 @@
+//! The window drives a simulated robot, with real keys on a virtual screen.
+
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
+use std::thread::sleep;
+use std::time::Duration;
+
+use protocol::keys::{RobotId, Topic};
+use protocol::message::{LeaseEnd, Status, StopReason, TeleopState, TeleopStatus};
+use protocol::wire;
+use robot_edge::clock::Monotonic;
+use zenoh::{Config, Session, Wait as _};
+
+use super::processes::{Running, free_port, program};
+use super::screen::{Key, Screen};
+
+/// How long a robot may take to do what it is told; nothing is measured here.
+const PATIENCE: Duration = Duration::from_secs(20);
+/// The robot takes a press after 200 ms of nothing; the console adds what a link may shift.
+const NEUTRAL: Duration = Duration::from_millis(400);
+/// The button that asks for the lease, in a window of 1280×800.
+const DRIVE: [i16; 2] = [1012, 168];
+
+/// What the robot says of its driving, heard by somebody else than the console.
+struct Witness {
+    status: Arc<Mutex<Option<TeleopStatus>>>,
+    _session: Session,
+}
+
+impl Witness {
+    fn of(port: u16) -> Self {
+        let robot: RobotId = "scout".parse().unwrap();
+        let session = connected(port);
+        let status = Arc::new(Mutex::new(None));
+        let heard = Arc::clone(&status);
+        session
+            .declare_subscriber(Topic::Status.key(&robot))
+            .callback(move |sample| {
+                let bytes = sample.payload().to_bytes();
+                let (_, status) = wire::decode::<Status>(&bytes).unwrap();
+                *heard.lock().unwrap() = status.teleop;
+            })
+            .background()
+            .wait()
+            .unwrap();
+        Self {
+            status,
+            _session: session,
+        }
+    }
+
+    /// Waits until the robot is as wanted.
+    fn sees(&self, what: &str, is_so: impl Fn(&TeleopStatus) -> bool) -> TeleopStatus {
+        let started = Monotonic::now();
+        loop {
+            let status = self.status.lock().unwrap().clone();
+            if let Some(status) = status.as_ref().filter(|status| is_so(status)) {
+                return status.clone();
+            }
+            assert!(started.elapsed() < PATIENCE, "not {what}: {status:?}");
+            sleep(Duration::from_millis(10));
+        }
+    }
+
+    fn is_still(&self, what: &str) {
+        let status = self.sees("told", |_| true);
+        assert_ne!(status.state, TeleopState::Driving, "{what}: {status:?}");
+        let applied = status.applied;
+        assert!(
+            applied.linear_mps.abs() < 1e-6 && applied.angular_radps.abs() < 1e-6,
+            "{what}: {status:?}"
+        );
+    }
+}
+
+fn connected(port: u16) -> Session {
+    let started = Monotonic::now();
+    loop {
+        let mut config = Config::default();
+        for (key, value) in [
+            ("mode", "\"client\"".to_owned()),
+            ("connect/endpoints", format!("[\"tcp/127.0.0.1:{port}\"]")),
+            ("scouting/multicast/enabled", "false".to_owned()),
+        ] {
+            config.insert_json5(key, &value).unwrap();
+        }
+        match zenoh::open(config).wait() {
+            Ok(session) => return session,
+            Err(why) => assert!(started.elapsed() < PATIENCE, "{why}"),
+        }
+        sleep(Duration::from_millis(50));
+    }
+}
+
+/// A robot, a window that shows it, and somebody who watches both.
+struct Scene {
+    screen: Screen,
+    window: u32,
+    console: Running,
+    witness: Witness,
+    _edge: Running,
+}
+
+impl Scene {
+    /// `None`, said aloud, where no window can be opened here.
+    fn open() -> Option<Self> {
+        let screen = Screen::open()?;
+        let port = free_port();
+        let mut command = program("robot-edge");
+        command.args([
+            "simulate", "rooms", "--rate", "1", "--stay", "--robot", "scout", "--quiet", "--listen",
+        ]);
+        command.arg(format!("tcp/127.0.0.1:{port}"));
+        let edge = Running::start(&mut command, "edge");
+        let witness = Witness::of(port);
+        let mut command = program("operator-console");
+        screen.show(&mut command);
+        command
+            .args(["--robot", "scout", "--operator", "anna", "--connect"])
+            .arg(format!("tcp/127.0.0.1:{port}"));
+        let mut console = Running::start(&mut command, "the window");
+        let window = screen.window("Foreshore", || !console.is_running());
+        let Some(window) = window else {
+            let (_, said) = console.end();
+            println!("skipped: no window can be opened on this machine: {said}");
+            return None;
+        };
+        screen.focus(window);
+        witness.sees("shown", |_| true);
+        Some(Self {
+            screen,
+            window,
+            console,
+            witness,
+            _edge: edge,
+        })
+    }
+
+    /// Clicks until the robot grants the lease: the window may not have heard of the robot yet.
+    fn take_lease(&self) {
+        for _attempt in 0..30 {
+            let started = Monotonic::now();
+            while started.elapsed() < Duration::from_millis(1500) {
+                let status = self.witness.status.lock().unwrap().clone();
+                let holder = status.and_then(|status| status.lease.holder);
+                if holder.is_some_and(|holder| holder.as_str() == "anna") {
+                    return;
+                }
+                sleep(Duration::from_millis(10));
+            }
+            // Where the lease is held already, this button gives it back.
+            self.screen.click(DRIVE);
+        }
+        self.screen.picture(&pictures("no_lease.png"));
+        panic!(
+            "the robot grants no lease; see {}",
+            pictures("no_lease.png").display()
+        );
+    }
+
+    /// Holds a key until the vehicle turns. A machine that is busy with other tests may hang in the middle of a press,
+    /// which then does not count: so it is let go and pressed anew, as anybody would.
+    fn turns_left(&self, key: Key) -> TeleopStatus {
+        for _attempt in 0..10 {
+            sleep(NEUTRAL);
+            self.screen.press(key);
+            let started = Monotonic::now();
+            while started.elapsed() < Duration::from_secs(2) {
+                let status = self.witness.status.lock().unwrap().clone();
+                let turning = status.filter(|status| {
+                    status.state == TeleopState::Driving && status.applied.angular_radps > 0.3
+                });
+                if let Some(turning) = turning {
+                    return turning;
+                }
+                sleep(Duration::from_millis(5));
+            }
+            self.screen.release(key);
+        }
+        panic!(
+            "it does not turn: {:?}",
+            self.witness.status.lock().unwrap()
+        );
+    }
+
+    fn stands(&self) -> TeleopStatus {
+        self.witness.sees("standing", |status| {
+            matches!(status.state, TeleopState::Held | TeleopState::Idle)
+        })
+    }
+}
+
+/// Pictures are kept for people to look at.
+fn pictures(name: &str) -> PathBuf {
+    std::env::temp_dir().join(format!("foreshore_{name}"))
+}
+
+#[test]
+fn keys_on_a_window_drive_and_release_focus_loss_and_space_stop() {
+    let Some(scene) = Scene::open() else { return };
+    let (screen, witness) = (&scene.screen, &scene.witness);
+    scene.take_lease();
+
+    let driving = scene.turns_left(Key::A);
+    assert_eq!(driving.lease.holder.unwrap().as_str(), "anna");
+    screen.release(Key::A);
+    assert_eq!(scene.stands().last_stop, Some(StopReason::Released));
+
+    // Keys go elsewhere while one is down: it stops, and does not start again by itself.
+    scene.turns_left(Key::Left);
+    screen.unfocus();
+    scene.stands();
+    screen.focus(scene.window);
+    sleep(Duration::from_secs(1));
+    witness.is_still("the key was down all along");
+    screen.release(Key::Left);
+    scene.turns_left(Key::Left);
+    screen.release(Key::Left);
+    scene.stands();
+
+    scene.turns_left(Key::A);
+    screen.press(Key::Space);
+    screen.release(Key::Space);
+    let stopped = witness.sees("stopped for good", |status| {
+        status.state == TeleopState::EStop && status.estop.is_some_and(|estop| estop.is_stored)
+    });
+    let applied = stopped.applied.angular_radps;
+    assert!(applied.abs() < 1e-6, "{applied} rad/s");
+    screen.release(Key::A);
+    sleep(Duration::from_millis(500));
+    screen.picture(&pictures("estop.png"));
+}
+
+#[test]
+fn a_window_that_is_closed_stops_and_gives_the_lease_back() {
+    let Some(scene) = Scene::open() else { return };
+    scene.take_lease();
+    scene.turns_left(Key::A);
+    scene.screen.close(scene.window);
+    // The console says so itself: the lease does not run out, which takes 2 s and is another reason.
+    let idle = scene
+        .witness
+        .sees("idle", |status| status.state == TeleopState::Idle);
+    assert_ne!(
+        idle.last_stop,
+        Some(StopReason::LeaseEnded(LeaseEnd::Expired))
+    );
+    assert_eq!(idle.lease.holder, None);
+}
+
+#[test]
+fn a_window_that_hangs_with_a_key_down_stops_the_vehicle() {
+    let Some(scene) = Scene::open() else { return };
+    scene.take_lease();
+    scene.turns_left(Key::A);
+    scene.console.signal("STOP");
+    assert_eq!(scene.stands().last_stop, Some(StopReason::Age));
+    sleep(Duration::from_secs(1));
+    scene.console.signal("CONT");
+    sleep(Duration::from_secs(1));
+    scene.witness.is_still("the key is still down");
+    scene.screen.release(Key::A);
+    scene.take_lease();
+    scene.turns_left(Key::A);
+    scene.screen.release(Key::A);
+    scene.stands();
+}
+
+/// From a key that goes down to the robot's word that it drives, and how evenly commands come meanwhile. The robot tells
+/// of a change of state at once, so that this is the way there and back.
+#[test]
+#[ignore = "figures: wants a machine to itself"]
+fn figures_of_a_key_on_a_window() {
+    let Some(scene) = Scene::open() else { return };
+    scene.take_lease();
+    scene.turns_left(Key::A);
+    scene.screen.release(Key::A);
+    let mut took_ms = Vec::new();
+    for _press in 0..60 {
+        scene.stands();
+        sleep(Duration::from_millis(600));
+        let pressed = Monotonic::now();
+        scene.screen.press(Key::A);
+        while pressed.elapsed() < Duration::from_secs(2) {
+            let status = scene.witness.status.lock().unwrap().clone();
+            if status.is_some_and(|status| status.state == TeleopState::Driving) {
+                took_ms.push(pressed.elapsed().as_secs_f64() * 1e3);
+                break;
+            }
+            sleep(Duration::from_micros(200));
+        }
+        sleep(Duration::from_millis(100));
+        scene.screen.release(Key::A);
+    }
+    took_ms.sort_by(f64::total_cmp);
+    let rank = |share: f64| took_ms[((took_ms.len() - 1) as f64 * share) as usize];
+    println!(
+        "key to the robot's word: p50 {:.1} ms, p90 {:.1} ms, greatest {:.1} ms of {} presses",
+        rank(0.5),
+        rank(0.9),
+        rank(1.0),
+        took_ms.len()
+    );
+    let accepted = || scene.witness.sees("told", |_| true).counters.accepted;
+    let (from, before) = (Monotonic::now(), accepted());
+    scene.turns_left(Key::A);
+    let mut greatest_age_ms = 0;
+    while from.elapsed() < Duration::from_secs(10) {
+        let status = scene.witness.sees("told", |_| true);
+        greatest_age_ms = greatest_age_ms.max(status.greatest_age_ms.unwrap_or(0));
+        sleep(Duration::from_millis(50));
+    }
+    let rate_hz = (accepted() - before) as f64 / from.elapsed().as_secs_f64();
+    scene.screen.release(Key::A);
+    let stops = scene.stands().counters.involuntary_stops;
+    println!(
+        "{rate_hz:.1} commands a second, greatest age {greatest_age_ms} ms, {stops} involuntary stops"
+    );
+    assert!(took_ms.len() >= 55, "{} of 60 presses drove", took_ms.len());
+    assert!(rate_hz > 40.0, "{rate_hz} Hz");
+}

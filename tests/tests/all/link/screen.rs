@@ -1,0 +1,179 @@
+//! A virtual screen with real keys: Xvfb, and the extension of the X protocol that presses them.
+
+use std::io::{BufRead as _, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::Duration;
+
+use robot_edge::clock::Monotonic;
+use x11rb::connection::Connection as _;
+use x11rb::protocol::xproto::{
+    AtomEnum, BUTTON_PRESS_EVENT, BUTTON_RELEASE_EVENT, ClientMessageEvent, ConnectionExt as _,
+    EventMask, InputFocus, KEY_PRESS_EVENT, KEY_RELEASE_EVENT, MOTION_NOTIFY_EVENT, MapState,
+    Window,
+};
+use x11rb::protocol::xtest::ConnectionExt as _;
+use x11rb::rust_connection::RustConnection;
+
+/// A window takes this long to appear at most.
+const PATIENCE: Duration = Duration::from_mins(1);
+
+/// A key by its place on the keyboard: Linux' number for it, and 8.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Key {
+    A = 38,
+    Left = 113,
+    Space = 65,
+}
+
+/// A virtual screen.
+pub(crate) struct Screen {
+    server: Child,
+    display: String,
+    x: RustConnection,
+    root: Window,
+}
+
+impl Screen {
+    /// `None`, said aloud, where there is none to be had.
+    pub(crate) fn open() -> Option<Self> {
+        // The server chooses a number that is free, and says which when it is ready.
+        let server = Command::new("Xvfb")
+            .args([
+                "-displayfd",
+                "1",
+                "-screen",
+                "0",
+                "1280x800x24",
+                "-nolisten",
+                "tcp",
+            ])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn();
+        let Ok(mut server) = server else {
+            println!("skipped: there is no Xvfb (Debian: apt-get install xvfb)");
+            return None;
+        };
+        let mut number = String::new();
+        BufReader::new(server.stdout.take().unwrap())
+            .read_line(&mut number)
+            .unwrap();
+        let display = format!(":{}", number.trim());
+        let (x, screen) = x11rb::connect(Some(&display)).unwrap();
+        let root = x.setup().roots[screen].root;
+        Some(Self {
+            server,
+            display,
+            x,
+            root,
+        })
+    }
+
+    /// Lets a program open its window here.
+    pub(crate) fn show(&self, command: &mut Command) {
+        command
+            .env("DISPLAY", &self.display)
+            .env_remove("WAYLAND_DISPLAY")
+            .env_remove("WAYLAND_SOCKET");
+    }
+
+    /// The window of this title, as soon as it can be seen; `None` where `is_over` before.
+    pub(crate) fn window(&self, title: &str, mut is_over: impl FnMut() -> bool) -> Option<Window> {
+        let started = Monotonic::now();
+        while started.elapsed() < PATIENCE && !is_over() {
+            let children = self.x.query_tree(self.root).unwrap().reply().unwrap();
+            let mut windows = children.children.into_iter();
+            if let Some(window) = windows.find(|window| self.is_shown(*window, title)) {
+                return Some(window);
+            }
+            sleep(Duration::from_millis(50));
+        }
+        None
+    }
+
+    /// Gives a window the keyboard.
+    pub(crate) fn focus(&self, window: Window) {
+        self.x
+            .set_input_focus(InputFocus::PARENT, window, x11rb::CURRENT_TIME)
+            .unwrap()
+            .check()
+            .unwrap();
+    }
+
+    /// Takes the keyboard away from every window.
+    pub(crate) fn unfocus(&self) {
+        self.focus(self.root);
+    }
+
+    /// A key goes down and stays down.
+    pub(crate) fn press(&self, key: Key) {
+        self.fake(KEY_PRESS_EVENT, key as u8, [0, 0]);
+    }
+
+    /// A key goes up.
+    pub(crate) fn release(&self, key: Key) {
+        self.fake(KEY_RELEASE_EVENT, key as u8, [0, 0]);
+    }
+
+    /// Points and clicks, pixels from the upper left corner.
+    pub(crate) fn click(&self, at: [i16; 2]) {
+        self.fake(MOTION_NOTIFY_EVENT, 0, at);
+        // A button is seen under the pointer a frame before it is pressed.
+        sleep(Duration::from_millis(200));
+        self.fake(BUTTON_PRESS_EVENT, 1, at);
+        sleep(Duration::from_millis(50));
+        self.fake(BUTTON_RELEASE_EVENT, 1, at);
+    }
+
+    /// Asks a window to close, as its cross does.
+    pub(crate) fn close(&self, window: Window) {
+        let [protocols, delete] = ["WM_PROTOCOLS", "WM_DELETE_WINDOW"].map(|name| {
+            let atom = self.x.intern_atom(false, name.as_bytes()).unwrap();
+            atom.reply().unwrap().atom
+        });
+        let message = ClientMessageEvent::new(32, window, protocols, [delete, 0, 0, 0, 0]);
+        self.x
+            .send_event(false, window, EventMask::NO_EVENT, message)
+            .unwrap()
+            .check()
+            .unwrap();
+    }
+
+    /// Saves what is on the screen, where `ImageMagick` is there to do it.
+    pub(crate) fn picture(&self, file: &Path) {
+        let taken = Command::new("import")
+            .args(["-display", &self.display, "-window", "root"])
+            .arg(file)
+            .status();
+        if !taken.is_ok_and(|status| status.success()) {
+            println!("no picture: there is no `import` (Debian: apt-get install imagemagick)");
+        }
+    }
+
+    fn is_shown(&self, window: Window, title: &str) -> bool {
+        let name = self
+            .x
+            .get_property(false, window, AtomEnum::WM_NAME, AtomEnum::ANY, 0, 64);
+        let name = name.unwrap().reply();
+        let attributes = self.x.get_window_attributes(window).unwrap().reply();
+        name.is_ok_and(|name| name.value == title.as_bytes())
+            && attributes.is_ok_and(|window| window.map_state == MapState::VIEWABLE)
+    }
+
+    fn fake(&self, kind: u8, detail: u8, [x, y]: [i16; 2]) {
+        self.x
+            .xtest_fake_input(kind, detail, x11rb::CURRENT_TIME, self.root, x, y, 0)
+            .unwrap()
+            .check()
+            .unwrap();
+    }
+}
+
+impl Drop for Screen {
+    fn drop(&mut self) {
+        drop(self.server.kill());
+        drop(self.server.wait());
+    }
+}

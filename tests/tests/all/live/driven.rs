@@ -1,0 +1,221 @@
+//! A live vehicle's motors: a Roboteq AX3500, emulated, at the far end of a pseudo-terminal; everything before it is real.
+
+use std::fs;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{JoinHandle, sleep};
+use std::time::Duration;
+
+use foreshore_tests::operator::{Input, Operator, PERIOD};
+use protocol::message::{Answer, EStop, TeleopState};
+use robot_edge::clock::Monotonic;
+use tempfile::{TempDir, tempdir};
+
+use super::emulator::on_terminal::EmulatorOnTerminal;
+use super::ros_system::{RosSystem, Speaks};
+use crate::link::processes::{Running, free_port, program};
+
+const NAME: &str = "rover";
+
+/// Straight ahead.
+const AHEAD: Input = Input::of(0.3, 0.0);
+
+/// Nothing that is waited for takes longer.
+const PATIENCE: Duration = Duration::from_mins(1);
+
+/// A vehicle with one laser.
+struct Rover {
+    edge: Running,
+    port: u16,
+    folder: TempDir,
+    is_over: Arc<AtomicBool>,
+    laser: Option<JoinHandle<()>>,
+}
+
+impl Rover {
+    /// With the motors that this table of its configuration says, in this ROS 2 system.
+    fn start(motors: &str, mut system: RosSystem) -> Self {
+        let port = free_port();
+        let folder = tempdir().unwrap();
+        let is_over = Arc::new(AtomicBool::new(false));
+        system.announce("/scan", "sensor_msgs/msg/LaserScan");
+        let config = folder.path().join("rover.toml");
+        fs::write(&config, format!("{VEHICLE}{motors}")).unwrap();
+        let mut command = program("robot-edge");
+        command.args(["run", "--ros", &system.endpoint(), "--wait", "60"]);
+        command
+            .args(["--robot", NAME, "--quiet", "--vehicle"])
+            .arg(&config);
+        command.arg("--listen").arg(format!("tcp/127.0.0.1:{port}"));
+        command.env("STATE_DIRECTORY", folder.path().join("state"));
+        command.env("ROS_DOMAIN_ID", "0");
+        let edge = Running::start(&mut command, "edge");
+        let laser = std::thread::spawn({
+            let is_over = Arc::clone(&is_over);
+            move || {
+                system.sweep_until(0, || is_over.load(Ordering::Relaxed));
+            }
+        });
+        Self {
+            edge,
+            port,
+            folder,
+            is_over,
+            laser: Some(laser),
+        }
+    }
+
+    /// With the emulated controller, and somebody who drives it: its motors turn.
+    fn with_roboteq() -> (Self, EmulatorOnTerminal, Operator) {
+        let controller = EmulatorOnTerminal::start(|_| ());
+        let motors = format!(
+            "[motors.roboteq]\nport = \"{}\"\nleft_channel = \"one\"\n\
+             drive = {{ track_width_m = 0.5, full_speed_mps = 1.0 }}\n",
+            controller.path().display()
+        );
+        let system = RosSystem::start(free_port(), Speaks::Rmw { domain: 0 });
+        let rover = Self::start(&motors, system);
+        let mut anna = rover.operator();
+        anna.sets_off(AHEAD);
+        let started = Monotonic::now();
+        anna.hold_until(AHEAD, || {
+            assert!(started.elapsed() < PATIENCE, "the motors never turn");
+            controller.with(|emulator| emulator.motors().iter().all(|&power| power > 0))
+        });
+        (rover, controller, anna)
+    }
+
+    /// Somebody who may drive, as soon as the motors are found.
+    fn operator(&self) -> Operator {
+        let operator = Operator::ready(&format!("tcp/127.0.0.1:{}", self.port), NAME, "anna");
+        operator.sees("ready", |teleop| teleop.state == TeleopState::Idle);
+        operator
+    }
+}
+
+impl Drop for Rover {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
+        if let Some(laser) = self.laser.take() {
+            // What failed there fails the test elsewhere.
+            drop(laser.join());
+        }
+    }
+}
+
+/// Nothing says where it is, so that the collision guard would see it stand still while it drives.
+const VEHICLE: &str = "preset = \"generic2d\"\n[localization]\nsource = \"static\"\n\
+                       [teleop.guard]\nenabled = false\n";
+
+/// The process that guards the motors of `edge`.
+fn guard_of(edge: u32) -> u32 {
+    let tasks = fs::read_dir(format!("/proc/{edge}/task")).unwrap();
+    let children =
+        tasks.filter_map(|task| fs::read_to_string(task.unwrap().path().join("children")).ok());
+    let children: Vec<u32> = children
+        .flat_map(|children| {
+            let pids = children.split_whitespace().map(|pid| pid.parse().unwrap());
+            pids.collect::<Vec<u32>>()
+        })
+        .collect();
+    let is_guard = |pid: &u32| {
+        let words = fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+        words.split('\0').any(|word| word == "motor-guard")
+    };
+    let guard = children.into_iter().find(is_guard);
+    guard.expect("a process that guards the motors")
+}
+
+#[test]
+fn an_operator_drives_real_motors_and_silence_stops_them() {
+    let (_rover, controller, mut anna) = Rover::with_roboteq();
+    // Not one more word.
+    controller.assert_stops_for_good();
+    let stopped = anna.sees("stopped", |teleop| {
+        matches!(teleop.state, TeleopState::Held | TeleopState::Idle)
+    });
+    assert!(stopped.applied.linear_mps.abs() < 1e-6, "{stopped:?}");
+    // It drives again, and to let go is to stop.
+    anna.sets_off(AHEAD);
+    anna.hold(Input::NEUTRAL, PERIOD * 10);
+    controller.assert_stops_for_good();
+}
+
+#[test]
+fn an_edge_that_is_killed_or_hangs_leaves_motors_that_stand() {
+    for signal in ["KILL", "STOP"] {
+        let (rover, controller, _anna) = Rover::with_roboteq();
+        rover.edge.signal(signal);
+        controller.assert_stops_for_good();
+        rover.edge.signal("KILL");
+        controller.assert_stops_for_good();
+    }
+}
+
+#[test]
+fn motors_without_their_guard_stand_and_are_a_fault() {
+    let (rover, controller, mut anna) = Rover::with_roboteq();
+    let guard = guard_of(rover.edge.id());
+    let killed = std::process::Command::new("kill")
+        .args(["-KILL", &guard.to_string()])
+        .status();
+    assert!(killed.unwrap().success());
+    // The key stays down.
+    anna.hold(AHEAD, Duration::from_secs(1));
+    controller.assert_stops_for_good();
+    let status = anna.sees("a fault", |teleop| {
+        matches!(teleop.state, TeleopState::Fault(_))
+    });
+    assert!(status.applied.linear_mps.abs() < 1e-6, "{status:?}");
+}
+
+#[test]
+fn an_emergency_stop_is_kept_where_systemd_says() {
+    let (rover, controller, mut anna) = Rover::with_roboteq();
+    let answer = anna.ask(&EStop { press: 5 });
+    assert!(matches!(answer, Answer::EStopped(_)), "{answer:?}");
+    controller.assert_stops_for_good();
+    let kept = fs::read_dir(rover.folder.path().join("state")).unwrap();
+    assert!(kept.count() > 0);
+}
+
+#[test]
+fn a_ros_system_is_told_velocities_and_zero_at_every_stop_and_at_the_end() {
+    for speaks in [Speaks::Rmw { domain: 0 }, Speaks::Bridge] {
+        let mut system = RosSystem::start(free_port(), speaks);
+        let heard = system.hears_twist("/bot/cmd_vel");
+        let rover = Rover::start("[motors.ros2_twist]\ntopic = \"/bot/cmd_vel\"\n", system);
+        let mut anna = rover.operator();
+        anna.sets_off(AHEAD);
+        let last = || heard.lock().unwrap().last().copied();
+        let started = Monotonic::now();
+        anna.hold_until(AHEAD, || {
+            assert!(started.elapsed() < PATIENCE, "{speaks:?}: {:?}", last());
+            last().is_some_and(|twist| twist.linear_x > 0.1)
+        });
+        // Not one more word of the operator.
+        let started = Monotonic::now();
+        while !last().unwrap().is_zero() {
+            assert!(started.elapsed() < PATIENCE, "{speaks:?}: {:?}", last());
+            sleep(PERIOD);
+        }
+        anna.sets_off(AHEAD);
+        rover.edge.signal("INT");
+        let started = Monotonic::now();
+        while !last().unwrap().is_zero() {
+            assert!(started.elapsed() < PATIENCE, "{speaks:?}: {:?}", last());
+            sleep(PERIOD);
+        }
+        sleep(PERIOD * 20);
+        let heard = heard.lock().unwrap();
+        assert!(heard.last().unwrap().is_zero());
+        assert!(
+            heard
+                .iter()
+                .all(|twist| twist.linear_x <= 0.31 && twist.angular_z.abs() < 1e-9)
+        );
+        if speaks != Speaks::Bridge {
+            assert!(heard.is_sorted_by(|a, b| a.sequence < b.sequence));
+        }
+    }
+}

@@ -1,0 +1,14 @@
+//! `robot-edge run`: a ROS 2 system that speaks Zenoh, played by these tests, and a motor controller on a terminal.
+
+mod driven;
+mod mapped;
+mod missing;
+mod ros_system;
+
+/// Loaded from the edge's own tests: an emulator is no part of a program that drives.
+#[path = "../../../../robot-edge/src/actuators/roboteq/emulator.rs"]
+#[allow(
+    dead_code,
+    reason = "the edge's own tests put everything that can be wrong with it to use"
+)]
+mod emulator;

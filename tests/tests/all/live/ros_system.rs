@@ -1,0 +1,266 @@
+//! A ROS 2 system as it looks from Zenoh: `rmw_zenoh` behind its router, or `zenoh-bridge-ros2dds`.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+use std::thread::sleep;
+use std::time::Duration;
+
+use robot_edge::clock::Monotonic;
+use robot_edge::measurement::{Measurement, MeasurementData, StreamId};
+use robot_edge::robot_time::RobotTime;
+use robot_edge::ros;
+use robot_edge::ros::middleware::attachment::Attachment;
+use robot_edge::scan::Scan;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::{Publisher, Subscriber};
+use zenoh::qos::CongestionControl;
+use zenoh::query::Queryable;
+use zenoh::sample::Sample;
+use zenoh::{Session, Wait as _};
+
+/// Nothing that is waited for takes longer.
+const PATIENCE: Duration = Duration::from_mins(1);
+
+/// Of every type that is published alike: whoever listens must not look at it.
+const HASH: &str = "RIHS01_64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828";
+
+/// Of `geometry_msgs/Twist`: a node listens to no other.
+const TWIST_HASH: &str = "RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a";
+
+const GID: [u8; 16] = *b"sixteen bytes...";
+
+/// How it speaks Zenoh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Speaks {
+    Rmw { domain: u32 },
+    Bridge,
+}
+
+/// A router and every publisher behind it.
+pub(super) struct RosSystem {
+    pub(super) port: u16,
+    session: Session,
+    speaks: Speaks,
+    topics: BTreeMap<String, Topic>,
+    kept: Vec<Queryable<()>>,
+    listeners: Vec<Subscriber<()>>,
+}
+
+/// A velocity as a ROS 2 node hears it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Twist {
+    pub(super) sequence: i64,
+    pub(super) linear_x: f64,
+    pub(super) angular_z: f64,
+}
+
+impl Twist {
+    /// As `rmw_zenoh` reads it, which drops what has no attachment.
+    fn of(sample: &Sample, speaks: Speaks) -> Self {
+        let message = sample.payload().to_bytes();
+        assert_eq!((message.len(), &message[..4]), (52, &[0, 1, 0, 0][..]));
+        let number = |index: usize| {
+            let bytes = &message[4 + 8 * index..][..8];
+            f64::from_le_bytes(bytes.try_into().unwrap())
+        };
+        let attachment = sample.attachment().map(|bytes| bytes.to_bytes());
+        let sequence = match speaks {
+            Speaks::Rmw { .. } => Attachment::decode(&attachment.unwrap()).unwrap().sequence,
+            Speaks::Bridge => 0,
+        };
+        for other in [1, 2, 3, 4] {
+            assert_eq!(number(other).to_bits(), 0);
+        }
+        Self {
+            sequence,
+            linear_x: number(0),
+            angular_z: number(5),
+        }
+    }
+
+    pub(super) const fn is_zero(&self) -> bool {
+        self.linear_x.to_bits() == 0 && self.angular_z.to_bits() == 0
+    }
+}
+
+struct Topic {
+    publisher: Publisher<'static>,
+    sent: i64,
+    _token: LivelinessToken,
+}
+
+impl RosSystem {
+    pub(super) fn start(port: u16, speaks: Speaks) -> Self {
+        let mut config = zenoh::Config::default();
+        for (key, value) in [
+            ("mode", "\"router\"".to_owned()),
+            ("listen/endpoints", format!("[\"tcp/127.0.0.1:{port}\"]")),
+            ("scouting/multicast/enabled", "false".to_owned()),
+            ("scouting/gossip/enabled", "false".to_owned()),
+        ] {
+            config.insert_json5(key, &value).unwrap();
+        }
+        Self {
+            port,
+            session: zenoh::open(config).wait().unwrap(),
+            speaks,
+            topics: BTreeMap::new(),
+            kept: Vec::new(),
+            listeners: Vec::new(),
+        }
+    }
+
+    pub(super) fn endpoint(&self) -> String {
+        format!("tcp/127.0.0.1:{}", self.port)
+    }
+
+    /// A node begins to publish on this topic; `type_name` as in `sensor_msgs/msg/LaserScan`.
+    pub(super) fn announce(&mut self, topic: &str, type_name: &str) {
+        let session = &self.session;
+        let token = session
+            .liveliness()
+            .declare_token(self.token(topic, type_name));
+        let publisher = session
+            .declare_publisher(self.key(topic, type_name))
+            .congestion_control(CongestionControl::Block);
+        let topic_of = Topic {
+            publisher: publisher.wait().unwrap(),
+            sent: 0,
+            _token: token.wait().unwrap(),
+        };
+        self.topics.insert(topic.to_owned(), topic_of);
+    }
+
+    /// What was published on this topic before anybody listened: it is told to who asks for it.
+    pub(super) fn keep(&mut self, topic: &str, type_name: &str, message: &[u8]) {
+        let key = self.key(topic, type_name);
+        let zid = self.session.zid();
+        let asked = match self.speaks {
+            Speaks::Rmw { .. } => format!("{key}/@adv/pub/{zid}/7/_"),
+            Speaks::Bridge => format!("@ros2_pub_cache/{zid}/{key}"),
+        };
+        let message = message.to_vec();
+        let queryable = self
+            .session
+            .declare_queryable(asked)
+            .callback(move |query| {
+                query.reply(key.clone(), message.clone()).wait().unwrap();
+            })
+            .wait()
+            .unwrap();
+        self.kept.push(queryable);
+    }
+
+    /// Waits until somebody listens to this topic.
+    pub(super) fn is_heard(&self, topic: &str) {
+        let publisher = &self.topics[topic].publisher;
+        let started = Monotonic::now();
+        while !publisher.matching_status().wait().unwrap().matching() {
+            assert!(started.elapsed() < PATIENCE, "nobody listens to {topic}");
+            sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Publishes a message: CDR behind its encapsulation header.
+    pub(super) fn publish(&mut self, topic: &str, message: &[u8]) {
+        let to = self.topics.get_mut(topic).unwrap();
+        to.sent += 1;
+        let put = to.publisher.put(message);
+        let put = match self.speaks {
+            Speaks::Rmw { .. } => {
+                let attachment = Attachment {
+                    sequence: to.sent,
+                    published: RobotTime::from_nanos(1),
+                    gid: GID,
+                };
+                put.attachment(attachment.encode())
+            }
+            Speaks::Bridge => put,
+        };
+        put.wait().unwrap();
+    }
+
+    /// A node listens to velocities; what it hears, in the order in which it comes.
+    pub(super) fn hears_twist(&mut self, topic: &str) -> Arc<Mutex<Vec<Twist>>> {
+        let heard = Arc::new(Mutex::new(Vec::new()));
+        let subscriber = self
+            .session
+            .declare_subscriber(self.key(topic, "geometry_msgs/msg/Twist"))
+            .callback({
+                let (heard, speaks) = (Arc::clone(&heard), self.speaks);
+                move |sample| heard.lock().unwrap().push(Twist::of(&sample, speaks))
+            })
+            .wait()
+            .unwrap();
+        self.listeners.push(subscriber);
+        heard
+    }
+
+    /// A laser at 10 Hz in the middle of a round room of 5 m, from scan number `from` on; the number of the next.
+    pub(super) fn sweep_until(&mut self, from: u32, is_over: impl Fn() -> bool) -> u32 {
+        let mut tick = from;
+        while !is_over() {
+            self.publish("/scan", &scan_message(tick));
+            sleep(Duration::from_millis(100));
+            tick += 1;
+        }
+        tick
+    }
+
+    fn key(&self, topic: &str, type_name: &str) -> String {
+        let bare = topic.trim_start_matches('/');
+        match self.speaks {
+            Speaks::Rmw { domain } => {
+                let hash = match type_name {
+                    "geometry_msgs/msg/Twist" => TWIST_HASH,
+                    _ => HASH,
+                };
+                format!("{domain}/{bare}/{}/{hash}", dds(type_name))
+            }
+            Speaks::Bridge => bare.to_owned(),
+        }
+    }
+
+    fn token(&self, topic: &str, type_name: &str) -> String {
+        let zid = self.session.zid();
+        match self.speaks {
+            Speaks::Rmw { domain } => format!(
+                "@ros2_lv/{domain}/{zid}/0/{}/MP/%/%/robot/{}/{}/{HASH}/1:2:1,10:,:,:,,",
+                self.topics.len() + 1,
+                topic.replace('/', "%"),
+                dds(type_name)
+            ),
+            Speaks::Bridge => format!(
+                "@/{zid}/@ros2_lv/MP/{}/{}/:::1,10",
+                topic.trim_start_matches('/').replace('/', "§"),
+                type_name.replace('/', "§")
+            ),
+        }
+    }
+}
+
+/// `sensor_msgs/msg/LaserScan` → `sensor_msgs::msg::dds_::LaserScan_`.
+fn dds(type_name: &str) -> String {
+    let (package, name) = type_name.split_once("/msg/").unwrap();
+    format!("{package}::msg::dds_::{name}_")
+}
+
+fn scan_message(tick: u32) -> Vec<u8> {
+    let scan = Measurement {
+        stamp: RobotTime::from_nanos(1_790_000_000_000_000_000 + i64::from(tick) * 100_000_000),
+        stream: StreamId(0),
+        frame: "laser".into(),
+        data: MeasurementData::Scan {
+            scan: Scan {
+                angle_min_rad: -3.0,
+                angle_increment_rad: 0.05,
+                time_increment_s: 0.0,
+                range_min_m: 0.1,
+                range_max_m: 10.0,
+                ranges_m: vec![5.0; 120],
+            },
+            own_pose: None,
+        },
+    };
+    ros::encode(&scan).unwrap().1
+}

@@ -1,0 +1,256 @@
+//! Commands of those who may connect, and may not do what they try; and of those who no longer may.
+
+use std::fs;
+use std::time::Duration;
+
+use foreshore_tests::operator::{Input, NEUTRAL, Operator};
+use protocol::keys::{OperatorTopic, operator_key};
+use protocol::message::{
+    Answer, Drive, EStop, LeaseEnd, LeaseRequest, Refusal, Reset, StopReason, TeleopState,
+    TeleopStatus,
+};
+use protocol::signed::{ENVELOPE_BYTES, Route, sign};
+use robot_edge::credentials::Credentials;
+use zenoh::Wait as _;
+
+use super::fleet::{Fleet, text};
+use super::{matrix, router};
+use crate::link::processes::{Running, free_port, program};
+
+/// A simulated robot with the fleet's keys, and an audit log.
+fn robot(fleet: &Fleet, how: &str, port: u16) -> Running {
+    let mut command = program("robot-edge");
+    command.args(["simulate", "rooms", "--rate", "1", "--stay", "--quiet", how]);
+    command.arg(format!("quic/127.0.0.1:{port}"));
+    command.arg("--keys").arg(fleet.vehicle());
+    let audit = fleet.scratch("audit.jsonl");
+    command.args(["--set", &format!("link.audit=\"{}\"", audit.display())]);
+    Running::start(&mut command, "edge")
+}
+
+fn operator(fleet: &Fleet, name: &str, port: u16) -> Operator {
+    let key = Credentials::open(&fleet.person(name))
+        .unwrap()
+        .signing_key();
+    let session = matrix::person(fleet, name, port);
+    Operator::on(session, "scout", name.parse().unwrap(), key.unwrap()).with_token()
+}
+
+fn refused(teleop: &TeleopStatus, why: Refusal) -> u64 {
+    let of = teleop.counters.refused.iter().find(|of| of.reason == why);
+    of.map_or(0, |of| of.count)
+}
+
+/// Each line of the audit log: kind and message.
+fn audit(fleet: &Fleet) -> Vec<(String, String)> {
+    let line = |line: &str| {
+        let line: serde_json::Value = serde_json::from_str(line).unwrap();
+        let field = |name: &str| line[name].as_str().unwrap().to_owned();
+        (field("kind"), field("message"))
+    };
+    text(fleet.scratch("audit.jsonl"))
+        .lines()
+        .map(line)
+        .collect()
+}
+
+const TURN: Input = Input::of(0.0, 0.5);
+
+const ON: Drive = Drive {
+    linear_mps: 0.0,
+    angular_radps: 0.5,
+    estop: None,
+};
+
+/// Sends commands that are not what their sender signed, or not for here and now: none moves anything.
+fn nothing_that_was_changed_moves_the_vehicle(fleet: &Fleet, port: u16) {
+    let (mut anna, bert) = (operator(fleet, "anna", port), operator(fleet, "bert", port));
+    anna.take_lease();
+    anna.hold(Input::NEUTRAL, NEUTRAL);
+    let before = anna.sees("at rest", |teleop| teleop.state == TeleopState::Held);
+    let count = |teleop: &TeleopStatus, why| refused(teleop, why) - refused(&before, why);
+    let signature = |expected: u64| {
+        move |teleop: &TeleopStatus| refused(teleop, Refusal::Signature) >= expected
+    };
+    let start = refused(&before, Refusal::Signature);
+
+    // A tampered one: another speed, another epoch, another number, another signature.
+    let places = [
+        ENVELOPE_BYTES + 4,
+        2 + 16 + 16,
+        2 + 16 + 24,
+        ENVELOPE_BYTES - 1,
+    ];
+    for (n, place) in places.into_iter().enumerate() {
+        let mut message = anna.signed(&ON);
+        message[place] ^= 1;
+        anna.put(message);
+        // Another epoch or number is refused for itself where it cannot be right.
+        if n == 0 || n == 3 {
+            anna.sees("refused", signature(start + n as u64 / 3 + 1));
+        }
+    }
+    // A re-stamped one: an older command with the newest token.
+    let mut old = anna.signed(&ON);
+    std::thread::sleep(Duration::from_millis(100));
+    let newer = anna.signed(&ON);
+    old[18..34].copy_from_slice(&newer[18..34]);
+    let signatures = refused(&anna.sees("shown", |_| true), Refusal::Signature);
+    anna.put(old);
+    anna.sees("re-stamped refused", signature(signatures + 1));
+
+    // A re-addressed one: for another robot, and from another operator's key.
+    let stamp = anna.stamp();
+    let barge = "barge".parse().unwrap();
+    let route = Route {
+        robot: &barge,
+        operator: &anna.name,
+    };
+    anna.put(sign(&anna.key, route, &stamp, &ON).unwrap());
+    anna.sees("that for another robot refused", signature(signatures + 2));
+    let message = anna.signed(&ON);
+    bert.put(message.clone());
+    let told = |teleop: &TeleopStatus| refused(teleop, Refusal::NotHolder) > 0;
+    bert.sees("that of another operator refused", told);
+    // In Bert's own name, signed by him, and put where Anna's are: access control has it, and nobody hears of it.
+    let key = operator_key(anna.robot(), &anna.name, OperatorTopic::Drive);
+    bert.session().put(key, message).wait().unwrap();
+    // One kind of request in the place of another.
+    let reset = anna.signed(&Reset { estop: 1 });
+    let key = operator_key(anna.robot(), &anna.name, OperatorTopic::EStop);
+    let replies = anna.session().get(key).payload(reset).wait().unwrap();
+    let reply = replies
+        .recv_timeout(Duration::from_secs(20))
+        .unwrap()
+        .unwrap();
+    let bytes = reply.result().unwrap().payload().to_bytes();
+    let answer: Answer = protocol::wire::decode(&bytes).unwrap().1;
+    assert_eq!(answer, Answer::Refused(Refusal::Signature));
+
+    let after = anna.sees("shown", |teleop| count(teleop, Refusal::Signature) >= 5);
+    assert!(after.applied.angular_radps.abs() < 1e-6, "{after:?}");
+    assert!(after.requested.angular_radps.abs() < 1e-6, "{after:?}");
+
+    // What moved the vehicle once does not move it again.
+    anna.take_lease();
+    anna.hold(Input::NEUTRAL, NEUTRAL);
+    let last = anna.hold(TURN, Duration::from_secs(1));
+    anna.sees("driving", |teleop| teleop.applied.angular_radps > 0.3);
+    let stopped = anna.sees("stopped", |teleop| teleop.state != TeleopState::Driving);
+    let accepted = stopped.counters.accepted;
+    let all =
+        |teleop: &TeleopStatus| -> u64 { teleop.counters.refused.iter().map(|of| of.count).sum() };
+    let before = all(&stopped);
+    // One after the other: datagrams that come all at once may be lost.
+    let mut after = stopped;
+    while all(&after) < before + 20 {
+        for _ in 0..10 {
+            anna.put(last.clone());
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        after = anna.sees_anew();
+    }
+    assert_eq!(after.counters.accepted, accepted);
+    anna.session().close().wait().unwrap();
+    bert.session().close().wait().unwrap();
+}
+
+#[test]
+fn nothing_that_was_changed_on_the_way_moves_the_vehicle() {
+    let (fleet, port) = (Fleet::new(), free_port());
+    let _edge = robot(&fleet, "--listen", port);
+    nothing_that_was_changed_moves_the_vehicle(&fleet, port);
+}
+
+#[test]
+fn nothing_that_was_changed_by_a_router_moves_the_vehicle() {
+    let (fleet, port) = (Fleet::new(), free_port());
+    let _router = router::start(&fleet, port);
+    let _edge = robot(&fleet, "--connect", port);
+    nothing_that_was_changed_moves_the_vehicle(&fleet, port);
+}
+
+#[test]
+fn who_is_taken_off_the_list_drives_no_more_at_once_and_all_is_written_down() {
+    let (fleet, port) = (Fleet::new(), free_port());
+    let edge = robot(&fleet, "--listen", port);
+    let (mut anna, mut bert) = (
+        operator(&fleet, "anna", port),
+        operator(&fleet, "bert", port),
+    );
+    anna.take_lease();
+    anna.hold(Input::NEUTRAL, NEUTRAL);
+    anna.hold(TURN, Duration::from_secs(1));
+    anna.sees("driving", |teleop| teleop.applied.angular_radps > 0.3);
+
+    // A broken list changes nothing.
+    let path = fleet.vehicle().join("operators.toml");
+    let whole = text(&path);
+    fs::write(&path, &whole[..whole.len() - 30]).unwrap();
+    anna.hold(TURN, Duration::from_millis(1500));
+    anna.sees("driving still", |teleop| teleop.applied.angular_radps > 0.3);
+
+    let entry = whole.find("\n[[person]]\nname = \"anna\"").unwrap();
+    let next = entry + 1 + whole[entry + 1..].find("\n[[person]]").unwrap();
+    let without = whole[..entry].to_owned() + &whole[next..];
+    let draft = fleet.scratch("operators.new");
+    fs::write(&draft, &without).unwrap();
+    fs::rename(&draft, &path).unwrap();
+    // She goes on pressing the key.
+    anna.hold(TURN, Duration::from_millis(1500));
+    let revoked = StopReason::LeaseEnded(LeaseEnd::Revoked);
+    let status = bert.sees("revoked", |teleop| {
+        teleop.last_stop == Some(revoked) && teleop.state == TeleopState::Idle
+    });
+    assert_eq!(status.lease.holder, None);
+    assert!(status.applied.angular_radps.abs() < 1e-6, "{status:?}");
+    for answer in [
+        anna.ask(&LeaseRequest::Request),
+        anna.ask(&EStop { press: 5 }),
+    ] {
+        assert_eq!(answer, Answer::Refused(Refusal::Signature));
+    }
+    // Bert is still on it.
+    bert.take_lease();
+    let Answer::EStopped(number) = bert.ask(&EStop { press: 6 }) else {
+        panic!("no emergency stop")
+    };
+    let mut sam = operator(&fleet, "sam", port);
+    // His newest token may be older than the emergency stop; then he asks again.
+    let too_early = Answer::Refused(Refusal::EStopSince);
+    let answer = (0..100).find_map(|_| {
+        std::thread::sleep(Duration::from_millis(50));
+        let answer = sam.ask(&Reset { estop: number });
+        (answer != too_early).then_some(answer)
+    });
+    assert_eq!(answer, Some(Answer::Done));
+    for operator in [&anna, &bert, &sam] {
+        operator.session().close().wait().unwrap();
+    }
+    edge.signal("INT");
+    let (code, said) = edge.end();
+    assert_eq!(code, Some(0), "{said}");
+
+    let log = audit(&fleet);
+    let at = |kind: &str, says: &str| {
+        let is_it = |(of, message): &(String, String)| of == kind && message.contains(says);
+        let at = log.iter().position(is_it);
+        at.unwrap_or_else(|| panic!("no {kind}, {says}: {log:#?}"))
+    };
+    let order = [
+        at("start", "configuration "),
+        at("connect", "operator:anna connects, control, from "),
+        at("lease_granted", "anna drives"),
+        at("operators_unreadable", "stays in force"),
+        at("operators", "off it operator:anna"),
+        at("lease_ended", "no operator any more"),
+        at("refused", "in the name of anna: its signature is wrong"),
+        at("lease_granted", "bert drives"),
+        at("estop", "by bert"),
+        at("estop_reset", "by sam"),
+    ];
+    assert!(order.is_sorted(), "{order:?} {log:#?}");
+    at("disconnect", "operator:bert is gone");
+    let refusals = log.iter().filter(|(kind, _)| kind == "refused").count();
+    assert!(refusals < 12, "one a second and reason: {refusals}");
+}

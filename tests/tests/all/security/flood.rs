@@ -1,0 +1,237 @@
+//! A stranger who knocks a hundred times a second, in network namespaces and behind the rate limit that is shipped.
+
+use std::fs;
+use std::net::{SocketAddr, TcpStream, UdpSocket};
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+use robot_edge::clock::{self, Monotonic};
+use robot_edge::credentials::Credentials;
+use robot_edge::link::endpoints::Channel;
+use robot_edge::link::sessions::{self, Endpoints, Side};
+use zenoh::Wait as _;
+
+use super::fleet::Fleet;
+use crate::link::processes::{Running, program};
+
+const VEHICLE: &str = "10.77.0.1";
+const STRANGER: &str = "10.77.0.66";
+const OPERATOR: &str = "10.77.0.2";
+/// The ports of the shipped rules.
+const PORT: u16 = 7447;
+const KNOCKS_PER_S: u32 = 100;
+const FLOOD: Duration = Duration::from_secs(20);
+
+fn ip(arguments: &str) {
+    let done = Command::new("ip")
+        .args(arguments.split(' '))
+        .status()
+        .unwrap();
+    assert!(done.success(), "ip {arguments}");
+}
+
+/// Three namespaces on one bridge. They end with this.
+struct Lan(String);
+
+impl Lan {
+    fn new() -> Self {
+        let lan = Self(format!("fs{}", std::process::id()));
+        let name = |part: &str| format!("{}{part}", lan.0);
+        ip(&format!("netns add {}", name("v")));
+        ip(&format!("-n {} link add name lan type bridge", name("v")));
+        ip(&format!("-n {} addr add {VEHICLE}/24 dev lan", name("v")));
+        ip(&format!("-n {} link set dev lan up", name("v")));
+        for (part, address) in [("s", STRANGER), ("o", OPERATOR)] {
+            ip(&format!("netns add {}", name(part)));
+            ip(&format!(
+                "-n {} link add {part} type veth peer name eth0 netns {}",
+                name("v"),
+                name(part)
+            ));
+            ip(&format!(
+                "-n {} link set dev {part} master lan up",
+                name("v")
+            ));
+            ip(&format!("-n {} addr add {address}/24 dev eth0", name(part)));
+            ip(&format!("-n {} link set dev eth0 up", name(part)));
+        }
+        lan
+    }
+
+    /// A command in one of the namespaces.
+    fn within(&self, part: &str, program: &Path) -> Command {
+        let mut command = Command::new("ip");
+        command.args(["netns", "exec", &format!("{}{part}", self.0)]);
+        command.arg(program);
+        command
+    }
+
+    /// This test program again, in one of the namespaces, as one of its helpers below.
+    fn again(&self, part: &str, helper: &str, words: &str) -> Command {
+        let mut command = self.within(part, &std::env::current_exe().unwrap());
+        command.args(["--ignored", "--exact", "--nocapture"]);
+        command.arg(format!("security::flood::{helper}"));
+        command.env("FORESHORE_FLOOD", words);
+        command
+    }
+}
+
+impl Drop for Lan {
+    fn drop(&mut self) {
+        for part in ["s", "o", "v"] {
+            let name = format!("{}{part}", self.0);
+            drop(Command::new("ip").args(["netns", "del", &name]).status());
+        }
+    }
+}
+
+/// What a console sends first, by QUIC, to whoever is there.
+fn first_packets(fleet: &Path) -> Vec<Vec<u8>> {
+    let sink = UdpSocket::bind("127.0.0.1:0").unwrap();
+    sink.set_read_timeout(Some(Duration::from_millis(200)))
+        .unwrap();
+    let endpoints = Endpoints {
+        connect: vec![format!("quic/{}", sink.local_addr().unwrap())],
+        credentials: Some(Credentials::open(&fleet.join("people/tv")).unwrap()),
+        ..Endpoints::default()
+    };
+    let mut packets: Vec<Vec<u8>> = Vec::new();
+    for _ in 0..4 {
+        assert!(sessions::open(Side::Console, Channel::Control, &endpoints).is_err());
+        let mut packet = [0; 2048];
+        while let Ok((bytes, _)) = sink.recv_from(&mut packet) {
+            packets.push(packet[..bytes].to_vec());
+        }
+    }
+    packets
+}
+
+#[test]
+#[ignore = "a helper of the test below: the stranger"]
+fn stranger() {
+    let Ok(words) = std::env::var("FORESHORE_FLOOD") else {
+        return;
+    };
+    let packets: Vec<Vec<u8>> = serde_json::from_str(&fs::read_to_string(words).unwrap()).unwrap();
+    let started = Monotonic::now();
+    let (mut open, mut knocks) = (Vec::new(), 0u32);
+    while started.elapsed() < FLOOD {
+        let due = started + Duration::from_secs(1) * knocks / KNOCKS_PER_S;
+        clock::sleep_until(due, || false);
+        // From another port each time, so that it is another connection; and from one, which is none for a firewall.
+        let sockets = [
+            UdpSocket::bind((STRANGER, 0)).unwrap(),
+            UdpSocket::bind((STRANGER, 0)).unwrap(),
+        ];
+        for socket in &sockets {
+            let packet = &packets[knocks as usize % packets.len()];
+            socket.send_to(packet, (VEHICLE, PORT)).unwrap();
+        }
+        for port in [PORT, PORT + 1] {
+            let place: SocketAddr = format!("{VEHICLE}:{port}").parse().unwrap();
+            let knocked = TcpStream::connect_timeout(&place, Duration::from_millis(2));
+            open.extend(knocked.ok());
+        }
+        open.drain(..open.len().saturating_sub(500));
+        knocks += 1;
+    }
+    println!("{knocks} knocks");
+}
+
+#[test]
+#[ignore = "a helper of the test below: the operator"]
+fn operator() {
+    let Ok(folder) = std::env::var("FORESHORE_FLOOD") else {
+        return;
+    };
+    let endpoints = Endpoints {
+        connect: vec![format!("quic/{VEHICLE}:{PORT}")],
+        credentials: Some(Credentials::open(Path::new(&folder)).unwrap()),
+        ..Endpoints::default()
+    };
+    let started = Monotonic::now();
+    let session = sessions::open(Side::Console, Channel::Control, &endpoints);
+    let taken = started.elapsed();
+    let way = match &session {
+        Ok(session) => {
+            let link = session.info().links().wait().next();
+            link.map(|link| link.dst().protocol().as_str().to_owned())
+        }
+        Err(why) => Some(why.to_string()),
+    };
+    println!("TOOK {} ms {}", taken.as_millis(), way.unwrap_or_default());
+    if let Ok(session) = session {
+        session.close().wait().unwrap();
+    }
+}
+
+#[test]
+#[ignore = "needs root and nft, takes half a minute"]
+fn a_stranger_who_knocks_a_hundred_times_a_second_keeps_nobody_out() {
+    let fleet = Fleet::new();
+    let root = fleet.root();
+    // The vehicle's own address is in its certificate.
+    let vehicle = root.join("vehicles/scout");
+    fs::remove_file(vehicle.join("link.pem")).unwrap();
+    let made = fleet.keys(&["--robot", "scout", "--host", VEHICLE]);
+    assert!(made.status.success(), "{made:?}");
+    let packets = fleet.scratch("packets.json");
+    fs::write(
+        &packets,
+        serde_json::to_string(&first_packets(&root)).unwrap(),
+    )
+    .unwrap();
+
+    let lan = Lan::new();
+    let rules = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robot-edge/deploy/foreshore.nft");
+    let is_limited = std::env::var_os("FORESHORE_NO_NFT").is_none();
+    if is_limited {
+        let mut load = lan.within("v", Path::new("nft"));
+        assert!(load.arg("-f").arg(rules).status().unwrap().success());
+    }
+    let edge_program = program("robot-edge").get_program().to_owned();
+    let mut edge = lan.within("v", Path::new(&edge_program));
+    edge.args(["simulate", "rooms", "--rate", "1", "--stay", "--quiet"]);
+    edge.args(["--listen", &format!("quic/{VEHICLE}:{PORT}"), "--keys"]);
+    edge.arg(&vehicle);
+    let mut edge = Running::start(&mut edge, "edge");
+    clock::sleep_until(Monotonic::now() + Duration::from_secs(3), || false);
+    let person = root.join("people/anna");
+    let connect = || {
+        let said = lan
+            .again("o", "operator", person.to_str().unwrap())
+            .output()
+            .unwrap();
+        let said = String::from_utf8(said.stdout).unwrap();
+        let line = said
+            .lines()
+            .find_map(|line| line.split_once("TOOK "))
+            .unwrap();
+        println!("connected after {}", line.1);
+        let ms = line.1.split(' ').next().unwrap();
+        ms.parse::<u64>().unwrap()
+    };
+    let quiet_ms = connect();
+    let before = edge.memory();
+    let flood = Running::start(
+        &mut lan.again("s", "stranger", packets.to_str().unwrap()),
+        "stranger",
+    );
+    clock::sleep_until(Monotonic::now() + Duration::from_secs(3), || false);
+    let mut slowest_ms = 0;
+    for _ in 0..10 {
+        slowest_ms = slowest_ms.max(connect());
+        clock::sleep_until(Monotonic::now() + Duration::from_millis(700), || false);
+    }
+    let grown = edge.memory().saturating_sub(before);
+    let said = flood.ends_well();
+    assert!(said.contains("knocks"), "{said}");
+    println!(
+        "quiet {quiet_ms} ms, slowest {slowest_ms} ms, memory +{} kB",
+        grown / 1024
+    );
+    assert!(edge.is_running());
+    assert!(slowest_ms <= 1000, "{slowest_ms} ms");
+    assert!(grown < 20 << 20, "{grown} bytes");
+}

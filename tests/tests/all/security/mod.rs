@@ -1,0 +1,12 @@
+//! Who may do what, through real listeners with exactly the files that `robot-edge keys` makes.
+
+mod fleet;
+mod router;
+
+mod issuing;
+
+mod commands;
+mod flood;
+mod matrix;
+mod secured_link;
+mod strangers;

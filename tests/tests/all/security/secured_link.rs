@@ -1,0 +1,105 @@
+//! A console watches a robot over QUIC and TLS.
+
+use std::collections::BTreeSet;
+use std::net::UdpSocket;
+use std::time::Duration;
+
+use robot_edge::clock::Monotonic;
+use robot_edge::credentials::Credentials;
+use robot_edge::link::endpoints::Channel;
+use robot_edge::link::sessions::{self, Endpoints, Side};
+use zenoh::qos::Reliability;
+use zenoh::session::Link;
+use zenoh::{Session, Wait as _};
+
+use crate::link::processes::{Running, assert_same_maps, free_port, program, rooms};
+
+use super::fleet::Fleet;
+
+#[test]
+fn a_console_with_keys_gets_the_map_by_quic_and_tls() {
+    let fleet = Fleet::new();
+    let port = free_port();
+    let mut edge = program("robot-edge");
+    edge.arg("replay").arg(rooms());
+    edge.args(["--rate", "20", "--stay", "--listen"]);
+    edge.arg(format!("quic/127.0.0.1:{port}"));
+    edge.arg("--keys").arg(fleet.vehicle());
+    edge.arg("--export").arg(fleet.scratch("edge"));
+    let edge = Running::start(&mut edge, "edge");
+    let mut console = program("operator-console");
+    console.args(["--headless", "--for", "100", "--connect"]);
+    console.arg(format!("quic/127.0.0.1:{port}"));
+    console.arg("--keys").arg(fleet.person("tv"));
+    console.arg("--export").arg(fleet.scratch("console"));
+    Running::start(&mut console, "console").ends_well();
+    edge.signal("INT");
+    edge.ends_well();
+    assert_same_maps(&fleet.scratch("edge"), &fleet.scratch("console"));
+}
+
+fn open(side: Side, fleet: &Fleet, endpoint: String) -> Session {
+    let (listen, connect, folder) = match side {
+        Side::Edge => (vec![endpoint], vec![], fleet.vehicle()),
+        Side::Console => (vec![], vec![endpoint], fleet.person("anna")),
+    };
+    let endpoints = Endpoints {
+        listen,
+        connect,
+        credentials: Some(Credentials::open(&folder).unwrap()),
+        ..Endpoints::default()
+    };
+    sessions::open(side, Channel::Control, &endpoints).unwrap()
+}
+
+#[test]
+fn poses_go_as_datagrams_beside_a_stream() {
+    let (fleet, port) = (Fleet::new(), free_port());
+    let endpoint = format!("quic/127.0.0.1:{port}");
+    let vehicle = open(Side::Edge, &fleet, endpoint.clone());
+    let console = open(Side::Console, &fleet, endpoint);
+    let links: Vec<_> = console.info().links().wait().collect();
+    let kinds: BTreeSet<_> = links.iter().map(Link::is_streamed).collect();
+    assert_eq!(kinds, BTreeSet::from([false, true]), "{links:?}");
+    assert!(
+        links
+            .iter()
+            .all(|link| link.auth_identifier() == Some("vehicle:scout"))
+    );
+
+    let samples = console
+        .declare_subscriber("foreshore/scout/pose")
+        .wait()
+        .unwrap();
+    let started = Monotonic::now();
+    for (reliability, expected) in [
+        (Reliability::BestEffort, Reliability::BestEffort),
+        (Reliability::Reliable, Reliability::Reliable),
+    ] {
+        let heard = loop {
+            assert!(started.elapsed() < Duration::from_secs(20));
+            let put = vehicle.put("foreshore/scout/pose", "x");
+            put.reliability(reliability).wait().unwrap();
+            let sample = samples.recv_timeout(Duration::from_millis(50)).unwrap();
+            if let Some(sample) = sample.filter(|sample| sample.reliability() == expected) {
+                break sample.reliability();
+            }
+        };
+        assert_eq!(heard, expected);
+    }
+    console.close().wait().unwrap();
+    vehicle.close().wait().unwrap();
+}
+
+#[test]
+fn control_goes_by_tls_where_udp_does_not_get_through() {
+    let (fleet, port) = (Fleet::new(), free_port());
+    let vehicle = open(Side::Edge, &fleet, format!("tls/127.0.0.1:{port}"));
+    // Somebody takes what comes by UDP, and says nothing.
+    let _hole = UdpSocket::bind(("127.0.0.1", port)).unwrap();
+    let console = open(Side::Console, &fleet, format!("quic/127.0.0.1:{port}"));
+    let link = console.info().links().wait().next().unwrap();
+    assert_eq!(link.dst().protocol().as_str(), "tls");
+    console.close().wait().unwrap();
+    vehicle.close().wait().unwrap();
+}

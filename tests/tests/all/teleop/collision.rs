@@ -1,0 +1,75 @@
+//! What is in the way stops the vehicle, whatever its operator presses.
+
+use std::time::Duration;
+
+use foreshore_tests::operator::{Input, NEUTRAL, Operator};
+use nalgebra::{Point3, Quaternion, UnitQuaternion, Vector2, Vector3};
+use protocol::message::{Answer, Clamp, Guard, Setting, TeleopState};
+use robot_edge::simulation::World;
+use robot_edge::simulation::scene::Scene;
+
+use super::robot::{NAME, Robot};
+
+/// Half of the Pioneer's length and width, metres.
+const HALF_M: [f64; 2] = [0.2275, 0.1905];
+/// Left free ahead of it by its preset, metres.
+const MARGIN_M: f64 = 0.1;
+
+/// How far it is from the front of the vehicle to the next wall ahead, metres.
+fn gap_m(operator: &Operator) -> f64 {
+    let world = World::load("rooms").unwrap();
+    let scene = Scene::new(world.solids());
+    let pose = operator.pose();
+    let [x, y, _] = pose.position_m;
+    let [i, j, k, w] = pose.quaternion_xyzw.map(f64::from);
+    let attitude = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
+    let heading = |along: Vector2<f64>| (attitude * Vector3::new(along.x, along.y, 0.0)).xy();
+    let ahead = heading(Vector2::x());
+    let gaps = [-1.0, -0.5, 0.0, 0.5, 1.0].map(|side| {
+        let front = heading(Vector2::new(HALF_M[0], side * HALF_M[1]));
+        let origin = Point3::new(x + front.x, y + front.y, 0.25);
+        let hit = scene.cast(origin, Vector3::new(ahead.x, ahead.y, 0.0), 50.0, 0.0);
+        hit.expect("a wall ahead").distance_m
+    });
+    gaps.into_iter().fold(f64::INFINITY, f64::min)
+}
+
+#[test]
+fn before_a_wall_it_stops_by_itself_with_the_key_held() {
+    let robot = Robot::start();
+    let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
+    // Across the corridor, which is 3 m wide.
+    anna.sets_off(Input::of(0.0, 0.8));
+    anna.hold(Input::of(0.0, 0.8), Duration::from_millis(1600));
+    anna.hold(Input::of(0.6, 0.0), Duration::from_secs(6));
+    let status = anna.sees("stopped by the guard", |teleop| {
+        teleop.clamp == Some(Clamp::Guard) && teleop.applied.linear_mps.abs() < 1e-3
+    });
+    assert_eq!(status.state, TeleopState::Driving, "the key is still down");
+    assert!(matches!(status.guard, Guard::On(_)), "{status:?}");
+    anna.hold(Input::of(0.6, 0.0), Duration::from_secs(1));
+    let gap = gap_m(&anna);
+    // Noise of the laser on either side of the margin.
+    assert!((MARGIN_M - 0.06..MARGIN_M + 0.15).contains(&gap), "{gap} m");
+
+    // Away from it the way is free.
+    anna.hold(Input::NEUTRAL, NEUTRAL);
+    anna.hold(Input::of(-0.3, 0.0), Duration::from_secs(2));
+    assert!(gap_m(&anna) > gap + 0.2);
+    robot.verdict(&[&anna.journal]);
+}
+
+#[test]
+fn the_guard_is_switched_off_and_on_by_whoever_drives() {
+    let robot = Robot::start();
+    let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
+    anna.take_lease();
+    assert!(anna.sees_anew().settings.guard);
+    assert_eq!(anna.ask(&Setting::Guard(false)), Answer::Done);
+    let off = anna.sees("off", |teleop| !teleop.settings.guard);
+    assert_eq!(off.guard, Guard::Off);
+    assert_eq!(anna.ask(&Setting::Guard(true)), Answer::Done);
+    anna.sees("on", |teleop| {
+        teleop.settings.guard && matches!(teleop.guard, Guard::On(_))
+    });
+}

@@ -1,0 +1,200 @@
+//! Processes die, hang and come back, with a key held.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{scope, sleep};
+use std::time::Duration;
+
+use foreshore_tests::drive_log::{DriveLog, Round};
+use foreshore_tests::operator::{Input, Journal, NEUTRAL, Operator};
+use protocol::message::{StopReason, TeleopState};
+use robot_edge::clock::Monotonic;
+use tempfile::tempdir;
+
+use super::robot::{CIRCLE, LIMITS, NAME, Robot};
+use crate::link::processes::{Running, free_port, program};
+
+/// How long a hang lasts: longer than any command lives, shorter than the lease.
+const HANG: Duration = Duration::from_millis(1200);
+
+/// An operator that is a process: it holds [`CIRCLE`] for longer than any test lasts.
+struct OperatorProcess {
+    running: Running,
+    journal: PathBuf,
+}
+
+impl OperatorProcess {
+    fn start(endpoint: &str, name: &str, journal: &Path) -> Self {
+        let Input {
+            linear_mps,
+            angular_radps,
+        } = CIRCLE;
+        let mut command = program("drive-by-wire");
+        command
+            .args(["operate", endpoint, NAME, name])
+            .arg(journal)
+            .args(["0,0,0.4", &format!("{linear_mps},{angular_radps},600")]);
+        let mut running = Running::start(&mut command, name);
+        running.says("holds the lease");
+        Self {
+            running,
+            journal: journal.to_owned(),
+        }
+    }
+
+    fn journal(&self) -> Journal {
+        Journal::parse(&std::fs::read_to_string(&self.journal).unwrap()).unwrap()
+    }
+}
+
+/// When the vehicle must stand, after what happened `at`: a generous deadline for a busy machine.
+fn stands_by(at: Monotonic) -> Monotonic {
+    at + LIMITS.max_age + NEUTRAL
+}
+
+/// Fails where the motors were told to move between these moments, or nothing was logged.
+fn stood(log: &DriveLog, from: Monotonic, to: Monotonic) -> &[Round] {
+    let rounds = log.during(from, to);
+    assert!(!rounds.is_empty());
+    assert_eq!(rounds.iter().find(|round| !round.stands()), None);
+    rounds
+}
+
+fn drives(witness: &Operator) {
+    witness.sees("driving", |teleop| {
+        teleop.state == TeleopState::Driving && teleop.applied.angular_radps > 0.8
+    });
+}
+
+#[test]
+fn an_operators_process_that_is_killed_stops_the_vehicle_and_frees_it() {
+    let (robot, folder) = (Robot::start(), tempdir().unwrap());
+    let anna = OperatorProcess::start(&robot.endpoint(), "anna", &folder.path().join("a.csv"));
+    let mut bert = Operator::ready(&robot.endpoint(), NAME, "bert");
+    drives(&bert);
+    anna.running.signal("KILL");
+    let killed = Monotonic::now();
+    let idle = bert.sees("idle", |teleop| teleop.state == TeleopState::Idle);
+    assert_eq!(idle.last_stop, Some(StopReason::Age));
+    assert_eq!(idle.lease.holder, None);
+    stood(&robot.log(), stands_by(killed), Monotonic::now());
+    bert.sets_off(CIRCLE);
+    robot.verdict(&[&anna.journal(), &bert.journal]);
+}
+
+#[test]
+fn an_operators_process_that_hangs_stops_the_vehicle_until_a_new_press() {
+    let (robot, folder) = (Robot::start(), tempdir().unwrap());
+    let anna = OperatorProcess::start(&robot.endpoint(), "anna", &folder.path().join("a.csv"));
+    let witness = Operator::ready(&robot.endpoint(), NAME, "witness");
+    drives(&witness);
+    anna.running.signal("STOP");
+    let stopped = Monotonic::now();
+    sleep(HANG);
+    anna.running.signal("CONT");
+    let woken = Monotonic::now();
+    // It goes on as if nothing had been: the lease is still its own, and the key is down.
+    sleep(HANG);
+    let log = robot.log();
+    let rounds = stood(&log, stands_by(stopped), Monotonic::now());
+    let last = rounds.last().unwrap();
+    assert_eq!((last.mode.as_str(), last.requested), ("held", [0.15, 1.0]));
+    let journal = anna.journal();
+    let taken = journal.find(last.seq.unwrap()).unwrap();
+    assert!(taken.at > woken, "commands are taken, and move nothing");
+    let verdict = robot.verdict(&[&journal]);
+    assert_eq!(verdict.stops.len(), 1);
+}
+
+#[test]
+fn an_edge_that_hangs_stands_when_it_wakes() {
+    let robot = Robot::start();
+    let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
+    anna.sets_off(CIRCLE);
+    let is_over = AtomicBool::new(false);
+    let (stopped, woken) = scope(|scope| {
+        scope.spawn(|| anna.hold_until(CIRCLE, || is_over.load(Ordering::Relaxed)));
+        sleep(HANG);
+        robot.edge.signal("STOP");
+        let stopped = Monotonic::now();
+        sleep(HANG);
+        let woken = Monotonic::now();
+        robot.edge.signal("CONT");
+        sleep(HANG);
+        is_over.store(true, Ordering::Relaxed);
+        (stopped, woken)
+    });
+    let log = robot.log();
+    assert!(log.during(stopped + NEUTRAL, woken).is_empty(), "it hangs");
+    assert!(!log.since(stopped + NEUTRAL).is_empty(), "it goes on");
+    // The first round as well: what waited for it is too old, and the ramp has long been due.
+    let from = woken + Duration::from_nanos(1);
+    stood(&log, from, Monotonic::now());
+    anna.sets_off(CIRCLE);
+    robot.verdict(&[&anna.journal]);
+}
+
+#[test]
+fn an_edge_that_is_killed_and_comes_back_knows_nobody() {
+    let mut robot = Robot::start();
+    let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
+    anna.sets_off(CIRCLE);
+    anna.hold(CIRCLE, NEUTRAL);
+    robot.edge.signal("KILL");
+    anna.hold(CIRCLE, NEUTRAL);
+    robot.verdict(&[&anna.journal]);
+    let last = robot.log().rounds.pop().unwrap();
+    assert!(!last.stands(), "it was killed as it drove: {last:?}");
+
+    robot.restart();
+    anna.hold(CIRCLE, Duration::from_secs(4));
+    let log = robot.log();
+    let rounds = stood(&log, last.at, Monotonic::now());
+    assert!(rounds.len() > 50 && rounds.iter().all(|round| round.seq.is_none()));
+    let teleop = anna.sees_anew();
+    assert_eq!(teleop.lease.holder, None);
+    assert!(!teleop.counters.refused.is_empty(), "it did hear her");
+    anna.sets_off(CIRCLE);
+    robot.verdict(&[&anna.journal]);
+}
+
+/// A router as a process.
+fn router(port: u16) -> Running {
+    let mut command = program("drive-by-wire");
+    command.args(["route", &format!("tcp/127.0.0.1:{port}")]);
+    let mut router = Running::start(&mut command, "router");
+    router.says("routes");
+    router
+}
+
+#[test]
+fn a_router_that_hangs_or_dies_stops_the_vehicle_until_a_new_press() {
+    let port = free_port();
+    let mut between = router(port);
+    let robot = Robot::start_with(port, &["--connect", &format!("tcp/127.0.0.1:{port}")]);
+    let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
+    for does_die in [false, true] {
+        anna.sets_off(CIRCLE);
+        let is_over = AtomicBool::new(false);
+        let broken = scope(|scope| {
+            scope.spawn(|| anna.hold_until(CIRCLE, || is_over.load(Ordering::Relaxed)));
+            sleep(NEUTRAL);
+            let broken = Monotonic::now();
+            if does_die {
+                between.signal("KILL");
+                sleep(HANG);
+                between = router(port);
+            } else {
+                between.signal("STOP");
+                sleep(HANG);
+                between.signal("CONT");
+            }
+            sleep(HANG);
+            is_over.store(true, Ordering::Relaxed);
+            broken
+        });
+        stood(&robot.log(), stands_by(broken), Monotonic::now());
+    }
+    anna.sets_off(CIRCLE);
+    robot.verdict(&[&anna.journal]);
+}

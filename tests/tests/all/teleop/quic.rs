@@ -1,0 +1,202 @@
+//! The same over QUIC, with keys, through a relay that can do to datagrams whatever a link or an attacker can.
+
+use std::path::PathBuf;
+use std::thread::sleep;
+use std::time::Duration;
+
+use foreshore_tests::drive_log::Stop;
+use foreshore_tests::operator::{NEUTRAL, Operator};
+use foreshore_tests::rig::Line;
+use foreshore_tests::rig::relay::Direction;
+use foreshore_tests::rig::udp::{Conditions, UdpRelay};
+use protocol::message::Refusal;
+use robot_edge::clock::Monotonic;
+use robot_edge::credentials::FleetFolder;
+use tempfile::{TempDir, tempdir};
+
+use super::cuts::{cut_while_driving, tell};
+use super::drive::{drove, while_driving};
+use super::robot::{CIRCLE, LIMITS, NAME, Robot, refused};
+use crate::chance::Chance;
+use crate::link::processes::{free_port, program};
+
+/// A robot with keys, and a link to it that is a relay.
+struct Secured {
+    robot: Robot,
+    relay: UdpRelay,
+    fleet: FleetFolder,
+    _folder: TempDir,
+}
+
+impl Secured {
+    fn start(seed: u64) -> Self {
+        let folder = tempdir().unwrap();
+        let root = folder.path().join("fleet");
+        let made = program("robot-edge")
+            .arg("keys")
+            .arg(&root)
+            .args(["--robot", NAME, "--operator", "anna", "--operator", "bert"])
+            .output()
+            .unwrap();
+        assert!(made.status.success(), "{made:?}");
+        let fleet = FleetFolder::new(root);
+        let port = free_port();
+        let vehicle = fleet.vehicle(&NAME.parse().unwrap());
+        let robot = Robot::start_with(
+            port,
+            &[
+                "--listen",
+                &format!("quic/127.0.0.1:{port}"),
+                "--keys",
+                vehicle.to_str().unwrap(),
+            ],
+        );
+        let relay = UdpRelay::seeded(0, ([127, 0, 0, 1], port).into(), seed).unwrap();
+        Self {
+            robot,
+            relay,
+            fleet,
+            _folder: folder,
+        }
+    }
+
+    fn person(&self, name: &str) -> PathBuf {
+        self.fleet.person(&name.parse().unwrap())
+    }
+
+    /// Somebody who drives through the relay.
+    fn operator(&self, name: &str) -> Operator {
+        let endpoint = format!("quic/{}", self.relay.address());
+        Operator::with_keys(&endpoint, NAME, &self.person(name))
+    }
+
+    /// Somebody whose link is as good as can be.
+    fn witness(&self) -> Operator {
+        let endpoint = format!("quic/127.0.0.1:{}", self.robot.port);
+        Operator::with_keys(&endpoint, NAME, &self.person("bert"))
+    }
+}
+
+const HELD: Conditions = Conditions {
+    line: Line {
+        delay: Duration::ZERO,
+        rate_bytes_per_s: Some(0),
+        queue_bytes: 1 << 20,
+    },
+    jitter: Duration::ZERO,
+    loss: 0.0,
+    duplication: 0.0,
+    reordering: (0.0, Duration::ZERO),
+    tampering: 0.0,
+    blackhole: false,
+};
+
+fn cut_quic_while_driving(seed: u64, cuts: usize) -> Vec<Stop> {
+    let secured = Secured::start(seed);
+    let mut anna = secured.operator("anna");
+    let gone = Conditions {
+        blackhole: true,
+        ..Conditions::default()
+    };
+    let link = (
+        || secured.relay.set_both(gone).unwrap(),
+        || secured.relay.set_both(Conditions::default()).unwrap(),
+    );
+    cut_while_driving(
+        &secured.robot,
+        &mut anna,
+        &mut Chance::new(seed),
+        cuts,
+        link,
+    )
+}
+
+#[test]
+fn a_vehicle_whose_quic_link_breaks_stops_and_waits_for_a_press() {
+    let stops = cut_quic_while_driving(1, 3);
+    assert!(!stops.is_empty());
+    tell(&stops);
+}
+
+#[test]
+#[ignore = "four minutes: 200 cuts"]
+fn two_hundred_cuts_of_quic() {
+    let robots: Vec<_> = (0..4)
+        .map(|seed| std::thread::spawn(move || cut_quic_while_driving(200 + seed, 50)))
+        .collect();
+    let robots = robots.into_iter().flat_map(|robot| robot.join().unwrap());
+    let stops: Vec<_> = robots.collect();
+    tell(&stops);
+    assert!(stops.len() > 100, "{}", stops.len());
+}
+
+/// Datagrams are held and then come all at once, as radios do it.
+#[test]
+fn what_a_stalled_quic_link_delivers_moves_nothing() {
+    let secured = Secured::start(2);
+    let mut anna = secured.operator("anna");
+    let witness = secured.witness();
+    let late = || {
+        let status = witness.sees_anew();
+        [Refusal::TooOld, Refusal::UnknownToken, Refusal::TooMany]
+            .map(|reason| refused(&status, reason))
+            .iter()
+            .sum::<u64>()
+    };
+    let before = late();
+    let mut stalled = Monotonic::now();
+    let (_, ended) = while_driving(&mut anna, || {
+        sleep(NEUTRAL);
+        secured.relay.set(Direction::ToTarget, HELD).unwrap();
+        stalled = Monotonic::now();
+        sleep(Duration::from_millis(1800));
+        let passes = Conditions::default();
+        secured.relay.set(Direction::ToTarget, passes).unwrap();
+        sleep(NEUTRAL * 3);
+    });
+    let log = secured.robot.log();
+    let from = stalled + LIMITS.max_age + NEUTRAL;
+    let moves = log.during(from, ended).iter().find(|round| !round.stands());
+    assert_eq!(moves, None, "the key was held all the time");
+    let late = late() - before;
+    println!("{late} commands came too late");
+    assert!(late > 20, "{late}");
+    anna.sets_off(CIRCLE);
+    secured.robot.verdict(&[&anna.journal]);
+}
+
+/// Datagrams come twice, too late, in any order, changed, or not at all; and old ones again and again.
+#[test]
+fn whatever_is_done_to_datagrams_moves_nothing() {
+    let secured = Secured::start(3);
+    let mut anna = secured.operator("anna");
+    let bad = Conditions {
+        line: Line {
+            delay: Duration::from_millis(20),
+            ..Line::default()
+        },
+        jitter: Duration::from_millis(10),
+        loss: 0.02,
+        duplication: 0.2,
+        reordering: (0.1, Duration::from_millis(60)),
+        tampering: 0.05,
+        ..Conditions::default()
+    };
+    secured.relay.set_both(bad).unwrap();
+    let drive = while_driving(&mut anna, || {
+        for _ in 0..20 {
+            sleep(Duration::from_millis(200));
+            for direction in Direction::ALL {
+                let mut captured = secured.relay.captured(direction);
+                let old = captured.len().saturating_sub(200);
+                captured.drain(..old);
+                secured.relay.inject(direction, captured).unwrap();
+            }
+        }
+    });
+    drove("datagrams attacked", &secured.robot.log(), drive);
+    println!("{:?}", secured.relay.traffic(Direction::ToTarget));
+    secured.relay.set_both(Conditions::default()).unwrap();
+    anna.sets_off(CIRCLE);
+    secured.robot.verdict(&[&anna.journal]);
+}

@@ -1,0 +1,122 @@
+//! The link stands still and then delivers everything at once: the case in which commands grow old on the way.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{scope, sleep};
+use std::time::Duration;
+
+use foreshore_tests::operator::{NEUTRAL, Operator};
+use foreshore_tests::rig::Line;
+use foreshore_tests::rig::relay::{Direction, Relay};
+use protocol::message::Refusal;
+use robot_edge::clock::Monotonic;
+
+use super::robot::{CIRCLE, NAME, Robot, refused};
+
+/// Time for what was held to arrive, and for a session that broke to be opened anew.
+const AFTERWARDS: Duration = Duration::from_secs(3);
+
+/// What is held.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Held {
+    /// Both directions: no new token comes either.
+    Both,
+    /// Commands only: they carry tokens that were new when they were built.
+    Commands,
+}
+
+/// Commands that a stall made too old.
+#[derive(Clone, Copy, Debug)]
+struct Late {
+    /// Refused for their age.
+    too_old: u64,
+    /// Refused before that was looked at: they came too thick.
+    too_many: u64,
+}
+
+/// Stalls the link with a key held; what came when it was over.
+fn stall_while_driving(held: Held, stall: Duration) -> Late {
+    let robot = Robot::start();
+    let relay = Relay::to(([127, 0, 0, 1], robot.port).into()).unwrap();
+    let mut anna = Operator::ready(&relay.endpoint(), NAME, "anna");
+    // Sees through the stall.
+    let witness = Operator::ready(&robot.endpoint(), NAME, "witness");
+    let stale = || {
+        let status = witness.sees_anew();
+        let of = |reason| refused(&status, reason);
+        let too_old = of(Refusal::TooOld) + of(Refusal::UnknownToken);
+        (too_old, of(Refusal::TooMany))
+    };
+    anna.sets_off(CIRCLE);
+    let before = stale();
+    let is_over = AtomicBool::new(false);
+    let stalled = scope(|scope| {
+        scope.spawn(|| anna.hold_until(CIRCLE, || is_over.load(Ordering::Relaxed)));
+        sleep(Duration::from_millis(300));
+        match held {
+            Held::Both => relay.stall().unwrap(),
+            Held::Commands => {
+                let nothing_moves = Line {
+                    rate_bytes_per_s: Some(0),
+                    queue_bytes: 1 << 20,
+                    ..Line::default()
+                };
+                relay.set_line(Direction::ToTarget, nothing_moves).unwrap();
+            }
+        }
+        let stalled = Monotonic::now();
+        sleep(stall);
+        match held {
+            Held::Both => relay.pass().unwrap(),
+            Held::Commands => relay
+                .set_line(Direction::ToTarget, Line::default())
+                .unwrap(),
+        }
+        sleep(AFTERWARDS);
+        is_over.store(true, Ordering::Relaxed);
+        stalled
+    });
+    let log = robot.log();
+    let end = Monotonic::now();
+    // Stopped by the stall, and by nothing that came afterwards set in motion again, though the key was held.
+    let late = stalled + super::robot::LIMITS.max_age + NEUTRAL;
+    let moves = log.during(late, end).iter().find(|round| !round.stands());
+    assert_eq!(moves, None, "{held:?} {stall:?}");
+    let after = stale();
+    anna.sets_off(CIRCLE);
+    robot.verdict(&[&anna.journal]);
+    Late {
+        too_old: after.0 - before.0,
+        too_many: after.1 - before.1,
+    }
+}
+
+#[test]
+fn what_a_stalled_link_delivers_moves_nothing() {
+    let stalls = [Held::Both, Held::Commands].map(|held| {
+        let stall = move || stall_while_driving(held, Duration::from_secs(2));
+        (held, std::thread::spawn(stall))
+    });
+    for (held, stall) in stalls {
+        let late = stall.join().unwrap();
+        println!("{held:?}, 2 s: {late:?}");
+        // 100 were sent meanwhile; those of the last 400 ms may be young enough.
+        let Late { too_old, too_many } = late;
+        assert!(
+            too_old > 0 && too_old + too_many >= 70,
+            "{held:?}: {late:?}"
+        );
+    }
+}
+
+#[test]
+#[ignore = "three minutes: stalls of up to 30 s"]
+fn stalls_of_one_to_thirty_seconds() {
+    for seconds in [1, 2, 3, 4, 5, 8, 12, 20, 30] {
+        let stall = Duration::from_secs(seconds);
+        let rows = [Held::Both, Held::Commands]
+            .map(|held| std::thread::spawn(move || stall_while_driving(held, stall)))
+            .map(|robot| robot.join().unwrap())
+            .map(|Late { too_old, too_many }| format!("{too_old} | {too_many}"));
+        println!("| {seconds} s | {} |", rows.join(" | "));
+    }
+}
