@@ -332,8 +332,8 @@ impl Operator {
                     self.epoch = epoch;
                     return;
                 }
-                // The link has just come back, and the newest token has not.
-                Answer::Refused(Refusal::TooOld | Refusal::UnknownToken)
+                // The link has just come back: the newest token has not, or what was held back takes the rate.
+                Answer::Refused(Refusal::TooOld | Refusal::UnknownToken | Refusal::TooMany)
                     if started.elapsed() < PATIENCE =>
                 {
                     sleep(PERIOD);
