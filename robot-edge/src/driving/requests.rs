@@ -21,10 +21,7 @@ impl Driver {
         reply: Option<Reply>,
         now: Monotonic,
     ) -> Result<(), Refused> {
-        let (_, EStop { press }) = match self.open::<EStop>(sender, bytes) {
-            Ok(opened) => opened,
-            Err(refusal) => return Err((refusal, reply)),
-        };
+        let (_, EStop { press }, reply) = self.open(sender, bytes, reply)?;
         let report = self.state.report(&self.rules, now);
         if self.presses.was_seen(press) {
             // A repetition. It hears what became of the stop, and does not make another one.
@@ -49,10 +46,7 @@ impl Driver {
         reply: Option<Reply>,
         now: Monotonic,
     ) -> Result<(), Refused> {
-        let (stamp, Reset { estop }) = match self.open::<Reset>(sender, bytes) {
-            Ok(opened) => opened,
-            Err(refusal) => return Err((refusal, reply)),
-        };
+        let (stamp, Reset { estop }, reply) = self.open(sender, bytes, reply)?;
         let caller = self.caller(sender, reply);
         self.step(
             now,
@@ -72,10 +66,7 @@ impl Driver {
         reply: Option<Reply>,
         now: Monotonic,
     ) -> Result<(), Refused> {
-        let (stamp, request) = match self.open::<LeaseRequest>(sender, bytes) {
-            Ok(opened) => opened,
-            Err(refusal) => return Err((refusal, reply)),
-        };
+        let (stamp, request, reply) = self.open::<LeaseRequest>(sender, bytes, reply)?;
         let verb = match request {
             LeaseRequest::Request => LeaseVerb::Request,
             LeaseRequest::Release => LeaseVerb::Release,
@@ -108,10 +99,7 @@ impl Driver {
         reply: Option<Reply>,
         now: Monotonic,
     ) -> Result<(), Refused> {
-        let (stamp, setting) = match self.open::<Setting>(sender, bytes) {
-            Ok(opened) => opened,
-            Err(refusal) => return Err((refusal, reply)),
-        };
+        let (stamp, setting, reply) = self.open::<Setting>(sender, bytes, reply)?;
         let answer = match self.change(sender, &stamp, setting, now) {
             Ok(()) => Answer::Done,
             Err(refusal) => Answer::Refused(refusal),
@@ -170,13 +158,21 @@ impl Driver {
         Ok(())
     }
 
-    /// What somebody wants, and when, once it is proven that they do.
-    fn open<T: Command>(&self, sender: &Sender, bytes: &[u8]) -> Result<(Stamp, T), Refusal> {
-        let envelope = Envelope::parse(bytes).map_err(|error| words::refused(&error))?;
-        let command = envelope
-            .open(self.route(sender), &sender.key)
-            .map_err(|error| words::refused(&error))?;
-        Ok((envelope.claimed_stamp(), command))
+    /// What somebody wants, and when, once it is proven that they do; and the way for the answer, either way.
+    fn open<T: Command>(
+        &self,
+        sender: &Sender,
+        bytes: &[u8],
+        reply: Option<Reply>,
+    ) -> Result<(Stamp, T, Option<Reply>), Refused> {
+        let opened = Envelope::parse(bytes).and_then(|envelope| {
+            let command = envelope.open(self.route(sender), &sender.key)?;
+            Ok((envelope.claimed_stamp(), command))
+        });
+        match opened {
+            Ok((stamp, command)) => Ok((stamp, command, reply)),
+            Err(error) => Err((words::refused(&error), reply)),
+        }
     }
 
     fn caller(&mut self, sender: &Sender, reply: Option<Reply>) -> Caller {

@@ -200,6 +200,7 @@ pub fn step(
         now,
         state: ArbiterState { now, ..state },
         actions: Actions::new(Velocity::ZERO),
+        told: state.mode,
     };
     match event {
         Event::Tick => step.tick(),
@@ -227,10 +228,7 @@ pub fn step(
         }
         Event::ActuatorFault => step.fail(FaultReason::Actuator),
     }
-    let (from, to) = (state.mode, step.state.mode);
-    if from != to {
-        step.tell(Happening::Mode { from, to });
-    }
+    step.tell_mode();
     step.actions.output = step.state.motion.velocity();
     (step.state, step.actions)
 }
@@ -241,9 +239,19 @@ struct Step<'a> {
     now: Monotonic,
     state: ArbiterState,
     actions: Actions,
+    /// What people know of the mode.
+    told: Mode,
 }
 
 impl Step<'_> {
+    fn tell_mode(&mut self) {
+        let (from, to) = (self.told, self.state.mode);
+        if from != to {
+            self.told = to;
+            self.tell(Happening::Mode { from, to });
+        }
+    }
+
     fn tell(&mut self, happening: Happening) {
         self.actions.push(Action::Tell(happening));
     }
@@ -262,6 +270,8 @@ impl Step<'_> {
             reason,
             since: self.now,
         };
+        // A stop may be over within this step, where the process stood still meanwhile: its reason is told all the same.
+        self.tell_mode();
         self.state.stream.arming = match reason {
             StopReason::Released => Arming::Neutral { since: self.now },
             StopReason::Age

@@ -234,3 +234,26 @@ fn time_does_not_go_back() {
     assert_eq!(vehicle.refused(Refusal::TooOld), 1);
     assert_eq!(vehicle.state.now, now);
 }
+
+#[test]
+fn a_stop_that_is_over_within_one_step_says_why_it_was() {
+    let mut vehicle = Vehicle::driving();
+    vehicle.happenings.clear();
+    // The process stood still for longer than the lease holds.
+    vehicle.pass(5000);
+    vehicle.event(Event::Tick);
+    assert_eq!(vehicle.state.mode, Mode::Idle);
+    let modes: Vec<_> = vehicle
+        .happenings
+        .iter()
+        .filter_map(|happening| match happening {
+            Happening::Mode { from, to } => Some((*from, *to)),
+            _ => None,
+        })
+        .collect();
+    let stopping = Mode::Stopping {
+        reason: StopReason::Age,
+        since: vehicle.now,
+    };
+    assert_eq!(modes, [(Mode::Driving, stopping), (stopping, Mode::Idle)]);
+}
