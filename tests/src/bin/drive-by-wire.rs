@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! drive-by-wire operate ENDPOINT ROBOT NAME JOURNAL.csv INPUT ...
+//! drive-by-wire operate-with-keys ENDPOINT ROBOT FOLDER JOURNAL.csv INPUT ...
 //! drive-by-wire route ENDPOINT
 //! ```
 //!
@@ -24,18 +25,33 @@ fn main() {
     let arguments: Vec<_> = std::env::args().skip(1).collect();
     let arguments: Vec<_> = arguments.iter().map(String::as_str).collect();
     match arguments[..] {
-        ["operate", endpoint, robot, name, journal, ref inputs @ ..] if !inputs.is_empty() => {
-            operate((endpoint, robot, name), Path::new(journal), inputs)
+        ["operate", endpoint, robot, name, journal, ref inputs @ ..] => {
+            operate(Operator::ready(endpoint, robot, name), journal, inputs)
         }
+        [
+            "operate-with-keys",
+            endpoint,
+            robot,
+            folder,
+            journal,
+            ref inputs @ ..,
+        ] => operate(
+            Operator::with_keys(endpoint, robot, Path::new(folder)),
+            journal,
+            inputs,
+        ),
         ["route", endpoint] => route(endpoint),
-        _ => panic!("operate ENDPOINT ROBOT NAME JOURNAL.csv INPUT ... | route ENDPOINT"),
+        _ => panic!(
+            "operate ENDPOINT ROBOT NAME JOURNAL.csv INPUT ... | operate-with-keys ENDPOINT ROBOT FOLDER JOURNAL.csv \
+             INPUT ... | route ENDPOINT"
+        ),
     }
 }
 
-fn operate((endpoint, robot, name): (&str, &str, &str), journal: &Path, inputs: &[&str]) -> ! {
+fn operate(mut operator: Operator, journal: &str, inputs: &[&str]) -> ! {
     let inputs: Vec<_> = inputs.iter().map(|input| parse(input).unwrap()).collect();
-    let mut operator = Operator::ready(endpoint, robot, name);
-    operator.write_journal(journal).unwrap();
+    assert!(!inputs.is_empty(), "nothing to do");
+    operator.write_journal(Path::new(journal)).unwrap();
     operator.take_lease();
     say("holds the lease");
     loop {

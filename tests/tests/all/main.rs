@@ -20,6 +20,7 @@ mod chance;
 mod determinism;
 mod eviction;
 mod experiments;
+mod fleet;
 mod link;
 mod security;
 

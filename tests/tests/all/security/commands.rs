@@ -13,8 +13,8 @@ use protocol::signed::{ENVELOPE_BYTES, Route, sign};
 use robot_edge::credentials::Credentials;
 use zenoh::Wait as _;
 
-use super::fleet::{Fleet, text};
 use super::{matrix, router};
+use crate::fleet::{Fleet, text};
 use crate::link::processes::{Running, free_port, program};
 
 /// A simulated robot with the fleet's keys, and an audit log.

@@ -12,7 +12,7 @@ use robot_edge::link::endpoints::Channel;
 use robot_edge::link::sessions::{self, Endpoints, Side};
 use zenoh::Wait as _;
 
-use super::fleet::Fleet;
+use crate::fleet::Fleet;
 use crate::link::processes::{Running, program};
 
 const VEHICLE: &str = "10.77.0.1";

@@ -5,7 +5,7 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
-use super::fleet::{Fleet, text};
+use crate::fleet::{Fleet, text};
 use crate::link::processes::program;
 
 /// Every file below a folder: its text, and who may read it.

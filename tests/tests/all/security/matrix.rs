@@ -14,8 +14,8 @@ use robot_edge::link::endpoints::Channel;
 use robot_edge::link::sessions::{self, Endpoints, Side};
 use zenoh::{Session, Wait as _};
 
-use super::fleet::Fleet;
 use super::router;
+use crate::fleet::Fleet;
 use crate::link::processes::free_port;
 
 const PATIENCE: Duration = Duration::from_secs(20);

@@ -1,6 +1,5 @@
 //! Who may do what, through real listeners with exactly the files that `robot-edge keys` makes.
 
-mod fleet;
 mod router;
 
 mod issuing;

@@ -4,7 +4,7 @@ use std::fs;
 
 use zenoh::{Config, Session, Wait as _};
 
-use super::fleet::{Fleet, text};
+use crate::fleet::{Fleet, text};
 
 /// Starts a router with the generated file, of which only the addresses are changed.
 pub(super) fn start(fleet: &Fleet, port: u16) -> Session {

@@ -14,7 +14,7 @@ use zenoh::{Session, Wait as _};
 
 use crate::link::processes::{Running, assert_same_maps, free_port, program, rooms};
 
-use super::fleet::Fleet;
+use crate::fleet::Fleet;
 
 #[test]
 fn a_console_with_keys_gets_the_map_by_quic_and_tls() {

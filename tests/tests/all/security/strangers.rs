@@ -16,8 +16,8 @@ use robot_edge::link::endpoints::Channel;
 use robot_edge::link::sessions::{self, Endpoints, Side};
 use zenoh::{Config, Session, Wait as _};
 
-use super::fleet::{Fleet, text};
 use super::matrix;
+use crate::fleet::{Fleet, text};
 use crate::link::processes::free_port;
 
 const PATIENCE: Duration = Duration::from_secs(20);

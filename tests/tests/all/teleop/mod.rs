@@ -10,5 +10,6 @@ mod kills;
 mod machine;
 mod quic;
 mod robot;
+mod shaped_figures;
 mod stalls;
 mod strangers;

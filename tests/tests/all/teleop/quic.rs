@@ -1,6 +1,5 @@
 //! The same over QUIC, with keys, through a relay that can do to datagrams whatever a link or an attacker can.
 
-use std::path::PathBuf;
 use std::thread::sleep;
 use std::time::Duration;
 
@@ -11,44 +10,32 @@ use foreshore_tests::rig::relay::Direction;
 use foreshore_tests::rig::udp::{Conditions, UdpRelay};
 use protocol::message::Refusal;
 use robot_edge::clock::Monotonic;
-use robot_edge::credentials::FleetFolder;
-use tempfile::{TempDir, tempdir};
 
 use super::cuts::{cut_while_driving, tell};
 use super::drive::{drove, while_driving};
 use super::robot::{CIRCLE, LIMITS, NAME, Robot, refused};
 use crate::chance::Chance;
-use crate::link::processes::{free_port, program};
+use crate::fleet::Fleet;
+use crate::link::processes::free_port;
 
 /// A robot with keys, and a link to it that is a relay.
 struct Secured {
     robot: Robot,
     relay: UdpRelay,
-    fleet: FleetFolder,
-    _folder: TempDir,
+    fleet: Fleet,
 }
 
 impl Secured {
     fn start(seed: u64) -> Self {
-        let folder = tempdir().unwrap();
-        let root = folder.path().join("fleet");
-        let made = program("robot-edge")
-            .arg("keys")
-            .arg(&root)
-            .args(["--robot", NAME, "--operator", "anna", "--operator", "bert"])
-            .output()
-            .unwrap();
-        assert!(made.status.success(), "{made:?}");
-        let fleet = FleetFolder::new(root);
+        let fleet = Fleet::new();
         let port = free_port();
-        let vehicle = fleet.vehicle(&NAME.parse().unwrap());
         let robot = Robot::start_with(
             port,
             &[
                 "--listen",
                 &format!("quic/127.0.0.1:{port}"),
                 "--keys",
-                vehicle.to_str().unwrap(),
+                fleet.vehicle().to_str().unwrap(),
             ],
         );
         let relay = UdpRelay::seeded(0, ([127, 0, 0, 1], port).into(), seed).unwrap();
@@ -56,24 +43,19 @@ impl Secured {
             robot,
             relay,
             fleet,
-            _folder: folder,
         }
-    }
-
-    fn person(&self, name: &str) -> PathBuf {
-        self.fleet.person(&name.parse().unwrap())
     }
 
     /// Somebody who drives through the relay.
     fn operator(&self, name: &str) -> Operator {
         let endpoint = format!("quic/{}", self.relay.address());
-        Operator::with_keys(&endpoint, NAME, &self.person(name))
+        Operator::with_keys(&endpoint, NAME, &self.fleet.person(name))
     }
 
     /// Somebody whose link is as good as can be.
     fn witness(&self) -> Operator {
         let endpoint = format!("quic/127.0.0.1:{}", self.robot.port);
-        Operator::with_keys(&endpoint, NAME, &self.person("bert"))
+        Operator::with_keys(&endpoint, NAME, &self.fleet.person("bert"))
     }
 }
 

@@ -1,0 +1,168 @@
+//! How fast it is on the shaped link, while tiles use all that the budget gives them: each test prints rows of a table,
+//! and asserts nothing on time. Needs the machine for itself, and root.
+
+use std::path::Path;
+use std::process::Command;
+use std::thread::sleep;
+use std::time::Duration;
+
+use foreshore_tests::operator::{Input, Journal};
+use foreshore_tests::rig::Line;
+use foreshore_tests::rig::tun::{Conditions, Namespaces, Side};
+use robot_edge::clock::Monotonic;
+use tempfile::tempdir;
+
+use super::figures::{LET_GO, PRESSED, tell_latencies};
+use super::robot::{NAME, Robot};
+use crate::fleet::Fleet;
+use crate::link::processes::{Running, program};
+
+/// How long is measured.
+const MEASURED: Duration = Duration::from_mins(2);
+
+/// 2 Mbit/s, 150 ms round trip, 2 % loss, 32 kB of queue.
+fn shaped() -> Conditions {
+    Conditions {
+        line: Line {
+            delay: Duration::from_millis(75),
+            rate_bytes_per_s: Some(250_000),
+            queue_bytes: 32_000,
+        },
+        loss: 0.02,
+        ..Conditions::default()
+    }
+}
+
+/// How the three find and trust each other.
+enum Transport {
+    /// Commands and tiles over TCP, without keys.
+    Open,
+    /// Commands over QUIC, tiles over TLS, everybody with keys.
+    Secured(Fleet),
+}
+
+impl Transport {
+    fn endpoint(&self) -> String {
+        let scheme = match self {
+            Self::Open => "tcp",
+            Self::Secured(_) => "quic",
+        };
+        format!("{scheme}/{}:7447", Side::A.address())
+    }
+
+    /// What the edge is told.
+    fn listens(&self) -> Vec<String> {
+        let listen = ["--listen".to_owned(), self.endpoint()];
+        let trust = match self {
+            Self::Open => vec!["--insecure".to_owned()],
+            Self::Secured(fleet) => vec!["--keys".to_owned(), text(&fleet.vehicle())],
+        };
+        [&listen[..], &trust].concat()
+    }
+
+    /// What a console is told.
+    fn connects(&self, name: &str) -> Vec<String> {
+        let connect = ["--connect".to_owned(), self.endpoint()];
+        let trust = match self {
+            Self::Open => vec![],
+            Self::Secured(fleet) => vec!["--keys".to_owned(), text(&fleet.person(name))],
+        };
+        [&connect[..], &trust].concat()
+    }
+
+    /// What an operator is told before the journal.
+    fn operates(&self, name: &str) -> [String; 4] {
+        let (verb, who) = match self {
+            Self::Open => ("operate", name.to_owned()),
+            Self::Secured(fleet) => ("operate-with-keys", text(&fleet.person(name))),
+        };
+        [verb.to_owned(), self.endpoint(), NAME.to_owned(), who]
+    }
+}
+
+fn text(path: &Path) -> String {
+    path.to_str().unwrap().to_owned()
+}
+
+/// `name` of this workspace inside of a namespace, and its arguments.
+fn inside(link: &Namespaces, side: Side, name: &str) -> Command {
+    link.command(side, program(name).get_program())
+}
+
+fn link() -> Option<Namespaces> {
+    match Namespaces::create_seeded(3) {
+        Ok(link) => Some(link),
+        Err(err) if err.is_for_lack_of_means() => {
+            println!("skipped: {err}");
+            None
+        }
+        Err(err) => panic!("{err}"),
+    }
+}
+
+/// A robot, a console that takes every tile it can get, and somebody who presses and lets go, over and over.
+fn measure(link: &Namespaces, what: &str, transport: &Transport, world: &'static str) {
+    link.set_both(Conditions::default()).unwrap();
+    let edge = inside(link, Side::A, "robot-edge");
+    let listens = transport.listens();
+    let robot = Robot::launch(edge, 7447, world, move |command| {
+        command.args(&listens);
+    });
+    link.set_both(shaped()).unwrap();
+    let folder = tempdir().unwrap();
+    let mut console = inside(link, Side::B, "operator-console");
+    console.args(["--headless", "--for", "600", "--robot", NAME]);
+    console.args(transport.connects("bert")).arg("--export");
+    console.arg(folder.path().join("export"));
+    let console = Running::start(&mut console, "console");
+    let journal = folder.path().join("anna.csv");
+    let mut operate = inside(link, Side::B, "drive-by-wire");
+    operate.args(transport.operates("anna")).arg(&journal);
+    for (input, time) in [LET_GO, PRESSED] {
+        let Input {
+            linear_mps,
+            angular_radps,
+        } = input;
+        let time_s = time.as_secs_f32();
+        operate.arg(format!("{linear_mps},{angular_radps},{time_s}"));
+    }
+    let operator = Running::start(&mut operate, "anna");
+    sleep(Duration::from_secs(10));
+    let bytes = || Side::ALL.map(|side| link.traffic_from(side).sent.bytes);
+    let (before, started) = (bytes(), Monotonic::now());
+    sleep(MEASURED);
+    let (after, elapsed_s) = (bytes(), started.elapsed().as_secs_f64());
+    drop((operator, console));
+
+    let log = robot.log();
+    let journal = Journal::parse(&std::fs::read_to_string(&journal).unwrap()).unwrap();
+    tell_latencies(&format!("{what}, {world}, 75 ms one way"), &log, &journal);
+    let stops = robot.verdict(&[&journal]).stops;
+    let during = stops.iter().filter(|stop| stop.issued > started).count();
+    let kbps = |side: usize| (after[side] - before[side]) as f64 * 8e-3 / elapsed_s;
+    println!(
+        "{what}, {world}: {:.2} involuntary stops a minute; {:.0} kbit/s towards the console, {:.0} kbit/s back",
+        during as f64 * 60.0 / elapsed_s,
+        kbps(0),
+        kbps(1)
+    );
+}
+
+#[test]
+#[ignore = "five minutes, needs root: measures"]
+fn from_key_to_motors_over_quic_on_the_shaped_link() {
+    let Some(link) = link() else { return };
+    let transport = Transport::Secured(Fleet::reached_at(Side::A.address().into()));
+    for world in ["rooms", "meadow"] {
+        measure(&link, "quic and keys", &transport, world);
+    }
+}
+
+#[test]
+#[ignore = "five minutes, needs root: measures"]
+fn from_key_to_motors_over_tcp_on_the_shaped_link() {
+    let Some(link) = link() else { return };
+    for world in ["rooms", "meadow"] {
+        measure(&link, "tcp", &Transport::Open, world);
+    }
+}
