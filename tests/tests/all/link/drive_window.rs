@@ -95,10 +95,29 @@ fn connected(port: u16) -> Session {
 /// A robot, a window that shows it, and somebody who watches both.
 struct Scene {
     screen: Screen,
+    port: u16,
     window: u32,
     console: Running,
     witness: Witness,
     _edge: Running,
+}
+
+/// A console that drives, in a window that has the keyboard; what it said where it opened none.
+fn console(screen: &Screen, port: u16) -> Result<(Running, u32), String> {
+    let mut command = program("operator-console");
+    screen.show(&mut command);
+    command
+        .args(["--robot", "scout", "--operator", "anna", "--connect"])
+        .arg(format!("tcp/127.0.0.1:{port}"));
+    let mut console = Running::start(&mut command, "the window");
+    let window = screen.window("Foreshore", || !console.is_running());
+    match window {
+        Some(window) => {
+            screen.focus(window);
+            Ok((console, window))
+        }
+        None => Err(console.end().1),
+    }
 }
 
 impl Scene {
@@ -113,22 +132,17 @@ impl Scene {
         command.arg(format!("tcp/127.0.0.1:{port}"));
         let edge = Running::start(&mut command, "edge");
         let witness = Witness::of(port);
-        let mut command = program("operator-console");
-        screen.show(&mut command);
-        command
-            .args(["--robot", "scout", "--operator", "anna", "--connect"])
-            .arg(format!("tcp/127.0.0.1:{port}"));
-        let mut console = Running::start(&mut command, "the window");
-        let window = screen.window("Foreshore", || !console.is_running());
-        let Some(window) = window else {
-            let (_, said) = console.end();
-            println!("skipped: no window can be opened on this machine: {said}");
-            return None;
+        let (console, window) = match console(&screen, port) {
+            Ok(shown) => shown,
+            Err(said) => {
+                println!("skipped: no window can be opened on this machine: {said}");
+                return None;
+            }
         };
-        screen.focus(window);
         witness.sees("shown", |_| true);
         Some(Self {
             screen,
+            port,
             window,
             console,
             witness,
@@ -261,6 +275,29 @@ fn a_window_that_hangs_with_a_key_down_stops_the_vehicle() {
     scene.witness.is_still("the key is still down");
     scene.screen.release(Key::A);
     scene.take_lease();
+    scene.turns_left(Key::A);
+    scene.screen.release(Key::A);
+    scene.stands();
+}
+
+#[test]
+fn a_window_that_is_killed_with_a_key_down_stops_the_vehicle() {
+    let Some(mut scene) = Scene::open() else {
+        return;
+    };
+    scene.take_lease();
+    scene.turns_left(Key::A);
+    scene.console.signal("KILL");
+    assert_eq!(scene.stands().last_stop, Some(StopReason::Age));
+    let idle = |status: &TeleopStatus| status.state == TeleopState::Idle;
+    scene.witness.sees("nobody's", idle);
+    // Somebody starts it again, and the key has been down all the time.
+    let (console, _) = console(&scene.screen, scene.port).unwrap();
+    scene.console = console;
+    scene.take_lease();
+    sleep(Duration::from_secs(1));
+    scene.witness.is_still("the key is still down");
+    scene.screen.release(Key::A);
     scene.turns_left(Key::A);
     scene.screen.release(Key::A);
     scene.stands();
