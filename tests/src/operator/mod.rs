@@ -9,21 +9,19 @@
     reason = "a part of tests: what fails here fails the test, with its reason"
 )]
 
+mod heard;
 mod journal;
 
 use std::fs::File;
 use std::io;
 use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread::sleep;
 use std::time::Duration;
 
-use protocol::keys::{OperatorId, OperatorTopic, RobotId, Topic, operator_key};
-use protocol::message::{
-    Answer, Drive, LeaseRequest, Pose, Refusal, Status, TeleopState, TeleopStatus,
-};
+use protocol::keys::{OperatorId, OperatorTopic, RobotId, operator_key};
+use protocol::message::{Answer, Drive, LeaseRequest, Pose, Refusal, TeleopState, TeleopStatus};
 use protocol::signed::{Command, Route, SecretKey, Stamp, sign};
-use protocol::tile::BootId;
 use protocol::wire;
 use robot_edge::clock::{Monotonic, sleep_until};
 use robot_edge::credentials::{Credentials, Identity};
@@ -32,6 +30,8 @@ use robot_edge::link::sessions::{self, Endpoints, Side};
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::{Session, Wait as _};
+
+use heard::{Heard, Token, lock};
 
 pub use journal::{Journal, Sent};
 
@@ -73,22 +73,6 @@ impl Input {
             angular_radps,
         }
     }
-}
-
-/// What was heard of the robot last.
-#[derive(Default)]
-struct Heard {
-    pose: Option<(BootId, Pose)>,
-    token: Option<Token>,
-    status: Option<Status>,
-}
-
-/// The newest token, and when it came.
-#[derive(Clone, Copy)]
-struct Token {
-    boot: BootId,
-    given: protocol::message::AgeToken,
-    heard: Monotonic,
 }
 
 /// Somebody who drives.
@@ -133,25 +117,7 @@ impl Operator {
     /// On a link that is open already, signing with that key.
     pub fn on(session: Session, robot: &str, name: OperatorId, key: SecretKey) -> Self {
         let robot: RobotId = robot.parse().unwrap();
-        let heard = Arc::new(Mutex::new(Heard::default()));
-        for topic in [Topic::Pose, Topic::Status] {
-            let heard = Arc::clone(&heard);
-            session
-                .declare_subscriber(topic.key(&robot))
-                .callback(move |sample| {
-                    let bytes = sample.payload().to_bytes();
-                    let mut heard = heard.lock().unwrap_or_else(PoisonError::into_inner);
-                    // What others send on these keys is not for this one to judge.
-                    if topic != Topic::Pose {
-                        heard.status = wire::decode(&bytes).ok().map(|(_, status)| status);
-                    } else if let Ok((header, pose)) = wire::decode(&bytes) {
-                        heard.pose(header.boot, pose);
-                    }
-                })
-                .background()
-                .wait()
-                .unwrap();
-        }
+        let heard = Heard::listen(&session, &robot);
         let drive = session
             .declare_publisher(operator_key(&robot, &name, OperatorTopic::Drive))
             .congestion_control(CongestionControl::Drop)
@@ -438,23 +404,6 @@ impl Operator {
     }
 }
 
-impl Heard {
-    fn pose(&mut self, boot: BootId, pose: Pose) {
-        self.pose = Some((boot, pose));
-        let Some(token) = pose.token else { return };
-        let is_news = self
-            .token
-            .is_none_or(|last| last.boot != boot || last.given.n < token.n);
-        if is_news {
-            self.token = Some(Token {
-                boot,
-                given: token,
-                heard: Monotonic::now(),
-            });
-        }
-    }
-}
-
 /// A session as consoles open them, as soon as somebody answers.
 pub fn connected(endpoint: &str, credentials: Option<Credentials>) -> Session {
     let endpoints = Endpoints {
@@ -470,8 +419,4 @@ pub fn connected(endpoint: &str, credentials: Option<Credentials>) -> Session {
         }
         sleep(PERIOD);
     }
-}
-
-fn lock(heard: &Mutex<Heard>) -> MutexGuard<'_, Heard> {
-    heard.lock().unwrap_or_else(PoisonError::into_inner)
 }
