@@ -246,9 +246,11 @@ fn a_stop_that_is_over_within_one_step_says_why_it_was() {
     let modes: Vec<_> = vehicle
         .happenings
         .iter()
-        .filter_map(|happening| match happening {
-            Happening::Mode { from, to } => Some((*from, *to)),
-            _ => None,
+        .filter_map(|happening| {
+            let Happening::Mode { from, to } = happening else {
+                return None;
+            };
+            Some((*from, *to))
         })
         .collect();
     let stopping = Mode::Stopping {
