@@ -228,13 +228,13 @@ fn random_sequences_do_drive() {
     let mut runner = proptest::test_runner::TestRunner::deterministic();
     let (mut driven, mut sequences, mut events) = (0, 0, [0; 2]);
     for _ in 0..50 {
-        let moves = moves(LONG).new_tree(&mut runner).unwrap().current();
-        let world = run(rules(), (0, 0, 0), &moves).unwrap();
+        let long = moves(LONG).new_tree(&mut runner).unwrap().current();
+        let world = run(rules(), (0, 0, 0), &long).unwrap();
         driven += world.driven;
         sequences += usize::from(world.driven > 100);
         events[0] += world.outputs.len();
-        let moves = moves(SHORT).new_tree(&mut runner).unwrap().current();
-        events[1] += run(rules(), (0, 0, 0), &moves).unwrap().outputs.len();
+        let short = moves(SHORT).new_tree(&mut runner).unwrap().current();
+        events[1] += run(rules(), (0, 0, 0), &short).unwrap().outputs.len();
     }
     let [long, short] = events.map(|events| events / 50);
     println!("events in a sequence, on average: {long} and {short}");
