@@ -38,6 +38,10 @@ pub enum Topic {
     Digests(LayerId),
     /// Bulk, edge → all, and queryable: shores and docking sites.
     Shores,
+    /// Bulk, queryable: the files that are made of the octree.
+    Voxels,
+    /// Bulk, edge → all: the last sweep of a sensor, for display.
+    Scan,
     /// Control, console → edge, signed: what an operator wants. One key an operator.
     Operator(OperatorTopic),
 }
@@ -100,6 +104,8 @@ impl Topic {
             Self::Tiles(layer) => format!("map/{layer}/tiles"),
             Self::Digests(layer) => format!("map/{layer}/digests"),
             Self::Shores => "shores".to_owned(),
+            Self::Voxels => "voxels".to_owned(),
+            Self::Scan => "scan".to_owned(),
             Self::Operator(topic) => format!("op/*/{}", topic.chunk()),
         };
         format!("{PREFIX}/{robot}/{rest}")
@@ -118,6 +124,8 @@ impl Topic {
             ("map_head", None, ..) => Self::MapHead,
             ("ping", None, ..) => Self::Ping,
             ("shores", None, ..) => Self::Shores,
+            ("voxels", None, ..) => Self::Voxels,
+            ("scan", None, ..) => Self::Scan,
             ("view", Some(_), None, _) => Self::View,
             ("op", Some(operator), Some(topic), None) => {
                 drop(operator.parse::<OperatorId>().ok()?);
@@ -207,6 +215,8 @@ mod tests {
             (Topic::MapHead, "foreshore/scout-1/map_head"),
             (Topic::Ping, "foreshore/scout-1/ping"),
             (Topic::Shores, "foreshore/scout-1/shores"),
+            (Topic::Voxels, "foreshore/scout-1/voxels"),
+            (Topic::Scan, "foreshore/scout-1/scan"),
             (Topic::View, "foreshore/scout-1/view/*"),
             (Topic::Tile(tile), "foreshore/scout-1/map/elevation/-3/12"),
             (
@@ -275,6 +285,7 @@ mod tests {
             "foreshore/a/map/occupancy/99999999999/2",
             "foreshore/a/view",
             "foreshore/a/shores/1",
+            "foreshore/a/scan/laser",
             "foreshore/a/op",
             "foreshore/a/op/drive",
             "foreshore/a/op/anna",

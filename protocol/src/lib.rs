@@ -14,6 +14,7 @@ pub mod layer;
 pub mod message;
 pub mod mosaic;
 pub mod name;
+pub mod packed_file;
 pub mod shores;
 pub mod signed;
 pub mod tile;

@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use crate::tile::BootId;
 
 /// The version that is spoken here. Others are refused, with a message that says so.
-pub const PROTOCOL: u16 = 2;
+pub const PROTOCOL: u16 = 3;
 
 /// Largest message of all; tiles come in bands that stay below it.
 pub const MAX_MESSAGE_BYTES: usize = 64 * 1024;
@@ -114,7 +114,7 @@ mod tests {
     #[test]
     fn a_message_is_its_header_and_its_body_and_nothing_else() {
         let bytes = encode(&HEADER, &(5u8, 300u16)).unwrap();
-        let mut expected = vec![2, 0];
+        let mut expected = vec![3, 0];
         expected.extend([7; 16]);
         expected.extend([2, 1, 0, 0, 0, 0, 0, 0]);
         expected.extend([0xFE, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF]);

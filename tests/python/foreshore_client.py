@@ -208,7 +208,7 @@ class Client:
 
     def take_event(self, header, event, key):
         if self.map.is_of_present_boot(header):
-            self.say(f"event {event['kind']!r}: {event['message']!r}")
+            self.say(f"event {event['kind']!r}, {event['severity']}: {event['message']!r}")
 
     def take_band(self, header, band, key):
         if (tile := tile_of_key(key)) is None:
@@ -301,6 +301,7 @@ class Client:
             "layers": sum(1 << wire.LAYER_NAMES.index(name) for name in layers),
             "revision": self.map.newest_revision(),
             "is_in_step": self.map.is_in_step(),
+            "wants_scan": False,
         }
         self.control.put(self.key(f"view/{self.name}"), self.message(wire.VIEW, view))
         self.next_view = time.monotonic() + VIEW_EVERY_S

@@ -41,6 +41,9 @@ KINDS = {
     "ShoresRequest": wire.SHORES_REQUEST,
     "ShoresNews": wire.SHORES_NEWS,
     "ShoresNews.nothing": wire.SHORES_NEWS,
+    "Scan": wire.SCAN,
+    "VoxelsRequest": wire.VOXELS_REQUEST,
+    **{f"VoxelsReply.{name}": wire.VOXELS_REPLY for name in ("None", "Preparing", "Gone", "Part")},
     **{f"Answer.{name}": wire.ANSWER for name in ("Done", "Granted", "Waiting", "EStopped", "Refused")},
 }
 SIGNED = {
@@ -240,7 +243,7 @@ class Messages(unittest.TestCase):
                 read(kind, data)
 
     def test_another_version_is_not_read_further(self):
-        for message in b"\1\0", b"\3\0" + unhex("Pong")[2:] + b"more":
+        for message in b"\2\0", b"\4\0" + unhex("Pong")[2:] + b"more":
             with self.assertRaises(wire.OtherVersion):
                 wire.decode(wire.PONG, message)
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
-PROTOCOL = 2
+PROTOCOL = 3
 MAX_MESSAGE = 65536
 MAX_TILE_MESSAGE = 8192
 MAX_SIGNED = 256
@@ -218,12 +218,34 @@ F32, F64, BOOL, BYTES, TEXT, DIGEST = Fixed("<f"), Fixed("<d"), Bool(), Raw(), T
 LAYER_NAMES = ["occupancy", "elevation", "obstacle", "cost", "rigidity", "shore"]
 LAYER = Enum(**dict.fromkeys(LAYER_NAMES))
 
+SENSOR_KIND = Enum(
+    **dict.fromkeys(
+        "PlanarLaser TiltingLaser Sonar WheelEncoders Attitude SatelliteReceiver Odometry Transforms"
+        " TiltEncoder".split()
+    )
+)
 INFO = Struct(
     vehicle=TEXT,
     source=TEXT,
     footprint_m=Tuple(F32, F32),
     limits=Tuple(F32, F32),
     layers=List(Struct(layer=LAYER, cell_m=F64)),
+    revision=U32,
+    program=TEXT,
+    is_boat=BOOL,
+    stop_decel_mps2=F32,
+    stop_decel_radps2=F32,
+    max_command_age_ms=U32,
+    can_record=BOOL,
+    sensors=List(
+        Struct(
+            name=TEXT,
+            kind=SENSOR_KIND,
+            mount=Option(Struct(position_m=Tuple(F32, F32, F32), yaw_rad=F32)),
+            view=Option(Struct(angles_rad=Tuple(F32, F32), range_m=Tuple(F32, F32))),
+            rate_hz=Option(F32),
+        )
+    ),
 )
 PONG = Struct()
 POSE = Struct(
@@ -275,10 +297,32 @@ STATUS = Struct(
     refused=U64,
     has_ended=BOOL,
     teleop=Option(TELEOP_STATUS),
+    info_revision=U32,
+    sensors=List(
+        Struct(
+            name=TEXT,
+            messages=U64,
+            rate_hz=F32,
+            age_ms=Option(U32),
+            dropped=U64,
+            fault=Option(Enum(Silent=None, Clock=None, AllInvalid=None, Slow=None)),
+        )
+    ),
+    recording=Option(
+        Struct(
+            state=Enum(Stopped=None, Recording=None, StoppedDiskLow=None, Failed=None),
+            file=TEXT,
+            files=U32,
+            duration_s=U32,
+            bytes=U64,
+            free_bytes=Option(U64),
+            lost=U64,
+        )
+    ),
 )
-EVENT = Struct(kind=TEXT, message=TEXT)
+EVENT = Struct(kind=TEXT, severity=Enum(Info=None, Warning=None, Alarm=None), message=TEXT)
 MAP_HEAD = Struct(layers=List(Struct(layer=LAYER, epoch=U32, head_revision=U64, tiles=U32, root=DIGEST)))
-VIEW = Struct(rectangle_m=Tuple(F32, F32, F32, F32), layers=U32, revision=U64, is_in_step=BOOL)
+VIEW = Struct(rectangle_m=Tuple(F32, F32, F32, F32), layers=U32, revision=U64, is_in_step=BOOL, wants_scan=BOOL)
 TILE_BAND = Struct(epoch=U32, revision=U64, digest=DIGEST, rows=BYTES)
 DIGESTS_REQUEST = Struct(newer_than=U64)
 DIGESTS = Struct(
@@ -308,6 +352,23 @@ SHORES = Struct(
     sites_left_out=U32,
 )
 SHORES_NEWS = Struct(revision=U64, shores=Option(SHORES))
+SCAN = Struct(sensor=TEXT, origin_m=Tuple(F64, F64), steps_cm=List(Tuple(I32, I32)))
+VOXEL_FILE = Enum(Tree=None, Points=None)
+VOXELS_REQUEST = Struct(snapshot=Option(U64), file=VOXEL_FILE, offset=U64)
+VOXELS_REPLY = Enum(
+    **{"None": None},
+    Preparing=None,
+    Gone=None,
+    Part=Struct(
+        snapshot=U64,
+        file=VOXEL_FILE,
+        bytes=U64,
+        digest=DIGEST,
+        packed_bytes=U64,
+        offset=U64,
+        packed=BYTES,
+    ),
+)
 ESTOP = Struct(press=U64)
 DRIVE = Struct(linear_mps=F32, angular_radps=F32, estop=Option(ESTOP))
 RESET = Struct(estop=U64)

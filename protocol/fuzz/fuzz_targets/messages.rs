@@ -3,8 +3,8 @@
 
 use libfuzzer_sys::fuzz_target;
 use protocol::message::{
-    Answer, Digests, DigestsRequest, Event, Info, MapHead, Pong, Pose, ShoresNews, ShoresRequest,
-    Status, TileBand, TilesReply, TilesRequest, View,
+    Answer, Digests, DigestsRequest, Event, Info, MapHead, Pong, Pose, Scan, ShoresNews,
+    ShoresRequest, Status, TileBand, TilesReply, TilesRequest, View, VoxelsReply, VoxelsRequest,
 };
 use protocol::wire::{decode, encode};
 use serde::Serialize;
@@ -35,5 +35,13 @@ fuzz_target!(|bytes: &[u8]| {
     check::<Digests>(bytes);
     check::<ShoresRequest>(bytes);
     check::<ShoresNews>(bytes);
+    check::<VoxelsRequest>(bytes);
+    check::<VoxelsReply>(bytes);
+    if let Ok((_, scan)) = decode::<Scan>(bytes)
+        && let Some(points) = scan.points_m()
+    {
+        assert!(points.iter().flatten().all(|metres| metres.is_finite()));
+    }
+    check::<Scan>(bytes);
     check::<Answer>(bytes);
 });

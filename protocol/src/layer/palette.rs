@@ -1,10 +1,13 @@
 //! Cell codes → colours.
 
+use serde::{Deserialize, Serialize};
+
 use super::palette_tables::{CIVIDIS, MAGMA_REVERSED, Rgb, interpolate, okabe_ito};
 use super::{LayerId, Legend, Pattern};
 
-/// A way to colour a layer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// A way to colour a layer. Its name is kept in settings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Scheme {
     /// White free … black occupied, unknown transparent.
     Grey,

@@ -107,4 +107,6 @@ pub struct View {
     pub revision: u64,
     /// Whether it holds, of these layers, just what the robot announced last.
     pub is_in_step: bool,
+    /// Whether it wants to see the last sweeps of the sensors.
+    pub wants_scan: bool,
 }

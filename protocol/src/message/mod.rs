@@ -2,23 +2,33 @@
 
 mod map;
 mod operator;
+mod recording;
 mod refusal;
 mod robot;
+mod scan;
+mod sensors;
 mod shores;
 mod teleop;
+mod voxels;
 
 pub use map::{
     Digests, DigestsRequest, LayerHead, MapHead, TileBand, TileSummary, TilesReply, TilesRequest,
     View,
 };
 pub use operator::{Answer, Drive, EStop, LeaseRequest, Reset, Setting};
+pub use recording::{RecordingState, RecordingStatus};
 pub use refusal::Refusal;
-pub use robot::{AgeToken, Event, Info, LayerInfo, Pong, Pose, Reason, Status};
+pub use robot::{AgeToken, Event, Info, LayerInfo, Pong, Pose, Reason, Severity, Status};
+pub use scan::{MAX_SCAN_POINTS, MAX_SCAN_REACH_CM, Scan};
+pub use sensors::{
+    FieldOfView, MAX_SENSORS, SensorFault, SensorInfo, SensorKind, SensorMount, SensorStatus,
+};
 pub use shores::{Datum, DockingSite, ShoreClass, ShoreCluster, Shores, ShoresNews, ShoresRequest};
 pub use teleop::{
     Arming, Clamp, CommandCounters, EStopStatus, FaultReason, Guard, GuardLimits, LeaseEnd,
     LeaseStatus, RefusedCount, Settings, StopReason, TeleopState, TeleopStatus, Velocity,
 };
+pub use voxels::{MAX_PART_BYTES, VoxelFile, VoxelsPart, VoxelsReply, VoxelsRequest};
 
 #[cfg(test)]
 mod tests;

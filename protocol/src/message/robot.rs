@@ -2,11 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::recording::RecordingStatus;
+use super::sensors::{SensorInfo, SensorStatus};
 use super::teleop::TeleopStatus;
 use crate::layer::LayerId;
 
-/// `info`: who the robot is and what it maps. Rarely changes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// `info`: who the robot is, what it maps and what with. Rarely changes.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Info {
     /// Name of the vehicle's configuration.
     pub vehicle: String,
@@ -18,6 +20,22 @@ pub struct Info {
     pub limits: [f32; 2],
     /// The layers it maps.
     pub layers: Vec<LayerInfo>,
+    /// Counts what was found out since the boot; [`Status::info_revision`] tells of the newest.
+    pub revision: u32,
+    /// Version of the program that it runs.
+    pub program: String,
+    /// It floats: without thrust it drifts on.
+    pub is_boat: bool,
+    /// How hard it brakes when nobody tells it where to go any more, m/s².
+    pub stop_decel_mps2: f32,
+    /// The same of turning, rad/s².
+    pub stop_decel_radps2: f32,
+    /// The oldest command that moves it, ms.
+    pub max_command_age_ms: u32,
+    /// Whether operators can start and stop recordings.
+    pub can_record: bool,
+    /// What it measures with, at most [`MAX_SENSORS`](super::MAX_SENSORS).
+    pub sensors: Vec<SensorInfo>,
 }
 
 /// One layer of [`Info`].
@@ -79,6 +97,12 @@ pub struct Status {
     pub has_ended: bool,
     /// Driving; `None` where the robot cannot be driven.
     pub teleop: Option<TeleopStatus>,
+    /// [`Info::revision`] as it is now: whoever holds an older one asks again.
+    pub info_revision: u32,
+    /// How the sensors are doing, in the order of [`Info::sensors`].
+    pub sensors: Vec<SensorStatus>,
+    /// The recording; `None` where operators cannot start one.
+    pub recording: Option<RecordingStatus>,
 }
 
 /// A count and what it counts.
@@ -95,8 +119,21 @@ pub struct Reason {
 pub struct Event {
     /// What, in one word.
     pub kind: String,
+    /// How much it matters.
+    pub severity: Severity,
     /// What, in a sentence.
     pub message: String,
+}
+
+/// How much something matters to who watches. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub enum Severity {
+    /// Good to know.
+    Info,
+    /// Something is not as it should be; nothing has to be done at once.
+    Warning,
+    /// Somebody should look at it now.
+    Alarm,
 }
 
 /// `ping`'s answer.

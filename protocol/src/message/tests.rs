@@ -123,6 +123,7 @@ fn every_message_survives_the_wire() {
     });
     body(&Event {
         kind: "jump".to_owned(),
+        severity: Severity::Warning,
         message: "odometry jumped by 5 m".to_owned(),
     });
     body(&Status {
@@ -132,6 +133,8 @@ fn every_message_survives_the_wire() {
         }],
         tiles: [5, 600],
         has_ended: true,
+        sensors: vec![sensor_status(); MAX_SENSORS],
+        recording: Some(recording()),
         ..Status::default()
     });
     body(&Info {
@@ -143,6 +146,14 @@ fn every_message_survives_the_wire() {
             layer: LayerId::Occupancy,
             cell_m: 0.1,
         }],
+        revision: 2,
+        program: "0.1.0".to_owned(),
+        is_boat: true,
+        stop_decel_mps2: 1.0,
+        stop_decel_radps2: 4.0,
+        max_command_age_ms: 400,
+        can_record: true,
+        sensors: vec![sensor_info()],
     });
     body(&ShoresNews {
         revision: 3,
@@ -169,8 +180,121 @@ fn every_message_survives_the_wire() {
         layers: u32::MAX,
         revision: u64::MAX,
         is_in_step: true,
+        wants_scan: true,
     };
     assert!(BEHIND_HEADER + body(&view).len() <= 256);
+}
+
+fn sensor_info() -> SensorInfo {
+    SensorInfo {
+        name: "laser".to_owned(),
+        kind: SensorKind::TiltingLaser,
+        mount: Some(SensorMount {
+            position_m: [1.0, 0.0, -2.0],
+            yaw_rad: 1.0,
+        }),
+        view: Some(FieldOfView {
+            angles_rad: [-2.0, 1.0],
+            range_m: [0.0, 1.0],
+        }),
+        rate_hz: None,
+    }
+}
+
+fn sensor_status() -> SensorStatus {
+    SensorStatus {
+        name: "gps".to_owned(),
+        messages: 300,
+        rate_hz: 1.0,
+        age_ms: Some(300),
+        dropped: 7,
+        fault: Some(SensorFault::AllInvalid),
+    }
+}
+
+fn recording() -> RecordingStatus {
+    RecordingStatus {
+        state: RecordingState::StoppedDiskLow,
+        file: "a.mcap".to_owned(),
+        files: 2,
+        duration_s: 300,
+        bytes: 300,
+        free_bytes: None,
+        lost: 1,
+    }
+}
+
+#[test]
+fn the_bodies_of_sensors_and_recordings_are_the_documented_bytes() {
+    const ONE: [u8; 4] = [0, 0, 0x80, 0x3F];
+    const MINUS_TWO: [u8; 4] = [0, 0, 0, 0xC0];
+    const ZERO: [u8; 4] = [0; 4];
+
+    let expected = [
+        &b"\x05laser\x01\x01"[..],
+        &[ONE, ZERO, MINUS_TWO, ONE].concat(),
+        &[1],
+        &[MINUS_TWO, ONE, ZERO, ONE].concat(),
+        &[0],
+    ];
+    assert_eq!(body(&sensor_info()), expected.concat());
+    let expected = [
+        &b"\x03gps"[..],
+        &[0xAC, 2],
+        &ONE,
+        &[1, 0xAC, 2, 7, 1, 2], // age_ms, dropped, fault
+    ];
+    assert_eq!(body(&sensor_status()), expected.concat());
+    let expected = [&[2, 6][..], b"a.mcap", &[2, 0xAC, 2, 0xAC, 2, 0, 1]];
+    assert_eq!(body(&recording()), expected.concat());
+
+    let event = Event {
+        kind: "a".to_owned(),
+        severity: Severity::Alarm,
+        message: "b".to_owned(),
+    };
+    assert_eq!(body(&event), *b"\x01a\x02\x01b");
+    let view = View {
+        rectangle_m: [1.0; 4],
+        layers: 3,
+        revision: 300,
+        is_in_step: false,
+        wants_scan: true,
+    };
+    let expected = [&[ONE; 4].concat()[..], &[3, 0xAC, 2, 0, 1]];
+    assert_eq!(body(&view), expected.concat());
+    let scan = Scan {
+        sensor: "s".to_owned(),
+        origin_m: [1.0, 0.0],
+        // Zigzag: −1 is 1, 150 is 300.
+        steps_cm: vec![(-1, 150)],
+    };
+    let expected = [
+        &b"\x01s"[..],
+        &[0, 0, 0, 0, 0, 0, 0xF0, 0x3F],
+        &[0; 8],
+        &[1, 1, 0xAC, 2],
+    ];
+    assert_eq!(body(&scan), expected.concat());
+}
+
+/// It must leave the tiles their share, wherever the sensor looks.
+#[test]
+fn a_scan_is_small() {
+    let walls = |range_m: f64| {
+        let beam = move |n: usize| {
+            let angle_rad = std::f64::consts::TAU * n as f64 / MAX_SCAN_POINTS as f64;
+            [libm::cos(angle_rad), libm::sin(angle_rad)].map(|part| range_m * part)
+        };
+        let scan = Scan::of_points("laser".to_owned(), [0.0; 2], (0..MAX_SCAN_POINTS).map(beam));
+        BEHIND_HEADER + body(&scan).len()
+    };
+    assert_eq!([walls(5.0), walls(30.0), walls(250.0)], [779, 779, 1435]);
+    // A comb: every other beam goes through to the horizon of the farthest sensor.
+    let comb = (0..MAX_SCAN_POINTS).map(|n| [if n % 2 == 0 { 0.0 } else { 300.0 }, 300.0]);
+    let comb = Scan::of_points("a".repeat(64), [0.0; 2], comb);
+    let bytes = BEHIND_HEADER + body(&comb).len();
+    assert!(bytes < 2048, "{bytes}");
 }
 
 fn anna() -> OperatorId {
@@ -336,6 +460,15 @@ fn variants_have_the_documented_numbers() {
         Guard::Stale,
     ]);
     check(&Refusal::ALL);
+    check(&SensorKind::ALL);
+    check(&SensorFault::ALL);
+    check(&[
+        RecordingState::Stopped,
+        RecordingState::Recording,
+        RecordingState::StoppedDiskLow,
+        RecordingState::Failed,
+    ]);
+    check(&[Severity::Info, Severity::Warning, Severity::Alarm]);
 }
 
 #[test]
@@ -405,6 +538,7 @@ proptest! {
         drop(decode::<Event>(&message));
         drop(decode::<View>(&message));
         drop(decode::<ShoresNews>(&message));
+        drop(decode::<Scan>(&message));
         drop(decode::<Pose>(&message));
         drop(decode::<Drive>(&message));
         drop(decode::<LeaseRequest>(&message));

@@ -6,7 +6,8 @@ use std::path::Path;
 
 use protocol::message::{
     Answer, Digests, DigestsRequest, Drive, EStop, Event, Info, LeaseRequest, MapHead, Pong, Pose,
-    Reset, Setting, ShoresNews, ShoresRequest, Status, TileBand, TilesReply, TilesRequest, View,
+    Reset, Scan, Setting, ShoresNews, ShoresRequest, Status, TileBand, TilesReply, TilesRequest,
+    View, VoxelsReply, VoxelsRequest,
 };
 use protocol::tile::BootId;
 use protocol::wire::{Header, WireError, decode, encode};
@@ -20,7 +21,7 @@ use super::signed::check_signed;
 /// Checks the example of a name, knowing its type.
 type Check = fn(&str);
 
-const EXAMPLES: [(&str, Check); 33] = [
+const EXAMPLES: [(&str, Check); 39] = [
     ("Info", check::<Info>),
     ("Pong", check::<Pong>),
     ("Pose", check::<Pose>),
@@ -38,6 +39,12 @@ const EXAMPLES: [(&str, Check); 33] = [
     ("ShoresRequest", check::<ShoresRequest>),
     ("ShoresNews", check::<ShoresNews>),
     ("ShoresNews.nothing", check::<ShoresNews>),
+    ("VoxelsRequest", check::<VoxelsRequest>),
+    ("VoxelsReply.None", check::<VoxelsReply>),
+    ("VoxelsReply.Preparing", check::<VoxelsReply>),
+    ("VoxelsReply.Gone", check::<VoxelsReply>),
+    ("VoxelsReply.Part", check::<VoxelsReply>),
+    ("Scan", check::<Scan>),
     ("Drive", check_signed::<Drive>),
     ("EStop", check_signed::<EStop>),
     ("Reset", check_signed::<Reset>),
@@ -57,8 +64,17 @@ const EXAMPLES: [(&str, Check); 33] = [
 ];
 
 /// What is in messages and is none itself.
-const PARTS: [&str; 26] = [
+const PARTS: [&str; 37] = [
     "LayerInfo",
+    "SensorInfo",
+    "SensorKind",
+    "SensorMount",
+    "FieldOfView",
+    "SensorStatus",
+    "SensorFault",
+    "RecordingStatus",
+    "RecordingState",
+    "Severity",
     "Reason",
     "LayerHead",
     "TileSummary",
@@ -67,6 +83,8 @@ const PARTS: [&str; 26] = [
     "ShoreCluster",
     "ShoreClass",
     "DockingSite",
+    "VoxelFile",
+    "VoxelsPart",
     "AgeToken",
     "TeleopStatus",
     "TeleopState",

@@ -73,7 +73,7 @@ fn the_signature_is_over_what_is_said() {
     let (robot, operator) = names(&stated);
     let topic = Drive::TOPIC;
     let key = operator_key(&robot, &operator, topic);
-    let domain = "foreshore signed message, protocol 2";
+    let domain = "foreshore signed message, protocol 3";
     let parts: [&[u8]; 9] = [
         domain.as_bytes(),
         robot.as_str().as_bytes(),

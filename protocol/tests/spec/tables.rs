@@ -4,7 +4,9 @@ use protocol::keys::{
     OperatorTopic, RobotId, Topic, all_tiles, every_robot_alive, operator_key, view_of,
 };
 use protocol::layer::{LayerId, LayerKind};
-use protocol::message::{Drive, Refusal};
+use protocol::message::{
+    Drive, MAX_PART_BYTES, MAX_SCAN_POINTS, MAX_SCAN_REACH_CM, MAX_SENSORS, Refusal,
+};
 use protocol::shores::{MAX_CLUSTERS, MAX_CORNERS, MAX_SITES};
 use protocol::signed::{ENVELOPE_BYTES, MAX_SIGNED_BYTES};
 use protocol::tile::TileKey;
@@ -35,6 +37,8 @@ fn keys() {
         Topic::Digests(layer),
         Topic::Tiles(layer),
         Topic::Shores,
+        Topic::Voxels,
+        Topic::Scan,
     ]
     .map(|topic| topic.key(&robot))
     .to_vec();
@@ -95,6 +99,12 @@ fn version_and_limits() {
         format!("| shores in one message | {MAX_CLUSTERS} |"),
         format!("| corners of a shore's outline | {MAX_CORNERS} |"),
         format!("| docking sites in one message | {MAX_SITES} |"),
+        format!("| `packed` of a `VoxelsPart` | {MAX_PART_BYTES} bytes |"),
+        format!("| sensors in one message | {MAX_SENSORS} |"),
+        format!(
+            "| points in one `Scan` | {MAX_SCAN_POINTS}, each at most {MAX_SCAN_REACH_CM} cm from its origin along x and \
+             y |"
+        ),
     ] {
         assert!(SPEC.contains(&limit), "{limit}");
     }
