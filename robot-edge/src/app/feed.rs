@@ -1,6 +1,7 @@
 //! The source's side of a run: reads, paces and hands over in batches.
 
 use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 use super::is_set;
 use super::source::{Item, Lost, Source};
@@ -12,6 +13,9 @@ use crate::recording::{Position, RecordingError};
 
 /// Items in a batch: a channel's locks cost more than an item does.
 const BATCH: usize = 64;
+
+/// Without anything that came, a batch goes over this often: who takes them also tells how it is going.
+const TICK: Duration = Duration::from_millis(250);
 
 /// Items on their way from the source to the pipeline.
 pub(super) struct Batch {
@@ -47,6 +51,7 @@ pub(super) fn feed(
     let mut hand = Hand {
         items: Vec::with_capacity(BATCH),
         came: Monotonic::now(),
+        over_at: Monotonic::now(),
         streams: 0,
         take: hand_over,
     };
@@ -85,7 +90,7 @@ fn feed_all(
             }
             Item::Due(Ordered::ClockReset { .. }) => pacer.reset(),
             Item::Pause => {
-                if hand.over(source) {
+                if hand.pause(source) {
                     continue;
                 }
                 return Ok(());
@@ -106,6 +111,8 @@ fn feed_all(
 struct Hand<F> {
     items: Vec<Item>,
     came: Monotonic,
+    /// When the last batch went.
+    over_at: Monotonic,
     /// Streams that were handed over.
     streams: usize,
     take: F,
@@ -114,9 +121,22 @@ struct Hand<F> {
 impl<F: FnMut(Batch) -> bool> Hand<F> {
     /// Hands over what there is; whether more is wanted.
     fn over(&mut self, source: &dyn Source) -> bool {
-        if self.items.is_empty() {
+        self.items.is_empty() || self.go(source)
+    }
+
+    /// The same where there is no more at present: now and then an empty batch goes.
+    fn pause(&mut self, source: &dyn Source) -> bool {
+        if self.items.is_empty() && self.over_at.elapsed() < TICK {
             return true;
         }
+        if self.items.is_empty() {
+            self.came = Monotonic::now();
+        }
+        self.go(source)
+    }
+
+    fn go(&mut self, source: &dyn Source) -> bool {
+        self.over_at = Monotonic::now();
         let new_streams = source.streams_from(self.streams);
         self.streams += new_streams.len();
         (self.take)(Batch {

@@ -3,6 +3,8 @@
 //! "Recording durability": files of a minute, on the disk every second; where the disk is nearly full recording ends, with
 //! an alarm, and driving goes on.
 
+mod state;
+
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io;
@@ -11,6 +13,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
+
+pub(super) use state::{Problem, RecordingState};
 
 use super::free_space::{Space, space_of};
 use super::recorder::Recorder;
@@ -35,19 +39,6 @@ pub(super) struct LiveRecording {
     state: Arc<Mutex<RecordingState>>,
     is_wanted: bool,
     thread: Option<JoinHandle<()>>,
-}
-
-/// How recording is going.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct RecordingState {
-    /// Measurements are being written.
-    pub(super) is_running: bool,
-    /// The file that is being written, or was last.
-    pub(super) file: Option<PathBuf>,
-    /// Why it has ended by itself; until it is started anew.
-    pub(super) problem: Option<String>,
-    /// Measurements that found no room on their way to the disk.
-    pub(super) lost: u64,
 }
 
 /// Says how much room there is where a folder is.
@@ -81,6 +72,7 @@ impl LiveRecording {
             streams: Vec::new(),
             timeless: BTreeMap::new(),
             file: None,
+            finished: Extent::default(),
             state: Arc::clone(&state),
         };
         let thread = thread::Builder::new()
@@ -171,17 +163,28 @@ struct Writer {
     /// By stream, parent and child.
     timeless: BTreeMap<(u16, String, String), Measurement>,
     file: Option<Open>,
+    /// The files of this recording that are finished.
+    finished: Extent,
     state: Arc<Mutex<RecordingState>>,
 }
 
 struct Open {
     recorder: Recorder,
+    path: PathBuf,
     since: Monotonic,
+}
+
+/// How much was recorded.
+#[derive(Clone, Copy, Debug, Default)]
+struct Extent {
+    bytes: u64,
+    lasted: Duration,
 }
 
 impl Writer {
     fn run(mut self, ordered: &Receiver<Order>) {
         let mut looked = Monotonic::now();
+        self.show_space();
         loop {
             let done = match ordered.recv_timeout(LOOK_PERIOD) {
                 Ok(order) => self.take(order),
@@ -196,7 +199,7 @@ impl Writer {
                 Ok(())
             };
             if let Err(error) = done.and(looked_at) {
-                self.end_with(error.to_string());
+                self.end_with(error.to_string(), false);
             }
         }
         if let Err(error) = self.close() {
@@ -213,8 +216,14 @@ impl Writer {
                 }
             }
             Order::Record(true) => {
-                lock(&self.state).problem = None;
                 if self.file.is_none() {
+                    self.finished = Extent::default();
+                    let mut state = lock(&self.state);
+                    *state = RecordingState {
+                        free_bytes: state.free_bytes,
+                        ..RecordingState::default()
+                    };
+                    drop(state);
                     return self.open();
                 }
             }
@@ -250,19 +259,17 @@ impl Writer {
 
     /// Flushes, begins the next file, and ends where the disk is nearly full.
     fn look(&mut self, now: Monotonic) -> Result<(), WriteError> {
+        let space = self.show_space();
         let Some(open) = &mut self.file else {
             return Ok(());
         };
         open.recorder.flush()?;
         let is_over = now.since(open.since) >= FILE_PERIOD;
-        match (self.space_of)(&self.folder) {
-            Ok(space) if space.is_scarce() => {
-                self.close()?;
-                self.end_with(scarce(&space));
-                return Ok(());
-            }
-            Ok(_) => {}
-            Err(error) => tracing::warn!(%error, "nobody knows how much room the disk has"),
+        self.show_extent(now);
+        if let Some(space) = space.filter(Space::is_scarce) {
+            self.close()?;
+            self.end_with(scarce(&space), true);
+            return Ok(());
         }
         if is_over {
             self.close()?;
@@ -272,12 +279,9 @@ impl Writer {
     }
 
     fn open(&mut self) -> Result<(), WriteError> {
-        match (self.space_of)(&self.folder) {
-            Ok(space) if space.is_scarce() => {
-                self.end_with(scarce(&space));
-                return Ok(());
-            }
-            Ok(_) | Err(_) => {}
+        if let Some(space) = self.show_space().filter(Space::is_scarce) {
+            self.end_with(scarce(&space), true);
+            return Ok(());
         }
         let path = self.next_path();
         let mut recorder = Recorder::create(&path, &self.vehicle, false, None)?;
@@ -288,6 +292,7 @@ impl Writer {
         }
         self.file = Some(Open {
             recorder,
+            path: path.clone(),
             since: Monotonic::now(),
         });
         // Or a power cut leaves a file that no folder knows.
@@ -297,7 +302,38 @@ impl Writer {
         let mut state = lock(&self.state);
         state.is_running = true;
         state.file = Some(path);
+        state.files += 1;
         Ok(())
+    }
+
+    /// How much room there is, for people too; `None` where the system does not say.
+    fn show_space(&self) -> Option<Space> {
+        let space = (self.space_of)(&self.folder)
+            .inspect_err(|error| tracing::warn!(%error, "nobody knows how much room the disk has"))
+            .ok();
+        lock(&self.state).free_bytes = space.map(|space| space.free_bytes);
+        space
+    }
+
+    /// How much has been recorded at `now`, for people.
+    fn show_extent(&self, now: Monotonic) {
+        let Extent { bytes, lasted } = self.extent(now);
+        let mut state = lock(&self.state);
+        (state.bytes, state.lasted) = (bytes, lasted);
+    }
+
+    fn extent(&self, now: Monotonic) -> Extent {
+        let of_file = self
+            .file
+            .as_ref()
+            .map_or_else(Extent::default, |open| Extent {
+                bytes: std::fs::metadata(&open.path).map_or(0, |file| file.len()),
+                lasted: now.since(open.since),
+            });
+        Extent {
+            bytes: self.finished.bytes.saturating_add(of_file.bytes),
+            lasted: self.finished.lasted.saturating_add(of_file.lasted),
+        }
     }
 
     /// `scout-2026-03-01T123456Z.mcap`; a number follows where there is such a file.
@@ -317,17 +353,28 @@ impl Writer {
 
     fn close(&mut self) -> Result<(), WriteError> {
         lock(&self.state).is_running = false;
-        self.file
-            .take()
-            .map_or(Ok(()), |open| open.recorder.finish())
+        let Some(Open {
+            recorder,
+            path,
+            since,
+        }) = self.file.take()
+        else {
+            return Ok(());
+        };
+        let finished = recorder.finish();
+        self.finished.lasted = self.finished.lasted.saturating_add(since.elapsed());
+        let bytes = std::fs::metadata(path).map_or(0, |file| file.len());
+        self.finished.bytes = self.finished.bytes.saturating_add(bytes);
+        self.show_extent(Monotonic::now());
+        finished
     }
 
-    fn end_with(&mut self, problem: String) {
+    fn end_with(&mut self, what: String, is_disk_low: bool) {
         self.file = None;
-        tracing::error!(problem, "recording ended");
+        tracing::error!(problem = what, "recording ended");
         let mut state = lock(&self.state);
         state.is_running = false;
-        state.problem = Some(problem);
+        state.problem = Some(Problem { what, is_disk_low });
     }
 }
 

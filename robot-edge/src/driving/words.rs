@@ -157,16 +157,20 @@ pub(super) fn event(notice: &Notice, names: &[OperatorName]) -> (&'static str, S
             );
         }
         Notice::Guard { is_on, by } => {
-            let to = if is_on { "on" } else { "off" };
+            let (kind, to) = if is_on {
+                ("guard", "on")
+            } else {
+                ("guard_off", "off")
+            };
             return (
-                "guard",
+                kind,
                 format!("the collision guard was switched {to} by {}", name(by)),
             );
         }
     };
     match happening {
         Happening::Mode { from, to } => {
-            ("teleop_state", format!("{} after {}", said(to), said(from)))
+            (mode_kind(to), format!("{} after {}", said(to), said(from)))
         }
         Happening::LeaseRequested { by } => {
             ("lease_requested", format!("{} asks to drive", name(by)))
@@ -217,6 +221,20 @@ pub(super) fn event(notice: &Notice, names: &[OperatorName]) -> (&'static str, S
             "refused",
             format!("a request of {}: {refusal}", name(caller.operator)),
         ),
+    }
+}
+
+/// A fault and a stop that nobody asked for matter more than other changes of state.
+const fn mode_kind(to: Mode) -> &'static str {
+    match to {
+        Mode::Fault(_) => "fault",
+        Mode::Stopping { reason, .. } if !reason.is_voluntary() => "involuntary_stop",
+        Mode::SafeBoot
+        | Mode::Idle
+        | Mode::Held
+        | Mode::Driving
+        | Mode::Stopping { .. }
+        | Mode::EStop => "teleop_state",
     }
 }
 

@@ -1,3 +1,5 @@
+use protocol::message;
+
 use super::*;
 use crate::measurement::StreamId;
 use crate::pose::Pose;
@@ -70,11 +72,17 @@ fn what_comes_between_start_and_stop_is_recorded_and_what_always_holds_begins_ea
     drop(live);
     let state = lock(&state).clone();
     assert_eq!(
-        (state.is_running, state.problem, state.lost),
+        (state.is_running, state.problem.clone(), state.lost),
         (false, None, 0)
     );
     let files = files(&folder);
     assert_eq!(files.len(), 2);
+    let last = state.file.clone().unwrap();
+    let status = state.status();
+    assert_eq!(status.state, message::RecordingState::Stopped);
+    assert_eq!(status.file, last.file_name().unwrap().to_str().unwrap());
+    assert_eq!((status.files, status.free_bytes), (1, Some(90_000_000_000)));
+    assert_eq!(status.bytes, std::fs::metadata(last).unwrap().len());
     let expected =
         |range: std::ops::Range<i64>| -> Vec<i64> { std::iter::once(5).chain(range).collect() };
     let mut found: Vec<_> = files.iter().map(|file| stamps(file)).collect();
@@ -96,9 +104,12 @@ fn a_folder_that_is_gone_ends_the_recording_and_says_why() {
     assert!(
         state
             .problem
+            .as_ref()
             .unwrap()
+            .what
             .contains("cannot write the recording")
     );
+    assert_eq!(state.status().state, message::RecordingState::Failed);
 }
 
 #[test]
@@ -116,9 +127,16 @@ fn a_disk_that_is_nearly_full_is_left_alone_and_that_is_said() {
     drop(live);
     let state = lock(&state).clone();
     let why = "the disk is nearly full: 0.9 of 10.0 GB are free";
+    assert!(!state.is_running);
     assert_eq!(
-        (state.is_running, state.problem.as_deref()),
-        (false, Some(why))
+        state.problem.as_ref().map(|problem| &*problem.what),
+        Some(why)
+    );
+    let status = state.status();
+    assert_eq!(status.state, message::RecordingState::StoppedDiskLow);
+    assert_eq!(
+        (status.file.as_str(), status.files, status.free_bytes),
+        ("", 0, Some(900_000_000))
     );
     assert!(files(folder.path()).is_empty());
 }

@@ -1,0 +1,44 @@
+//! What consoles are told, and how much each kind of it matters: the one place that decides.
+
+use protocol::message::{Event, Severity};
+
+/// An event of this kind.
+pub fn event(kind: &str, message: String) -> Event {
+    Event {
+        kind: kind.to_owned(),
+        severity: severity(kind),
+        message,
+    }
+}
+
+/// How much an event of this kind matters; one that is not listed is good to know.
+pub fn severity(kind: &str) -> Severity {
+    match kind {
+        "estop" | "fault" | "motors" | "recording_stopped" | "sensor_silent" => Severity::Alarm,
+        "sensor_slow"
+        | "sensor_clock"
+        | "sensor_invalid"
+        | "pose_jump"
+        | "voxels_evicted"
+        | "involuntary_stop"
+        | "guard_off"
+        | "operators_unreadable"
+        | "refused" => Severity::Warning,
+        _other => Severity::Info,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_known_is_no_alarm() {
+        assert_eq!(severity("estop"), Severity::Alarm);
+        assert_eq!(severity("pose_jump"), Severity::Warning);
+        assert_eq!(severity("setup"), Severity::Info);
+        let event = event("sensor_silent", "laser: silent for 1.2 s".to_owned());
+        assert_eq!(event.severity, Severity::Alarm);
+        assert_eq!(event.kind, "sensor_silent");
+    }
+}
