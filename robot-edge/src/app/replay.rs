@@ -1,4 +1,4 @@
-//! `replay`: a recording as the source.
+//! `replay`: a recording as the source, from its beginning to its end or as somebody winds it.
 
 use std::io::Write;
 use std::path::Path;
@@ -8,16 +8,18 @@ use super::driving::DrivePlan;
 use super::network_plan::NetworkPlan;
 use super::outputs::SETUP;
 use super::placing::{placer_settings, range_sensors};
-use super::plan::plan;
+use super::plan::{Plan, plan};
+use super::player;
 use super::run::Run;
 use super::source::{self, Replayed};
 use super::writable;
-use crate::cli::Replay;
-use crate::config;
+use crate::cli::{MappingOptions, Replay};
+use crate::config::{self, Config};
 use crate::exit::{Exit, UsageError};
 use crate::localization::placer::PoseOrigin;
 use crate::recording::survey::Survey;
 use crate::recording::{self, Selection};
+use crate::replay_control::{Length, ReplayControl};
 use crate::robot_time::RobotDuration;
 use crate::summary::Event;
 
@@ -30,6 +32,45 @@ pub(super) fn replay(
     interrupt: &AtomicBool,
     out: &mut dyn Write,
 ) -> anyhow::Result<Exit> {
+    let (survey, config, plan) = look_through(command)?;
+    let (run, mut source) = set_up(command, quiet, &survey, &config, plan)?;
+    run.go(&mut source, interrupt, out)
+}
+
+/// Replays a recording as `control` wants it, until `interrupt` is set. `start`, `duration` and `loop` of the command are
+/// for replays that nobody controls, as `record`, `export` and `summary` are, and are not looked at.
+///
+/// # Errors
+/// Where the recording cannot be read, reading stops, or nothing of it can be mapped.
+pub fn play(
+    command: &Replay,
+    control: &ReplayControl,
+    interrupt: &AtomicBool,
+) -> anyhow::Result<()> {
+    let mapping = MappingOptions {
+        record: None,
+        export: None,
+        summary: None,
+        ..command.mapping.clone()
+    };
+    let command = &Replay {
+        recording: command.recording.clone(),
+        rate: command.rate,
+        repeat: false,
+        start_s: 0.0,
+        duration_s: None,
+        mapping,
+    };
+    let (survey, config, plan) = look_through(command)?;
+    if let Some(length) = length(&survey) {
+        control.tell_length(length);
+    }
+    let (run, source) = set_up(command, true, &survey, &config, plan)?;
+    player::play(&run, source, control, interrupt)
+}
+
+/// What is in the recording, the vehicle it is mapped for, and how.
+pub(super) fn look_through(command: &Replay) -> anyhow::Result<(Survey, Config, Plan)> {
     let options = &command.mapping;
     // What the command line gets wrong should not wait for the recording to be read.
     if let Some(vehicle) = &options.vehicle {
@@ -49,12 +90,23 @@ pub(super) fn replay(
     let config = config::load(vehicle, &options.overrides())?;
     range_sensors(&config)?;
     start_is_within(&survey, command.start_s)?;
-    let plan = plan(&survey, &config)?;
-
-    let mut notes = vec![format!("{vehicle} ({why})")];
+    let mut plan = plan(&survey, &config)?;
     let sensors = plan.sensors.iter();
-    notes.extend(sensors.map(|(name, topic)| format!("{name}: {topic}")));
-    let events = notes.into_iter().chain(plan.notes).map(|message| Event {
+    let sensors = sensors.map(|(name, topic)| format!("{name}: {topic}"));
+    let vehicle = std::iter::once(format!("{vehicle} ({why})"));
+    plan.notes = vehicle.chain(sensors).chain(plan.notes).collect();
+    Ok((survey, config, plan))
+}
+
+pub(super) fn set_up<'a>(
+    command: &Replay,
+    quiet: bool,
+    survey: &Survey,
+    config: &'a Config,
+    plan: Plan,
+) -> anyhow::Result<(Run<'a>, Replayed)> {
+    let options = &command.mapping;
+    let events = plan.notes.into_iter().map(|message| Event {
         stamp_s: None,
         kind: SETUP.to_owned(),
         message,
@@ -62,10 +114,11 @@ pub(super) fn replay(
     let run = Run {
         source: command.recording.display().to_string(),
         title: file_name(&command.recording),
-        config: &config,
-        placer: placer_settings(&config, &plan.placing),
+        config,
+        placer: placer_settings(config, &plan.placing),
         rate: command.rate,
-        network: NetworkPlan::new(&options.network, options.robot.as_ref(), &config)?,
+        is_live: false,
+        network: NetworkPlan::new(&options.network, options.robot.as_ref(), config)?,
         drive: DrivePlan::none(),
         record: options.record.clone(),
         export: options.export.clone(),
@@ -88,7 +141,26 @@ pub(super) fn replay(
     };
     let path = command.recording.clone();
     let open = move || recording::open_surveyed(&path, selection.clone(), plan.unsaid_miss_from_m);
-    run.go(&mut Replayed::new(Box::new(open), what)?, interrupt, out)
+    Ok((run, Replayed::new(Box::new(open), what)?))
+}
+
+/// How long the recording is, as far as looking through it can tell.
+fn length(survey: &Survey) -> Option<Length> {
+    if survey.scans.is_empty() {
+        return None;
+    }
+    let read = survey.duration();
+    if survey.is_complete() {
+        return Some(Length {
+            duration: read,
+            is_estimate: false,
+        });
+    }
+    let part = survey.position.bytes_read as f64 / survey.position.bytes_total as f64;
+    Some(Length {
+        duration: RobotDuration::from_secs_f64(read.as_secs_f64() / part),
+        is_estimate: true,
+    })
 }
 
 fn start_is_within(survey: &Survey, start_s: f64) -> Result<(), UsageError> {

@@ -42,7 +42,7 @@ pub enum Placed {
 /// could bring an earlier one; it never waits for a sensor that is silent. Each sensor has a queue of its
 /// own, so that many scans of a fast one push out none of a slow one. A scan that is older than one that
 /// came out already is late.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct BeamPlacer {
     settings: PlacerSettings,
     tree: TransformBuffer,

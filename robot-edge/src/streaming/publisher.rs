@@ -15,6 +15,12 @@ use crate::mapping::grid::{CellIndex, TileIndex};
 use crate::mapping::terrain::Terrain;
 use crate::mapping::voxel_layers::VoxelLayers;
 
+mod checkpoint;
+mod standstill;
+
+pub(crate) use checkpoint::PublisherState;
+pub use standstill::Published;
+
 /// Publishes the changes of a mapper.
 pub struct Publisher {
     /// Shared with whoever answers consoles; held for one tile at a time.
@@ -28,6 +34,8 @@ pub struct Publisher {
     terrain_erased: u32,
     voxels_erased: u32,
     traffic: TileTraffic,
+    /// The cells that were replaced, where they are to be put back.
+    replaced: Option<BTreeMap<TileKey, Option<TileCells>>>,
 }
 
 /// What publishing amounted to so far.
@@ -78,6 +86,7 @@ impl Publisher {
             terrain_erased: mapper.terrain().map_or(0, Terrain::erased),
             voxels_erased: mapper.voxels().map_or(0, VoxelLayers::erased),
             traffic: TileTraffic::default(),
+            replaced: None,
         })
     }
 
@@ -196,6 +205,10 @@ impl Publisher {
 
     fn store_tile(&mut self, key: TileKey, cells: TileCells) -> Result<(), PublishError> {
         let mut store = self.store.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(replaced) = &mut self.replaced {
+            let before = || store.get(key).and_then(|stored| stored.cells().cloned());
+            replaced.entry(key).or_insert_with(before);
+        }
         if let Publication::Published { evicted, .. } = store.publish(key, cells)? {
             self.traffic.published += 1;
             self.traffic.raw_bytes += 4 * TILE_CELLS as u64;

@@ -8,7 +8,7 @@ use crate::robot_time::RobotTime;
 const MAX_WAITING: usize = 64;
 
 /// Jumps and the frames whose poses they are in, in the order in which they came.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct WaitingJumps(Vec<(FrameId, PoseJump)>);
 
 impl WaitingJumps {

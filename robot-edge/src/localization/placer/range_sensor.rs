@@ -13,7 +13,7 @@ use crate::pose::Pose;
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::scan::Scan;
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct RangeSensor {
     pub(super) settings: RangeSensorSettings,
     pub(super) projector: BeamProjector,
@@ -28,7 +28,7 @@ pub(super) struct RangeSensor {
     dropped_scans: DropCounts,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct WaitingScan {
     pub(super) first_beam: RobotTime,
     pub(super) last_beam: RobotTime,

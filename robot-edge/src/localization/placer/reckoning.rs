@@ -9,13 +9,13 @@ use crate::measurement::{Measurement, MeasurementData, StreamId};
 use crate::robot_time::RobotDuration;
 
 /// What makes poses, and the streams that it listens to.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Reckoning {
     made_of: MadeOf,
     streams: PoseStreams,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 enum MadeOf {
     Wheels(Box<DeadReckoning>),
     Fixes(Box<SatellitePositioning>),

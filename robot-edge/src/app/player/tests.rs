@@ -1,0 +1,189 @@
+use std::path::{Path, PathBuf};
+
+use clap::Parser as _;
+use protocol::layer::LayerId;
+
+use super::super::checkpoints::MOST;
+use super::super::feed::feed;
+use super::super::replay::{look_through, set_up};
+use super::*;
+use crate::cli::{Cli, Command, Replay};
+use crate::replay_control::{ReplaySight, ReplayState};
+
+fn rooms() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../recordings/rooms.mcap")
+}
+
+/// A world that is simulated for so long, as a recording.
+fn recorded(world: &str, duration_s: &str, folder: &Path) -> PathBuf {
+    let path = folder.join("run.mcap");
+    let mut line = vec!["robot-edge", "simulate", world, "--duration", duration_s];
+    line.extend(["--rate", "max", "--no-network", "--quiet", "--record"]);
+    line.push(path.to_str().unwrap());
+    let cli = Cli::try_parse_from(line).unwrap();
+    super::super::run_until(&cli, &AtomicBool::new(false), &mut std::io::sink()).unwrap();
+    path
+}
+
+fn command(recording: &Path) -> Replay {
+    let recording = recording.to_str().unwrap();
+    let line = ["robot-edge", "replay", recording, "--no-network", "--quiet"];
+    let Command::Replay(replay) = Cli::try_parse_from(line).unwrap().command else {
+        unreachable!("it says so");
+    };
+    replay
+}
+
+fn seconds(s: f64) -> RobotDuration {
+    RobotDuration::from_secs_f64(s)
+}
+
+/// The digests of all layers.
+fn digests(side: &MappingSide) -> Vec<(LayerId, String)> {
+    let store = side.pipeline.publisher().store();
+    let grids = store.grids();
+    let digest = |layer| store.root_digest(layer).unwrap().to_string();
+    grids.map(|grid| (grid.layer, digest(grid.layer))).collect()
+}
+
+/// What `replay --duration` leaves behind; without one, `replay`.
+fn fresh(recording: &Path, duration_s: Option<f64>) -> Vec<(LayerId, String)> {
+    let command = Replay {
+        duration_s,
+        ..command(recording)
+    };
+    let (survey, config, plan) = look_through(&command).unwrap();
+    let (run, mut source) = set_up(&command, true, &survey, &config, plan).unwrap();
+    let mut side = run.start().unwrap();
+    let interrupt = AtomicBool::new(false);
+    let end = feed(&mut source, Rate::Max, &interrupt, |batch| {
+        side.take(batch).unwrap();
+        true
+    });
+    end.result.unwrap();
+    side.finish(0).unwrap();
+    digests(&side)
+}
+
+/// A player of `recording` at full speed, and whoever has it in his hands.
+fn with_player(recording: &Path, work: impl FnOnce(&mut Player<'_>, &ReplayControl)) {
+    let command = command(recording);
+    let (survey, config, plan) = look_through(&command).unwrap();
+    let (run, source) = set_up(&command, true, &survey, &config, plan).unwrap();
+    let control = ReplayControl::new(Rate::Max);
+    let interrupt = AtomicBool::new(false);
+    let mut player = Player::new(&run, source, &control, &interrupt).unwrap();
+    work(&mut player, &control);
+}
+
+/// Lets it work until it stands still.
+fn settle(player: &mut Player<'_>, control: &ReplayControl) -> ReplaySight {
+    loop {
+        // Resting waits for a wish, and would be a second of nothing.
+        let sight = control.sight();
+        if sight.is_settled {
+            return sight;
+        }
+        player.step().unwrap();
+    }
+}
+
+/// Winds to `to` and compares the map there with that of a replay that ends there.
+#[track_caller]
+fn assert_wound(player: &mut Player<'_>, control: &ReplayControl, recording: &Path, to: f64) {
+    control.pause();
+    control.seek(seconds(to));
+    let sight = settle(player, control);
+    assert_eq!(
+        (sight.state, sight.position),
+        (ReplayState::Paused, seconds(to))
+    );
+    assert_eq!(
+        digests(&player.side),
+        fresh(recording, Some(to)),
+        "at {to} s"
+    );
+}
+
+#[test]
+fn wherever_it_is_wound_the_map_is_that_of_a_replay_up_to_there() {
+    let rooms = rooms();
+    with_player(&rooms, |player, control| {
+        // Without copies on the way, whatever the speed of this machine.
+        player.checkpoints.apart = Duration::MAX;
+        for to in [60.0, 60.25, 30.0, 29.5] {
+            assert_wound(player, control, &rooms, to);
+        }
+        assert_eq!(control.sight().rounds, 2, "it was wound back twice");
+        control.play();
+        while !control.sight().is_settled {
+            player.step().unwrap();
+        }
+        assert_eq!(control.sight().state, ReplayState::Ended);
+        assert_eq!(digests(&player.side), fresh(&rooms, None));
+    });
+}
+
+#[test]
+fn it_is_wound_to_copies_of_the_maps_where_mapping_takes_long() {
+    let rooms = rooms();
+    with_player(&rooms, |player, control| {
+        // As if every batch took a second to map.
+        player.checkpoints.apart = Duration::ZERO;
+        for to in [50.0, 30.0, 29.0, 2.0, 45.5] {
+            assert_wound(player, control, &rooms, to);
+        }
+        assert!(!player.checkpoints.kept.is_empty());
+        let (_, trail_m) = control.trail(0).unwrap();
+        with_player(&rooms, |other, control| {
+            assert_wound(other, control, &rooms, 45.5);
+            assert_eq!(control.trail(0).unwrap().1, trail_m);
+        });
+    });
+}
+
+#[test]
+fn copies_of_the_maps_are_few() {
+    with_player(&rooms(), |player, control| {
+        control.pause();
+        control.seek(seconds(1.0));
+        settle(player, control);
+        for _ in 0..100 {
+            player.keep_checkpoint();
+            assert!(player.checkpoints.kept.len() <= MOST);
+        }
+        assert!(
+            player.checkpoints.apart > Duration::from_secs(10),
+            "and ever fewer"
+        );
+    });
+}
+
+#[test]
+fn heights_and_obstacles_that_were_erased_on_the_way_come_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let ramp = recorded("ramp", "44", folder.path());
+    with_player(&ramp, |player, control| {
+        for to in [38.0, 41.5, 39.75, 43.0] {
+            assert_wound(player, control, &ramp, to);
+        }
+        let kinds: Vec<_> = control.sight().marks.iter().map(|m| m.kind).collect();
+        assert_eq!(kinds, ["ground_plane"], "it is marked once");
+    });
+}
+
+#[test]
+fn voxels_costs_and_shores_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let lake = recorded("lake", "2", folder.path());
+    with_player(&lake, |player, control| {
+        for to in [1.0, 1.7, 0.6] {
+            assert_wound(player, control, &lake, to);
+        }
+        let layers: Vec<_> = digests(&player.side)
+            .into_iter()
+            .map(|(layer, _)| layer)
+            .collect();
+        assert_eq!(layers, [LayerId::Cost, LayerId::Shore]);
+    });
+}

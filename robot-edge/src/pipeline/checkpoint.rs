@@ -1,0 +1,81 @@
+//! The maps as they were, to go back to.
+
+use protocol::message::Shores;
+
+use super::{Pipeline, PipelineReport};
+use crate::localization::placer::BeamPlacer;
+use crate::mapping::Mapper;
+use crate::mapping::cost_map::CostMap;
+use crate::mapping::occupancy_grid::OccupancyGrid;
+use crate::mapping::terrain::Terrain;
+use crate::robot_time::RobotTime;
+use crate::streaming::publisher::{PublishError, PublisherState};
+
+/// All that a [`Pipeline`] knows at one time of the data.
+#[derive(Clone, Debug)]
+pub struct Checkpoint {
+    placer: BeamPlacer,
+    mapper: Mapper,
+    publisher: PublisherState,
+    published_at: Option<RobotTime>,
+    scans_unpublished: u32,
+    report: PipelineReport,
+    evictions_told: Option<RobotTime>,
+    shores_taken: u32,
+    last_scan: Option<RobotTime>,
+}
+
+impl Checkpoint {
+    /// Memory that it takes, bytes: the maps and the tiles, which are nearly all of it.
+    pub fn bytes(&self) -> usize {
+        let occupancy = self.mapper.occupancy().map_or(0, OccupancyGrid::bytes);
+        let terrain = self.mapper.terrain().map_or(0, Terrain::bytes);
+        let voxels = self.mapper.voxels().map_or(0, |voxels| {
+            let octree = voxels.octree();
+            octree.bytes() + octree.scratch_bytes() + voxels.cost().map_or(0, CostMap::bytes)
+        });
+        occupancy + terrain + voxels + self.publisher.bytes()
+    }
+}
+
+impl Pipeline {
+    /// A copy of all that is known now.
+    pub fn checkpoint(&self) -> Checkpoint {
+        Checkpoint {
+            placer: self.placer.clone(),
+            mapper: self.mapper.clone(),
+            publisher: self.publisher.state(),
+            published_at: self.published_at,
+            scans_unpublished: self.scans_unpublished,
+            report: self.report.clone(),
+            evictions_told: self.evictions_told,
+            shores_taken: self.shores_taken,
+            last_scan: self.last_scan,
+        }
+    }
+
+    /// Goes on from where the checkpoint was taken. What was published since is void, in a new epoch of each layer.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub fn go_back(&mut self, checkpoint: &Checkpoint) -> Result<(), PublishError> {
+        self.publisher.go_back(&checkpoint.publisher)?;
+        self.placer = checkpoint.placer.clone();
+        self.mapper = checkpoint.mapper.clone();
+        self.published_at = checkpoint.published_at;
+        self.scans_unpublished = checkpoint.scans_unpublished;
+        self.placed.clear();
+        self.report = checkpoint.report.clone();
+        self.happenings.clear();
+        self.evictions_told = checkpoint.evictions_told;
+        self.shores_taken = checkpoint.shores_taken;
+        self.last_scan = checkpoint.last_scan;
+        Ok(())
+    }
+
+    /// Shores and docking sites where any were looked for, whether they were taken or not, and the stamp of the last scan.
+    pub fn known_shores(&self) -> Option<(RobotTime, Shores)> {
+        let is_known = self.mapper.voxels()?.shore()?.updates() > 0;
+        Some((self.last_scan.filter(|_| is_known)?, self.shores()?))
+    }
+}

@@ -1,0 +1,92 @@
+//! What is published while a replay stands still, and the maps that begin anew when it is wound back.
+//!
+//! A scan waits for the pose behind it, and cells wait to be published. Whoever looks at a paused recording wants both
+//! at once, yet neither may change what comes when it goes on: so a copy of the maps is brought to its end and
+//! published, and what that changed is taken back.
+
+use protocol::message::Shores;
+
+use super::{Pipeline, PipelineReport};
+use crate::config::Config;
+use crate::localization::placer::{BeamPlacer, PlacerSettings};
+use crate::mapping::Mapper;
+use crate::robot_time::RobotTime;
+use crate::streaming::publisher::{PublishError, Published};
+
+/// What was published for a standstill.
+#[derive(Debug)]
+pub struct Standstill {
+    published: Published,
+    /// Shores and docking sites if they are other than those taken before, and the stamp of the last scan.
+    pub shores: Option<(RobotTime, Shores)>,
+}
+
+impl Pipeline {
+    /// Publishes the maps as if the data ended here: to the cell what [`Pipeline::finish`] would leave behind.
+    ///
+    /// It takes a copy of the maps, for as long as this lasts.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub fn stand_still(&mut self) -> Result<Standstill, PublishError> {
+        let mut ended = Self {
+            placer: self.placer.clone(),
+            mapper: self.mapper.clone(),
+            publisher: self.publisher.remembering(),
+            publish_period: self.publish_period,
+            published_at: self.published_at,
+            scans_unpublished: self.scans_unpublished,
+            placed: Vec::new(),
+            report: PipelineReport::default(),
+            on_jump: self.on_jump,
+            happenings: Vec::new(),
+            evictions_told: self.evictions_told,
+            shores_taken: self.shores_taken,
+            last_scan: self.last_scan,
+        };
+        ended.finish(())?;
+        let shores = ended.take_shores();
+        self.publisher.add_changed(ended.publisher.take_changed());
+        Ok(Standstill {
+            published: ended.publisher.into_published(),
+            shores,
+        })
+    }
+
+    /// Takes back what was published for a standstill: the data goes on.
+    ///
+    /// Exact as long as the tile store has room (`streaming.store_mb`); what was evicted for the standstill stays so.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub fn go_on(&mut self, standstill: Standstill) -> Result<(), PublishError> {
+        self.publisher.take_back(standstill.published)
+    }
+
+    /// Empty maps again, for data that begins anew. Layers keep their place in the tile store, in a new epoch.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub fn begin_anew(
+        &mut self,
+        config: &Config,
+        placer: PlacerSettings,
+    ) -> Result<(), PublishError> {
+        self.mapper = Mapper::new(
+            &config.mapping,
+            config.vehicle.shape(),
+            &config.range_models(),
+        );
+        self.placer = BeamPlacer::new(placer);
+        self.publisher.begin_anew(&self.mapper)?;
+        self.published_at = None;
+        self.scans_unpublished = 0;
+        self.placed.clear();
+        self.report = PipelineReport::default();
+        self.happenings.clear();
+        self.evictions_told = None;
+        self.shores_taken = 0;
+        self.last_scan = None;
+        Ok(())
+    }
+}

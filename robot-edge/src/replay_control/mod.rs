@@ -1,0 +1,350 @@
+//! Who replays a recording pauses it, winds it and changes its speed: a handle that both sides share.
+//!
+//! One side says what is wanted and looks at how far it is; the other ([`crate::app::play`]) maps. The map that is
+//! published is at every moment the map of the recording from its start to [`ReplaySight::position`]: winding back begins
+//! it anew, and so does a round.
+
+mod marks;
+mod rate_meter;
+mod trail;
+
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use crate::clock::Monotonic;
+use crate::pacer::Rate;
+use crate::robot_time::RobotDuration;
+
+pub use marks::{MAX_MARKS, Mark};
+pub(crate) use rate_meter::RateMeter;
+pub(crate) use trail::Trail;
+
+use marks::Marks;
+
+/// Slowest and fastest multiple of the recording's own speed.
+pub const RATES: [f64; 2] = [0.1, 20.0];
+/// Whoever waits for a wish looks up at least this often: an interrupt wakes nobody.
+const LONGEST_WAIT: Duration = Duration::from_millis(50);
+
+/// Pauses, winds and paces a replay, and says how far it is. Clones are handles of the same replay.
+#[derive(Clone, Debug)]
+pub struct ReplayControl(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    state: Mutex<State>,
+    /// Something else is wanted.
+    called: Condvar,
+}
+
+#[derive(Debug)]
+struct State {
+    wishes: Wishes,
+    progress: Progress,
+    rate_reached: Option<f64>,
+    length: Option<Length>,
+    marks: Marks,
+    trail: Trail,
+    rounds: u64,
+}
+
+/// What is wanted of a replay.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Wishes {
+    /// It stands still where it is, or where it was wound to.
+    pub(crate) is_paused: bool,
+    /// How fast it goes.
+    pub(crate) rate: Rate,
+    /// At the end it begins anew.
+    pub(crate) is_looping: bool,
+    /// Where it is wound to, from the first scan. Taken by who replays.
+    pub(crate) seek: Option<RobotDuration>,
+}
+
+/// How far a replay is, as who replays tells it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Progress {
+    /// The recording is being looked through; nothing is mapped yet.
+    pub(crate) is_opening: bool,
+    /// Time of the data that is in the map, from the first scan.
+    pub(crate) position: RobotDuration,
+    /// Where it is being wound to.
+    pub(crate) seeking: Option<RobotDuration>,
+    /// There is no more.
+    pub(crate) has_ended: bool,
+    /// All that was read up to the position is in the published map.
+    pub(crate) is_settled: bool,
+}
+
+/// What a replay is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ReplayState {
+    /// The recording is being looked through.
+    Opening,
+    /// It goes on at its rate.
+    Playing,
+    /// It stands still.
+    Paused,
+    /// It maps as fast as it can up to a time of the data.
+    Seeking {
+        /// Up to where, from the first scan.
+        to: RobotDuration,
+    },
+    /// All of it is in the map.
+    Ended,
+}
+
+/// How long a recording is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Length {
+    /// From the first scan to the last.
+    pub duration: RobotDuration,
+    /// It was not read to its end yet, and this is a guess from the part that was.
+    pub is_estimate: bool,
+}
+
+/// How a replay is going.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReplaySight {
+    /// What it is doing.
+    pub state: ReplayState,
+    /// Time of the data that is in the map, from the first scan.
+    pub position: RobotDuration,
+    /// How long the recording is, where that is known.
+    pub length: Option<Length>,
+    /// The speed that is wanted.
+    pub rate: Rate,
+    /// Time of the data per time, over the last second; `None` where it stands still.
+    pub rate_reached: Option<f64>,
+    /// Whether it is to stand still once it is where it was wound to.
+    pub is_paused: bool,
+    /// Whether it begins anew at the end.
+    pub is_looping: bool,
+    /// Whether it stands still and all up to its position is in the published map: exactly the map of
+    /// `robot-edge replay --duration` with the position.
+    pub is_settled: bool,
+    /// What happened in the part that was replayed so far, in the order of the recording.
+    pub marks: Vec<Mark>,
+    /// How often the maps began anew or went back.
+    pub rounds: u64,
+}
+
+impl ReplayControl {
+    /// Of a replay that begins at once, at this rate (see [`Self::set_rate`]).
+    pub fn new(rate: Rate) -> Self {
+        Self(Arc::new(Inner {
+            state: Mutex::new(State {
+                wishes: Wishes {
+                    is_paused: false,
+                    rate: within_limits(rate),
+                    is_looping: false,
+                    seek: None,
+                },
+                progress: Progress {
+                    is_opening: true,
+                    position: RobotDuration::ZERO,
+                    seeking: None,
+                    has_ended: false,
+                    is_settled: false,
+                },
+                rate_reached: None,
+                length: None,
+                marks: Marks::default(),
+                trail: Trail::default(),
+                rounds: 0,
+            }),
+            called: Condvar::new(),
+        }))
+    }
+
+    /// Goes on; at the end, from the beginning.
+    pub fn play(&self) {
+        self.wish(|state| {
+            state.wishes.is_paused = false;
+            if state.progress.has_ended && state.wishes.seek.is_none() {
+                state.wishes.seek = Some(RobotDuration::ZERO);
+            }
+        });
+    }
+
+    /// Stands still.
+    pub fn pause(&self) {
+        self.wish(|state| state.wishes.is_paused = true);
+    }
+
+    /// Goes on at this rate. Multiples are kept within [`RATES`].
+    pub fn set_rate(&self, rate: Rate) {
+        self.wish(|state| state.wishes.rate = within_limits(rate));
+    }
+
+    /// Whether to begin anew at the end.
+    pub fn set_looping(&self, is_looping: bool) {
+        self.wish(|state| state.wishes.is_looping = is_looping);
+    }
+
+    /// Winds to this time of the data, from the first scan, and there goes on or stands still as before.
+    pub fn seek(&self, to: RobotDuration) {
+        self.wish(|state| state.seek(to));
+    }
+
+    /// Winds on, or back where negative, from where it is or is being wound to.
+    pub fn step(&self, by: RobotDuration) {
+        self.wish(|state| {
+            let seeking = state.wishes.seek.or(state.progress.seeking);
+            state.seek(seeking.unwrap_or(state.progress.position) + by);
+        });
+    }
+
+    /// How it is going.
+    pub fn sight(&self) -> ReplaySight {
+        let state = self.lock();
+        let State {
+            wishes, progress, ..
+        } = *state;
+        let now = match wishes.seek.or(progress.seeking) {
+            _ if progress.is_opening => ReplayState::Opening,
+            Some(to) => ReplayState::Seeking { to },
+            None if progress.has_ended => ReplayState::Ended,
+            None if wishes.is_paused => ReplayState::Paused,
+            None => ReplayState::Playing,
+        };
+        let is_going = matches!(now, ReplayState::Playing | ReplayState::Seeking { .. });
+        ReplaySight {
+            state: now,
+            position: progress.position,
+            length: state.length,
+            rate: wishes.rate,
+            rate_reached: state.rate_reached.filter(|_| is_going),
+            is_paused: wishes.is_paused,
+            is_looping: wishes.is_looping,
+            is_settled: progress.is_settled && !is_going,
+            marks: state.marks.all().to_vec(),
+            rounds: state.rounds,
+        }
+    }
+
+    /// Where the vehicle was up to the position, oldest first, metres in `odom`, and the version of that, if it is another
+    /// than `known`; 0 is that of no trail.
+    pub fn trail(&self, known: u64) -> Option<(u64, Vec<[f64; 2]>)> {
+        self.lock().trail.newer_than(known)
+    }
+
+    fn wish(&self, change: impl FnOnce(&mut State)) {
+        change(&mut self.lock());
+        self.0.called.notify_all();
+    }
+
+    /// What is wanted now. Where to wind to is said once.
+    pub(crate) fn take_wishes(&self) -> Wishes {
+        let mut state = self.lock();
+        let wishes = state.wishes;
+        if let Some(to) = state.wishes.seek.take() {
+            // Or there would be a moment in which nobody knows of it.
+            state.progress.seeking = Some(to);
+            state.progress.has_ended = false;
+        }
+        wishes
+    }
+
+    /// Sleeps until `deadline`, or until something else is wanted than was taken with `known`; whether the deadline was
+    /// reached.
+    pub(crate) fn sleep_until(
+        &self,
+        deadline: Monotonic,
+        known: Wishes,
+        is_interrupted: impl Fn() -> bool,
+    ) -> bool {
+        let known = Wishes {
+            seek: None,
+            ..known
+        };
+        let mut state = self.lock();
+        loop {
+            if state.wishes != known || is_interrupted() {
+                return false;
+            }
+            let rest = deadline.since(Monotonic::now());
+            if rest.is_zero() {
+                return true;
+            }
+            let woken = self
+                .0
+                .called
+                .wait_timeout(state, rest.min(LONGEST_WAIT))
+                .unwrap_or_else(PoisonError::into_inner);
+            state = woken.0;
+        }
+    }
+
+    /// Tells how far it is.
+    pub(crate) fn tell(&self, progress: Progress, rate_reached: Option<f64>) {
+        let mut state = self.lock();
+        state.progress = progress;
+        state.rate_reached = rate_reached;
+    }
+
+    /// Tells how long the recording is. A guess gives way to what is known.
+    pub(crate) fn tell_length(&self, length: Length) {
+        let mut state = self.lock();
+        let is_known = state.length.is_some_and(|known| !known.is_estimate);
+        if !(is_known && length.is_estimate) {
+            state.length = Some(length);
+        }
+    }
+
+    /// Tells that the maps began anew.
+    pub(crate) fn begin_anew(&self) {
+        let mut state = self.lock();
+        state.rounds += 1;
+        state.trail.begin_anew();
+    }
+
+    /// Tells that the maps went back to where this trail was taken.
+    pub(crate) fn go_back(&self, trail: &Trail) {
+        let mut state = self.lock();
+        state.rounds += 1;
+        state.trail.go_back(trail);
+    }
+
+    /// The trail so far.
+    pub(crate) fn trail_so_far(&self) -> Trail {
+        self.lock().trail.clone()
+    }
+
+    /// The vehicle was here, metres in `odom`.
+    pub(crate) fn pass(&self, point_m: [f64; 2]) {
+        self.lock().trail.pass(point_m);
+    }
+
+    /// Keeps a mark; whether it is a new one, and not the same as in an earlier round.
+    pub(crate) fn mark(&self, mark: Mark) -> bool {
+        self.lock().marks.add(mark)
+    }
+
+    /// Whoever fails with it in his hands leaves nothing half done: every change is a single assignment.
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.0.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl State {
+    fn seek(&mut self, to: RobotDuration) {
+        let end = self
+            .length
+            .filter(|length| !length.is_estimate)
+            .map_or(RobotDuration::from_nanos(i64::MAX), |length| {
+                length.duration
+            });
+        self.wishes.seek = Some(to.clamp(RobotDuration::ZERO, end.max(RobotDuration::ZERO)));
+    }
+}
+
+fn within_limits(rate: Rate) -> Rate {
+    match rate {
+        Rate::Times(times) => Rate::Times(times.clamp(RATES[0], RATES[1])),
+        Rate::Max => Rate::Max,
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,126 @@
+use super::*;
+
+const fn ms(ms: i64) -> RobotDuration {
+    RobotDuration::from_millis(ms)
+}
+
+/// A replay that is at `position`.
+fn at(position: RobotDuration, has_ended: bool) -> ReplayControl {
+    let control = ReplayControl::new(Rate::Times(1.0));
+    control.tell(
+        Progress {
+            is_opening: false,
+            position,
+            seeking: None,
+            has_ended,
+            is_settled: has_ended,
+        },
+        Some(0.98),
+    );
+    control.tell_length(Length {
+        duration: ms(116_000),
+        is_estimate: false,
+    });
+    control
+}
+
+#[test]
+fn what_is_wanted_is_seen_at_once() {
+    let control = ReplayControl::new(Rate::Times(1.0));
+    assert_eq!(control.sight().state, ReplayState::Opening);
+    let control = at(ms(5_000), false);
+    let sight = control.sight();
+    assert_eq!(sight.state, ReplayState::Playing);
+    assert_eq!(sight.rate_reached, Some(0.98));
+    control.pause();
+    let sight = control.sight();
+    assert_eq!(
+        (sight.state, sight.rate_reached),
+        (ReplayState::Paused, None)
+    );
+    assert!(!sight.is_settled, "nobody has stopped yet");
+    control.seek(ms(60_000));
+    let to = ms(60_000);
+    assert_eq!(control.sight().state, ReplayState::Seeking { to });
+    assert_eq!(control.take_wishes().seek, Some(to));
+    assert_eq!(control.take_wishes().seek, None);
+    assert_eq!(control.sight().state, ReplayState::Seeking { to });
+}
+
+#[test]
+fn steps_add_up_and_stay_within_the_recording() {
+    let control = at(ms(5_000), false);
+    for (by, to) in [(1, 6), (10, 16), (-1, 15), (-100, 0), (1, 1), (500, 116)] {
+        control.step(ms(1000 * by));
+        let to = ms(1000 * to);
+        assert_eq!(control.sight().state, ReplayState::Seeking { to });
+    }
+    control.take_wishes();
+    control.step(ms(-1000));
+    assert_eq!(
+        control.take_wishes().seek,
+        Some(ms(115_000)),
+        "while it is wound"
+    );
+}
+
+#[test]
+fn who_plays_at_the_end_begins_anew() {
+    let control = at(ms(116_000), true);
+    assert_eq!(control.sight().state, ReplayState::Ended);
+    assert!(control.sight().is_settled);
+    control.play();
+    assert_eq!(control.take_wishes().seek, Some(ms(0)));
+
+    let paused = at(ms(5_000), false);
+    paused.pause();
+    paused.play();
+    assert_eq!(paused.take_wishes().seek, None);
+    assert_eq!(paused.sight().state, ReplayState::Playing);
+}
+
+#[test]
+fn rates_are_kept_within_their_limits() {
+    let control = at(ms(0), false);
+    for (wanted, kept) in [(0.01, 0.1), (0.25, 0.25), (20.0, 20.0), (1e9, 20.0)] {
+        control.set_rate(Rate::Times(wanted));
+        assert_eq!(control.sight().rate, Rate::Times(kept));
+    }
+    control.set_rate(Rate::Max);
+    assert_eq!(control.sight().rate, Rate::Max);
+}
+
+#[test]
+fn a_wish_wakes_who_sleeps() {
+    let control = at(ms(0), false);
+    let known = control.take_wishes();
+    let far = Monotonic::now() + Duration::from_hours(1);
+    let sleeper = std::thread::spawn({
+        let control = control.clone();
+        move || control.sleep_until(far, known, || false)
+    });
+    control.pause();
+    assert!(!sleeper.join().unwrap());
+    let (now, known) = (Monotonic::now(), control.take_wishes());
+    assert!(control.sleep_until(now, known, || false));
+    assert!(!control.sleep_until(far, known, || true), "interrupted");
+}
+
+#[test]
+fn a_guess_of_the_length_gives_way_to_what_is_known() {
+    let control = ReplayControl::new(Rate::Max);
+    let length = |s: i64, is_estimate| Length {
+        duration: ms(1000 * s),
+        is_estimate,
+    };
+    control.tell_length(length(100, true));
+    control.seek(ms(500_000));
+    assert_eq!(
+        control.take_wishes().seek,
+        Some(ms(500_000)),
+        "it may be longer"
+    );
+    control.tell_length(length(120, false));
+    control.tell_length(length(90, true));
+    assert_eq!(control.sight().length, Some(length(120, false)));
+}
