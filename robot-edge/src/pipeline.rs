@@ -17,6 +17,12 @@ use crate::streaming::publisher::{PublishError, Publisher};
 use crate::streaming::shores::shores;
 use crate::summary::StageTimer;
 
+mod checkpoint;
+mod standstill;
+
+pub use checkpoint::Checkpoint;
+pub use standstill::Standstill;
+
 /// Places, maps and publishes. It owns no thread: whoever holds it calls it.
 pub struct Pipeline {
     placer: BeamPlacer,
@@ -131,6 +137,11 @@ impl Pipeline {
             shores_taken: 0,
             last_scan: None,
         })
+    }
+
+    /// Stamp of the newest scan in the map.
+    pub const fn last_scan(&self) -> Option<RobotTime> {
+        self.last_scan
     }
 
     /// Takes one measurement. Every scan is shown to `observer`.

@@ -25,6 +25,16 @@ impl DataClock {
         self.newest = None;
     }
 
+    /// The time that had passed at `stamp`, as far as this clock goes back.
+    pub(super) fn at(&self, stamp: RobotTime) -> RobotDuration {
+        let Some(newest) = self.newest else {
+            return self.elapsed;
+        };
+        let before = newest.since(stamp).max(RobotDuration::ZERO);
+        let nanos = self.elapsed.as_nanos().saturating_sub(before.as_nanos());
+        RobotDuration::from_nanos(nanos.max(0))
+    }
+
     /// Whether any data came.
     pub(super) const fn has_started(&self) -> bool {
         self.newest.is_some()
@@ -52,5 +62,11 @@ mod tests {
             clock.see(at(ms));
         }
         assert_eq!(clock.elapsed(), RobotDuration::from_millis(300));
+        for (stamp_ms, elapsed_ms) in [(100, 300), (40, 240), (900, 300), (-1000, 0)] {
+            assert_eq!(
+                clock.at(at(stamp_ms)),
+                RobotDuration::from_millis(elapsed_ms)
+            );
+        }
     }
 }

@@ -99,6 +99,11 @@ impl DrivePlan {
         }
     }
 
+    /// Whether operators can start and stop recordings.
+    pub(super) const fn can_record(&self) -> bool {
+        self.recordings.is_some() && self.can_drive()
+    }
+
     /// What records when operators want it, where they may.
     ///
     /// # Errors

@@ -2,22 +2,28 @@
 
 use std::sync::Arc;
 
+use protocol::message::RecordingStatus;
+
 use super::data_clock::DataClock;
 use super::event_log::EventLog;
 use super::feed::Batch;
-use super::live_recording::LiveRecording;
+use super::live_recording::{LiveRecording, Problem};
 use super::network::Network;
 use super::outputs::Trajectory;
 use super::recorder::Recorder;
 use super::source::Item;
 use crate::clock::Monotonic;
+use crate::config::Config;
+use crate::localization::placer::PlacerSettings;
 use crate::mapping::Mapper;
 use crate::mapping::posed_scan::PosedScan;
 use crate::measurement::{Measurement, Stream};
-use crate::pipeline::{Pipeline, ScanObserver};
+use crate::pipeline::{Checkpoint, Happening, Pipeline, ScanObserver, Standstill};
 use crate::progress::{Progress, ProgressFigures};
 use crate::recording::stamp_order::Ordered;
 use crate::recording::writer::WriteError;
+use crate::replay_control::{Mark, ReplayControl};
+use crate::robot_time::RobotTime;
 use crate::streaming::publisher::PublishError;
 
 /// What takes the batches of a source.
@@ -28,7 +34,7 @@ pub(super) struct MappingSide {
     /// What records when operators want it.
     pub(super) live: Option<LiveRecording>,
     /// Why it ended by itself, as far as that was told.
-    pub(super) told_problem: Option<String>,
+    pub(super) told_problem: Option<Problem>,
     /// Why recording has ended before the run.
     pub(super) not_recorded: Option<WriteError>,
     /// Somebody may drive the vehicle.
@@ -41,6 +47,15 @@ pub(super) struct MappingSide {
     pub(super) streams: Vec<Stream>,
     /// What happened on the way, for the summary.
     pub(super) events: EventLog,
+    /// Where a replay can be wound: what happens again is not told again.
+    pub(super) marking: Option<Marking>,
+}
+
+/// Marks what happens on the time line of a replay.
+pub(super) struct Marking {
+    pub(super) control: ReplayControl,
+    /// Time of the data since the first scan.
+    pub(super) clock: DataClock,
 }
 
 impl MappingSide {
@@ -82,6 +97,7 @@ impl MappingSide {
         let watch = Watch {
             trajectory: &mut self.trajectory,
             network: self.network.as_mut(),
+            marking: self.marking.as_ref(),
         };
         self.pipeline.push(measurement, watch)
     }
@@ -116,9 +132,9 @@ impl MappingSide {
         match ordered {
             Ordered::Measurement(measurement) => {
                 self.record(&measurement)?;
-                self.clock.see(measurement.stamp);
+                let elapsed = self.clock.see(measurement.stamp);
                 if let Some(network) = &mut self.network {
-                    network.came(measurement.stamp, came);
+                    network.came(&measurement, came, elapsed);
                 }
                 self.push(measurement)?;
                 if let Some(network) = &mut self.network
@@ -127,11 +143,11 @@ impl MappingSide {
                     network.moved(pose);
                 }
             }
-            Ordered::ClockReset { from, .. } => {
+            Ordered::ClockReset { from, to } => {
                 tracing::info!(%from, "the clock of the data started anew");
                 self.clock.reset();
                 if let Some(network) = &mut self.network {
-                    network.reset_clock();
+                    network.reset_clock(to == RobotTime::MIN);
                 }
                 if let Some(live) = &mut self.live {
                     live.reset_clock();
@@ -142,6 +158,7 @@ impl MappingSide {
                 self.pipeline.reset_clock(Watch {
                     trajectory: &mut self.trajectory,
                     network: self.network.as_mut(),
+                    marking: self.marking.as_ref(),
                 })?;
             }
         }
@@ -156,33 +173,98 @@ impl MappingSide {
         let finished = self.pipeline.finish(Watch {
             trajectory: &mut self.trajectory,
             network: self.network.as_mut(),
+            marking: self.marking.as_ref(),
         });
         self.tell_network(lost);
         self.progress.finish();
         finished
     }
 
+    /// Publishes the maps as if the data ended here; `lost` by the source so far.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub(super) fn stand_still(&mut self, lost: u64) -> Result<Standstill, PublishError> {
+        let mut standstill = self.pipeline.stand_still()?;
+        if let Some(network) = &self.network
+            && let Some((stamp, shores)) = standstill.shores.take()
+        {
+            network.shores(stamp, Arc::new(shores));
+        }
+        self.tell_network(lost);
+        Ok(standstill)
+    }
+
+    /// The data begins anew, and with it the maps.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub(super) fn begin_anew(
+        &mut self,
+        config: &Config,
+        placer: PlacerSettings,
+    ) -> Result<(), PublishError> {
+        self.pipeline.begin_anew(config, placer)?;
+        self.trajectory = Trajectory::new();
+        self.clock = DataClock::default();
+        self.streams.clear();
+        if let Some(network) = &mut self.network {
+            network.begin_anew(&self.pipeline);
+        }
+        Ok(())
+    }
+
+    /// The data goes on where the maps were copied, and the clock of this side with them.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub(super) fn go_back(
+        &mut self,
+        maps: &Checkpoint,
+        clock: DataClock,
+    ) -> Result<(), PublishError> {
+        self.pipeline.go_back(maps)?;
+        self.clock = clock;
+        self.streams.clear();
+        if let Some(network) = &mut self.network {
+            network.begin_anew(&self.pipeline);
+            if let Some((stamp, shores)) = self.pipeline.known_shores() {
+                network.shores(stamp, Arc::new(shores));
+            }
+        }
+        Ok(())
+    }
+
     /// Starts and stops what operators record, and says how it is going.
-    fn serve_recording(&mut self) {
+    fn serve_recording(&mut self) -> Option<RecordingStatus> {
         let (Some(live), Some(network)) = (&mut self.live, &self.network) else {
-            return;
+            return None;
         };
         if let Some(is_wanted) = network.take_recording_wish() {
             live.record(is_wanted);
         }
         let state = live.state();
         network.show_recording(state.is_running);
+        let status = state.status();
         if self.told_problem != state.problem {
             if let Some(problem) = &state.problem {
-                network.tell("recording_stopped", problem);
+                network.tell("recording_stopped", &problem.what);
             }
             self.told_problem = state.problem;
         }
+        Some(status)
     }
 
     fn tell_network(&mut self, lost: u64) {
-        self.serve_recording();
+        let recording = self.serve_recording();
         for happening in self.pipeline.take_happenings() {
+            let is_new = self
+                .marking
+                .as_ref()
+                .is_none_or(|marking| marking.mark(&happening));
+            if !is_new {
+                continue;
+            }
             if let Some(network) = &self.network {
                 network.tell(happening.kind, &happening.message);
             }
@@ -193,10 +275,21 @@ impl MappingSide {
         {
             network.shores(stamp, Arc::new(shores));
         }
-        match &self.network {
-            Some(network) => network.update(&mut self.pipeline, &self.clock, lost),
+        match &mut self.network {
+            Some(network) => network.update(&mut self.pipeline, &self.clock, lost, recording),
             None => drop(self.pipeline.take_changed_tiles()),
         }
+    }
+}
+
+impl Marking {
+    /// Whether this did not happen in an earlier round.
+    fn mark(&self, happening: &Happening) -> bool {
+        self.control.mark(Mark {
+            at: self.clock.at(happening.stamp),
+            kind: happening.kind,
+            message: happening.message.clone(),
+        })
     }
 }
 
@@ -204,6 +297,7 @@ impl MappingSide {
 struct Watch<'a> {
     trajectory: &'a mut Trajectory,
     network: Option<&'a mut Network>,
+    marking: Option<&'a Marking>,
 }
 
 impl ScanObserver for Watch<'_> {
@@ -215,6 +309,10 @@ impl ScanObserver for Watch<'_> {
 
     fn mapped(&mut self, scan: &PosedScan, mapper: &Mapper) {
         self.trajectory.add(scan);
+        if let Some(marking) = self.marking {
+            let position_m = scan.odom_from_base.translation.vector;
+            marking.control.pass([position_m.x, position_m.y]);
+        }
         if let Some(network) = &mut self.network {
             network.mapped(scan, mapper);
         }

@@ -1,6 +1,7 @@
 //! The program: what each command sets up, and the threads and channels between the parts.
 
 mod background;
+mod checkpoints;
 mod data_clock;
 mod driving;
 mod event_log;
@@ -17,12 +18,14 @@ mod outputs;
 mod people;
 pub mod placing;
 mod plan;
+mod player;
 mod recorder;
 mod replay;
 mod run;
 mod run_live;
 mod simulate;
 mod source;
+mod told;
 mod writable;
 
 use std::io::Write;
@@ -39,6 +42,7 @@ use crate::recording::mcap::recover::{RecoverError, recover};
 use crate::recording::survey::Survey;
 use crate::vehicle_commands;
 
+pub use replay::play;
 pub(crate) use simulate::simulated_placing;
 
 /// Runs one command. What it prints goes to `out`, progress and warnings to standard error.

@@ -2,32 +2,40 @@
 
 use std::io::{self, Write};
 use std::sync::Arc;
+use std::thread;
 use std::time::Duration;
 
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
-use protocol::message::{self, Event, Info, LayerInfo, Reason, Shores, Status};
+use protocol::message::{self, RecordingStatus, SensorFault, Shores, Status};
 use protocol::tile::BootId;
 
+use super::background::give_way;
 use super::data_clock::DataClock;
 use super::driving::DrivePlan;
 use super::network_plan::NetworkPlan;
 use super::people;
+use super::told::{info, status};
 use crate::audit::AuditLog;
 use crate::clock::{self, Monotonic};
 use crate::config::Config;
 use crate::driving::speedometer::Speedometer;
 use crate::driving::{Driving, ListWatch, Lookout, Operators};
-use crate::drops::DropCounts;
+use crate::events::event;
+use crate::export::voxels::{PublishedClasses, pack_voxels};
 use crate::link::LinkError;
 use crate::link::edge::{EdgeLink, EdgeSettings};
 use crate::link::sessions::Endpoints;
 use crate::link::shared::Shared;
+use crate::localization::placer::PlacerSettings;
 use crate::mapping::Mapper;
 use crate::mapping::posed_scan::PosedScan;
+use crate::measurement::Measurement;
 use crate::pipeline::Pipeline;
 use crate::pose::Pose;
 use crate::robot_time::{RobotDuration, RobotTime};
+use crate::sensor_watch::{Change, SensorWatch, listed};
+use crate::streaming::last_scan::last_scan;
 
 /// Consoles that lag when the data has ended are waited for this long.
 const FAREWELL: Duration = Duration::from_secs(10);
@@ -39,6 +47,18 @@ const SPEED_ON_LAND: RobotDuration = RobotDuration::from_nanos(100_000_000);
 /// Fixes scatter by centimetres.
 const SPEED_ON_WATER: RobotDuration = RobotDuration::from_nanos(500_000_000);
 
+/// What a network tells of.
+pub(super) struct Subject<'a> {
+    /// What is replayed or simulated; empty on a real vehicle.
+    pub(super) source: &'a str,
+    /// Measurements come when they come; else by the time of the data.
+    pub(super) is_live: bool,
+    /// How its sensors are placed.
+    pub(super) placing: &'a PlacerSettings,
+    /// Operators may record.
+    pub(super) can_record: bool,
+}
+
 /// A run's link, and what is told over it.
 pub(super) struct Network {
     // Ends before the link: what is driven is told zero first.
@@ -47,6 +67,10 @@ pub(super) struct Network {
     robot: RobotId,
     lookout: Option<Lookout>,
     speedometer: Speedometer,
+    sensors: SensorWatch,
+    /// What the sensors are watched by: since when the program lives, or nothing for the time of the data.
+    since: Option<Monotonic>,
+    told_sensors: Option<u32>,
     /// Stamp of the newest pose that was told.
     moved: Option<RobotTime>,
     link: EdgeLink,
@@ -63,7 +87,7 @@ impl Network {
     pub(super) fn open(
         plan: &NetworkPlan,
         config: &Config,
-        source: &str,
+        subject: &Subject<'_>,
         boot: BootId,
         pipeline: &Pipeline,
         drive: &DrivePlan,
@@ -102,12 +126,12 @@ impl Network {
                 ..plan.endpoints.clone()
             },
             budget_kbps: config.streaming.budget_kbps,
-            info: info(config, source, pipeline),
+            info: info(config, subject, pipeline),
             driving: driving.as_ref().map(Driving::handles),
         };
         match EdgeLink::open(settings, store, shared) {
             Ok(link) => {
-                let network = Self {
+                let mut network = Self {
                     driving,
                     _list_watch: list_watch,
                     robot: plan.robot.clone(),
@@ -117,15 +141,19 @@ impl Network {
                     } else {
                         SPEED_ON_LAND
                     }),
+                    sensors: SensorWatch::new(listed(config, subject.placing)),
+                    since: subject.is_live.then(Monotonic::now),
+                    told_sensors: None,
                     moved: None,
                     link,
                     _audit_log: audit_log,
                     stay: plan.stay,
                 };
-                if let Some(cell_m) = pipeline.publisher().store().cell_m(LayerId::Shore) {
-                    let none_yet = Shores::gather(cell_m, None, Vec::new(), Vec::new());
-                    network.shores(RobotTime::from_nanos(0), Arc::new(none_yet));
+                if pipeline.mapper().voxels().is_some() {
+                    network.link.shared().offer_voxels();
                 }
+                network.tell_sensors();
+                network.no_shores_yet(pipeline);
                 if !quiet {
                     let Endpoints {
                         listen, connect, ..
@@ -150,16 +178,55 @@ impl Network {
         }
     }
 
-    /// Something stamped `stamp` came.
-    pub(super) fn came(&mut self, stamp: RobotTime, came: Monotonic) {
+    /// Something was measured, which could be known since `came`; `elapsed` of the data's time has passed with it.
+    pub(super) fn came(
+        &mut self,
+        measurement: &Measurement,
+        came: Monotonic,
+        elapsed: RobotDuration,
+    ) {
         if let Some(lookout) = &mut self.lookout {
-            lookout.came(stamp, came);
+            lookout.came(measurement.stamp, came);
+        }
+        let at = match self.since {
+            Some(since) => came.since(since),
+            None => of_data(elapsed),
+        };
+        self.sensors.take(measurement, at);
+        self.look_at_sensors(at);
+    }
+
+    /// Tells consoles what began and ended with the sensors.
+    fn look_at_sensors(&mut self, now: Duration) {
+        if !self.sensors.is_look_due(now) {
+            return;
+        }
+        for change in self.sensors.look(now) {
+            let (kind, message) = match change {
+                Change::Began { fault, message, .. } => (fault_kind(fault), message),
+                Change::Over { message, .. } => ("sensor_back", message),
+            };
+            tracing::warn!(kind, message);
+            self.tell(kind, &message);
+        }
+        self.tell_sensors();
+    }
+
+    /// Tells consoles what was found out of the sensors.
+    fn tell_sensors(&mut self) {
+        let (revision, infos) = self.sensors.infos();
+        if self.told_sensors != Some(revision) {
+            self.told_sensors = Some(revision);
+            self.link.shared().set_sensors(revision, infos);
         }
     }
 
-    /// The clock of the data starts anew.
-    pub(super) fn reset_clock(&mut self) {
+    /// The clock of the data starts anew; `is_repeated` where the same data comes again.
+    pub(super) fn reset_clock(&mut self, is_repeated: bool) {
         self.moved = None;
+        if is_repeated {
+            self.sensors.begin_again();
+        }
         if let Some(lookout) = &mut self.lookout {
             lookout.reset_clock();
         }
@@ -188,12 +255,33 @@ impl Network {
         );
     }
 
+    /// The data begins anew, and so did the maps.
+    pub(super) fn begin_anew(&mut self, pipeline: &Pipeline) {
+        self.reset_clock(true);
+        self.no_shores_yet(pipeline);
+    }
+
+    fn no_shores_yet(&self, pipeline: &Pipeline) {
+        if let Some(cell_m) = pipeline.publisher().store().cell_m(LayerId::Shore) {
+            let none_yet = Shores::gather(cell_m, None, Vec::new(), Vec::new());
+            self.shores(RobotTime::from_nanos(0), Arc::new(none_yet));
+        }
+    }
+
     /// Tells the guard what a scan sees.
     pub(super) fn placed(&mut self, scan: &PosedScan, mapper: &Mapper) {
         // Where scans bring their poses, these are all there are.
         self.moved((scan.stamp, scan.odom_from_base));
         if let Some(lookout) = &mut self.lookout {
             lookout.see(scan, mapper, Monotonic::now());
+        }
+        self.sensors.placed(scan);
+        let shared = self.link.shared();
+        if shared.wants_scan()
+            && let Some(name) = self.sensors.name(scan.sensor)
+            && let Some(shown) = last_scan(name, scan)
+        {
+            shared.set_scan(scan.sensor, scan.stamp, shown);
         }
     }
 
@@ -227,24 +315,76 @@ impl Network {
         self.link.shared().set_shores(stamp, shores);
     }
 
+    /// Makes the octree's files where a console has asked for them, on a thread that gives way to all others: mapping waits
+    /// only for a copy of the octree.
+    pub(super) fn serve_voxels(&self, pipeline: &Pipeline) {
+        let Some((voxels, stamp)) = pipeline.mapper().voxels().zip(pipeline.last_scan()) else {
+            return;
+        };
+        let shared = self.link.shared();
+        if !shared.take_voxels_wish(stamp) {
+            return;
+        }
+        let octree = voxels.octree().clone();
+        let classes = PublishedClasses::of(&pipeline.publisher().store());
+        let of_thread = Arc::clone(shared);
+        let begun = thread::Builder::new()
+            .name("voxel-files".to_owned())
+            .spawn(move || {
+                give_way();
+                let made = pack_voxels(stamp, &octree, &classes)
+                    .inspect_err(|why| tracing::warn!(%why, "the octree's files"));
+                of_thread.put_voxels(made.ok(), Monotonic::now());
+            });
+        if let Err(why) = begun {
+            tracing::warn!(%why, "the octree's files");
+            shared.put_voxels(None, Monotonic::now());
+        }
+    }
+
     /// Tells consoles what changed.
-    pub(super) fn update(&self, pipeline: &mut Pipeline, clock: &DataClock, lost: u64) {
+    pub(super) fn update(
+        &mut self,
+        pipeline: &mut Pipeline,
+        clock: &DataClock,
+        lost: u64,
+        recording: Option<RecordingStatus>,
+    ) {
+        let now = match self.since {
+            Some(since) => since.elapsed(),
+            None => of_data(clock.elapsed()),
+        };
+        self.look_at_sensors(now);
+        let counts = pipeline.placer().counts();
+        self.sensors.count(&counts);
         let shared = self.link.shared();
         shared.tiles_changed(pipeline.take_changed_tiles());
-        shared.set_status(status(pipeline, clock, lost));
+        shared.set_status(Status {
+            sensors: self.sensors.statuses(now),
+            recording,
+            ..status(pipeline, counts, clock, lost)
+        });
+        self.serve_voxels(pipeline);
     }
 
     /// Something happened that consoles should know.
     pub(super) fn tell(&self, kind: &str, message: &str) {
-        self.link.shared().tell(Event {
-            kind: kind.to_owned(),
-            message: message.to_owned(),
-        });
+        self.link.shared().tell(event(kind, message.to_owned()));
     }
 
     /// The data has ended: waits until every console has all of it, or for good where that was asked for.
-    pub(super) fn take_leave(&self, revision: u64, quiet: bool, is_interrupted: impl Fn() -> bool) {
+    pub(super) fn take_leave(
+        &self,
+        pipeline: &Pipeline,
+        quiet: bool,
+        is_interrupted: impl Fn() -> bool,
+    ) {
+        let revision = head_revision(pipeline);
         let shared = self.link.shared();
+        let is_interrupted = || {
+            self.serve_voxels(pipeline);
+            is_interrupted()
+        };
         shared.end();
         if self.stay {
             if !quiet {
@@ -254,7 +394,7 @@ impl Network {
                     "network: the data has ended, the map is served until Ctrl-C"
                 ));
             }
-            while clock::sleep_until(Monotonic::now() + Duration::from_secs(1), &is_interrupted) {}
+            while clock::sleep_until(Monotonic::now() + Duration::from_secs(1), is_interrupted) {}
             return;
         }
         let ended = Monotonic::now();
@@ -269,50 +409,22 @@ impl Network {
     }
 }
 
-fn info(config: &Config, source: &str, pipeline: &Pipeline) -> Info {
-    let vehicle = &config.vehicle;
-    Info {
-        vehicle: vehicle.name.clone(),
-        source: source.to_owned(),
-        footprint_m: [vehicle.length_m, vehicle.width_m].map(|metres| metres as f32),
-        limits: [vehicle.max_speed_mps, vehicle.max_turn_rate_radps].map(|limit| limit as f32),
-        layers: pipeline
-            .publisher()
-            .store()
-            .grids()
-            .map(|grid| LayerInfo {
-                layer: grid.layer,
-                cell_m: grid.cell_m,
-            })
-            .collect(),
-    }
+/// Time of the data since the first.
+fn of_data(elapsed: RobotDuration) -> Duration {
+    Duration::from_nanos(u64::try_from(elapsed.as_nanos()).unwrap_or_default())
 }
 
-fn status(pipeline: &Pipeline, clock: &DataClock, lost: u64) -> Status {
-    let placer = pipeline.placer().counts();
-    let report = pipeline.report();
-    let mut dropped: DropCounts = placer.dropped_scans;
-    dropped.merge(&placer.dropped_poses);
-    dropped.merge(&placer.dropped_beams);
-    dropped.merge(&report.dropped_beams);
-    let reasons = dropped
-        .iter()
-        .map(|(reason, count)| (reason.to_string(), count));
-    let lost = (lost > 0).then(|| ("lost_by_source".to_owned(), lost));
-    Status {
-        data_time_ns: clock.elapsed().as_nanos(),
-        scans_in: placer.scans_in,
-        scans_mapped: report.scans_mapped,
-        drops: reasons
-            .chain(lost)
-            .map(|(name, count)| Reason { name, count })
-            .collect(),
-        ..Status::default()
+const fn fault_kind(fault: SensorFault) -> &'static str {
+    match fault {
+        SensorFault::Silent => "sensor_silent",
+        SensorFault::Clock => "sensor_clock",
+        SensorFault::AllInvalid => "sensor_invalid",
+        SensorFault::Slow => "sensor_slow",
     }
 }
 
 /// The newest revision of any layer.
-pub(super) fn head_revision(pipeline: &Pipeline) -> u64 {
+fn head_revision(pipeline: &Pipeline) -> u64 {
     let store = pipeline.publisher().store();
     LayerId::ALL
         .into_iter()

@@ -6,7 +6,6 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use protocol::keys::RobotId;
-use protocol::message::Event;
 use protocol::tile::BootId;
 
 use crate::audit::{Audit, AuditLog};
@@ -14,6 +13,7 @@ use crate::config::Config;
 use crate::credentials::{Credentials, OperatorList};
 use crate::driving::ListWatch;
 use crate::driving::operators::NewerList;
+use crate::events::event;
 use crate::exit::UsageError;
 use crate::link::endpoints::is_loopback;
 use crate::link::sessions::Endpoints;
@@ -79,10 +79,7 @@ pub(super) fn watch_list(
         if let Some(audit) = &audit {
             audit.write(kind, message.clone());
         }
-        shared.tell(Event {
-            kind: kind.to_owned(),
-            message,
-        });
+        shared.tell(event(kind, message));
     };
     let path = credentials.operator_list();
     ListWatch::start(path, list, newer, Box::new(tell))

@@ -15,7 +15,7 @@ use super::event_log::EventLog;
 use super::feed::{Batch, SourceEnd, feed};
 use super::is_set;
 use super::mapping_side::MappingSide;
-use super::network::{self, Network};
+use super::network::{Network, Subject};
 use super::network_plan::NetworkPlan;
 use super::outputs::{self, Trajectory};
 use super::recorder::Recorder;
@@ -41,6 +41,8 @@ pub(super) struct Run<'a> {
     pub(super) config: &'a Config,
     pub(super) placer: PlacerSettings,
     pub(super) rate: Rate,
+    /// Measurements come when they come; else by the time of the data.
+    pub(super) is_live: bool,
     /// How it is on the network, if at all.
     pub(super) network: Option<NetworkPlan>,
     /// What moves the vehicle, where it can be driven.
@@ -92,8 +94,7 @@ impl Run<'_> {
         if let Some(network) = &side.network
             && went_well
         {
-            let revision = network::head_revision(&side.pipeline);
-            network.take_leave(revision, self.quiet, || is_set(interrupt));
+            network.take_leave(&side.pipeline, self.quiet, || is_set(interrupt));
         }
         // Whoever served the map until Ctrl-C asked for nothing else.
         // What is driven waits to be driven on: nothing else ends it.
@@ -115,7 +116,7 @@ impl Run<'_> {
     }
 
     /// What cannot be written should be known before an hour of mapping, and so should what was decided.
-    fn start(&self) -> anyhow::Result<MappingSide> {
+    pub(super) fn start(&self) -> anyhow::Result<MappingSide> {
         writable::prepare(self.export.as_deref(), self.summary.as_deref())?;
         let in_real_time = matches!(self.rate, Rate::Times(_));
         let recorder = match &self.record {
@@ -141,11 +142,16 @@ impl Run<'_> {
         let pipeline = Pipeline::new(self.config, self.placer.clone(), boot, encode)?;
         let network = match &self.network {
             Some(plan) => {
-                let title = &self.title;
+                let subject = Subject {
+                    source: &self.title,
+                    is_live: self.is_live,
+                    placing: &self.placer,
+                    can_record: self.drive.can_record(),
+                };
                 Network::open(
                     plan,
                     self.config,
-                    title,
+                    &subject,
                     boot,
                     &pipeline,
                     &self.drive,
@@ -179,6 +185,7 @@ impl Run<'_> {
             started: Monotonic::now(),
             streams: Vec::new(),
             events: EventLog::default(),
+            marking: None,
         })
     }
 
@@ -229,7 +236,7 @@ impl Run<'_> {
 /// have to wake two others for each scan and sleep itself, which costs as much as the second core gains.
 ///
 /// Where that fails, rayon's own pool shares the work, for the same maps.
-fn pool_around_this_thread(threads: usize) -> Option<rayon::ThreadPool> {
+pub(super) fn pool_around_this_thread(threads: usize) -> Option<rayon::ThreadPool> {
     if threads < 2 {
         return None;
     }
@@ -262,7 +269,7 @@ fn map_in_two_threads(
     })
 }
 
-fn nothing_mapped(summary: &Summary) -> anyhow::Error {
+pub(super) fn nothing_mapped(summary: &Summary) -> anyhow::Error {
     let scans = &summary.scans;
     let reasons: Vec<_> = scans
         .dropped

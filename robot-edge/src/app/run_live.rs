@@ -111,6 +111,7 @@ pub(super) fn run_live(
         placer: placer_settings(&config, &plan.placing),
         // What is live comes when it comes; nothing is paced.
         rate: Rate::Times(1.0),
+        is_live: true,
         network,
         drive,
         record: options.record.clone(),

@@ -75,6 +75,7 @@ pub(super) fn simulate(
         placer: placer_settings(&config, &simulated_placing(&config, source.streams())?),
         config: &config,
         rate: command.rate,
+        is_live: false,
         network,
         drive: motors.clone().map_or_else(DrivePlan::none, |motors| {
             DrivePlan::new(MotorsPlan::Simulated(motors), &command.driving)

@@ -120,6 +120,24 @@ impl Replayed {
         })
     }
 
+    /// From the beginning, as if nothing had been read.
+    pub(super) fn begin_anew(&mut self) -> Result<(), RecordingError> {
+        self.reader = (self.open)()?;
+        self.order = StampOrder::default();
+        self.asides.clear();
+        self.held = None;
+        self.is_over = false;
+        self.clock = DataClock::default();
+        self.newest = RobotTime::MIN;
+        self.earlier_rounds = Lost::default();
+        Ok(())
+    }
+
+    /// Time of the data since the first scan of the round, up to the newest item.
+    pub(super) const fn clock(&self) -> DataClock {
+        self.clock
+    }
+
     fn is_mapped(&self, measurement: &Measurement) -> bool {
         let stream = self.reader.streams().get(usize::from(measurement.stream.0));
         stream.is_some_and(|summary| self.what.streams.contains(&summary.stream.name))

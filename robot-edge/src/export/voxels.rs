@@ -1,18 +1,24 @@
 //! The octree as files: `voxels.bt` and `points.ply`.
 
+use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufWriter, Write as _};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use nalgebra::Point3;
 use protocol::layer::{LayerId, UNKNOWN};
+use protocol::message::VoxelFile;
+use protocol::packed_file::PackedFile;
+use protocol::tile::{TileCells, TileKey};
 use protocol::tile_store::TileStore;
 
 use super::octomap_bt::{self, BtWriteError, Cube};
 use super::ply::{self, PlyHeader, PlyPoint};
 use crate::mapping::octree::{Octree, SurfaceVoxel, VoxelState};
 use crate::mapping::voxel::VoxelIndex;
+use crate::robot_time::RobotTime;
 use crate::streaming::cells_to_tiles::key;
+use crate::streaming::voxel_snapshots::VoxelSnapshot;
 
 /// Why a file of voxels could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -57,17 +63,72 @@ pub fn export_voxels(
     octree: &Octree,
     store: &TileStore,
 ) -> Result<VoxelFiles, VoxelExportError> {
-    let trees = dir.join("voxels.bt");
-    let voxels_left_out = write_tree(&trees, octree)?;
-    let points = dir.join("points.ply");
-    let io = |why| VoxelExportError::Io {
-        path: points.clone(),
-        why,
-    };
-    write_points(&points, octree, store).map_err(io)?;
+    let tree = dir.join(VoxelFile::Tree.name());
+    let points = dir.join(VoxelFile::Points.name());
+    let create = |path: &Path| -> io::Result<_> { Ok(BufWriter::new(File::create(path)?)) };
+    let voxels_left_out = create(&tree)
+        .map_err(BtWriteError::Io)
+        .and_then(|mut out| {
+            let left_out = write_tree(octree, &mut out)?;
+            out.flush()?;
+            Ok(left_out)
+        })
+        .map_err(|why| match why {
+            BtWriteError::Io(why) => VoxelExportError::Io {
+                path: tree.clone(),
+                why,
+            },
+            why @ (BtWriteError::Misplaced(_) | BtWriteError::Overlap(_)) => {
+                VoxelExportError::Tree {
+                    path: tree.clone(),
+                    why,
+                }
+            }
+        })?;
+    create(&points)
+        .and_then(|mut out| {
+            write_points(octree, |key| store.get(key)?.cells(), &mut out)?;
+            out.flush()
+        })
+        .map_err(|why| VoxelExportError::Io {
+            path: points.clone(),
+            why,
+        })?;
     Ok(VoxelFiles {
-        files: vec![trees, points],
+        files: vec![tree, points],
         voxels_left_out,
+    })
+}
+
+/// What the class of a voxel is read from, apart from the store, which mapping goes on writing to.
+pub struct PublishedClasses(BTreeMap<TileKey, TileCells>);
+
+impl PublishedClasses {
+    /// As they are now.
+    pub fn of(store: &TileStore) -> Self {
+        let tiles = CLASS_LAYERS
+            .into_iter()
+            .flat_map(|(layer, _)| store.tiles(layer));
+        Self(
+            tiles
+                .filter_map(|(key, stored)| Some((key, stored.cells()?.clone())))
+                .collect(),
+        )
+    }
+}
+
+/// Both files as [`export_voxels`] would write them, packed: the map up to `stamp`.
+pub fn pack_voxels(
+    stamp: RobotTime,
+    octree: &Octree,
+    classes: &PublishedClasses,
+) -> Result<VoxelSnapshot, BtWriteError> {
+    let tree = PackedFile::pack(|out| write_tree(octree, out).map(drop))?;
+    let cells = |key| classes.0.get(&key);
+    let points = PackedFile::pack(|out| write_points(octree, cells, out))?;
+    Ok(VoxelSnapshot {
+        stamp,
+        files: [tree, points],
     })
 }
 
@@ -89,11 +150,8 @@ pub fn voxel_digest(octree: &Octree) -> String {
     hasher.finalize().to_string()
 }
 
-fn write_tree(path: &Path, octree: &Octree) -> Result<u64, VoxelExportError> {
-    let io = |why| VoxelExportError::Io {
-        path: path.to_owned(),
-        why,
-    };
+/// Voxels that are left out, because the format has no place for them.
+fn write_tree(octree: &Octree, mut out: impl Write) -> Result<u64, BtWriteError> {
     let mut left_out = 0;
     let fits = |first: VoxelIndex, edge: i32| {
         let within = |at: i32| at >= -BT_REACH && at <= BT_REACH - edge;
@@ -111,16 +169,15 @@ fn write_tree(path: &Path, octree: &Octree) -> Result<u64, VoxelExportError> {
             left_out += u64::from(cube.edge).pow(3);
         }
     }
-    let mut out = BufWriter::new(File::create(path).map_err(io)?);
-    octomap_bt::write(cubes, octree.cell_m(), &mut out).map_err(|why| VoxelExportError::Tree {
-        path: path.to_owned(),
-        why,
-    })?;
-    out.flush().map_err(io)?;
+    octomap_bt::write(cubes, octree.cell_m(), &mut out)?;
     Ok(left_out)
 }
 
-fn write_points(path: &Path, octree: &Octree, store: &TileStore) -> std::io::Result<()> {
+fn write_points<'a>(
+    octree: &Octree,
+    cells: impl Fn(TileKey) -> Option<&'a TileCells>,
+    mut out: impl Write,
+) -> io::Result<()> {
     let cell_m = octree.cell_m();
     let points: Vec<_> = octree
         .occupied()
@@ -129,7 +186,7 @@ fn write_points(path: &Path, octree: &Octree, store: &TileStore) -> std::io::Res
             let inside = surface.map_or_else(|| nalgebra::Vector3::repeat(0.5), SurfaceVoxel::mean);
             PlyPoint {
                 point: (corner + inside) * cell_m,
-                class: class_of(voxel, store),
+                class: class_of(voxel, &cells),
             }
         })
         .collect();
@@ -146,16 +203,13 @@ fn write_points(path: &Path, octree: &Octree, store: &TileStore) -> std::io::Res
         cell_m,
         classes: &classes,
     };
-    let mut out = BufWriter::new(File::create(path)?);
-    ply::write(&header, points.into_iter(), &mut out)?;
-    out.flush()
+    ply::write(&header, points.into_iter(), &mut out)
 }
 
-fn class_of(voxel: VoxelIndex, store: &TileStore) -> u8 {
+fn class_of<'a>(voxel: VoxelIndex, cells: &impl Fn(TileKey) -> Option<&'a TileCells>) -> u8 {
     let (tile, place) = voxel.column().split();
     let of_layer = |(layer, offset): (LayerId, u8)| {
-        let cells = store.get(key(layer, tile))?.cells()?;
-        let code = cells.codes()[place];
+        let code = cells(key(layer, tile))?.codes()[place];
         (code != UNKNOWN).then(|| code as u8 + offset)
     };
     CLASS_LAYERS

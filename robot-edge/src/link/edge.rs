@@ -108,8 +108,9 @@ impl EdgeLink {
                 take_questions(&bulk, &topic.key(&context.robot), &questions, &shared)?;
             }
         }
-        let shores = Topic::Shores.key(&context.robot);
-        take_questions(&bulk, &shores, &questions, &shared)?;
+        for topic in [Topic::Shores, Topic::Voxels] {
+            take_questions(&bulk, &topic.key(&context.robot), &questions, &shared)?;
+        }
         views::watch(&context)?;
         let inbox = settings.driving.map(|(inbox, _)| inbox);
         let answered = inbox

@@ -17,6 +17,7 @@ pub mod shared;
 
 mod outgoing;
 mod queries;
+mod scan_push;
 mod streams;
 mod views;
 

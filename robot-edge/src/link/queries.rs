@@ -14,6 +14,7 @@ use zenoh::query::Query;
 
 use super::edge::{Context, payload};
 use super::outgoing::Outgoing;
+use crate::clock::Monotonic;
 use crate::streaming::answers;
 
 /// Longest wait before it is asked whether the link closes.
@@ -59,7 +60,7 @@ fn answer(
     let (_, topic) = Topic::parse(query.key_expr().as_str())?;
     let stamp_ns = context.shared.stamp_ns();
     Some(match topic {
-        Topic::Info => messages(out, stamp_ns, &[info]),
+        Topic::Info => messages(out, stamp_ns, &[context.shared.info(info)]),
         Topic::Ping => messages(out, stamp_ns, &[Pong]),
         Topic::Tiles(layer) => {
             let near_m = context.shared.position_m().unwrap_or_default();
@@ -79,12 +80,17 @@ fn answer(
             let (stamp_ns, news) = context.shared.shores_newer_than(newer_than);
             messages(out, stamp_ns, &[news])
         }
+        Topic::Voxels => {
+            let (stamp_ns, reply) = context.shared.voxels(request(query)?, Monotonic::now());
+            messages(out, stamp_ns, &[reply])
+        }
         Topic::Alive
         | Topic::Pose
         | Topic::Status
         | Topic::Event
         | Topic::MapHead
         | Topic::View
+        | Topic::Scan
         | Topic::Tile(_)
         | Topic::Operator(_) => return None,
     })

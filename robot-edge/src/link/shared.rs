@@ -5,12 +5,17 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use protocol::message::{Event, Pose, Shores, ShoresNews, Status, View};
+use protocol::message::{
+    Event, Info, MAX_SENSORS, Pose, Scan, SensorInfo, Shores, ShoresNews, Status, View,
+    VoxelsReply, VoxelsRequest,
+};
 use protocol::tile::TileKey;
 
 use crate::clock::Monotonic;
+use crate::mapping::posed_scan::SensorId;
 use crate::robot_time::RobotTime;
 use crate::streaming::outbox::Outbox;
+use crate::streaming::voxel_snapshots::{VoxelSnapshot, VoxelSnapshots};
 
 /// Events that wait to be told at most; the oldest goes.
 const MAX_EVENTS: usize = 256;
@@ -26,11 +31,18 @@ pub struct Shared {
     status: Mutex<Status>,
     events: Mutex<VecDeque<Event>>,
     shores: Mutex<ShoresState>,
+    voxels: Mutex<VoxelSnapshots>,
+    /// What was found out of the sensors, and how often.
+    sensors: Mutex<(u32, Vec<SensorInfo>)>,
+    /// The last sweep of each sensor that was not sent yet.
+    scans: Mutex<BTreeMap<SensorId, (RobotTime, Scan)>>,
     outbox: Mutex<Outbox>,
     views: Mutex<BTreeMap<String, (View, Monotonic)>>,
     refused: AtomicU64,
     /// Tiles, or halves of tiles, that were pushed, and the bytes of their messages.
     pushed: [AtomicU64; 2],
+    /// Some console wants to see sweeps.
+    wants_scan: AtomicBool,
     /// The map is another than was announced.
     has_news: AtomicBool,
     /// Status and head are wanted at once.
@@ -85,8 +97,52 @@ impl Shared {
         status.consoles = u16::try_from(self.views(now).len()).unwrap_or(u16::MAX);
         status.tiles = [0, 1].map(|i: usize| self.pushed[i].load(Ordering::Relaxed));
         status.refused = self.refused.load(Ordering::Relaxed);
+        status.info_revision = lock(&self.sensors).0;
         status.has_ended = self.has_ended.load(Ordering::Relaxed);
         status
+    }
+
+    /// What is known of the sensors, and how often something was found out.
+    pub fn set_sensors(&self, revision: u32, sensors: Vec<SensorInfo>) {
+        *lock(&self.sensors) = (revision, sensors);
+    }
+
+    /// Who the robot is, with what was found out since.
+    pub fn info(&self, info: &Info) -> Info {
+        let (revision, sensors) = lock(&self.sensors).clone();
+        Info {
+            revision,
+            sensors,
+            ..info.clone()
+        }
+    }
+
+    /// The last sweep of a sensor; one that was not sent yet is forgotten.
+    pub fn set_scan(&self, sensor: SensorId, stamp: RobotTime, scan: Scan) {
+        let mut scans = lock(&self.scans);
+        if scans.len() < MAX_SENSORS || scans.contains_key(&sensor) {
+            scans.insert(sensor, (stamp, scan));
+        }
+    }
+
+    /// The sweeps that were not taken yet, one a sensor.
+    pub fn take_scans(&self) -> Vec<(RobotTime, Scan)> {
+        std::mem::take(&mut *lock(&self.scans))
+            .into_values()
+            .collect()
+    }
+
+    /// Says whether some console wants to see sweeps. What waits when none does any more would be old news later.
+    pub fn want_scan(&self, is_wanted: bool) {
+        let was_wanted = self.wants_scan.swap(is_wanted, Ordering::Relaxed);
+        if was_wanted && !is_wanted {
+            lock(&self.scans).clear();
+        }
+    }
+
+    /// Whether some console wants to see sweeps.
+    pub fn wants_scan(&self) -> bool {
+        self.wants_scan.load(Ordering::Relaxed)
     }
 
     /// The shores and docking sites of measurements up to `stamp`. What equals the last is no news.
@@ -116,6 +172,26 @@ impl Shared {
                 .map(|(_, shores)| Arc::unwrap_or_clone(shores)),
         };
         (stamp_ns, news)
+    }
+
+    /// The answer to a question for the octree's files, and the stamp of what it tells, nanoseconds.
+    pub fn voxels(&self, request: VoxelsRequest, now: Monotonic) -> (i64, VoxelsReply) {
+        lock(&self.voxels).answer(request, now)
+    }
+
+    /// There is an octree, so that its files can be asked for.
+    pub fn offer_voxels(&self) {
+        lock(&self.voxels).offer();
+    }
+
+    /// Whether files of the octree are wanted, as it was up to `stamp`: to be made now, and put or given up.
+    pub fn take_voxels_wish(&self, stamp: RobotTime) -> bool {
+        lock(&self.voxels).take_wish(stamp)
+    }
+
+    /// What was wished for; `None` where it could not be made.
+    pub fn put_voxels(&self, snapshot: Option<VoxelSnapshot>, now: Monotonic) {
+        lock(&self.voxels).put(snapshot, now);
     }
 
     /// Something happened that consoles should know.
@@ -247,6 +323,44 @@ mod tests {
     }
 
     #[test]
+    fn the_newest_sweep_of_each_sensor_waits_while_somebody_wants_it() {
+        let shared = Shared::default();
+        let at = RobotTime::from_nanos;
+        let sweep = |name: &str| Scan::of_points(name.to_owned(), [0.0; 2], [[1.0, 1.0]]);
+        assert!(!shared.wants_scan());
+        shared.want_scan(true);
+        shared.set_scan(SensorId(1), at(1), sweep("sonar"));
+        shared.set_scan(SensorId(0), at(2), sweep("laser"));
+        shared.set_scan(SensorId(0), at(3), sweep("laser"));
+        let waiting = [(at(3), sweep("laser")), (at(1), sweep("sonar"))];
+        assert_eq!(shared.take_scans(), waiting);
+        assert_eq!(shared.take_scans(), []);
+        for n in 0..100 {
+            shared.set_scan(SensorId(n), at(4), sweep("many"));
+        }
+        assert_eq!(shared.take_scans().len(), MAX_SENSORS);
+        shared.set_scan(SensorId(0), at(5), sweep("laser"));
+        shared.want_scan(false);
+        assert_eq!(shared.take_scans(), []);
+    }
+
+    #[test]
+    fn what_was_found_out_of_the_sensors_is_in_the_info_and_the_status_says_so() {
+        let shared = Shared::default();
+        let sensor = SensorInfo {
+            name: "laser".to_owned(),
+            kind: protocol::message::SensorKind::PlanarLaser,
+            mount: None,
+            view: None,
+            rate_hz: None,
+        };
+        shared.set_sensors(3, vec![sensor.clone()]);
+        let info = shared.info(&Info::default());
+        assert_eq!((info.revision, info.sensors), (3, vec![sensor]));
+        assert_eq!(shared.status(Monotonic::default()).info_revision, 3);
+    }
+
+    #[test]
     fn a_console_that_is_gone_is_not_waited_for() {
         let shared = Shared::default();
         let at = |s: u64| Monotonic::from_nanos(s * 1_000_000_000);
@@ -255,6 +369,7 @@ mod tests {
             layers: 1,
             revision,
             is_in_step,
+            wants_scan: false,
         };
         assert!(shared.everybody_has(9, at(0)));
         shared.set_view("a".to_owned(), view(9, true), at(0));

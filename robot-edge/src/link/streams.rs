@@ -4,9 +4,10 @@ use std::time::Duration;
 
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
-use protocol::message::{AgeToken, Event, MapHead, TileBand, View};
+use protocol::message::{AgeToken, MapHead, TileBand, View};
 use protocol::tile::TileKey;
 use protocol::tile::codec::Encoder;
+use protocol::tile_store::LayerGrid;
 use zenoh::Wait;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
@@ -14,8 +15,10 @@ use zenoh::qos::{CongestionControl, Priority, Reliability};
 use super::LinkError;
 use super::edge::Context;
 use super::outgoing::Outgoing;
+use super::scan_push::ScanPush;
 use crate::clock::{self, Monotonic};
 use crate::driving::Board;
+use crate::events::event;
 use crate::streaming::answers::{self, with};
 use crate::streaming::flow::Flow;
 
@@ -95,8 +98,7 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &StatePu
             put(&publishers.pose, out.message(stamp_ns, &pose));
         }
         for (kind, message) in board.map(Board::take_events).unwrap_or_default() {
-            let kind = kind.to_owned();
-            context.shared.tell(Event { kind, message });
+            context.shared.tell(event(kind, message));
         }
         for event in context.shared.take_events() {
             put(&publishers.event, out.message(stamp_ns, &event));
@@ -156,6 +158,7 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder
     let mut next = Monotonic::now();
     let mut flow = Flow::new(context.budget_kbps, next);
     let mut shores = ShoresPush::new(next);
+    let mut scans = ScanPush::new(context.budget_kbps, next);
     loop {
         next = (next + TILES_PERIOD).max(Monotonic::now());
         if !clock::sleep_until(next, || context.shared.is_closing()) {
@@ -164,6 +167,7 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder
         let now = Monotonic::now();
         if let Some(board) = &context.board {
             flow.set_budget(board.budget_kbps());
+            scans.set_budget(board.budget_kbps());
         }
         let views = context.shared.views(now);
         let wanted = views.iter().fold(0, |wanted, view| wanted | view.layers);
@@ -183,6 +187,11 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder
         // Before the tiles, of which there may always be more.
         if !views.is_empty() && flow.allows(now) {
             flow.spent(shores.send(context, out, now));
+        }
+        let wants_scan = views.iter().any(|view| view.wants_scan);
+        context.shared.want_scan(wants_scan);
+        if wants_scan && flow.allows(now) {
+            flow.spent(scans.send(context, out, now));
         }
         let mut has_sent = false;
         while flow.allows(Monotonic::now()) {
@@ -234,6 +243,11 @@ impl ShoresPush {
     }
 }
 
+pub(super) fn cell_m(grids: &[LayerGrid], key: TileKey) -> f64 {
+    let grid = grids.iter().find(|grid| grid.layer == key.layer);
+    grid.map_or(1.0, |grid| grid.cell_m)
+}
+
 const fn bit(layer: LayerId) -> u32 {
     1 << layer as u32
 }
@@ -249,10 +263,7 @@ fn next_tiles(context: &Context, near: &[[f64; 2]]) -> Vec<TileKey> {
         return Vec::new();
     }
     let cells = with(&context.store, |store| store.grids().collect::<Vec<_>>());
-    outbox.take_nearest(TILES_AT_ONCE, near, |key| {
-        let grid = cells.iter().find(|grid| grid.layer == key.layer);
-        grid.map_or(1.0, |grid| grid.cell_m)
-    })
+    outbox.take_nearest(TILES_AT_ONCE, near, |key| cell_m(&cells, key))
 }
 
 /// Sends a tile, or half of one; how many bytes that were.
@@ -266,7 +277,7 @@ fn send_band(context: &Context, out: &Outgoing, key: TileKey, band: &TileBand) -
 }
 
 /// Sends a message on the bulk session; how many bytes it has.
-fn put_bulk(context: &Context, topic: Topic, message: Vec<u8>) -> usize {
+pub(super) fn put_bulk(context: &Context, topic: Topic, message: Vec<u8>) -> usize {
     let bytes = message.len();
     let key = topic.key(&context.robot);
     let sent = context

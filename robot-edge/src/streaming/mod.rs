@@ -5,6 +5,8 @@ pub mod budget;
 pub mod cells_to_tiles;
 pub mod config;
 pub mod flow;
+pub mod last_scan;
 pub mod outbox;
 pub mod publisher;
 pub mod shores;
+pub mod voxel_snapshots;

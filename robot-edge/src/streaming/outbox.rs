@@ -53,6 +53,19 @@ impl Outbox {
         keys.into_iter().map(|(_, key)| key).collect()
     }
 
+    /// Whether a tile waits whose centre is within `radius_m` of a point, metres in `odom`; `cell_m` as above.
+    pub fn has_within(
+        &self,
+        radius_m: f64,
+        [x, y]: [f64; 2],
+        cell_m: impl Fn(TileKey) -> f64,
+    ) -> bool {
+        self.waiting.iter().any(|key| {
+            let [tile_x, tile_y] = key.center_m(cell_m(*key));
+            libm::hypot(tile_x - x, tile_y - y) <= radius_m
+        })
+    }
+
     /// Forgets the tiles of layers that nobody looks at: whoever turns to them will ask.
     pub fn keep_layers(&mut self, is_wanted: impl Fn(LayerId) -> bool) {
         self.waiting.retain(|key| is_wanted(key.layer));
@@ -100,6 +113,9 @@ mod tests {
         let taken = outbox.take_nearest(3, &[[9.5 * 6.4, 0.0], [-4.0 * 6.4, 0.0]], |_| 0.1);
         assert_eq!(taken, [9, -4, 0].map(key));
         assert_eq!(outbox.len(), 1);
+        // Its centre is at 16 m.
+        assert!(outbox.has_within(3.5, [16.0, 0.0], |_| 0.1));
+        assert!(!outbox.has_within(2.0, [16.0, 0.0], |_| 0.1));
         outbox.add(key(9));
         assert_eq!(
             outbox.take_nearest(9, &[[0.0, 0.0]], |_| 0.1),

@@ -18,6 +18,7 @@ fn told(robot: &RobotId) -> Vec<String> {
         Topic::Event,
         Topic::MapHead,
         Topic::Shores,
+        Topic::Scan,
     ];
     let mut keys: Vec<_> = topics.into_iter().map(|topic| topic.key(robot)).collect();
     keys.push(all_tiles(robot));
@@ -29,7 +30,7 @@ fn asked(robot: &RobotId) -> Vec<String> {
     let layers = LayerId::ALL
         .into_iter()
         .flat_map(|layer| [Topic::Tiles(layer), Topic::Digests(layer)]);
-    let topics = [Topic::Info, Topic::Ping, Topic::Shores];
+    let topics = [Topic::Info, Topic::Ping, Topic::Shores, Topic::Voxels];
     topics
         .into_iter()
         .chain(layers)

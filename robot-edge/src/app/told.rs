@@ -1,0 +1,68 @@
+//! What a robot says of itself: who it is, and how mapping is doing.
+
+use protocol::message::{Info, LayerInfo, Reason, Status};
+
+use super::data_clock::DataClock;
+use super::network::Subject;
+use crate::config::Config;
+use crate::drops::DropCounts;
+use crate::localization::placer::PlacerCounts;
+use crate::pipeline::Pipeline;
+
+/// Who the robot is and what it maps.
+pub(super) fn info(config: &Config, subject: &Subject<'_>, pipeline: &Pipeline) -> Info {
+    let vehicle = &config.vehicle;
+    let teleop = &config.teleop;
+    Info {
+        vehicle: vehicle.name.clone(),
+        source: subject.source.to_owned(),
+        footprint_m: [vehicle.length_m, vehicle.width_m].map(|metres| metres as f32),
+        limits: [vehicle.max_speed_mps, vehicle.max_turn_rate_radps].map(|limit| limit as f32),
+        layers: pipeline
+            .publisher()
+            .store()
+            .grids()
+            .map(|grid| LayerInfo {
+                layer: grid.layer,
+                cell_m: grid.cell_m,
+            })
+            .collect(),
+        revision: 0,
+        program: env!("CARGO_PKG_VERSION").to_owned(),
+        is_boat: teleop.is_boat,
+        stop_decel_mps2: teleop.stop_decel_mps2 as f32,
+        stop_decel_radps2: teleop.stop_decel_radps2 as f32,
+        max_command_age_ms: teleop.max_command_age_ms,
+        can_record: subject.can_record,
+        // As far as they are known: the link adds them.
+        sensors: Vec::new(),
+    }
+}
+
+/// How mapping is doing.
+pub(super) fn status(
+    pipeline: &Pipeline,
+    placer: PlacerCounts,
+    clock: &DataClock,
+    lost: u64,
+) -> Status {
+    let report = pipeline.report();
+    let mut dropped: DropCounts = placer.dropped_scans;
+    dropped.merge(&placer.dropped_poses);
+    dropped.merge(&placer.dropped_beams);
+    dropped.merge(&report.dropped_beams);
+    let reasons = dropped
+        .iter()
+        .map(|(reason, count)| (reason.to_string(), count));
+    let lost = (lost > 0).then(|| ("lost_by_source".to_owned(), lost));
+    Status {
+        data_time_ns: clock.elapsed().as_nanos(),
+        scans_in: placer.scans_in,
+        scans_mapped: report.scans_mapped,
+        drops: reasons
+            .chain(lost)
+            .map(|(name, count)| Reason { name, count })
+            .collect(),
+        ..Status::default()
+    }
+}
