@@ -118,6 +118,7 @@ impl Edge {
                     footprint_m: [1.0; 2],
                     limits: [1.0; 2],
                     layers,
+                    ..Info::default()
                 };
                 vec![self.message(topic, &info)]
             }
@@ -150,6 +151,8 @@ impl Edge {
             | Topic::Shores
             | Topic::View
             | Topic::Tile(_)
+            | Topic::Voxels
+            | Topic::Scan
             | Topic::Operator(_) => Vec::new(),
         }
     }

@@ -9,7 +9,7 @@ use std::net::TcpListener;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use operator_console::headless::export;
+use operator_console::export::export_all as export;
 use operator_console::link::RobotSession;
 use operator_console::model::{ConsoleModel, Incoming, ModelSettings, Outgoing, RequestId};
 use protocol::export::write_shores;
@@ -82,6 +82,7 @@ fn info() -> Info {
             layer: LayerId::Shore,
             cell_m: CELL_M,
         }],
+        ..Info::default()
     }
 }
 

@@ -22,6 +22,7 @@ use zenoh::{Session, Wait};
 
 use super::driving::{DrivingLink, Tap};
 use super::lock;
+use super::transport::Transport;
 use crate::model::{Incoming, Outgoing, RequestId};
 
 /// Questions and views that wait to be sent at most.
@@ -42,6 +43,9 @@ struct State {
     control: Mutex<Option<Session>>,
     bulk: Mutex<Option<Session>>,
     problem: Mutex<Option<String>>,
+    /// What the control session was to connect to, and by what way it does.
+    asked: Vec<String>,
+    transport: Mutex<Option<Transport>>,
     overrun: AtomicU64,
     oversized: AtomicU64,
     is_closing: AtomicBool,
@@ -62,6 +66,8 @@ impl Connections {
             control: Mutex::default(),
             bulk: Mutex::default(),
             problem: Mutex::default(),
+            asked: endpoints.connect.clone(),
+            transport: Mutex::default(),
             overrun: AtomicU64::new(0),
             oversized: AtomicU64::new(0),
             is_closing: AtomicBool::new(false),
@@ -103,6 +109,20 @@ impl Connections {
 
     pub(super) fn problem(&self) -> Option<String> {
         lock(&self.state.problem).clone()
+    }
+
+    pub(super) fn transport(&self) -> Option<Transport> {
+        *lock(&self.state.transport)
+    }
+
+    /// Sees by what way messages come at the moment; a session that reconnects may have taken another.
+    pub(super) fn look_at_links(&self) {
+        let session = lock(&self.state.control).clone();
+        let transport = session.and_then(|session| Transport::of(&session, &self.state.asked));
+        // While there is no link, the last way is what there was.
+        if transport.is_some() {
+            *lock(&self.state.transport) = transport;
+        }
     }
 
     /// What was lost since the last call.
@@ -237,6 +257,7 @@ fn subscribe(state: &Arc<State>, channel: Channel, session: Session) -> Result<S
         Channel::Bulk => vec![
             (keys::all_tiles(robot), None),
             (Topic::Shores.key(robot), Some(Topic::Shores)),
+            (Topic::Scan.key(robot), Some(Topic::Scan)),
         ],
     };
     for (key, topic) in keys {

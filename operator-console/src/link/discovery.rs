@@ -8,10 +8,12 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
-use std::thread;
+use std::thread::{self, ScopedJoinHandle};
 use std::time::Duration;
 
-use protocol::keys::{RobotId, Topic, every_robot_alive};
+use protocol::keys::{OperatorId, RobotId, Topic, every_robot_alive};
+use protocol::message::{Status, TeleopState};
+use protocol::wire::{self, MAX_MESSAGE_BYTES};
 use robot_edge::clock::{self, Monotonic};
 use robot_edge::credentials::Credentials;
 use robot_edge::link::LinkError;
@@ -19,11 +21,14 @@ use robot_edge::link::endpoints::{Channel, bulk_endpoint};
 use robot_edge::link::sessions::{self, Endpoints, Side};
 use zenoh::Wait;
 use zenoh::config::WhatAmI;
+use zenoh::sample::Sample;
 
 use super::lock;
 
 const SCOUT_TIME: Duration = Duration::from_millis(500);
 const ASK_TIMEOUT: Duration = Duration::from_secs(1);
+/// A robot says how it is twice a second; so long that is waited for.
+const STATUS_TIME: Duration = Duration::from_millis(700);
 /// Between two rounds, while nothing is found.
 const PAUSE: Duration = Duration::from_secs(2);
 /// Between two rounds otherwise: they use the link that somebody watches a robot over.
@@ -32,6 +37,8 @@ const LONG_PAUSE: Duration = Duration::from_secs(10);
 const ROUNDS_KEPT: u32 = 3;
 /// Processes that are asked in one round.
 const MAX_ADDRESSES: usize = 32;
+/// Of these at once.
+const ASKED_AT_ONCE: usize = 8;
 /// Robots that are listed.
 const MAX_ROBOTS: usize = 256;
 
@@ -44,6 +51,47 @@ pub struct FoundRobot {
     pub endpoint: String,
 }
 
+/// How a robot is, by its own word.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FleetState {
+    /// It cannot be driven: a recording, or a robot without motors.
+    Undriven,
+    /// Nobody drives it.
+    Free,
+    /// This operator does.
+    DrivenBy(OperatorId),
+    /// An emergency stop is in force.
+    EStop,
+    /// It does not trust itself.
+    Fault,
+}
+
+impl FleetState {
+    /// What a status says.
+    pub fn of(status: &Status) -> Self {
+        let Some(teleop) = &status.teleop else {
+            return Self::Undriven;
+        };
+        match (&teleop.state, teleop.estop, &teleop.lease.holder) {
+            (TeleopState::Fault(_), ..) => Self::Fault,
+            (_, Some(_), _) => Self::EStop,
+            (_, None, Some(holder)) => Self::DrivenBy(holder.clone()),
+            (_, None, None) => Self::Free,
+        }
+    }
+}
+
+/// A robot that was found, and what is known of it from looking for robots.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sighting {
+    /// The robot.
+    pub found: FoundRobot,
+    /// When it answered last.
+    pub seen: Monotonic,
+    /// How it is; none where it has not said so.
+    pub state: Option<FleetState>,
+}
+
 /// Looks for robots until it is dropped.
 pub struct Discovery {
     state: Arc<State>,
@@ -53,13 +101,22 @@ struct State {
     typed: Mutex<BTreeSet<String>>,
     zenoh_config: Option<PathBuf>,
     credentials: Option<Credentials>,
-    /// With the rounds since it was last heard of.
-    found: Mutex<BTreeMap<FoundRobot, u32>>,
+    found: Mutex<BTreeMap<FoundRobot, Known>>,
     problem: Mutex<Option<String>>,
     /// Somebody typed an address: do not wait for the next round.
     is_hurried: AtomicBool,
     is_closing: AtomicBool,
 }
+
+struct Known {
+    /// Since it was last heard of.
+    rounds: u32,
+    seen: Monotonic,
+    state: Option<FleetState>,
+}
+
+/// What one round has found.
+type Round = BTreeMap<FoundRobot, Option<FleetState>>;
 
 impl Discovery {
     /// Begins to look: at `addresses` first, then by scouting too, unless `scouts` is false. `wake` is called
@@ -98,6 +155,17 @@ impl Discovery {
         lock(&self.state.found).keys().cloned().collect()
     }
 
+    /// The robots that are there, by name, with what they say of themselves.
+    pub fn sightings(&self) -> Vec<Sighting> {
+        let known = lock(&self.state.found);
+        let sighting = |(found, known): (&FoundRobot, &Known)| Sighting {
+            found: found.clone(),
+            seen: known.seen,
+            state: known.state.clone(),
+        };
+        known.iter().map(sighting).collect()
+    }
+
     /// What kept the last round from finding more, in words.
     pub fn problem(&self) -> Option<String> {
         lock(&self.state.problem).clone()
@@ -116,7 +184,7 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
     while !is_closing() {
         let typed: Vec<String> = lock(&state.typed).iter().cloned().collect();
         let mut problems = Vec::new();
-        let mut found = BTreeSet::new();
+        let mut found = Round::new();
         ask_all(state, &typed, &mut found, &mut problems);
         if !is_first || typed.is_empty() || found.is_empty() {
             let scouted = if scouts {
@@ -147,49 +215,64 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
 }
 
 /// Whether the list is another now.
-fn note(state: &State, found: BTreeSet<FoundRobot>) -> bool {
+fn note(state: &State, found: Round) -> bool {
+    let now = Monotonic::now();
     let mut known = lock(&state.found);
     let before = known.len();
-    for rounds in known.values_mut() {
-        *rounds += 1;
+    for robot in known.values_mut() {
+        robot.rounds += 1;
     }
-    known.retain(|_, rounds| *rounds < ROUNDS_KEPT);
+    known.retain(|_, robot| robot.rounds < ROUNDS_KEPT);
     let mut changed = known.len() != before;
-    for robot in found {
+    for (robot, news) in found {
         // Through several addresses it is still one robot: the first one stays.
         let same = known
             .keys()
             .find(|known| known.robot == robot.robot)
             .cloned();
         changed |= same.is_none();
-        if same.is_some() || known.len() < MAX_ROBOTS {
-            known.insert(same.unwrap_or(robot), 0);
+        if same.is_none() && known.len() >= MAX_ROBOTS {
+            continue;
         }
+        let robot = known.entry(same.unwrap_or(robot)).or_insert(Known {
+            rounds: 0,
+            seen: now,
+            state: None,
+        });
+        changed |= robot.state != news;
+        (robot.rounds, robot.seen, robot.state) = (0, now, news);
     }
     changed
 }
 
-fn ask_all(
-    state: &State,
-    addresses: &[String],
-    found: &mut BTreeSet<FoundRobot>,
-    problems: &mut Vec<String>,
-) {
-    for address in addresses.iter().take(MAX_ADDRESSES) {
+fn ask_all(state: &State, addresses: &[String], found: &mut Round, problems: &mut Vec<String>) {
+    let addresses = &addresses[..addresses.len().min(MAX_ADDRESSES)];
+    // Side by side: one that does not answer holds up no other.
+    for some in addresses.chunks(ASKED_AT_ONCE) {
         if state.is_closing.load(Ordering::Relaxed) {
             return;
         }
-        match robots_at(state, address) {
-            Ok(robots) => found.extend(robots),
-            Err(LinkError::Open { .. }) => {
-                problems.push(format!("nobody answers at {address}; trying again"));
+        let answers: Vec<_> = thread::scope(|scope| {
+            let asked: Vec<_> = some
+                .iter()
+                .map(|address| scope.spawn(move || robots_at(state, address)))
+                .collect();
+            asked.into_iter().map(ScopedJoinHandle::join).collect()
+        });
+        for (address, answer) in some.iter().zip(answers) {
+            match answer {
+                Ok(Ok(robots)) => found.extend(robots),
+                Ok(Err(LinkError::Open { .. })) => {
+                    problems.push(format!("nobody answers at {address}; trying again"));
+                }
+                Ok(Err(why)) => problems.push(why.to_string()),
+                Err(_panic) => problems.push(format!("{address} could not be asked")),
             }
-            Err(why) => problems.push(why.to_string()),
         }
     }
 }
 
-fn robots_at(state: &State, address: &str) -> Result<Vec<FoundRobot>, LinkError> {
+fn robots_at(state: &State, address: &str) -> Result<Round, LinkError> {
     let endpoints = Endpoints {
         connect: vec![address.to_owned()],
         zenoh_config: state.zenoh_config.clone(),
@@ -197,6 +280,27 @@ fn robots_at(state: &State, address: &str) -> Result<Vec<FoundRobot>, LinkError>
         ..Endpoints::default()
     };
     let session = sessions::open(Side::Console, Channel::Control, &endpoints)?;
+    let (sender, heard) = sync_channel(MAX_ROBOTS);
+    // Before the question who is there, so that what is said meanwhile is heard. Where access control keeps it from this
+    // console, nothing is.
+    let statuses = session
+        .declare_subscriber(every_robot_status())
+        .callback(move |sample: Sample| {
+            let payload = sample.payload();
+            let Some((robot, Topic::Status)) = Topic::parse(sample.key_expr().as_str()) else {
+                return;
+            };
+            if payload.len() <= MAX_MESSAGE_BYTES
+                && let Ok((_, status)) = wire::decode::<Status>(&payload.to_bytes())
+            {
+                // What does not fit is said again.
+                drop(sender.try_send((robot, FleetState::of(&status))));
+            }
+        })
+        .wait();
+    if let Err(why) = &statuses {
+        tracing::debug!(%why, "how robots are is not heard");
+    }
     let what = every_robot_alive();
     let tokens = session
         .liveliness()
@@ -204,20 +308,33 @@ fn robots_at(state: &State, address: &str) -> Result<Vec<FoundRobot>, LinkError>
         .timeout(ASK_TIMEOUT)
         .wait()
         .map_err(|why| LinkError::Declare { what, why })?;
-    let mut robots = Vec::new();
+    let mut robots = Round::new();
     while let Ok(reply) = tokens.recv() {
         let Ok(sample) = reply.result() else { continue };
         if let Some((robot, Topic::Alive)) = Topic::parse(sample.key_expr().as_str()) {
-            robots.push(FoundRobot {
-                robot,
-                endpoint: address.to_owned(),
-            });
+            let endpoint = address.to_owned();
+            robots.insert(FoundRobot { robot, endpoint }, None);
+        }
+    }
+    let deadline = Monotonic::now() + STATUS_TIME;
+    while robots.values().any(Option::is_none)
+        && let Ok((robot, said)) = heard.recv_timeout(deadline.since(Monotonic::now()))
+    {
+        let mut robots = robots.iter_mut();
+        if let Some((_, state)) = robots.find(|(found, _)| found.robot == robot) {
+            *state = Some(said);
         }
     }
     if let Err(why) = session.close().wait() {
         tracing::debug!(%why, "a session did not close");
     }
     Ok(robots)
+}
+
+/// The status of every robot.
+fn every_robot_status() -> String {
+    let alive = every_robot_alive();
+    format!("{}status", alive.trim_end_matches("alive"))
 }
 
 /// The endpoints of the Zenoh processes that answer on the local network.

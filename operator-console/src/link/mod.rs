@@ -7,6 +7,7 @@
 mod connect;
 mod discovery;
 mod driving;
+mod transport;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
@@ -21,8 +22,9 @@ use robot_edge::link::sessions::Endpoints;
 use crate::model::{ConsoleModel, Incoming, ModelSettings};
 use connect::Connections;
 
-pub use discovery::{Discovery, FoundRobot};
+pub use discovery::{Discovery, FleetState, FoundRobot, Sighting};
 pub use driving::DrivingLink;
+pub use transport::Transport;
 
 /// Messages that wait for the model at most; what comes beyond is dropped and counted, and what of it mattered
 /// is asked for again.
@@ -31,6 +33,8 @@ const MAX_WAITING: usize = 4096;
 const BATCH: usize = 64;
 /// What the model wants to send is asked for this often.
 const TICK: Duration = Duration::from_millis(20);
+/// By what way messages come is looked at this often.
+const LINK_PERIOD: Duration = Duration::from_secs(1);
 /// Between two calls of `wake`.
 const WAKE_PERIOD: Duration = Duration::from_millis(33);
 
@@ -41,6 +45,17 @@ pub struct RobotSession {
     driving: Option<DrivingLink>,
     is_closing: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
+}
+
+/// A robot as it is known, for whoever has to look at it from another thread.
+#[derive(Clone)]
+pub struct ModelHandle(Arc<Mutex<ConsoleModel>>);
+
+impl ModelHandle {
+    /// The robot; the link and the window wait while the guard is held.
+    pub fn lock(&self) -> MutexGuard<'_, ConsoleModel> {
+        lock(&self.0)
+    }
 }
 
 impl RobotSession {
@@ -82,6 +97,11 @@ impl RobotSession {
         lock(&self.model)
     }
 
+    /// The robot, for a thread that looks at it now and then.
+    pub fn handle(&self) -> ModelHandle {
+        ModelHandle(Arc::clone(&self.model))
+    }
+
     /// The way to drive it, for one helm: the first that asks.
     pub const fn take_driving(&mut self) -> Option<DrivingLink> {
         self.driving.take()
@@ -90,6 +110,11 @@ impl RobotSession {
     /// Whether both sessions are open. They stay so, and reconnect by themselves, when the link is cut.
     pub fn is_connected(&self) -> bool {
         self.connections.is_connected()
+    }
+
+    /// By what way messages about driving go; none while that is not known.
+    pub fn transport(&self) -> Option<Transport> {
+        self.connections.transport()
     }
 
     /// Why there is no connection, in words.
@@ -126,6 +151,7 @@ fn run(
     let mut seen = None;
     let mut woken = Monotonic::default();
     let mut next_tick = Monotonic::now();
+    let mut looked_at_links = Monotonic::default();
     while !is_closing.load(Ordering::Relaxed) {
         let first = match received.recv_timeout(next_tick.since(Monotonic::now())) {
             Ok(first) => Some(first),
@@ -151,10 +177,16 @@ fn run(
             connections.told_helm(),
             is_connected,
             connections.problem(),
+            // Silence comes without a message, and is to be seen at once.
+            guard.connection().state(now),
         ));
         drop(guard);
         for outgoing in outgoing {
             connections.send(outgoing);
+        }
+        if now.since(looked_at_links) >= LINK_PERIOD {
+            looked_at_links = now;
+            connections.look_at_links();
         }
         if changes != seen && now.since(woken) >= WAKE_PERIOD {
             (seen, woken) = (changes, now);

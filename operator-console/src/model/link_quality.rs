@@ -14,10 +14,12 @@ const WINDOW: Duration = Duration::from_secs(2);
 const MAX_POSES: usize = 200;
 /// Poses a second while nobody holds the lease, and while somebody does.
 const POSE_HZ: [f32; 2] = [20.0, 50.0];
+/// As many poses within the window are steady: 10 a second, which a link that loses half of them still carries.
+const STEADY_POSES: usize = 20;
 /// Between two samples of the history.
-const SAMPLE_PERIOD: Duration = Duration::from_secs(1);
+const SAMPLE_PERIOD: Duration = Duration::from_millis(500);
 /// Samples that are kept: five minutes.
-const MAX_SAMPLES: usize = 300;
+const MAX_SAMPLES: usize = 600;
 
 /// What comes from the robot, by how it must not be mistaken for one another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -37,7 +39,7 @@ impl Stream {
     pub const ALL: [Self; 4] = [Self::Pose, Self::Status, Self::MapHead, Self::Tiles];
 }
 
-/// The link in one second.
+/// The link at one moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinkSample {
     /// When.
@@ -50,8 +52,8 @@ pub struct LinkSample {
     pub missing: Option<f32>,
     /// Payload that came, kbit/s.
     pub kbps: f32,
-    /// Age of the newest pose.
-    pub pose_age: Option<Duration>,
+    /// Age of the newest message of each stream, in the order of [`Stream::ALL`]; none before the first.
+    pub ages: [Option<Duration>; Stream::ALL.len()],
 }
 
 /// Measures streams by what arrives of them.
@@ -77,6 +79,11 @@ impl LinkQuality {
         self.recent(now).count() as f32 / WINDOW.as_secs_f32()
     }
 
+    /// Whether poses came steadily when the last came: only then does their absence say anything soon.
+    pub(super) fn is_steady(&self) -> bool {
+        self.poses.len() >= STEADY_POSES
+    }
+
     /// How many should come.
     pub const fn expected_hz(&self) -> f32 {
         POSE_HZ[self.is_held as usize]
@@ -91,7 +98,7 @@ impl LinkQuality {
         Some(if share < 0.02 { 0.0 } else { share.min(1.0) })
     }
 
-    /// The last minutes, one sample a second, oldest first.
+    /// The last minutes, two samples a second, oldest first.
     pub const fn samples(&self) -> &VecDeque<LinkSample> {
         &self.samples
     }
@@ -139,7 +146,7 @@ impl LinkQuality {
             pose_hz: self.pose_hz(now),
             missing: self.missing(now),
             kbps: kbps as f32,
-            pose_age: self.age(Stream::Pose, now),
+            ages: Stream::ALL.map(|stream| self.age(stream, now)),
         });
     }
 
@@ -190,6 +197,23 @@ mod tests {
         quality.rate(false, at(11_000));
         assert_eq!(quality.missing(at(11_990)), Some(1.0));
         assert_eq!(LinkQuality::default().missing(at(9_990)), None);
+    }
+
+    #[test]
+    fn poses_are_steady_a_second_after_they_came_back() {
+        let mut quality = after(|_| true);
+        assert!(quality.is_steady());
+        quality.pose(at(30_000));
+        assert!(!quality.is_steady());
+        for n in 1..20 {
+            quality.pose(at(30_000 + 50 * n));
+        }
+        assert!(quality.is_steady());
+        let mut slow = LinkQuality::default();
+        for n in 0..100 {
+            slow.pose(at(200 * n));
+        }
+        assert!(!slow.is_steady(), "5 a second");
     }
 
     #[test]

@@ -10,33 +10,37 @@ mod link_quality;
 mod map_questions;
 mod map_sync;
 mod refusals;
+mod scans;
 mod sending;
 mod shores_sync;
+mod soundness;
+mod taking;
 mod tile_intake;
 mod vehicle;
+mod voxels_sync;
 
 use std::collections::{BTreeSet, VecDeque};
 use std::io;
 use std::time::Duration;
 
-use protocol::keys::{RobotId, Topic};
+use protocol::keys::RobotId;
 use protocol::layer::LayerId;
-use protocol::message::{
-    Digests, Event, Info, MapHead, Pong, Pose, Shores, ShoresNews, Status, TileBand, TilesReply,
-};
+use protocol::message::{Event, Info, RecordingStatus, SensorInfo, SensorStatus, Shores, Status};
 use protocol::tile::BootId;
-use protocol::wire::{self, Header, WireError};
 use robot_edge::clock::Monotonic;
-use serde::de::DeserializeOwned;
 
-pub use connection::{Connection, LinkState, SILENT_AFTER};
+pub use connection::{Connection, LinkState, SILENT_AFTER, SLOWLY_SILENT_AFTER};
 pub use incoming::{Incoming, Outgoing, RequestId};
 pub use link_quality::{LinkQuality, LinkSample, Stream};
 pub use map_sync::{LayerStep, MapSync};
 pub use refusals::{Refusal, Refusals};
+pub use scans::LastScan;
 pub use vehicle::Vehicle;
+pub use voxels_sync::{FetchedVoxels, VoxelsProgress};
 
+use scans::Scans;
 use shores_sync::ShoresSync;
+use voxels_sync::VoxelsSync;
 
 const MAX_EVENTS: usize = 200;
 /// Heads come every second: without one for so long, nobody knows what the robot's map is now.
@@ -61,6 +65,10 @@ pub struct ConsoleModel {
     map: MapSync,
     vehicle: Vehicle,
     shores: ShoresSync,
+    voxels: VoxelsSync,
+    is_unfinished: bool,
+    scans: Scans,
+    wants_scan: bool,
     connection: Connection,
     quality: LinkQuality,
     refusals: Refusals,
@@ -92,6 +100,10 @@ impl ConsoleModel {
             map,
             vehicle: Vehicle::default(),
             shores: ShoresSync::default(),
+            voxels: VoxelsSync::default(),
+            is_unfinished: false,
+            scans: Scans::default(),
+            wants_scan: false,
             connection: Connection::default(),
             quality: LinkQuality::default(),
             refusals: Refusals::default(),
@@ -146,6 +158,26 @@ impl ConsoleModel {
         self.shores.shores()
     }
 
+    /// Whether there is more to fetch once the map is in step: a robot whose data has ended waits for that.
+    pub const fn set_unfinished(&mut self, is_unfinished: bool) {
+        self.is_unfinished = is_unfinished;
+    }
+
+    /// Fetches the octree's files as they are now, for an export.
+    pub fn want_voxels(&mut self) {
+        self.voxels.want();
+    }
+
+    /// Gives back the memory of the octree's files.
+    pub fn drop_voxels(&mut self) {
+        self.voxels.drop_all();
+    }
+
+    /// How far the octree's files are.
+    pub fn voxels(&self) -> VoxelsProgress {
+        self.voxels.progress()
+    }
+
     /// The tiles that changed since the last call.
     pub fn take_changed_tiles(&mut self) -> BTreeSet<protocol::tile::TileKey> {
         self.map.take_changed()
@@ -181,6 +213,37 @@ impl ConsoleModel {
         self.status.as_ref()
     }
 
+    /// The robot's sensors, as it describes them; empty before it has.
+    pub fn sensors(&self) -> &[SensorInfo] {
+        self.info().map_or(&[], |info| &info.sensors)
+    }
+
+    /// How the sensors were doing when the robot said so last.
+    pub fn sensor_statuses(&self) -> &[SensorStatus] {
+        self.status
+            .as_ref()
+            .map_or(&[], |(status, _)| &status.sensors)
+    }
+
+    /// The recording on the robot when it told of it last; `None` where operators cannot start one.
+    pub fn recording(&self) -> Option<&RecordingStatus> {
+        self.status.as_ref()?.0.recording.as_ref()
+    }
+
+    /// The last sweep of each sensor that was heard, by name.
+    pub fn scans(&self) -> impl Iterator<Item = (&str, &LastScan)> {
+        self.scans.iter()
+    }
+
+    /// Asks for last sweeps, or for none any more. They cost up to a sixteenth of the tiles' share of the link.
+    pub fn want_scan(&mut self, is_wanted: bool) {
+        if self.wants_scan && !is_wanted {
+            self.scans.forget();
+            self.changes += 1;
+        }
+        self.wants_scan = is_wanted;
+    }
+
     /// What happened, oldest first, and when it was heard.
     pub const fn events(&self) -> &VecDeque<(Event, Monotonic)> {
         &self.events
@@ -194,6 +257,11 @@ impl ConsoleModel {
     /// Rises with every change that can be seen: who draws need not draw again while it stands still.
     pub const fn changes(&self) -> u64 {
         self.changes
+    }
+
+    /// Draws this way of the vehicle instead of the poses that arrived: oldest first, metres in `odom`.
+    pub fn show_trail(&mut self, points_m: impl IntoIterator<Item = [f64; 2]>) {
+        self.vehicle.show_trail(points_m);
     }
 
     /// What is on the screen: lowest and greatest x and y in `odom`, metres, and the layers that are wanted.
@@ -225,7 +293,7 @@ impl ConsoleModel {
                 self.take(&key, &payload, Some(request), now)
             }
             Incoming::Ended { request } => {
-                if !self.shores.ended(request, now) {
+                if !self.shores.ended(request, now) && !self.voxels.ended(request, now) {
                     self.map.ended(request, now);
                 }
                 Ok(())
@@ -249,178 +317,7 @@ impl ConsoleModel {
             }
         }
     }
-
-    fn take(
-        &mut self,
-        key: &str,
-        payload: &[u8],
-        request: Option<RequestId>,
-        now: Monotonic,
-    ) -> Result<(), Refusal> {
-        let (robot, topic) = Topic::parse(key).ok_or(Refusal::Key)?;
-        if robot != self.settings.robot {
-            return Err(Refusal::Key);
-        }
-        match request {
-            None => self.take_pushed(topic, payload, now)?,
-            Some(request) => self.take_reply(topic, payload, request, now)?,
-        }
-        self.connection.heard(now);
-        Ok(())
-    }
-
-    fn take_pushed(&mut self, topic: Topic, payload: &[u8], now: Monotonic) -> Result<(), Refusal> {
-        match topic {
-            Topic::Pose => {
-                let (header, pose): (_, Pose) = decode(payload)?;
-                let numbers = pose
-                    .position_m
-                    .into_iter()
-                    .chain(pose.quaternion_xyzw.map(f64::from));
-                if !numbers.into_iter().all(f64::is_finite) {
-                    return Err(Refusal::Malformed);
-                }
-                self.of_this_boot(header)?;
-                self.quality.pose(now);
-                self.changes += u64::from(self.vehicle.take(pose, header.robot_time_ns, now));
-            }
-            Topic::Status => {
-                let (header, status): (_, Status) = decode(payload)?;
-                self.of_this_boot(header)?;
-                self.quality.heard(Stream::Status, now);
-                let teleop = status.teleop.as_ref();
-                let is_held = teleop.is_some_and(|teleop| teleop.lease.holder.is_some());
-                self.quality.rate(is_held, now);
-                if status.has_ended {
-                    if self.ended_seq.is_none() {
-                        self.ended_seq = Some(header.seq);
-                        self.shores.hurry();
-                    }
-                } else {
-                    self.ended_seq = None;
-                }
-                self.changes += u64::from(
-                    self.status
-                        .as_ref()
-                        .is_none_or(|(before, _)| *before != status),
-                );
-                self.status = Some((status, now));
-            }
-            Topic::Event => {
-                let (_, event) = decode(payload)?;
-                if self.events.len() >= MAX_EVENTS {
-                    self.events.pop_front();
-                }
-                self.events.push_back((event, now));
-                self.changes += 1;
-            }
-            Topic::MapHead => {
-                let (header, head): (_, MapHead) = decode(payload)?;
-                let seq = header.seq;
-                if self.map.take_head(head, header.boot, now)? {
-                    self.vehicle.forget();
-                    self.shores.forget();
-                    self.ended_seq = None;
-                    if self
-                        .info
-                        .as_ref()
-                        .is_some_and(|(_, boot)| *boot != header.boot)
-                    {
-                        self.info = None;
-                    }
-                }
-                self.quality.heard(Stream::MapHead, now);
-                self.head_seq = seq;
-            }
-            Topic::Tile(tile) => {
-                let (header, band): (_, TileBand) = decode(payload)?;
-                self.map.take_band(tile, header.boot, &band, None, now)?;
-                self.quality.heard(Stream::Tiles, now);
-                self.changes += 1;
-            }
-            Topic::Shores => self.take_shores(payload, None, now)?,
-            Topic::Alive
-            | Topic::View
-            | Topic::Info
-            | Topic::Ping
-            | Topic::Tiles(_)
-            | Topic::Digests(_)
-            | Topic::Operator(_) => return Err(Refusal::Key),
-        }
-        Ok(())
-    }
-
-    fn take_reply(
-        &mut self,
-        topic: Topic,
-        payload: &[u8],
-        request: RequestId,
-        now: Monotonic,
-    ) -> Result<(), Refusal> {
-        match topic {
-            Topic::Tiles(layer) => {
-                let (header, reply): (_, TilesReply) = decode(payload)?;
-                self.map
-                    .take_reply(layer, header.boot, &reply, request, now)?;
-                self.changes += 1;
-            }
-            Topic::Digests(layer) => {
-                let (header, digests): (_, Digests) = decode(payload)?;
-                self.map
-                    .take_digests(layer, header.boot, &digests, request)?;
-            }
-            Topic::Info => {
-                let (header, info): (_, Info) = decode(payload)?;
-                self.map
-                    .take_info(&info, header.boot)
-                    .map_err(|_why| Refusal::Malformed)?;
-                self.info = Some((info, header.boot));
-                self.asked_info = None;
-                self.changes += 1;
-            }
-            Topic::Ping => {
-                let (_, Pong) = decode(payload)?;
-                self.connection.ponged(request, now);
-            }
-            Topic::Shores => self.take_shores(payload, Some(request), now)?,
-            Topic::Alive
-            | Topic::View
-            | Topic::Pose
-            | Topic::Status
-            | Topic::Event
-            | Topic::MapHead
-            | Topic::Tile(_)
-            | Topic::Operator(_) => return Err(Refusal::Key),
-        }
-        Ok(())
-    }
-
-    fn take_shores(
-        &mut self,
-        payload: &[u8],
-        request: Option<RequestId>,
-        now: Monotonic,
-    ) -> Result<(), Refusal> {
-        let (header, news): (_, ShoresNews) = decode(payload)?;
-        self.of_this_boot(header)?;
-        let is_news = self.shores.take(news, header.seq, request, now)?;
-        self.changes += u64::from(is_news);
-        Ok(())
-    }
-
-    /// What the last run of the robot still had to say is not this one's.
-    fn of_this_boot(&self, header: Header) -> Result<(), Refusal> {
-        match self.map.boot() {
-            Some(boot) if boot != header.boot => Err(Refusal::OtherBoot),
-            Some(_) | None => Ok(()),
-        }
-    }
 }
 
-fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<(Header, T), Refusal> {
-    wire::decode(payload).map_err(|why| match why {
-        WireError::TooLong(_) => Refusal::Oversized,
-        WireError::OtherProtocol { .. } => Refusal::OtherProtocol,
-        WireError::Malformed => Refusal::Malformed,
-    })
-}
+#[cfg(test)]
+mod tests;

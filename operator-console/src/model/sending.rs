@@ -66,6 +66,22 @@ impl ConsoleModel {
                 }));
             }
         }
+        if self.map.boot().is_some() {
+            let mut requests = self.requests;
+            let question = self.voxels.question(now, || {
+                requests += 1;
+                RequestId(requests)
+            });
+            self.requests = requests;
+            if let Some((request, body)) = question {
+                outgoing.extend(self.message(&body).map(|payload| Outgoing::Get {
+                    request,
+                    key: Topic::Voxels.key(&robot),
+                    payload,
+                    is_bulk: true,
+                }));
+            }
+        }
         if self.told_view.is_none_or(|at| now.since(at) >= VIEW_PERIOD) {
             self.told_view = Some(now);
             let payload = self.message(&self.view());
@@ -91,11 +107,20 @@ impl ConsoleModel {
     }
 
     fn is_info_wanted(&self, now: Monotonic) -> bool {
-        let is_lacking = self.info.is_none() || self.map.lacks_info();
+        let is_lacking = self.info.is_none() || self.map.lacks_info() || self.is_info_old();
         is_lacking
             && self
                 .asked_info
                 .is_none_or(|(_, at)| now.since(at) >= INFO_PERIOD)
+    }
+
+    /// Whether the robot has said that it knows more of itself by now.
+    fn is_info_old(&self) -> bool {
+        let known = self.info().map(|info| info.revision);
+        let newest = self.status().map(|(status, _)| status.info_revision);
+        known
+            .zip(newest)
+            .is_some_and(|(known, newest)| known < newest)
     }
 
     fn view(&self) -> View {
@@ -114,7 +139,10 @@ impl ConsoleModel {
             rectangle_m: self.rectangle_m,
             layers,
             revision: revision.unwrap_or(0),
-            is_in_step: self.holds_what_was_announced(),
+            is_in_step: self.holds_what_was_announced()
+                && !self.is_unfinished
+                && !self.voxels.is_wanted(),
+            wants_scan: self.wants_scan,
         }
     }
 

@@ -67,6 +67,11 @@ impl Vehicle {
         before.is_none_or(|(before, _, _)| before != pose)
     }
 
+    /// The way so far, where it is known better than from poses that arrived: oldest first, metres in `odom`.
+    pub(super) fn show_trail(&mut self, points_m: impl IntoIterator<Item = [f64; 2]>) {
+        self.trail = points_m.into_iter().take(MAX_TRAIL).collect();
+    }
+
     /// Another run of the robot began: it is somewhere else now.
     pub(super) fn forget(&mut self) {
         *self = Self::default();

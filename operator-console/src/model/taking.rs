@@ -1,0 +1,219 @@
+//! What becomes of each message.
+
+use protocol::keys::Topic;
+use protocol::message::{
+    Digests, Info, MapHead, Pong, Pose, Scan, ShoresNews, Status, TileBand, TilesReply, VoxelsReply,
+};
+use protocol::wire::{self, Header, WireError};
+use robot_edge::clock::Monotonic;
+use serde::de::DeserializeOwned;
+
+use super::soundness::{is_info_sound, is_status_sound};
+use super::{ConsoleModel, MAX_EVENTS, Refusal, RequestId, Stream};
+
+impl ConsoleModel {
+    /// Takes a message that arrived with a key, pushed or in answer to a request.
+    ///
+    /// # Errors
+    /// Why it was not taken.
+    pub(super) fn take(
+        &mut self,
+        key: &str,
+        payload: &[u8],
+        request: Option<RequestId>,
+        now: Monotonic,
+    ) -> Result<(), Refusal> {
+        let (robot, topic) = Topic::parse(key).ok_or(Refusal::Key)?;
+        if robot != self.settings.robot {
+            return Err(Refusal::Key);
+        }
+        match request {
+            None => self.take_pushed(topic, payload, now)?,
+            Some(request) => self.take_reply(topic, payload, request, now)?,
+        }
+        self.connection.heard(now);
+        Ok(())
+    }
+
+    fn take_pushed(&mut self, topic: Topic, payload: &[u8], now: Monotonic) -> Result<(), Refusal> {
+        match topic {
+            Topic::Pose => {
+                let (header, pose): (_, Pose) = decode(payload)?;
+                let numbers = pose
+                    .position_m
+                    .into_iter()
+                    .chain(pose.quaternion_xyzw.map(f64::from));
+                if !numbers.into_iter().all(f64::is_finite) {
+                    return Err(Refusal::Malformed);
+                }
+                self.of_this_boot(header)?;
+                self.quality.pose(now);
+                self.connection.set_steady(self.quality.is_steady());
+                self.changes += u64::from(self.vehicle.take(pose, header.robot_time_ns, now));
+            }
+            Topic::Status => {
+                let (header, status): (_, Status) = decode(payload)?;
+                self.of_this_boot(header)?;
+                if !is_status_sound(&status) {
+                    return Err(Refusal::Malformed);
+                }
+                self.quality.heard(Stream::Status, now);
+                let teleop = status.teleop.as_ref();
+                let is_held = teleop.is_some_and(|teleop| teleop.lease.holder.is_some());
+                self.quality.rate(is_held, now);
+                if status.has_ended {
+                    if self.ended_seq.is_none() {
+                        self.ended_seq = Some(header.seq);
+                        self.shores.hurry();
+                    }
+                } else {
+                    self.ended_seq = None;
+                }
+                self.changes += u64::from(
+                    self.status
+                        .as_ref()
+                        .is_none_or(|(before, _)| *before != status),
+                );
+                self.status = Some((status, now));
+            }
+            Topic::Event => {
+                let (_, event) = decode(payload)?;
+                if self.events.len() >= MAX_EVENTS {
+                    self.events.pop_front();
+                }
+                self.events.push_back((event, now));
+                self.changes += 1;
+            }
+            Topic::MapHead => {
+                let (header, head): (_, MapHead) = decode(payload)?;
+                let seq = header.seq;
+                if self.map.take_head(head, header.boot, now)? {
+                    self.vehicle.forget();
+                    self.shores.forget();
+                    self.voxels.forget();
+                    self.scans.forget();
+                    self.ended_seq = None;
+                    if self
+                        .info
+                        .as_ref()
+                        .is_some_and(|(_, boot)| *boot != header.boot)
+                    {
+                        self.info = None;
+                    }
+                }
+                self.quality.heard(Stream::MapHead, now);
+                self.head_seq = seq;
+            }
+            Topic::Tile(tile) => {
+                let (header, band): (_, TileBand) = decode(payload)?;
+                self.map.take_band(tile, header.boot, &band, None, now)?;
+                self.quality.heard(Stream::Tiles, now);
+                self.changes += 1;
+            }
+            Topic::Shores => self.take_shores(payload, None, now)?,
+            Topic::Scan => {
+                let (header, scan): (_, Scan) = decode(payload)?;
+                self.of_this_boot(header)?;
+                // One that was on its way when nobody wanted any more would stay for ever.
+                if self.wants_scan {
+                    self.scans.take(scan, header.robot_time_ns, now)?;
+                    self.changes += 1;
+                }
+            }
+            Topic::Alive
+            | Topic::View
+            | Topic::Info
+            | Topic::Ping
+            | Topic::Tiles(_)
+            | Topic::Digests(_)
+            | Topic::Voxels
+            | Topic::Operator(_) => return Err(Refusal::Key),
+        }
+        Ok(())
+    }
+
+    fn take_reply(
+        &mut self,
+        topic: Topic,
+        payload: &[u8],
+        request: RequestId,
+        now: Monotonic,
+    ) -> Result<(), Refusal> {
+        match topic {
+            Topic::Tiles(layer) => {
+                let (header, reply): (_, TilesReply) = decode(payload)?;
+                self.map
+                    .take_reply(layer, header.boot, &reply, request, now)?;
+                self.changes += 1;
+            }
+            Topic::Digests(layer) => {
+                let (header, digests): (_, Digests) = decode(payload)?;
+                self.map
+                    .take_digests(layer, header.boot, &digests, request)?;
+            }
+            Topic::Info => {
+                let (header, info): (_, Info) = decode(payload)?;
+                if !is_info_sound(&info) {
+                    return Err(Refusal::Malformed);
+                }
+                self.map
+                    .take_info(&info, header.boot)
+                    .map_err(|_why| Refusal::Malformed)?;
+                self.info = Some((info, header.boot));
+                self.asked_info = None;
+                self.changes += 1;
+            }
+            Topic::Ping => {
+                let (_, Pong) = decode(payload)?;
+                self.connection.ponged(request, now);
+            }
+            Topic::Shores => self.take_shores(payload, Some(request), now)?,
+            Topic::Voxels => {
+                let (header, reply): (_, VoxelsReply) = decode(payload)?;
+                self.of_this_boot(header)?;
+                let stamp_ns = header.robot_time_ns;
+                self.voxels.take(reply, stamp_ns, request, now)?;
+                self.changes += 1;
+            }
+            Topic::Alive
+            | Topic::View
+            | Topic::Pose
+            | Topic::Status
+            | Topic::Event
+            | Topic::MapHead
+            | Topic::Tile(_)
+            | Topic::Scan
+            | Topic::Operator(_) => return Err(Refusal::Key),
+        }
+        Ok(())
+    }
+
+    fn take_shores(
+        &mut self,
+        payload: &[u8],
+        request: Option<RequestId>,
+        now: Monotonic,
+    ) -> Result<(), Refusal> {
+        let (header, news): (_, ShoresNews) = decode(payload)?;
+        self.of_this_boot(header)?;
+        let is_news = self.shores.take(news, header.seq, request, now)?;
+        self.changes += u64::from(is_news);
+        Ok(())
+    }
+
+    /// What the last run of the robot still had to say is not this one's.
+    fn of_this_boot(&self, header: Header) -> Result<(), Refusal> {
+        match self.map.boot() {
+            Some(boot) if boot != header.boot => Err(Refusal::OtherBoot),
+            Some(_) | None => Ok(()),
+        }
+    }
+}
+
+fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<(Header, T), Refusal> {
+    wire::decode(payload).map_err(|why| match why {
+        WireError::TooLong(_) => Refusal::Oversized,
+        WireError::OtherProtocol { .. } => Refusal::OtherProtocol,
+        WireError::Malformed => Refusal::Malformed,
+    })
+}

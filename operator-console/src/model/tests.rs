@@ -1,0 +1,180 @@
+use protocol::keys::Topic;
+use protocol::message::{MAX_SENSORS, MapHead, Scan, View};
+use protocol::wire::{self, Header};
+use serde::Serialize;
+
+use super::*;
+
+const BOOT: BootId = BootId([7; 16]);
+
+const fn at(ms: u64) -> Monotonic {
+    Monotonic::from_nanos(ms * 1_000_000)
+}
+
+fn robot() -> RobotId {
+    "scout".parse().unwrap()
+}
+
+fn model() -> ConsoleModel {
+    let settings = ModelSettings {
+        robot: robot(),
+        session: BootId([1; 16]),
+        store_mb: 1,
+        layers: [].into(),
+    };
+    ConsoleModel::new(settings).unwrap()
+}
+
+fn say<T: Serialize>(model: &mut ConsoleModel, topic: Topic, boot: BootId, body: &T, ms: u64) {
+    let header = Header {
+        boot,
+        seq: ms,
+        robot_time_ns: 99,
+    };
+    let sample = Incoming::Sample {
+        key: topic.key(&robot()),
+        payload: wire::encode(&header, body).unwrap(),
+    };
+    model.apply(sample, at(ms));
+}
+
+fn answer_info(model: &mut ConsoleModel, info: &Info, ms: u64) {
+    let header = Header {
+        boot: BOOT,
+        seq: ms,
+        robot_time_ns: 0,
+    };
+    let reply = Incoming::Reply {
+        request: RequestId(1),
+        key: Topic::Info.key(&robot()),
+        payload: wire::encode(&header, info).unwrap(),
+    };
+    model.apply(reply, at(ms));
+}
+
+fn asks_for_info(model: &mut ConsoleModel, ms: u64) -> bool {
+    let key_of_info = Topic::Info.key(&robot());
+    let outgoing = model.outgoing(at(ms));
+    let asks = |out: &Outgoing| matches!(out, Outgoing::Get { key, .. } if *key == key_of_info);
+    outgoing.iter().any(asks)
+}
+
+fn sensor(name: &str) -> SensorStatus {
+    SensorStatus {
+        name: name.to_owned(),
+        messages: 1,
+        rate_hz: 1.0,
+        age_ms: None,
+        dropped: 0,
+        fault: None,
+    }
+}
+
+fn scan() -> Scan {
+    Scan::of_points("laser".to_owned(), [1.0, 2.0], [[3.0, 4.0]])
+}
+
+#[test]
+fn a_robot_that_knows_more_of_itself_is_asked_again() {
+    let mut model = model();
+    say(
+        &mut model,
+        Topic::MapHead,
+        BOOT,
+        &MapHead { layers: Vec::new() },
+        0,
+    );
+    assert!(asks_for_info(&mut model, 1));
+    answer_info(&mut model, &Info::default(), 2);
+    let mut status = Status::default();
+    say(&mut model, Topic::Status, BOOT, &status, 3);
+    assert!(!asks_for_info(&mut model, 1_000));
+    status.info_revision = 1;
+    say(&mut model, Topic::Status, BOOT, &status, 1_001);
+    assert!(asks_for_info(&mut model, 1_002));
+    assert!(!asks_for_info(&mut model, 1_003), "twice a second at most");
+    let info = Info {
+        revision: 1,
+        ..Info::default()
+    };
+    answer_info(&mut model, &info, 1_004);
+    assert!(!asks_for_info(&mut model, 3_000));
+}
+
+#[test]
+fn sweeps_are_taken_while_they_are_wanted_and_forgotten_with_their_robot() {
+    let wants = |model: &mut ConsoleModel, ms| {
+        let outgoing = model.outgoing(at(ms));
+        let view = outgoing.iter().find_map(|out| match out {
+            Outgoing::Put { payload, .. } => Some(payload),
+            Outgoing::Get { .. } => None,
+        });
+        let (_, view): (_, View) = wire::decode(view.unwrap()).unwrap();
+        view.wants_scan
+    };
+    let mut model = model();
+    assert!(!wants(&mut model, 0));
+    say(&mut model, Topic::Scan, BOOT, &scan(), 1);
+    assert_eq!(model.scans().count(), 0);
+    model.want_scan(true);
+    assert!(wants(&mut model, 1_000));
+    say(&mut model, Topic::Scan, BOOT, &scan(), 1_001);
+    let (name, held) = model.scans().next().unwrap();
+    assert_eq!(
+        (name, held.points_m.as_slice()),
+        ("laser", &[[3.0, 4.0]][..])
+    );
+    assert_eq!((held.stamp_ns, held.heard), (99, at(1_001)));
+
+    let mut far = scan();
+    far.steps_cm = vec![(i32::MAX, 0)];
+    say(&mut model, Topic::Scan, BOOT, &far, 1_002);
+    assert_eq!(model.refusals().count(Refusal::Malformed), 1);
+    assert_eq!(model.scans().count(), 1);
+
+    say(
+        &mut model,
+        Topic::MapHead,
+        BootId([8; 16]),
+        &MapHead { layers: Vec::new() },
+        1_003,
+    );
+    assert_eq!(model.scans().count(), 0, "of the run before");
+    say(&mut model, Topic::Scan, BOOT, &scan(), 1_004);
+    assert_eq!(model.refusals().count(Refusal::OtherBoot), 1);
+    say(&mut model, Topic::Scan, BootId([8; 16]), &scan(), 1_005);
+    model.want_scan(false);
+    assert_eq!(model.scans().count(), 0);
+}
+
+#[test]
+fn what_nobody_could_show_is_refused() {
+    let mut model = model();
+    let status = |sensors| Status {
+        sensors,
+        ..Status::default()
+    };
+    let many = vec![sensor("laser"); MAX_SENSORS + 1];
+    say(&mut model, Topic::Status, BOOT, &status(many), 1);
+    let endless = SensorStatus {
+        rate_hz: f32::INFINITY,
+        ..sensor("laser")
+    };
+    say(&mut model, Topic::Status, BOOT, &status(vec![endless]), 2);
+    assert!(model.status().is_none());
+    say(
+        &mut model,
+        Topic::Status,
+        BOOT,
+        &status(vec![sensor("laser")]),
+        3,
+    );
+    assert_eq!(model.sensor_statuses(), [sensor("laser")]);
+    let info = Info {
+        stop_decel_mps2: f32::NAN,
+        ..Info::default()
+    };
+    answer_info(&mut model, &info, 4);
+    assert!(model.info().is_none() && model.sensors().is_empty());
+    assert_eq!(model.refusals().count(Refusal::Malformed), 3);
+}

@@ -1,0 +1,284 @@
+//! The octree's files, fetched part by part when somebody wants them. Pure: the present is a parameter.
+//!
+//! One question at a time, so that they never take a link that something more urgent needs.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use protocol::message::{MAX_PART_BYTES, VoxelFile, VoxelsPart, VoxelsReply, VoxelsRequest};
+use protocol::packed_file::PackedFile;
+use robot_edge::clock::Monotonic;
+
+use super::incoming::RequestId;
+use super::refusals::Refusal;
+
+/// An answer that takes longer is not waited for.
+const PATIENCE: Duration = Duration::from_secs(4);
+/// Until files that are being made are asked for again.
+const PREPARING: Duration = Duration::from_millis(500);
+const FIRST_BACK_OFF: Duration = Duration::from_millis(500);
+const LONGEST_BACK_OFF: Duration = Duration::from_secs(8);
+/// Longest file, packed. An octree of the greatest memory that a vehicle may be given makes less.
+const MAX_PACKED_BYTES: u64 = 512 << 20;
+
+/// The files of one moment.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FetchedVoxels {
+    /// Stamp of the newest measurement in them, nanoseconds on the robot's clock.
+    pub stamp_ns: i64,
+    /// In the order of [`VoxelFile::ALL`].
+    pub files: [PackedFile; 2],
+}
+
+/// How far fetching is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum VoxelsProgress {
+    /// Nobody wants the files.
+    Unwanted,
+    /// They are asked for, or being made.
+    Waiting,
+    /// Parts of the files come.
+    Fetching {
+        /// Bytes that came, of both files, packed.
+        fetched: u64,
+        /// Bytes that they have, as far as is known.
+        of: u64,
+    },
+    /// Here they are.
+    Ready(Arc<FetchedVoxels>),
+    /// The robot has no octree.
+    None,
+    /// They are longer than a console takes.
+    TooLong,
+}
+
+/// Fetches the files of one run of a robot.
+#[derive(Clone, Debug, Default)]
+pub(super) struct VoxelsSync {
+    phase: Phase,
+    asked: Option<(RequestId, Monotonic)>,
+    not_before: Monotonic,
+    /// Questions in a row that were not answered.
+    failures: u32,
+}
+
+#[derive(Clone, Debug, Default)]
+enum Phase {
+    #[default]
+    Unwanted,
+    Fetching(Fetching),
+    Ready(Arc<FetchedVoxels>),
+    None,
+    TooLong,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Fetching {
+    /// Once it is known.
+    moment: Option<Moment>,
+    /// Those that are whole, and the one that is not yet.
+    files: Vec<PackedFile>,
+    /// Length of the last of them.
+    packed_bytes: u64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Moment {
+    snapshot: u64,
+    stamp_ns: i64,
+}
+
+impl VoxelsSync {
+    /// The files are wanted as they are now, whatever was fetched before.
+    pub(super) fn want(&mut self) {
+        *self = Self {
+            phase: Phase::Fetching(Fetching::default()),
+            ..Self::default()
+        };
+    }
+
+    /// Nobody wants the files any more.
+    pub(super) fn drop_all(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Another run of the robot began.
+    pub(super) fn forget(&mut self) {
+        if self.is_wanted() {
+            self.want();
+        } else {
+            self.drop_all();
+        }
+    }
+
+    /// Whether somebody waits for files.
+    pub(super) const fn is_wanted(&self) -> bool {
+        matches!(self.phase, Phase::Fetching(_))
+    }
+
+    pub(super) fn progress(&self) -> VoxelsProgress {
+        match &self.phase {
+            Phase::Unwanted => VoxelsProgress::Unwanted,
+            Phase::Fetching(fetching) if fetching.moment.is_none() => VoxelsProgress::Waiting,
+            Phase::Fetching(fetching) => fetching.progress(),
+            Phase::Ready(files) => VoxelsProgress::Ready(Arc::clone(files)),
+            Phase::None => VoxelsProgress::None,
+            Phase::TooLong => VoxelsProgress::TooLong,
+        }
+    }
+
+    /// What to ask now; `number` numbers the question.
+    pub(super) fn question(
+        &mut self,
+        now: Monotonic,
+        number: impl FnOnce() -> RequestId,
+    ) -> Option<(RequestId, VoxelsRequest)> {
+        let Phase::Fetching(fetching) = &self.phase else {
+            return None;
+        };
+        let is_waiting = self
+            .asked
+            .is_some_and(|(_, asked_at)| now.since(asked_at) < PATIENCE);
+        if is_waiting || now < self.not_before {
+            return None;
+        }
+        let request = number();
+        self.asked = Some((request, now));
+        Some((request, fetching.next()))
+    }
+
+    /// An answer to `request`, of data up to `stamp_ns`.
+    pub(super) fn take(
+        &mut self,
+        reply: VoxelsReply,
+        stamp_ns: i64,
+        request: RequestId,
+        now: Monotonic,
+    ) -> Result<(), Refusal> {
+        if self.asked.is_none_or(|(asked, _)| asked != request) {
+            return Err(Refusal::OldRevision);
+        }
+        let Phase::Fetching(fetching) = &mut self.phase else {
+            return Err(Refusal::OldRevision);
+        };
+        self.asked = None;
+        match reply {
+            VoxelsReply::None => self.phase = Phase::None,
+            VoxelsReply::Preparing => self.not_before = now + PREPARING,
+            VoxelsReply::Gone => self.want(),
+            VoxelsReply::Part(part) => {
+                if part.packed_bytes > MAX_PACKED_BYTES {
+                    self.phase = Phase::TooLong;
+                    return Ok(());
+                }
+                let taken = fetching.take(part, stamp_ns);
+                if taken.is_err() {
+                    self.backs_off(now);
+                    return taken;
+                }
+                if let Some(files) = fetching.take_all() {
+                    self.phase = Phase::Ready(Arc::new(files));
+                }
+            }
+        }
+        self.failures = 0;
+        Ok(())
+    }
+
+    /// No more answers to a question will come; true if it was asked here.
+    pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) -> bool {
+        let is_unanswered = self.asked.is_some_and(|(asked, _)| asked == request);
+        if is_unanswered {
+            self.asked = None;
+            self.backs_off(now);
+        }
+        is_unanswered
+    }
+
+    fn backs_off(&mut self, now: Monotonic) {
+        let back_off = FIRST_BACK_OFF * 2u32.saturating_pow(self.failures.min(8));
+        self.not_before = now + back_off.min(LONGEST_BACK_OFF);
+        self.failures += 1;
+    }
+}
+
+impl Fetching {
+    fn progress(&self) -> VoxelsProgress {
+        let length = |file: &PackedFile| file.packed.len() as u64;
+        let fetched: u64 = self.files.iter().map(length).sum();
+        let last = self.files.last().map_or(0, length);
+        VoxelsProgress::Fetching {
+            fetched,
+            of: fetched - last + self.packed_bytes,
+        }
+    }
+
+    fn is_last_whole(&self) -> bool {
+        let last = self.files.last();
+        last.is_some_and(|file| file.packed.len() as u64 >= self.packed_bytes)
+    }
+
+    /// Which file, and where in it.
+    fn next(&self) -> VoxelsRequest {
+        let whole = self.files.len() - usize::from(!self.files.is_empty() && !self.is_last_whole());
+        let begun = self.files.get(whole);
+        VoxelsRequest {
+            snapshot: self.moment.map(|moment| moment.snapshot),
+            file: if whole == 0 {
+                VoxelFile::Tree
+            } else {
+                VoxelFile::Points
+            },
+            offset: begun.map_or(0, |file| file.packed.len() as u64),
+        }
+    }
+
+    fn take(&mut self, part: VoxelsPart, stamp_ns: i64) -> Result<(), Refusal> {
+        let expected = self.next();
+        let is_asked_for = part.file == expected.file
+            && part.offset == expected.offset
+            && expected.snapshot.is_none_or(|asked| asked == part.snapshot);
+        let end = part.offset.saturating_add(part.packed.len() as u64);
+        let is_part = !part.packed.is_empty()
+            && part.packed.len() <= MAX_PART_BYTES
+            && end <= part.packed_bytes;
+        if !is_asked_for || !is_part {
+            return Err(Refusal::Malformed);
+        }
+        if part.offset == 0 {
+            self.packed_bytes = part.packed_bytes;
+            self.files.push(PackedFile {
+                bytes: part.bytes,
+                digest: part.digest,
+                packed: part.packed,
+            });
+        } else {
+            let last = self.files.last_mut().ok_or(Refusal::Malformed)?;
+            let is_same = last.bytes == part.bytes
+                && last.digest == part.digest
+                && self.packed_bytes == part.packed_bytes;
+            if !is_same {
+                return Err(Refusal::Malformed);
+            }
+            last.packed.extend(part.packed);
+        }
+        self.moment = Some(Moment {
+            snapshot: part.snapshot,
+            stamp_ns,
+        });
+        Ok(())
+    }
+
+    /// Both files, where they are whole.
+    fn take_all(&mut self) -> Option<FetchedVoxels> {
+        if self.files.len() < VoxelFile::ALL.len() || !self.is_last_whole() {
+            return None;
+        }
+        let files = std::mem::take(&mut self.files).try_into().ok()?;
+        let stamp_ns = self.moment?.stamp_ns;
+        Some(FetchedVoxels { stamp_ns, files })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,269 @@
+//! A recording that is opened as the window opens it, over a real session: wound, paused, played in rounds.
+
+#![allow(clippy::unwrap_used, reason = "all of it is tests")]
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+use std::thread::sleep;
+use std::time::Duration;
+
+use clap::Parser as _;
+use operator_console::link::RobotSession;
+use operator_console::map_view::{LayerStack, ProbeData};
+use operator_console::model::{ConsoleModel, ModelSettings};
+use operator_console::playback::{Playback, PlaybackCommand};
+use protocol::export::{Caption, export_all};
+use protocol::layer::LayerId;
+use protocol::tile::BootId;
+use robot_edge::clock::Monotonic;
+use robot_edge::link::sessions::Endpoints;
+use robot_edge::pacer::Rate;
+use robot_edge::replay_control::{ReplaySight, ReplayState};
+use robot_edge::robot_time::RobotDuration;
+
+/// Nothing that these tests wait for takes longer.
+const PATIENCE: Duration = Duration::from_mins(2);
+
+fn rooms() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../recordings/rooms.mcap")
+}
+
+const fn seconds(s: i64) -> RobotDuration {
+    RobotDuration::from_millis(1000 * s)
+}
+
+/// A recording, and a console that looks at all of it.
+struct Rig {
+    playback: Playback,
+    session: RobotSession,
+}
+
+impl Rig {
+    fn open(path: &Path, rate: Rate) -> Self {
+        let playback = Playback::open(path, rate).unwrap();
+        let settings = ModelSettings {
+            robot: playback.robot().robot.clone(),
+            session: BootId([5; 16]),
+            store_mb: 64,
+            layers: BTreeSet::from([LayerId::Occupancy]),
+        };
+        let endpoints = Endpoints {
+            connect: vec![playback.robot().endpoint.clone()],
+            ..Endpoints::default()
+        };
+        let session = RobotSession::open(settings, &endpoints, || {}).unwrap();
+        Self { playback, session }
+    }
+
+    fn ask(&self, command: PlaybackCommand) {
+        assert!(self.playback.obey(command));
+    }
+
+    /// Waits until the recording is as wanted and the console has the map of it.
+    #[track_caller]
+    fn wait(
+        &mut self,
+        what: &str,
+        is_so: impl Fn(&ReplaySight, &ConsoleModel) -> bool,
+    ) -> ReplaySight {
+        let started = Monotonic::now();
+        loop {
+            if let Some(why) = self.playback.failure() {
+                panic!("{what}: {why}");
+            }
+            let sight = self.playback.sight();
+            let mut model = self.session.model();
+            model.look_at([-1e3, -1e3, 1e3, 1e3], BTreeSet::from([LayerId::Occupancy]));
+            if is_so(&sight, &model) {
+                return sight;
+            }
+            assert!(started.elapsed() < PATIENCE, "{what}: {sight:?}");
+            drop(model);
+            sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Waits until it stands at `position` and the console's map is `digest`.
+    #[track_caller]
+    fn wait_for_map(&mut self, position: RobotDuration, digest: &str) {
+        self.wait(digest, |sight, model| {
+            let known = model.map().store().root_digest(LayerId::Occupancy);
+            sight.is_settled
+                && sight.position == position
+                && known.is_some_and(|known| known.to_string() == digest)
+        });
+    }
+}
+
+/// Runs `robot-edge`.
+fn run<'a>(line: impl Iterator<Item = &'a str>) {
+    let cli = robot_edge::cli::Cli::try_parse_from(line).unwrap();
+    robot_edge::app::run_until(&cli, &AtomicBool::new(false), &mut std::io::sink()).unwrap();
+}
+
+/// The maps that `robot-edge replay` leaves behind after so much of a recording, and the digest of the occupancy.
+fn replayed(recording: &Path, duration_s: &str, folder: &Path) -> String {
+    let recording = recording.to_str().unwrap();
+    let summary = folder.join("summary.json");
+    let line = ["robot-edge", "replay", recording, "--duration", duration_s];
+    let line = line
+        .into_iter()
+        .chain(["--no-network", "--quiet", "--export"]);
+    let line = line.chain([
+        folder.to_str().unwrap(),
+        "--summary",
+        summary.to_str().unwrap(),
+    ]);
+    run(line);
+    let summary = fs::read_to_string(summary).unwrap();
+    let (_, digest) = summary.split_once("\"digest\": \"").unwrap();
+    digest.split_once('"').unwrap().0.to_owned()
+}
+
+/// The grey values of an exported map, and the cell of `odom` that is its upper left one.
+fn exported(folder: &Path) -> (usize, Vec<u8>, [f64; 2]) {
+    let pgm = fs::read(folder.join("occupancy.pgm")).unwrap();
+    let mut lines = pgm.splitn(4, |&byte| byte == b'\n');
+    let size = String::from_utf8(lines.nth(1).unwrap().to_vec()).unwrap();
+    let (width, height) = size.split_once(' ').unwrap();
+    let pixels = lines.nth(1).unwrap().to_vec();
+    let yaml = fs::read_to_string(folder.join("occupancy.yaml")).unwrap();
+    let origin = yaml
+        .lines()
+        .find(|line| line.starts_with("origin:"))
+        .unwrap();
+    let mut numbers = origin.split(['[', ',', ']']).skip(1);
+    let mut number = || numbers.next().unwrap().trim().parse::<f64>().unwrap();
+    let (left, bottom) = (number(), number());
+    let height: f64 = height.parse().unwrap();
+    (
+        width.parse().unwrap(),
+        pixels,
+        [left, bottom + 0.1 * height],
+    )
+}
+
+#[test]
+fn a_scrubbed_recording_shows_the_map_of_a_replay_up_to_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let maps = |name: &str| folder.path().join(name);
+    let at_60 = replayed(&rooms(), "60", &maps("60"));
+    let at_20 = replayed(&rooms(), "20", &maps("20"));
+    assert_ne!(at_60, at_20);
+
+    let mut rig = Rig::open(&rooms(), Rate::Times(1.0));
+    rig.wait("it plays", |sight, _| {
+        sight.state == ReplayState::Playing && sight.position > RobotDuration::ZERO
+    });
+    rig.ask(PlaybackCommand::Pause);
+    rig.ask(PlaybackCommand::Seek(seconds(60)));
+    rig.wait_for_map(seconds(60), &at_60);
+    let sight = rig.playback.sight();
+    assert_eq!(sight.state, ReplayState::Paused);
+    let length_s = sight.length.unwrap().duration.as_secs_f64();
+    assert!((115.0..117.0).contains(&length_s), "{length_s}");
+
+    // Every value under the pointer is the export's.
+    let (width, pixels, [left, top]) = exported(&maps("60"));
+    let model = rig.session.model();
+    let mut probed = [0; 3];
+    for (index, &grey) in pixels.iter().enumerate().step_by(7) {
+        let (column, row) = ((index % width) as f64, (index / width) as f64);
+        let point_m = [left + 0.1 * (column + 0.5), top - 0.1 * (row + 0.5)];
+        let probe = ProbeData::new(
+            model.map(),
+            &LayerStack::default(),
+            point_m,
+            Monotonic::now(),
+        );
+        let mut cells = probe.cells.iter();
+        let occupancy = cells.find(|cell| cell.layer == LayerId::Occupancy);
+        let p = occupancy.and_then(|cell| cell.value);
+        let (class, is_so) = match grey {
+            0 => (0, p.is_some_and(|p| p >= 0.65)),
+            254 => (1, p.is_some_and(|p| p <= 0.20)),
+            _ => (2, p.is_none_or(|p| (0.19..=0.65).contains(&p))),
+        };
+        assert!(is_so, "{grey} and {probe:?}");
+        probed[class] += 1;
+    }
+    assert!(probed.iter().all(|&count| count > 50), "{probed:?}");
+    let caption = Caption {
+        title: "rooms.mcap",
+        vehicle_m: None,
+        labels: &[],
+    };
+    export_all(&maps("console"), model.map().store(), &caption).unwrap();
+    drop(model);
+    for file in ["occupancy.tif", "occupancy.pgm", "occupancy.yaml"] {
+        let [edge, console] =
+            ["60", "console"].map(|name| fs::read(maps(name).join(file)).unwrap());
+        assert!(edge == console, "{file}");
+    }
+
+    // Back, and on by a step.
+    rig.ask(PlaybackCommand::Seek(seconds(20)));
+    rig.wait_for_map(seconds(20), &at_20);
+    assert!(rig.playback.sight().rounds >= 1);
+    rig.ask(PlaybackCommand::Seek(seconds(59)));
+    rig.ask(PlaybackCommand::Step(seconds(1)));
+    rig.wait_for_map(seconds(60), &at_60);
+}
+
+#[test]
+fn a_recording_in_a_loop_begins_anew_and_one_without_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let short = folder.path().join("short.mcap");
+    let line = [
+        "robot-edge",
+        "simulate",
+        "rooms",
+        "--duration",
+        "4",
+        "--no-network",
+    ];
+    let line = line
+        .into_iter()
+        .chain(["--rate", "max", "--quiet", "--record"]);
+    run(line.chain([short.to_str().unwrap()]));
+    let mut rig = Rig::open(&short, Rate::Max);
+    rig.ask(PlaybackCommand::SetLooping(true));
+    rig.wait("the third round", |sight, _| sight.rounds >= 2);
+    rig.ask(PlaybackCommand::SetLooping(false));
+    rig.wait("the end", |sight, model| {
+        let known = model.map().store().cells_known(LayerId::Occupancy);
+        sight.state == ReplayState::Ended && sight.is_settled && known > 0
+    });
+    let rounds = rig.playback.sight().rounds;
+    rig.ask(PlaybackCommand::SetRate(Rate::Times(1.0)));
+    rig.ask(PlaybackCommand::Play);
+    rig.wait("it begins anew", |sight, _| {
+        sight.rounds == rounds + 1 && sight.state == ReplayState::Playing
+    });
+    assert!(!rig.playback.obey(PlaybackCommand::Close));
+}
+
+#[test]
+fn a_damaged_recording_is_refused_in_words() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("torn.mcap");
+    // The first bytes are those of a recording, and nothing behind them makes sense.
+    let mut bytes = fs::read(rooms()).unwrap();
+    bytes[8..].fill(0x5a);
+    fs::write(&path, &bytes[..50_000]).unwrap();
+    let mut playback = Playback::open(&path, Rate::Max).unwrap();
+    let started = Monotonic::now();
+    let why = loop {
+        if let Some(why) = playback.failure() {
+            break why.to_owned();
+        }
+        assert!(started.elapsed() < PATIENCE);
+        sleep(Duration::from_millis(10));
+    };
+    assert!(
+        why.contains("torn.mcap") && why.contains("can be read"),
+        "{why}"
+    );
+}
