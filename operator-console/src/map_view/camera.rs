@@ -1,6 +1,8 @@
-//! Which part of `odom` is on the screen: x to the right, y up, never turned.
+//! Which part of `odom` is on the screen, how large, and what of it is up.
 
-use eframe::egui::{Pos2, Rect, Vec2, pos2};
+use std::f64::consts::FRAC_PI_2;
+
+use eframe::egui::{Pos2, Rect, Vec2, pos2, vec2};
 
 /// Closest: a cell of 5 cm is 100 points wide.
 const MAX_POINTS_PER_M: f64 = 2_000.0;
@@ -10,12 +12,16 @@ const MIN_POINTS_PER_M: f64 = 0.05;
 const FIT_PART: f64 = 0.92;
 /// A map of one cell is not blown up to fill the screen.
 const MIN_FIT_SIDE_M: f64 = 4.0;
+/// y of `odom`: exact, so that a map that is not turned has its cells on whole numbers.
+const NORTH: [f64; 2] = [0.0, 1.0];
 
-/// The point in the middle of the screen and the scale.
+/// The point in the middle of the screen, the scale and the direction that is up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     center_m: [f64; 2],
     points_per_m: f64,
+    /// Unit vector of `odom`.
+    up: [f64; 2],
 }
 
 impl Default for Camera {
@@ -23,6 +29,7 @@ impl Default for Camera {
         Self {
             center_m: [0.0; 2],
             points_per_m: 40.0,
+            up: NORTH,
         }
     }
 }
@@ -38,30 +45,60 @@ impl Camera {
         self.points_per_m
     }
 
+    /// The direction of `odom` that is up on the screen, radians, counter-clockwise from x.
+    pub fn up_rad(&self) -> f64 {
+        libm::atan2(self.up[1], self.up[0])
+    }
+
+    /// Turns the map about the middle of the screen until this direction of `odom` is up, radians.
+    pub fn turn_up(&mut self, up_rad: f64) {
+        if (up_rad - FRAC_PI_2).abs() < 1e-9 {
+            self.up = NORTH;
+        } else if up_rad.is_finite() {
+            let (sin, cos) = libm::sincos(up_rad);
+            self.up = [cos, sin];
+        }
+    }
+
     /// Where a point of `odom` is on a map drawn in `screen`.
     pub fn to_screen(&self, screen: Rect, [x_m, y_m]: [f64; 2]) -> Pos2 {
-        let [center_x_m, center_y_m] = self.center_m;
+        let (dx, dy) = (x_m - self.center_m[0], y_m - self.center_m[1]);
+        let [up_x, up_y] = self.up;
+        let right = dx * up_y - dy * up_x;
+        let ahead = dx * up_x + dy * up_y;
         let middle = screen.center();
         pos2(
-            middle.x + ((x_m - center_x_m) * self.points_per_m) as f32,
-            middle.y - ((y_m - center_y_m) * self.points_per_m) as f32,
+            middle.x + (right * self.points_per_m) as f32,
+            middle.y - (ahead * self.points_per_m) as f32,
         )
     }
 
     /// The point of `odom` under a place on the screen, metres.
     pub fn to_odom(&self, screen: Rect, at: Pos2) -> [f64; 2] {
-        let offset = at - screen.center();
-        [
-            self.center_m[0] + f64::from(offset.x) / self.points_per_m,
-            self.center_m[1] - f64::from(offset.y) / self.points_per_m,
-        ]
+        let [dx, dy] = self.offset_m(at - screen.center());
+        [self.center_m[0] + dx, self.center_m[1] + dy]
     }
 
-    /// Lowest and greatest x and y on the screen, metres.
+    /// A direction of `odom` (radians, counter-clockwise from x) as a unit vector on the screen.
+    pub fn direction(&self, angle_rad: f64) -> Vec2 {
+        let (sin, cos) = libm::sincos(angle_rad);
+        let [up_x, up_y] = self.up;
+        vec2(
+            (cos * up_y - sin * up_x) as f32,
+            -(cos * up_x + sin * up_y) as f32,
+        )
+    }
+
+    /// Lowest and greatest x and y on the screen, metres: where the map is turned, of the rectangle around it.
     pub fn visible_m(&self, screen: Rect) -> [f64; 4] {
-        let [low_x, low_y] = self.to_odom(screen, screen.left_bottom());
-        let [high_x, high_y] = self.to_odom(screen, screen.right_top());
-        [low_x, low_y, high_x, high_y]
+        let corners = [
+            screen.left_bottom(),
+            screen.right_bottom(),
+            screen.right_top(),
+            screen.left_top(),
+        ]
+        .map(|corner| self.to_odom(screen, corner));
+        around(&corners)
     }
 
     /// Puts a point of `odom` in the middle.
@@ -73,8 +110,9 @@ impl Camera {
 
     /// Moves the map with the hand that drags it, points.
     pub fn pan(&mut self, drag: Vec2) {
-        self.center_m[0] -= f64::from(drag.x) / self.points_per_m;
-        self.center_m[1] += f64::from(drag.y) / self.points_per_m;
+        let [dx, dy] = self.offset_m(drag);
+        self.center_m[0] -= dx;
+        self.center_m[1] -= dy;
     }
 
     /// Magnifies by `factor`; what is at `at` stays there.
@@ -95,18 +133,42 @@ impl Camera {
         if !is_rectangle || screen.width() < 1.0 || screen.height() < 1.0 {
             return;
         }
-        let width_m = (high_x - low_x).max(MIN_FIT_SIDE_M);
-        let height_m = (high_y - low_y).max(MIN_FIT_SIDE_M);
-        let across = f64::from(screen.width()) / width_m;
-        let up = f64::from(screen.height()) / height_m;
+        let (dx, dy) = (high_x - low_x, high_y - low_y);
+        let [up_x, up_y] = self.up.map(f64::abs);
+        let across_m = (dx * up_y + dy * up_x).max(MIN_FIT_SIDE_M);
+        let ahead_m = (dx * up_x + dy * up_y).max(MIN_FIT_SIDE_M);
+        let across = f64::from(screen.width()) / across_m;
+        let ahead = f64::from(screen.height()) / ahead_m;
         self.center_m = [0.5 * (low_x + high_x), 0.5 * (low_y + high_y)];
-        self.points_per_m = (across.min(up) * FIT_PART).clamp(MIN_POINTS_PER_M, MAX_POINTS_PER_M);
+        self.points_per_m =
+            (across.min(ahead) * FIT_PART).clamp(MIN_POINTS_PER_M, MAX_POINTS_PER_M);
     }
+
+    /// What lies between two places of the screen in `odom`, metres.
+    fn offset_m(&self, offset: Vec2) -> [f64; 2] {
+        let right = f64::from(offset.x) / self.points_per_m;
+        let ahead = -f64::from(offset.y) / self.points_per_m;
+        let [up_x, up_y] = self.up;
+        [right * up_y + ahead * up_x, ahead * up_y - right * up_x]
+    }
+}
+
+/// Lowest and greatest x and y of points.
+pub(super) fn around(points: &[[f64; 2]]) -> [f64; 4] {
+    let start = [
+        f64::INFINITY,
+        f64::INFINITY,
+        f64::NEG_INFINITY,
+        f64::NEG_INFINITY,
+    ];
+    points.iter().fold(start, |[lx, ly, hx, hy], [x, y]| {
+        [lx.min(*x), ly.min(*y), hx.max(*x), hy.max(*y)]
+    })
 }
 
 #[cfg(test)]
 mod tests {
-    use eframe::egui::vec2;
+    use proptest::prelude::*;
 
     use super::*;
 
@@ -119,79 +181,120 @@ mod tests {
         assert!(is_near, "{a:?} is not {b:?}");
     }
 
+    fn camera() -> impl Strategy<Value = Camera> {
+        let center_m = [-1e4..1e4, -1e4..1e4];
+        (center_m, -3.0..3.0, prop_oneof![Just(FRAC_PI_2), -4.0..4.0]).prop_map(
+            |(center_m, log_scale, up_rad)| {
+                let mut camera = Camera::default();
+                camera.center_on(center_m);
+                camera.zoom_about(screen(), screen().center(), libm::exp(log_scale));
+                camera.turn_up(up_rad);
+                camera
+            },
+        )
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_under_a_place_is_drawn_there(
+            camera in camera(),
+            (x, y) in (0.0_f32..1300.0, 0.0_f32..800.0),
+        ) {
+            let point_m = camera.to_odom(screen(), pos2(x, y));
+            let back = camera.to_screen(screen(), point_m);
+            prop_assert!(back.distance(pos2(x, y)) < 1e-3, "{back:?}");
+            let again_m = camera.to_odom(screen(), back);
+            let limit_m = 1e-3 / camera.points_per_m();
+            prop_assert!((again_m[0] - point_m[0]).abs() < limit_m);
+            prop_assert!((again_m[1] - point_m[1]).abs() < limit_m);
+        }
+
+        #[test]
+        fn what_is_held_stays_under_the_hand(
+            camera in camera(),
+            (x, y) in (260.0_f32..1260.0, 30.0_f32..730.0),
+            (dx, dy) in (-300.0_f32..300.0, -300.0_f32..300.0),
+            factor in 0.1..10.0,
+        ) {
+            let at = pos2(x, y);
+            let held_m = camera.to_odom(screen(), at);
+            let mut zoomed = camera;
+            zoomed.zoom_about(screen(), at, factor);
+            prop_assert!(zoomed.to_screen(screen(), held_m).distance(at) < 1e-2);
+            let mut panned = camera;
+            panned.pan(vec2(dx, dy));
+            let moved = panned.to_screen(screen(), held_m);
+            prop_assert!(moved.distance(at + vec2(dx, dy)) < 1e-2);
+        }
+
+        #[test]
+        fn a_fitted_rectangle_is_on_the_screen(
+            camera in camera(),
+            [x, y] in [-1e3..1e3, -1e3..1e3],
+            [width, height] in [0.0..2e3, 0.0..2e3],
+        ) {
+            let mut camera = camera;
+            camera.fit(screen(), [x, y, x + width, y + height]);
+            for corner_m in [[x, y], [x + width, y], [x + width, y + height], [x, y + height]] {
+                let corner = camera.to_screen(screen(), corner_m);
+                prop_assert!(screen().contains(corner), "{corner:?}");
+            }
+            let [low_x, low_y, high_x, high_y] = camera.visible_m(screen());
+            prop_assert!(low_x <= x && low_y <= y && high_x >= x + width && high_y >= y + height);
+        }
+
+        #[test]
+        fn directions_are_those_of_points(camera in camera(), angle_rad in -4.0..4.0) {
+            let [x, y] = camera.center_m();
+            let (sin, cos) = libm::sincos(angle_rad);
+            let tip = camera.to_screen(screen(), [x + cos, y + sin]);
+            let expected = (tip - screen().center()) / camera.points_per_m() as f32;
+            prop_assert!((camera.direction(angle_rad) - expected).length() < 1e-2);
+        }
+    }
+
     #[test]
-    fn x_is_right_and_y_is_up() {
-        let camera = Camera::default();
-        assert_eq!(camera.to_screen(screen(), [0.0; 2]), screen().center());
+    fn north_is_up_and_the_east_right_until_the_map_is_turned() {
+        let mut camera = Camera::default();
+        let middle = screen().center();
         assert_eq!(
             camera.to_screen(screen(), [1.0, 2.0]),
-            screen().center() + vec2(40.0, -80.0)
+            middle + vec2(40.0, -80.0)
         );
+        // Looking east: east is up, so north is on the left.
+        camera.turn_up(0.0);
+        let north = camera.to_screen(screen(), [0.0, 1.0]);
+        assert!(north.distance(middle + vec2(-40.0, 0.0)) < 1e-3);
+        assert!(camera.up_rad().abs() < 1e-12);
+        camera.turn_up(FRAC_PI_2);
+        assert_eq!(camera, Camera::default(), "exactly");
     }
 
     #[test]
-    fn screen_and_odom_are_each_others_inverse() {
+    fn magnification_has_limits_and_nonsense_changes_nothing() {
         let mut camera = Camera::default();
-        for step in 0..40 {
-            camera.zoom_about(screen(), pos2(300.0, 200.0), 0.9 + 0.01 * f64::from(step));
-            camera.pan(vec2(7.0, -3.0));
-            let at = pos2(900.5, 71.25);
-            let back = camera.to_screen(screen(), camera.to_odom(screen(), at));
-            assert!((back - at).length() < 1e-2, "{back:?} after {step}");
+        camera.zoom_about(screen(), screen().center(), 1e9);
+        assert!((camera.points_per_m() - MAX_POINTS_PER_M).abs() < 1e-9);
+        camera.zoom_about(screen(), screen().center(), 1e-9);
+        assert!((camera.points_per_m() - MIN_POINTS_PER_M).abs() < 1e-9);
+        let before = camera;
+        for factor in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            camera.zoom_about(screen(), screen().center(), factor);
         }
+        camera.center_on([f64::NAN, 0.0]);
+        camera.turn_up(f64::NAN);
+        camera.fit(screen(), [0.0, 0.0, f64::INFINITY, 1.0]);
+        camera.fit(Rect::NOTHING, [0.0, 0.0, 1.0, 1.0]);
+        assert_eq!(camera, before);
     }
 
     #[test]
-    fn zooming_keeps_the_point_under_the_cursor_even_at_the_limits() {
+    fn a_fitted_map_fills_the_screen_and_a_cell_does_not() {
         let mut camera = Camera::default();
-        let at = pos2(411.0, 603.0);
-        let held_m = camera.to_odom(screen(), at);
-        for factor in [1.2, 50.0, 50.0, 0.3, 1e-9, f64::NAN, 0.0, -1.0, 1.0] {
-            camera.zoom_about(screen(), at, factor);
-            let scale_m = 1.0 / camera.points_per_m();
-            assert_near(
-                camera.to_odom(screen(), at),
-                held_m,
-                1e-6 * scale_m.max(1.0),
-            );
-        }
-        assert_eq!(camera.points_per_m().to_bits(), MIN_POINTS_PER_M.to_bits());
-    }
-
-    #[test]
-    fn dragging_moves_the_point_with_the_hand() {
-        let mut camera = Camera::default();
-        let at = pos2(500.0, 300.0);
-        let held_m = camera.to_odom(screen(), at);
-        camera.pan(vec2(33.0, -21.0));
-        assert_near(
-            camera.to_odom(screen(), at + vec2(33.0, -21.0)),
-            held_m,
-            1e-4,
-        );
-    }
-
-    #[test]
-    fn a_fitted_map_is_all_there_and_nearly_fills_the_screen() {
-        for bounds in [
-            [-3.0, 2.0, 17.0, 9.0],
-            [100.0, -900.0, 130.0, -100.0],
-            [5.0, 5.0, 5.0, 5.0],
-        ] {
-            let mut camera = Camera::default();
-            camera.fit(screen(), bounds);
-            let [low_x, low_y, high_x, high_y] = camera.visible_m(screen());
-            assert!(low_x < bounds[0] && low_y < bounds[1], "{bounds:?}");
-            assert!(high_x > bounds[2] && high_y > bounds[3], "{bounds:?}");
-            let filled = ((bounds[2] - bounds[0]) / (high_x - low_x))
-                .max((bounds[3] - bounds[1]) / (high_y - low_y));
-            assert!(
-                filled > 0.9 || bounds[2] - bounds[0] < 1.0,
-                "{bounds:?} {filled}"
-            );
-        }
-        let mut camera = Camera::default();
-        camera.fit(screen(), [0.0, f64::NAN, 1.0, 1.0]);
-        assert_eq!(camera, Camera::default());
+        camera.fit(screen(), [0.0, 0.0, 50.0, 10.0]);
+        assert_near(camera.center_m(), [25.0, 5.0], 1e-9);
+        assert!((camera.points_per_m() - 20.0 * FIT_PART).abs() < 1e-9);
+        camera.fit(screen(), [1.0, 1.0, 1.1, 1.1]);
+        assert!((camera.points_per_m() - 700.0 / MIN_FIT_SIDE_M * FIT_PART).abs() < 1e-9);
     }
 }

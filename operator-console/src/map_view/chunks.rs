@@ -7,7 +7,7 @@
 //! over texels and would be as coarse as the cells without them.
 
 use eframe::egui::{Color32, ColorImage};
-use protocol::tile::{TILE_SIDE, TileCells};
+use protocol::tile::TILE_SIDE;
 
 use super::coloring::Coloring;
 
@@ -66,9 +66,22 @@ impl Level {
         TILE_SIDE * self.texels_per_cell() / self.cells_per_texel()
     }
 
-    /// What it takes to turn a tile into texels, in tiles of a texel a cell.
-    pub(super) const fn tile_cost(self) -> usize {
-        self.texels_per_cell() * self.texels_per_cell()
+    /// The next coarser level, while there is one.
+    pub(super) fn coarser(self) -> Option<Self> {
+        (self.0 < MAX_LEVEL).then_some(Self(self.0 + 1))
+    }
+
+    /// The next finer level, while there is one.
+    pub(super) fn finer(self) -> Option<Self> {
+        (self.0 > MIN_LEVEL).then_some(Self(self.0 - 1))
+    }
+
+    /// The finest level at which so many tiles in a row lie in `chunks` chunks, wherever they begin.
+    pub(super) fn for_span(tiles: i64, chunks: i64) -> Self {
+        (0..=MAX_LEVEL)
+            .map(Self)
+            .find(|level| tiles <= (chunks - 1) * level.tiles_per_chunk() + 1)
+            .unwrap_or(Self(MAX_LEVEL))
     }
 
     /// Tiles along one side of a chunk.
@@ -119,47 +132,56 @@ impl ChunkKey {
     }
 }
 
-/// A tile as texels, the greatest y in the first row. A texel shows the highest code of its cells, so that
-/// walls stay visible, as in exported pictures. `at` is where the tile begins in its chunk: there its patterns go
-/// on from those of its neighbours.
+/// Writes a tile as texels into `texels`, which are `width` wide and whose first is the tile's upper left one. A texel
+/// shows the highest code of its cells, so that walls stay visible, as in exported pictures. `at` is where the tile
+/// begins in its chunk: there its patterns go on from those of its neighbours.
+///
+/// `highest` are the codes of the tile's texels, or of its cells where those are larger, the greatest y first.
+pub(super) fn paint_tile(
+    texels: &mut [Color32],
+    width: usize,
+    level: Level,
+    at: [usize; 2],
+    highest: &[u16],
+    coloring: &Coloring,
+) {
+    let per_cell = level.texels_per_cell();
+    let side = TILE_SIDE / level.cells_per_texel();
+    let rows = texels.chunks_mut(width).take(level.tile_texels());
+    for (y, row) in rows.enumerate() {
+        let codes = &highest[y / per_cell * side..][..side];
+        let row = &mut row[..level.tile_texels()];
+        if coloring.has_patterns() || per_cell > 1 {
+            for (x, texel) in row.iter_mut().enumerate() {
+                *texel = coloring.color_at(codes[x / per_cell], at[0] + x, at[1] + y);
+            }
+        } else {
+            for (texel, code) in row.iter_mut().zip(codes) {
+                *texel = coloring.plain(*code);
+            }
+        }
+    }
+}
+
+/// A tile of `level` as a picture of its own.
 pub(super) fn tile_image(
-    cells: &TileCells,
+    highest: &[u16],
     level: Level,
     at: [usize; 2],
     coloring: &Coloring,
 ) -> ColorImage {
-    let (per_cell, step) = (level.texels_per_cell(), level.cells_per_texel());
-    let side = TILE_SIDE / step;
-    let highest = highest_codes(cells, step);
-    let texels = level.tile_texels();
-    let mut image = ColorImage::filled([texels; 2], Color32::TRANSPARENT);
-    for (y, row) in image.pixels.chunks_exact_mut(texels).enumerate() {
-        let codes = &highest[y / per_cell * side..][..side];
-        for (x, texel) in row.iter_mut().enumerate() {
-            *texel = coloring.color_at(codes[x / per_cell], at[0] + x, at[1] + y);
-        }
-    }
+    let side = level.tile_texels();
+    let mut image = ColorImage::filled([side; 2], Color32::TRANSPARENT);
+    paint_tile(&mut image.pixels, side, level, at, highest, coloring);
     image
-}
-
-/// The highest code of each square of `step` × `step` cells, the greatest y in the first row.
-fn highest_codes(cells: &TileCells, step: usize) -> Vec<u16> {
-    let texels = TILE_SIDE / step;
-    let mut highest = vec![0_u16; texels * texels];
-    for row in 0..TILE_SIDE {
-        let from_top = texels - 1 - row / step;
-        let texel_row = &mut highest[from_top * texels..][..texels];
-        for (texel, codes) in texel_row.iter_mut().zip(cells.row(row).chunks_exact(step)) {
-            *texel = codes.iter().copied().fold(*texel, u16::max);
-        }
-    }
-    highest
 }
 
 #[cfg(test)]
 mod tests {
     use protocol::layer::LayerId;
+    use protocol::tile::TileCells;
 
+    use super::super::highest_codes::highest_codes;
     use super::*;
 
     fn chunk(level: i8, tile: (i64, i64)) -> ChunkKey {
@@ -211,6 +233,13 @@ mod tests {
     }
 
     #[test]
+    fn a_span_fits_its_chunks_wherever_it_begins() {
+        for (tiles, level) in [(1, 0), (9, 0), (10, 1), (157, 5), (129, 4), (1 << 40, 6)] {
+            assert_eq!(Level::for_span(tiles, 2), Level(level), "{tiles}");
+        }
+    }
+
+    #[test]
     fn texels_are_never_smaller_than_a_pixel_while_there_are_levels() {
         for (pixels_per_cell, level) in [
             (30.0, 0),
@@ -235,13 +264,26 @@ mod tests {
         }
     }
 
+    /// As [`tile_image`], from cells.
+    fn image_of(
+        cells: &TileCells,
+        level: Level,
+        at: [usize; 2],
+        coloring: &Coloring,
+    ) -> ColorImage {
+        let side = TILE_SIDE / level.cells_per_texel();
+        let mut highest = vec![0; side * side];
+        highest_codes(cells, level.cells_per_texel(), &mut highest);
+        tile_image(&highest, level, at, coloring)
+    }
+
     #[test]
     fn a_wall_of_one_cell_is_there_on_every_level() {
         let cells = TileCells::from_fn(|x, y| if (x, y) == (9, 60) { 2 } else { 1 });
-        let coloring = Coloring::new(LayerId::Obstacle.default_palette());
+        let coloring = Coloring::new(LayerId::Obstacle.default_palette(), false);
         let wall = coloring.color_at(2, 0, 0);
         for level in Level::all() {
-            let image = tile_image(&cells, level, [0, 0], &coloring);
+            let image = image_of(&cells, level, [0, 0], &coloring);
             let found: Vec<_> = image
                 .pixels
                 .iter()
@@ -258,13 +300,13 @@ mod tests {
     #[test]
     fn patterns_are_texels_wide_and_go_on_across_tiles() {
         let palette = LayerId::Shore.default_palette();
-        let coloring = Coloring::new(palette);
+        let coloring = Coloring::new(palette, false);
         let cells = TileCells::from_fn(|_, _| 4);
         for level in Level::all() {
             let tile = (3, 2);
             let chunk = ChunkKey::of_tile(level, (3, 2));
             let at = chunk.texel_of(tile);
-            let image = tile_image(&cells, level, at, &coloring);
+            let image = image_of(&cells, level, at, &coloring);
             for (index, color) in image.pixels.iter().enumerate() {
                 let [x, y] = [index % image.width(), index / image.width()];
                 let expected = palette.color_at(4, at[0] + x, at[1] + y);

@@ -1,21 +1,29 @@
 //! Codes → colours on the screen, and which values they are spread over.
+//!
+//! The lowest layer that is shown has the colours of its palette. What lies over another lets through where it has
+//! nothing to say: free cells of obstacles, low probabilities and low costs, and the unknown of every layer.
 
 use eframe::egui::Color32;
 use protocol::layer::{LayerId, Palette, Pattern, Quantisation, Scheme, UNKNOWN};
-use protocol::tile::{TILE_CELLS, TileCells};
+use protocol::tile::TILE_SIDE;
 use protocol::tile_store::TileStore;
+
+/// Cells that are looked at to fit colours, at most: about 2 ms. Of a larger map, rows and tiles are left out evenly.
+const MAX_FITTED_CELLS: usize = 1 << 20;
 
 /// A palette as a table, so that a cell costs one look-up.
 #[derive(Clone, Debug)]
 pub(super) struct Coloring {
     palette: Palette,
+    is_over: bool,
     table: Vec<Color32>,
     /// The pattern of each code and the colour of its marks; empty where the layer's classes have none.
     marks: Vec<(Pattern, Color32)>,
 }
 
 impl Coloring {
-    pub(super) fn new(palette: Palette) -> Self {
+    /// The colours of `palette` for a layer that lies over another, or over none.
+    pub(super) fn new(palette: Palette, is_over: bool) -> Self {
         let last = match palette.layer().quantisation() {
             Quantisation::Linear { max_code, .. } => max_code,
             Quantisation::Classes(classes) => classes.len() as u16,
@@ -26,21 +34,30 @@ impl Coloring {
         let codes = || UNKNOWN..=last;
         let has_patterns = codes().any(|code| palette.pattern(code) != Pattern::Plain);
         let mark = |code| (palette.pattern(code), of(palette.mark_color(code)));
+        let color = |code| {
+            let [red, green, blue, alpha] = palette.color(code);
+            let part = if is_over {
+                cover(palette.layer(), code)
+            } else {
+                1.0
+            };
+            of([red, green, blue, (f32::from(alpha) * part).round() as u8])
+        };
         Self {
             palette,
-            table: codes().map(|code| of(palette.color(code))).collect(),
+            is_over,
+            table: codes().map(color).collect(),
             marks: codes().filter(|_| has_patterns).map(mark).collect(),
         }
     }
 
-    /// The colours of `layer` that go by `scheme`; the layer's default where it has no such.
-    pub(super) fn of_scheme(layer: LayerId, scheme: Scheme) -> Self {
-        let palette = layer.palettes().find(|palette| palette.scheme() == scheme);
-        Self::new(palette.unwrap_or_else(|| layer.default_palette()))
-    }
-
     pub(super) const fn palette(&self) -> &Palette {
         &self.palette
+    }
+
+    /// Whether they are those of a layer over another.
+    pub(super) const fn is_over(&self) -> bool {
+        self.is_over
     }
 
     /// Whether a colour depends on where it is.
@@ -52,12 +69,14 @@ impl Coloring {
     pub(super) fn color_at(&self, code: u16, x: usize, y: usize) -> Color32 {
         match self.marks.get(usize::from(code)) {
             Some((pattern, color)) if pattern.is_mark(x, y) => *color,
-            Some(_) | None => self
-                .table
-                .get(usize::from(code))
-                .copied()
-                .unwrap_or_default(),
+            Some(_) | None => self.plain(code),
         }
+    }
+
+    /// The colour of a code where nothing has a pattern.
+    pub(super) fn plain(&self, code: u16) -> Color32 {
+        let color = self.table.get(usize::from(code));
+        color.copied().unwrap_or_default()
     }
 
     /// The colour of unknown cells.
@@ -66,16 +85,48 @@ impl Coloring {
     }
 }
 
-/// `palette` over all but the lowest and highest 1 % of the cells in `store`, as exported pictures have it.
+/// The palette of `layer` that goes by `scheme`; the layer's default where it has no such.
+pub(super) fn palette_of(layer: LayerId, scheme: Scheme) -> Palette {
+    let mut palettes = layer.palettes();
+    let palette = palettes.find(|palette| palette.scheme() == scheme);
+    palette.unwrap_or_else(|| layer.default_palette())
+}
+
+/// How much of what lies below a cell of `layer` hides: 0 nothing … 1 everything.
+fn cover(layer: LayerId, code: u16) -> f32 {
+    let Some(value) = layer.quantisation().decode(code) else {
+        return 0.0;
+    };
+    match layer {
+        LayerId::Obstacle => f32::from(value > 0.0),
+        LayerId::Occupancy => ((value - 0.25) / 0.5).clamp(0.0, 1.0),
+        LayerId::Cost => (value / 0.3).clamp(0.0, 1.0),
+        LayerId::Elevation | LayerId::Rigidity | LayerId::Shore => 1.0,
+    }
+}
+
+/// `palette` over all but the lowest and highest 1 % of the cells in `store`, as exported pictures have it; of a great
+/// map, of cells spread over all of it.
 pub(super) fn fitted_to(palette: Palette, store: &TileStore) -> Palette {
     let layer = palette.layer();
-    let mut counts = vec![0_u64; usize::from(u16::MAX) + 1];
-    for cells in store.tiles(layer).filter_map(|(_, tile)| tile.cells()) {
-        count(&mut counts, cells);
+    let mut counts = vec![0_u32; usize::from(u16::MAX) + 1];
+    let tiles = || store.tiles(layer).filter_map(|(_, tile)| tile.cells());
+    let rows = tiles().count() * TILE_SIDE;
+    // Odd, so that it is not the same rows of every tile.
+    let stride = (rows / (MAX_FITTED_CELLS / TILE_SIDE)) | 1;
+    let mut next = 0;
+    for (index, cells) in tiles().enumerate() {
+        let first = index * TILE_SIDE;
+        while next < first + TILE_SIDE {
+            for code in cells.row(next - first) {
+                counts[usize::from(*code)] += 1;
+            }
+            next += stride;
+        }
     }
     counts[usize::from(UNKNOWN)] = 0;
-    let known: u64 = counts.iter().sum();
-    let value_of_rank = |rank: u64| {
+    let known: u32 = counts.iter().sum();
+    let value_of_rank = |rank: u32| {
         let mut seen = 0;
         let code = counts.iter().position(|count| {
             seen += count;
@@ -91,16 +142,9 @@ pub(super) fn fitted_to(palette: Palette, store: &TileStore) -> Palette {
     }
 }
 
-fn count(counts: &mut [u64], cells: &TileCells) {
-    let codes: &[u16; TILE_CELLS] = cells.codes();
-    for code in codes {
-        counts[usize::from(*code)] += 1;
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use protocol::tile::{BootId, TileKey};
+    use protocol::tile::{BootId, TileCells, TileKey};
     use protocol::tile_store::LayerGrid;
 
     use super::*;
@@ -108,7 +152,7 @@ mod tests {
     #[test]
     fn the_table_is_the_palette() {
         for palette in LayerId::ALL.into_iter().flat_map(LayerId::palettes) {
-            let coloring = Coloring::new(palette);
+            let coloring = Coloring::new(palette, false);
             for (code, color) in (0..=u16::MAX).zip(&coloring.table) {
                 assert_eq!(color.to_srgba_unmultiplied(), palette.color(code));
                 let [x, y] = [3, 1];
@@ -121,6 +165,55 @@ mod tests {
             let codes = (0..=u16::MAX).filter(|code| is_code(*code)).count();
             assert_eq!(coloring.table.len(), codes);
         }
+    }
+
+    #[test]
+    fn what_lies_over_another_layer_lets_through_where_nothing_is() {
+        let color = |layer: LayerId, scheme, code| {
+            Coloring::new(palette_of(layer, scheme), true).color_at(code, 1, 1)
+        };
+        let clear = Color32::TRANSPARENT;
+        for layer in LayerId::ALL {
+            for scheme in layer.schemes() {
+                assert_eq!(color(layer, *scheme, UNKNOWN), clear, "{layer} {scheme:?}");
+            }
+        }
+        let obstacle = |code| color(LayerId::Obstacle, Scheme::OkabeIto, code);
+        assert_eq!(obstacle(1), clear);
+        assert!(obstacle(2).is_opaque());
+        for (layer, scheme) in [
+            (LayerId::Cost, Scheme::Magma),
+            (LayerId::Occupancy, Scheme::Grey),
+        ] {
+            let at = |value| color(layer, scheme, layer.quantisation().encode(value));
+            assert_eq!(at(0.0), clear);
+            assert!(at(1.0).is_opaque());
+        }
+        let dots = LayerId::Shore.quantisation();
+        assert!(color(LayerId::Shore, Scheme::OkabeIto, dots.encode(1.0)).is_opaque());
+    }
+
+    #[test]
+    fn a_great_map_is_fitted_by_a_part_of_it() {
+        let layer = LayerId::Elevation;
+        let mut store = TileStore::new(BootId([1; 16]), 10);
+        store.set_grid(LayerGrid { layer, cell_m: 0.1 }).unwrap();
+        // 900 tiles are 3.5 times as many cells as are looked at; heights rise from west to east.
+        for index in 0..900_u16 {
+            let code = layer.quantisation().encode(f32::from(index / 30) * 0.1);
+            let key = TileKey {
+                layer,
+                tx: i32::from(index / 30),
+                ty: i32::from(index % 30),
+            };
+            let cells = TileCells::from_fn(|_, _| code);
+            drop(store.publish(key, cells).unwrap());
+        }
+        let (low, high) = fitted_to(layer.default_palette(), &store).range();
+        assert!(
+            low.abs() < 1e-3 && (high - 3.0).abs() < 0.11,
+            "{low} {high}"
+        );
     }
 
     #[test]

@@ -1,12 +1,14 @@
-//! Which tiles of the shown layer know anything, and where in them: what there is to draw and to fit.
+//! Which tiles of a layer know anything, where in them, and what of them is seen from afar: what there is to draw
+//! and to fit.
 
 use std::collections::BTreeMap;
 
-use protocol::layer::{LayerId, UNKNOWN};
+use protocol::layer::UNKNOWN;
 use protocol::tile::{TILE_SIDE, TileCells, TileKey};
 use protocol::tile_store::TileStore;
 
 use super::chunks::TILE_CELLS;
+use super::highest_codes::CoarseCodes;
 
 /// Columns and rows of a tile between which its known cells lie, both ends included.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,41 +17,57 @@ struct KnownBox {
     rows: [u8; 2],
 }
 
+#[derive(Clone, Debug)]
+struct KnownTile {
+    known: KnownBox,
+    coarse: CoarseCodes,
+}
+
 /// The known tiles of one layer.
 #[derive(Clone, Debug, Default)]
 pub(super) struct KnownTiles {
-    boxes: BTreeMap<(i32, i32), KnownBox>,
+    tiles: BTreeMap<(i32, i32), KnownTile>,
     /// Lowest and greatest x and y of known cells, in cells; `None` where it must be worked out again.
     bounds_cells: Option<[i64; 4]>,
 }
 
 impl KnownTiles {
-    /// All of a layer.
-    pub(super) fn of_layer(store: &TileStore, layer: LayerId) -> Self {
-        let mut known = Self::default();
-        for (key, _) in store.tiles(layer) {
-            known.update(store, key);
-        }
-        known
-    }
-
     /// Looks at one tile again.
     pub(super) fn update(&mut self, store: &TileStore, key: TileKey) {
         let cells = store.get(key).and_then(|stored| stored.cells());
-        let known = cells.and_then(KnownBox::of);
+        let tile = cells.and_then(|cells| {
+            let (known, coarse) = (KnownBox::of(cells)?, CoarseCodes::of(cells));
+            Some(KnownTile { known, coarse })
+        });
         let at = (key.tx, key.ty);
-        let before = match known {
-            Some(known) => self.boxes.insert(at, known),
-            None => self.boxes.remove(&at),
+        let after = tile.as_ref().map(|tile| tile.known.edges(at));
+        let before = match tile {
+            Some(tile) => self.tiles.insert(at, tile),
+            None => self.tiles.remove(&at),
         };
-        if before != known {
-            self.bounds_cells = None;
+        let before = before.map(|tile| tile.known.edges(at));
+        match (before, after) {
+            // Maps grow: only what shrinks has to be looked for.
+            (before, Some(after)) if before.is_none_or(|before| join(before, after) == after) => {
+                if self.tiles.len() == 1 {
+                    self.bounds_cells = Some(after);
+                } else if let Some(bounds) = &mut self.bounds_cells {
+                    *bounds = join(*bounds, after);
+                }
+            }
+            (None, None) => {}
+            (Some(_), _) | (None, Some(_)) => self.bounds_cells = None,
         }
     }
 
     /// How many there are.
     pub(super) fn len(&self) -> usize {
-        self.boxes.len()
+        self.tiles.len()
+    }
+
+    /// The highest codes of a tile in squares of `step` cells, where they are kept.
+    pub(super) fn coarse_codes(&self, tile: (i32, i32), step: usize) -> Option<&[u16]> {
+        self.tiles.get(&tile)?.coarse.of_step(step)
     }
 
     /// The known tiles in a square of `side` × `side` tiles whose lowest tile is `(tx, ty)`.
@@ -59,39 +77,45 @@ impl KnownTiles {
         side: i64,
     ) -> impl Iterator<Item = (i32, i32)> {
         let clamp = |tile: i64| tile.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32;
-        let rows = ty..ty + side;
-        self.boxes
-            .range((clamp(tx), i32::MIN)..=(clamp(tx + side - 1), i32::MAX))
+        let is_on_map = [tx, ty]
+            .into_iter()
+            .all(|first| first <= i64::from(i32::MAX) && first + side > i64::from(i32::MIN));
+        let columns = clamp(tx)..=clamp(tx + side - 1);
+        let rows = (clamp(ty), clamp(ty + side - 1));
+        columns
+            .filter(move |_| is_on_map)
+            .flat_map(move |column| self.tiles.range((column, rows.0)..=(column, rows.1)))
             .map(|(at, _)| *at)
-            .filter(move |(_, row)| rows.contains(&i64::from(*row)))
     }
 
     /// Lowest and greatest x and y of what is known, in cells (the greatest ends exclusive).
     pub(super) fn bounds_cells(&mut self) -> Option<[i64; 4]> {
         if self.bounds_cells.is_none() {
-            self.bounds_cells = self
-                .boxes
-                .iter()
-                .map(|(&(tx, ty), known)| {
-                    let (x, y) = (i64::from(tx) * TILE_CELLS, i64::from(ty) * TILE_CELLS);
-                    let [left, right] = known.columns.map(i64::from);
-                    let [bottom, top] = known.rows.map(i64::from);
-                    [x + left, y + bottom, x + right + 1, y + top + 1]
-                })
-                .reduce(|a, b| {
-                    [
-                        a[0].min(b[0]),
-                        a[1].min(b[1]),
-                        a[2].max(b[2]),
-                        a[3].max(b[3]),
-                    ]
-                });
+            let edges = self.tiles.iter().map(|(at, tile)| tile.known.edges(*at));
+            self.bounds_cells = edges.reduce(join);
         }
         self.bounds_cells
     }
 }
 
+fn join(a: [i64; 4], b: [i64; 4]) -> [i64; 4] {
+    [
+        a[0].min(b[0]),
+        a[1].min(b[1]),
+        a[2].max(b[2]),
+        a[3].max(b[3]),
+    ]
+}
+
 impl KnownBox {
+    /// Lowest and greatest x and y, in cells (the greatest ends exclusive), of the box in the tile at `(tx, ty)`.
+    fn edges(self, (tx, ty): (i32, i32)) -> [i64; 4] {
+        let (x, y) = (i64::from(tx) * TILE_CELLS, i64::from(ty) * TILE_CELLS);
+        let [left, right] = self.columns.map(i64::from);
+        let [bottom, top] = self.rows.map(i64::from);
+        [x + left, y + bottom, x + right + 1, y + top + 1]
+    }
+
     fn of(cells: &TileCells) -> Option<Self> {
         let mut known: Option<Self> = None;
         for row in 0..TILE_SIDE {
@@ -118,6 +142,7 @@ impl KnownBox {
 
 #[cfg(test)]
 mod tests {
+    use protocol::layer::LayerId;
     use protocol::tile::BootId;
     use protocol::tile_store::LayerGrid;
 
@@ -138,6 +163,14 @@ mod tests {
         drop(store.publish(key, cells).unwrap());
     }
 
+    fn of_layer(store: &TileStore) -> KnownTiles {
+        let mut known = KnownTiles::default();
+        for (key, _) in store.tiles(LAYER) {
+            known.update(store, key);
+        }
+        known
+    }
+
     #[test]
     fn bounds_are_those_of_known_cells_and_follow_changes() {
         let mut store = TileStore::new(BootId([1; 16]), 10);
@@ -149,7 +182,7 @@ mod tests {
             .unwrap();
         publish(&mut store, key(-1, 0), &[(60, 5), (62, 3)]);
         publish(&mut store, key(2, 1), &[(0, 0)]);
-        let mut known = KnownTiles::of_layer(&store, LAYER);
+        let mut known = of_layer(&store);
         assert_eq!(known.bounds_cells(), Some([-4, 3, 129, 65]));
         publish(&mut store, key(2, 1), &[]);
         known.update(&store, key(2, 1));
@@ -180,7 +213,7 @@ mod tests {
         ] {
             publish(&mut store, key(tx, ty), &[(1, 1)]);
         }
-        let known = KnownTiles::of_layer(&store, LAYER);
+        let known = of_layer(&store);
         let square = |at| known.in_square(at, 8).collect::<Vec<_>>();
         assert_eq!(square((-8, -8)), [(-8, -8), (-1, -1)]);
         assert_eq!(square((0, 0)), [(7, 7)]);

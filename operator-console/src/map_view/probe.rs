@@ -1,62 +1,164 @@
-//! What the map says under the cursor, and how old that is.
+//! What the map says at a point: every layer's value, how old that is, and where it comes from.
 
 use std::time::Duration;
 
 use protocol::layer::{LayerId, Quantisation};
 use protocol::tile::TileKey;
+use protocol::tile_store::StoredTile;
 use robot_edge::clock::Monotonic;
 
 use super::chunks::TILE_CELLS;
+use super::stack::LayerStack;
 use crate::model::MapSync;
-use crate::panels::wording::{age, signed};
+use crate::panels::wording::{age, count, signed};
 
 /// One point of the map.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProbeData {
     /// Where, metres in `odom`.
     pub point_m: [f64; 2],
-    /// What is there, with its unit.
-    pub value: String,
-    /// Since the cells around it last changed; `None` where nothing is known.
+    /// What is there, the uppermost layer first: every layer that is shown, and those that are not but were received.
+    pub cells: Vec<ProbedCell>,
+}
+
+/// What one layer says.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProbedCell {
+    /// Which layer.
+    pub layer: LayerId,
+    /// Whether it is drawn. What is not drawn is not kept up to date either.
+    pub is_shown: bool,
+    /// The cell's value as exports have it; `None` where it is unknown.
+    pub value: Option<f32>,
+    /// Since the cells around it last changed here.
     pub age: Option<Duration>,
+    /// The revision of the tile around it.
+    pub revision: Option<u64>,
 }
 
 impl ProbeData {
-    /// Reads `layer` at a point.
-    pub fn new(map: &MapSync, layer: LayerId, point_m: [f64; 2], now: Monotonic) -> Self {
-        let key = map
-            .store()
-            .cell_m(layer)
-            .and_then(|cell_m| cell_at(layer, point_m, cell_m));
-        let Some((key, column, row)) = key else {
-            return Self {
-                point_m,
-                value: "nothing is known here".to_owned(),
-                age: None,
+    /// Reads the map at a point.
+    pub fn new(map: &MapSync, stack: &LayerStack, point_m: [f64; 2], now: Monotonic) -> Self {
+        let held = stack.layers().iter().rev();
+        let cells = held.filter_map(|held| {
+            let cell_m = map.store().cell_m(held.layer)?;
+            let cell = ProbedCell::new(map, held.layer, cell_m, point_m, now);
+            let cell = ProbedCell {
+                is_shown: held.is_shown,
+                ..cell
             };
-        };
-        let cells = map.store().get(key).and_then(|stored| stored.cells());
-        let code = cells.and_then(|cells| cells.get(column, row));
+            (cell.is_shown || cell.value.is_some()).then_some(cell)
+        });
         Self {
             point_m,
-            value: code
-                .and_then(|code| value(layer, code))
-                .unwrap_or_else(|| "unknown".to_owned()),
-            age: cells
-                .and_then(|_known| map.changed_at(key))
-                .map(|at| now.since(at)),
+            cells: cells.collect(),
         }
     }
 
-    /// In one line.
-    pub fn line(&self) -> String {
+    /// Where it is.
+    pub fn place(&self) -> String {
         let [x, y] = self.point_m.map(|m| signed(m, 2));
-        let age = match self.age {
-            Some(since) => format!("  ·  changed {} ago", age(since)),
-            None => String::new(),
-        };
-        format!("x {x} m  y {y} m  ·  {}{age}", self.value)
+        format!("x {x} m  y {y} m")
     }
+
+    /// In one line: what is known of the layers that are drawn.
+    pub fn line(&self) -> String {
+        let cells = self.cells.iter();
+        let known: Vec<_> = cells
+            .filter(|cell| cell.is_shown && cell.value.is_some())
+            .collect();
+        let newest = known.iter().filter_map(|cell| cell.age).min();
+        let changed = newest.map_or_else(
+            || "unknown".to_owned(),
+            |since| format!("changed {} ago", age(since)),
+        );
+        let readings = known.iter().map(|cell| cell.reading());
+        let parts: Vec<_> = [self.place()]
+            .into_iter()
+            .chain(readings)
+            .chain([changed])
+            .collect();
+        parts.join("  ·  ")
+    }
+}
+
+impl ProbedCell {
+    fn new(map: &MapSync, layer: LayerId, cell_m: f64, point_m: [f64; 2], now: Monotonic) -> Self {
+        let key = cell_at(layer, point_m, cell_m).map(|(key, _, _)| key);
+        let stored = key.and_then(|key| map.store().get(key));
+        let changed_at = key.and_then(|key| map.changed_at(key));
+        Self {
+            layer,
+            is_shown: true,
+            value: value_at(map, layer, point_m),
+            age: changed_at.map(|at| now.since(at)),
+            revision: stored.map(StoredTile::revision),
+        }
+    }
+
+    /// The value with its unit, or the class by name.
+    pub fn text(&self) -> String {
+        let Some(value) = self.value else {
+            return "unknown".to_owned();
+        };
+        match self.layer.quantisation() {
+            Quantisation::Linear { .. } => {
+                let decimals = if self.layer.unit().is_some() { 3 } else { 2 };
+                let number = signed(f64::from(value), decimals);
+                match self.layer.unit() {
+                    Some(unit) => format!("{number} {unit}"),
+                    None => number,
+                }
+            }
+            Quantisation::Classes(classes) => {
+                let class = classes
+                    .iter()
+                    .find(|class| f32::from(class.value).to_bits() == value.to_bits());
+                class.map_or_else(
+                    || signed(f64::from(value), 0),
+                    |class| class.name.to_owned(),
+                )
+            }
+        }
+    }
+
+    /// What the value is of, and the value.
+    pub fn reading(&self) -> String {
+        let name = match self.layer {
+            LayerId::Occupancy => "P(occupied)",
+            LayerId::Elevation => "height",
+            LayerId::Cost => "slope cost",
+            LayerId::Obstacle | LayerId::Rigidity | LayerId::Shore => return self.text(),
+        };
+        format!("{name} {}", self.text())
+    }
+
+    /// How old it is, and which tile and stage of the mapping it comes from.
+    pub fn origin(&self) -> String {
+        let stage = match self.layer {
+            LayerId::Occupancy => "laser, log-odds",
+            LayerId::Elevation => "tilted laser, mean of hits",
+            LayerId::Obstacle => "from elevation",
+            LayerId::Cost => "voxels, slope around",
+            LayerId::Rigidity => "voxels, scatter of beams",
+            LayerId::Shore => "voxels, clusters",
+        };
+        let parts = [
+            self.age.map(|since| format!("{} old", age(since))),
+            Some(stage.to_owned()),
+            self.revision
+                .map(|revision| format!("revision {}", count(revision))),
+            (!self.is_shown).then(|| "hidden".to_owned()),
+        ];
+        parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// The value of a layer at a point (metres in `odom`), as exports have it; `None` where it is unknown.
+pub(super) fn value_at(map: &MapSync, layer: LayerId, point_m: [f64; 2]) -> Option<f32> {
+    let (key, column, row) = cell_at(layer, point_m, map.store().cell_m(layer)?)?;
+    let code = map.store().get(key)?.cells()?.get(column, row)?;
+    layer.quantisation().decode(code)
 }
 
 /// The tile, column and row that hold a point.
@@ -67,70 +169,5 @@ fn cell_at(layer: LayerId, point_m: [f64; 2], cell_m: f64) -> Option<(TileKey, u
     Some((key, within(cx), within(cy)))
 }
 
-/// The value of a code as it is shown; `None` for unknown.
-fn value(layer: LayerId, code: u16) -> Option<String> {
-    let value = layer.quantisation().decode(code)?;
-    Some(match layer.quantisation() {
-        Quantisation::Linear { .. } => {
-            let name = match layer {
-                LayerId::Occupancy => "P(occupied)",
-                LayerId::Elevation => "height",
-                LayerId::Cost => "slope cost",
-                LayerId::Obstacle | LayerId::Rigidity | LayerId::Shore => layer.name(),
-            };
-            let decimals = if layer.unit().is_some() { 3 } else { 2 };
-            let number = signed(f64::from(value), decimals);
-            match layer.unit() {
-                Some(unit) => format!("{name} {number} {unit}"),
-                None => format!("{name} {number}"),
-            }
-        }
-        Quantisation::Classes(classes) => classes[usize::from(code) - 1].name.to_owned(),
-    })
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn points_are_in_the_cells_that_cover_them() {
-        let check = |point_m, expected| {
-            let (key, column, row) = cell_at(LayerId::Cost, point_m, 0.1).unwrap();
-            assert_eq!((key.tx, key.ty, column, row), expected);
-        };
-        check([0.05, 6.45], (0, 1, 0, 0));
-        check([-0.01, -6.41], (-1, -2, 63, 63));
-        check([-6.35, 0.11], (-1, 0, 0, 1));
-        for far in [f64::MAX, f64::INFINITY] {
-            assert_eq!(cell_at(LayerId::Cost, [far, 0.0], 0.1), None);
-        }
-    }
-
-    #[test]
-    fn values_have_units_or_names() {
-        let check = |layer: LayerId, number: f32, expected: &str| {
-            let code = layer.quantisation().encode(number);
-            assert_eq!(value(layer, code).as_deref(), Some(expected));
-        };
-        check(LayerId::Elevation, -0.125, "height −0.125 m");
-        check(LayerId::Occupancy, 0.9, "P(occupied) 0.90");
-        check(LayerId::Cost, 0.5, "slope cost 0.50");
-        check(LayerId::Obstacle, 1.0, "obstacle");
-        check(LayerId::Shore, 4.0, "docking site");
-        assert_eq!(value(LayerId::Shore, 0), None);
-    }
-
-    #[test]
-    fn the_line_says_where_what_and_when() {
-        let probe = ProbeData {
-            point_m: [1.234, -5.0],
-            value: "obstacle".to_owned(),
-            age: Some(Duration::from_millis(3_240)),
-        };
-        assert_eq!(
-            probe.line(),
-            "x 1.23 m  y −5.00 m  ·  obstacle  ·  changed 3.2 s ago"
-        );
-    }
-}
+pub(super) mod tests;

@@ -2,28 +2,24 @@
 
 use eframe::egui::{Button, Frame, Ui};
 
+use super::look::{Orientation, Overlay, Sight};
 use crate::command::Look;
 use crate::theme;
 
 /// Height of the bar, points.
 pub(super) const HEIGHT: f32 = 36.0;
 
-/// What the camera keeps in sight by itself.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sight {
-    /// The whole map, as it grows.
-    Whole,
-    /// The vehicle, in the middle.
-    Vehicle,
-    /// Nothing: the operator looks where he wants.
-    Free,
-}
-
 /// What the buttons show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ToolbarData {
-    /// Which of the buttons is down.
+    /// What is kept in sight.
     pub sight: Sight,
+    /// What is up.
+    pub orientation: Orientation,
+    /// Whether the grid is drawn.
+    pub has_grid: bool,
+    /// Whether clicks measure.
+    pub is_measuring: bool,
 }
 
 /// Draws the bar.
@@ -36,8 +32,9 @@ pub(super) fn toolbar_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
         .show(ui, |ui| {
             ui.horizontal(|ui| {
                 ui.spacing_mut().item_spacing.x = 4.0;
-                // Laid out from the right in a right-aligned corner, so the last comes first.
                 let is_following = data.sight == Sight::Vehicle;
+                let is_robot_up = data.orientation == Orientation::RobotUp;
+                // Laid out from the right in a right-aligned corner, so the last comes first.
                 for (label, hint, is_on, asks) in [
                     (
                         "Whole map",
@@ -50,6 +47,24 @@ pub(super) fn toolbar_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
                         "Keep the vehicle in the middle (V)",
                         is_following,
                         Look::Follow(!is_following),
+                    ),
+                    (
+                        "Robot up",
+                        "Turn the map with the robot, or north up (N)",
+                        is_robot_up,
+                        Look::Up(data.orientation.other()),
+                    ),
+                    (
+                        "Grid",
+                        "A grid of round metres (G)",
+                        data.has_grid,
+                        Look::Draw(Overlay::Grid, !data.has_grid),
+                    ),
+                    (
+                        "Measure",
+                        "Measure by clicks; Esc ends (M)",
+                        data.is_measuring,
+                        Look::Measure(!data.is_measuring),
                     ),
                     ("−", "Farther (−)", false, Look::Out),
                     ("+", "Closer (+)", false, Look::In),

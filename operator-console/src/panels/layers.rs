@@ -1,49 +1,118 @@
-//! Which layer is shown, in which colours.
+//! The layers as they lie one over the other: which are drawn, how opaque, in which colours, and how old they are.
 
-use eframe::egui::{ComboBox, Ui};
-use protocol::layer::{LayerId, Palette, Scheme};
+use eframe::egui::accesskit::Role;
+use eframe::egui::{
+    Button, Color32, ComboBox, RichText, Sense, Shape, Slider, Stroke, Ui, WidgetInfo, vec2,
+};
+use protocol::layer::{LayerId, Scheme};
+use robot_edge::clock::Monotonic;
 
-use super::wording::count;
-use crate::command::Command;
-use crate::model::ConsoleModel;
+use super::stale::StaleData;
+use super::wording::{age, count};
+use crate::map_view::{LayerCommand, MapView};
+use crate::model::{ConsoleModel, LayerStep};
+use crate::theme::Tone;
 
 /// What the panel shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LayersData {
-    /// What the robot maps.
-    pub layers: Vec<LayerId>,
-    /// The layer that is shown.
-    pub shown: LayerId,
+    /// The layers that the robot maps, the uppermost first.
+    pub rows: Vec<LayerRow>,
+    /// What there is to say where there are none.
+    pub note: Option<String>,
+}
+
+/// A layer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LayerRow {
+    /// Which.
+    pub layer: LayerId,
+    /// Whether it is drawn.
+    pub is_shown: bool,
+    /// 0 … 1.
+    pub opacity: f32,
     /// Its colours.
     pub scheme: Scheme,
-    /// How much there is of it.
-    pub extent: String,
+    /// How much there is of it, how old, and what is missing.
+    pub state: String,
+    /// How that is.
+    pub tone: Tone,
+    /// Side of a cell, metres.
+    pub cell_m: f64,
+    /// The layer that lies next over it.
+    pub over: Option<LayerId>,
+    /// The layer that lies next under it.
+    pub under: Option<LayerId>,
 }
 
 impl LayersData {
-    /// The layers of `model`, one of which is shown with `palette`.
-    pub fn new(model: &ConsoleModel, palette: &Palette) -> Self {
-        let shown = palette.layer();
-        let layers = model.info().map(|info| info.layers.as_slice());
-        let layers = layers.unwrap_or_default().iter().map(|info| info.layer);
-        let store = model.map().store();
-        let extent = match (store.cell_m(shown), store.tile_count(shown)) {
-            (None, _) => "Not described yet".to_owned(),
-            (Some(_), 0) => "Nothing mapped yet".to_owned(),
-            (Some(cell_m), tiles) => format!(
-                "{} {}, cells of {} m",
-                count(tiles as u64),
-                if tiles == 1 { "tile" } else { "tiles" },
-                (cell_m * 1e4).round() / 1e4
-            ),
+    /// The layers of `model` as `view` draws them.
+    pub fn new(model: &ConsoleModel, view: &MapView, now: Monotonic) -> Self {
+        let offered = model.info().map(|info| info.layers.as_slice());
+        let offered = offered.unwrap_or_default();
+        let is_offered = |layer| offered.iter().any(|offered| offered.layer == layer);
+        let stacked = view.stack().layers().iter().rev();
+        let stacked: Vec<_> = stacked.filter(|held| is_offered(held.layer)).collect();
+        let stale = StaleData::new(model, now);
+        let neighbour = |index: Option<usize>| {
+            let held = index.and_then(|index| stacked.get(index));
+            held.map(|held| held.layer)
         };
+        let rows = stacked.iter().enumerate().map(|(index, held)| {
+            let layer = held.layer;
+            let step = model.map().steps().find(|step| step.layer == layer);
+            let (tone, mut state) = if !held.is_shown {
+                (Tone::Waiting, "hidden, not received".to_owned())
+            } else if let Some(stale) = &stale {
+                (
+                    Tone::Warning,
+                    format!("as it was {} ago", age(stale.silent_for)),
+                )
+            } else {
+                state_of(step, view.tiles(layer), now)
+            };
+            if let Some(newest) = view.newest(layer) {
+                state = format!("{state}, newest {} old", age(now.since(newest)));
+            }
+            LayerRow {
+                layer,
+                is_shown: held.is_shown,
+                opacity: held.opacity,
+                scheme: held.scheme,
+                state,
+                tone,
+                cell_m: model.map().store().cell_m(layer).unwrap_or_default(),
+                over: neighbour(index.checked_sub(1)),
+                under: neighbour(Some(index + 1)),
+            }
+        });
+        let rows: Vec<_> = rows.collect();
         Self {
-            layers: layers.collect(),
-            shown,
-            scheme: palette.scheme(),
-            extent,
+            note: rows.is_empty().then(|| "Not described yet".to_owned()),
+            rows,
         }
     }
+}
+
+fn state_of(step: Option<LayerStep>, tiles: usize, now: Monotonic) -> (Tone, String) {
+    let extent = match tiles {
+        0 => "nothing mapped yet".to_owned(),
+        1 => "1 tile".to_owned(),
+        _ => format!("{} tiles", count(tiles as u64)),
+    };
+    let Some(step) = step else {
+        return (Tone::Waiting, extent);
+    };
+    if step.is_equal {
+        return (Tone::Good, format!("{extent}, in step"));
+    }
+    let lacks = match step.missing {
+        0 => "not in step".to_owned(),
+        missing => format!("{} missing", count(missing as u64)),
+    };
+    let since = step.last_equal.map(|at| age(now.since(at)));
+    let since = since.map_or_else(String::new, |since| format!(" for {since}"));
+    (Tone::Waiting, format!("{extent}, {lacks}{since}"))
 }
 
 /// A layer as the operator reads it.
@@ -72,41 +141,142 @@ pub const fn scheme_name(scheme: Scheme) -> &'static str {
 }
 
 /// Draws the panel.
-pub fn layers_ui(ui: &mut Ui, data: &LayersData) -> Option<Command> {
+pub fn layers_ui(ui: &mut Ui, data: &LayersData) -> Option<LayerCommand> {
     let mut command = None;
-    ui.horizontal_wrapped(|ui| {
-        for layer in &data.layers {
-            let is_shown = *layer == data.shown;
-            if ui.selectable_label(is_shown, layer_name(*layer)).clicked() && !is_shown {
-                command = Some(Command::ShowLayer(*layer));
-            }
-        }
-    });
-    ui.horizontal(|ui| {
-        ComboBox::from_label("Colours")
-            .selected_text(scheme_name(data.scheme))
-            .width(140.0)
-            .show_ui(ui, |ui| {
-                for scheme in data.shown.schemes() {
-                    let is_shown = *scheme == data.scheme;
-                    if ui
-                        .selectable_label(is_shown, scheme_name(*scheme))
-                        .clicked()
-                    {
-                        command = Some(Command::ShowScheme(*scheme));
-                    }
-                }
+    for row in &data.rows {
+        ui.push_id(row.layer.name(), |ui| {
+            ui.spacing_mut().item_spacing.y = 2.0;
+            let asked = ui.horizontal(|ui| head_ui(ui, row)).inner;
+            let asked = asked.or_else(|| {
+                let shown = row.is_shown.then(|| ui.horizontal(|ui| colors_ui(ui, row)));
+                shown.and_then(|shown| shown.inner)
             });
-        if data.scheme == Scheme::Cividis {
-            let fit = ui.button("Fit");
-            if fit
-                .on_hover_text("Spread the colours over the heights of the map")
-                .clicked()
-            {
-                command = Some(Command::FitColors);
-            }
-        }
-    });
-    ui.label(&data.extent);
+            let color = match (row.is_shown, row.tone) {
+                (true, Tone::Warning) => row.tone.color(ui.visuals()),
+                (true | false, Tone::Good | Tone::Waiting) | (false, Tone::Warning) => {
+                    ui.visuals().weak_text_color()
+                }
+            };
+            ui.label(RichText::new(&row.state).small().color(color));
+            command = command.or(asked);
+        });
+        ui.add_space(4.0);
+    }
+    if let Some(note) = &data.note {
+        ui.label(note);
+    }
     command
 }
+
+/// Name, whether it is drawn, and its place.
+fn head_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
+    let (layer, name) = (row.layer, layer_name(row.layer));
+    let mut command = None;
+    let mut is_shown = row.is_shown;
+    let check = ui.checkbox(&mut is_shown, name);
+    if check
+        .on_hover_text("Draw this layer and receive it")
+        .changed()
+    {
+        command = Some(LayerCommand::Show(layer, is_shown));
+    }
+    ui.with_layout(
+        eframe::egui::Layout::right_to_left(eframe::egui::Align::Center),
+        |ui| {
+            ui.spacing_mut().item_spacing.x = 2.0;
+            if let Some(under) = step_ui(ui, row.under, false, name) {
+                command = Some(LayerCommand::Below(layer, under));
+            }
+            if let Some(over) = step_ui(ui, row.over, true, name) {
+                command = Some(LayerCommand::Above(layer, over));
+            }
+            let only = ui.add(Button::new(RichText::new("Only").small()).frame(false));
+            only.widget_info(|| WidgetInfo::labeled(Role::Button, true, format!("Only {name}")));
+            if only.on_hover_text("Hide all other layers").clicked() {
+                command = Some(LayerCommand::Only(layer));
+            }
+        },
+    );
+    command
+}
+
+/// A button that moves a layer past its neighbour, which is returned where it is clicked.
+fn step_ui(ui: &mut Ui, neighbour: Option<LayerId>, is_up: bool, name: &str) -> Option<LayerId> {
+    let sense = if neighbour.is_some() {
+        Sense::click()
+    } else {
+        Sense::hover()
+    };
+    let (rect, response) = ui.allocate_exact_size(vec2(22.0, 22.0), sense);
+    let word = if is_up { "Raise" } else { "Lower" };
+    let label = format!("{word} {name}");
+    response.widget_info(|| WidgetInfo::labeled(Role::Button, neighbour.is_some(), &label));
+    let visuals = ui.style().interact(&response);
+    let (fill, ink) = if neighbour.is_some() {
+        (visuals.weak_bg_fill, visuals.text_color())
+    } else {
+        (
+            Color32::TRANSPARENT,
+            ui.visuals().gray_out(visuals.text_color()),
+        )
+    };
+    ui.painter().rect_filled(rect.shrink(1.0), 3.0, fill);
+    let towards = if is_up { -4.0 } else { 4.0 };
+    let corners = [(0.0, towards), (5.0, -towards), (-5.0, -towards)]
+        .map(|(x, y)| rect.center() + vec2(x, y));
+    let corners = corners.to_vec();
+    ui.painter()
+        .add(Shape::convex_polygon(corners, ink, Stroke::NONE));
+    neighbour.filter(|_| response.on_hover_text(&label).clicked())
+}
+
+/// How opaque it is, and its colours.
+fn colors_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
+    let (layer, name) = (row.layer, layer_name(row.layer));
+    let mut command = None;
+    ui.spacing_mut().slider_width = 72.0;
+    let mut opacity = row.opacity;
+    let slider = ui.add(
+        Slider::new(&mut opacity, 0.0..=1.0)
+            .step_by(0.05)
+            .show_value(false),
+    );
+    let percent = 100.0 * row.opacity;
+    slider.widget_info(|| {
+        WidgetInfo::slider(true, f64::from(row.opacity), format!("Opacity of {name}"))
+    });
+    if slider
+        .on_hover_text(format!("Opacity: {percent:.0} %"))
+        .changed()
+    {
+        command = Some(LayerCommand::Opacity(layer, opacity));
+    }
+    let combo = ComboBox::from_id_salt("colours")
+        .selected_text(RichText::new(scheme_name(row.scheme)).small())
+        .width(116.0)
+        .show_ui(ui, |ui| {
+            for scheme in layer.schemes() {
+                let is_it = *scheme == row.scheme;
+                if ui.selectable_label(is_it, scheme_name(*scheme)).clicked() && !is_it {
+                    command = Some(LayerCommand::Scheme(layer, *scheme));
+                }
+            }
+        });
+    let label = format!("Colours of {name}: {}", scheme_name(row.scheme));
+    combo
+        .response
+        .widget_info(|| WidgetInfo::labeled(Role::ComboBox, true, &label));
+    if row.scheme == Scheme::Cividis {
+        let fit = ui.button("Fit");
+        if fit
+            .on_hover_text("Spread the colours over the heights of the map")
+            .clicked()
+        {
+            command = Some(LayerCommand::Fit(layer));
+        }
+    }
+    command
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,15 +1,15 @@
-//! The legend: a colour scale with numbers, or classes with names. Beside the map, so that it hides nothing.
+//! Legends: a colour scale with numbers, or classes with names, for every layer that is drawn.
 
 use eframe::egui::{
     Align2, Color32, Mesh, Rect, RichText, Sense, Stroke, StrokeKind, TextStyle, Ui, Vec2, pos2,
     vec2,
 };
-use protocol::layer::{Legend, Palette, Ramp, Swatch};
+use protocol::layer::{LayerId, Legend, Palette, Ramp, Swatch};
 
 use crate::theme;
 
-const BAR_HEIGHT: f32 = 16.0;
-const TICK: f32 = 4.0;
+const BAR_HEIGHT: f32 = 10.0;
+const TICK: f32 = 3.0;
 pub(super) const SWATCH: Vec2 = vec2(18.0, 14.0);
 /// Between a name and the next colour.
 const GAP: f32 = 6.0;
@@ -17,25 +17,53 @@ const GAP: f32 = 6.0;
 const OVERHANG: f32 = 14.0;
 const STEPS: u8 = 64;
 
-/// What the panel shows.
+/// The legends of all layers that are drawn.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LegendData {
-    /// The legend.
-    pub legend: Legend,
+pub struct LegendsData {
+    /// The uppermost first. What is unknown is said once, where it looks the same in all.
+    pub legends: Vec<Legend>,
 }
 
-impl LegendData {
-    /// The legend of the colours that are shown.
-    pub fn new(palette: &Palette) -> Self {
-        Self {
-            legend: palette.legend(),
+impl LegendsData {
+    /// The legends of the colours that are shown, the uppermost first, and whether each layer lies over another.
+    pub fn new(palettes: impl IntoIterator<Item = (Palette, bool)>) -> Self {
+        let legend = |(palette, is_over): (Palette, bool)| {
+            let mut legend = palette.legend();
+            // Free cells show what lies below.
+            if is_over
+                && palette.layer() == LayerId::Obstacle
+                && let Some(free) = legend.swatches.first_mut()
+            {
+                *free = Swatch::plain([0; 4], "free: clear".to_owned());
+            }
+            legend
+        };
+        let mut legends: Vec<_> = palettes.into_iter().map(legend).collect();
+        // The last of the swatches is what is unknown.
+        for index in 1..legends.len() {
+            let below = legends[index].swatches.last().cloned();
+            let above = &mut legends[index - 1].swatches;
+            if above.last() == below.as_ref() {
+                above.pop();
+            }
         }
+        Self { legends }
     }
 }
 
-/// Draws the panel.
-pub fn legend_ui(ui: &mut Ui, data: &LegendData) {
-    let legend = &data.legend;
+/// Draws the legends below each other.
+pub fn legends_ui(ui: &mut Ui, data: &LegendsData) {
+    ui.spacing_mut().item_spacing.y = 2.0;
+    for (index, legend) in data.legends.iter().enumerate() {
+        if index > 0 {
+            ui.add_space(4.0);
+        }
+        legend_ui(ui, legend);
+    }
+}
+
+fn legend_ui(ui: &mut Ui, legend: &Legend) {
+    ui.spacing_mut().interact_size.y = 16.0;
     ui.label(RichText::new(capitalised(&legend.title)).small());
     if let Some(ramp) = &legend.ramp {
         ramp_ui(ui, ramp);
@@ -158,26 +186,42 @@ pub(super) fn capitalised(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable;
-    use protocol::layer::LayerId;
-
-    use super::*;
 
     #[test]
     fn every_class_and_the_unknown_are_named() {
         for palette in LayerId::ALL.into_iter().flat_map(LayerId::palettes) {
-            let data = LegendData::new(&palette);
+            let data = LegendsData::new([(palette, false)]);
             let harness = Harness::builder()
-                .with_size(vec2(280.0, 200.0))
-                .build_ui(|ui| legend_ui(ui, &data));
-            let title = capitalised(&data.legend.title);
+                .with_size(vec2(236.0, 200.0))
+                .build_ui(|ui| legends_ui(ui, &data));
+            let title = capitalised(&data.legends[0].title);
             assert!(harness.query_all_by_label(&title).next().is_some());
-            for swatch in &data.legend.swatches {
+            for swatch in &data.legends[0].swatches {
                 let name = capitalised(&swatch.label);
                 let place = harness.get_all_by_label(&name).last().unwrap().rect();
-                assert!(place.right() <= 280.0, "{name}: {place:?}");
+                assert!(place.right() <= 236.0, "{name}: {place:?}");
             }
         }
+    }
+
+    #[test]
+    fn what_is_unknown_is_said_once() {
+        let palette = |layer: LayerId| layer.default_palette();
+        let both = [
+            (palette(LayerId::Obstacle), true),
+            (palette(LayerId::Elevation), false),
+        ];
+        let data = LegendsData::new(both);
+        let labels = data.legends.iter().map(|legend| {
+            let labels = legend.swatches.iter().map(|swatch| swatch.label.as_str());
+            labels.collect::<Vec<_>>()
+        });
+        assert_eq!(
+            labels.collect::<Vec<_>>(),
+            [vec!["free: clear", "obstacle"], vec!["unknown"]]
+        );
     }
 }

@@ -1,38 +1,37 @@
 //! Shores and docking sites: what stands along the water, how dense, how far away.
 
-use eframe::egui::accesskit::Role;
-use eframe::egui::{
-    Align2, FontSelection, Rect, Response, RichText, ScrollArea, Sense, Ui, WidgetInfo, pos2, vec2,
-};
+mod list;
+
 use protocol::layer::{LayerId, Swatch};
-use protocol::message::{DockingSite, ShoreCluster};
+use protocol::message::{DockingSite, ShoreCluster, Shores};
 use protocol::shores::DOCKING_SITE_CODE;
 
-use super::legend::{SWATCH, capitalised, paint_swatch};
 use super::wording::{count, signed};
-use crate::command::Look;
+use crate::map_view::{MapView, ShoreMark};
 use crate::model::ConsoleModel;
 
-const ROW_HEIGHT: f32 = 24.0;
-/// The lists scroll beyond this: eight rows.
-const LIST_HEIGHT: f32 = 192.0;
-/// Where the columns are, as shares of the width: number, class, share, size, distance. Numbers end there.
-const COLUMNS: [f32; 5] = [0.11, 0.14, 0.62, 0.81, 1.0];
+pub use list::shores_ui;
 
 /// What the panel shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShoresData {
-    /// Shores, by number.
+    /// Shores, the nearest first.
     pub shores: Vec<ShoreRow>,
     /// Docking sites, the best first.
     pub sites: Vec<ShoreRow>,
     /// What else there is to say.
     pub notes: Vec<String>,
+    /// What stands out on the map.
+    pub marked: Option<ShoreMark>,
+    /// What stands out because the hand was over it.
+    pub hovered: Option<ShoreMark>,
 }
 
 /// A shore or a docking site in one line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShoreRow {
+    /// Which.
+    pub mark: ShoreMark,
     /// Number of the shore, or rank of the site.
     pub number: String,
     /// Colour, pattern and name of what it is.
@@ -43,15 +42,33 @@ pub struct ShoreRow {
     pub size: String,
     /// From the vehicle.
     pub distance: String,
+    /// Why one could dock there; of a shore nothing.
+    pub reason: Option<String>,
     /// The whole row in words.
     pub sentence: String,
     /// Where it is in `odom`, metres.
     pub center_m: [f64; 2],
+    /// By number, share, size and distance, to sort by.
+    keys: [f64; 4],
+}
+
+/// What a list is sorted by: what its column is called.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SortBy {
+    /// Number of the shore, or rank of the site.
+    Number,
+    /// Share of rigid voxels, or cost.
+    Share,
+    /// Voxels, or width: the greatest first.
+    Size,
+    /// From the vehicle: the nearest first.
+    Distance,
 }
 
 impl ShoresData {
-    /// The shores as the robot tells of them; `None` for a robot that does not.
-    pub fn new(model: &ConsoleModel) -> Option<Self> {
+    /// The shores as the robot tells of them and `view` marks them; `None` for a robot that does not.
+    pub fn new(model: &ConsoleModel, view: &MapView) -> Option<Self> {
+        let (marked, hovered) = (view.marked(), view.hovered());
         if !model.has_shores() {
             return None;
         }
@@ -64,6 +81,8 @@ impl ShoresData {
                 shores: Vec::new(),
                 sites: Vec::new(),
                 notes: vec!["Nothing was heard of shores yet.".to_owned()],
+                marked,
+                hovered,
             });
         };
         let mut notes = Vec::new();
@@ -78,19 +97,59 @@ impl ShoresData {
                 notes.push(format!("{} {what} are not listed.", count(left_out.into())));
             }
         }
+        let beam_m = model.info().map(|info| info.footprint_m[1]);
+        let clusters = shores.clusters.iter();
+        let mut rows: Vec<_> = clusters
+            .map(|cluster| shore_row(cluster, vehicle_m))
+            .collect();
+        sort(&mut rows, SortBy::Distance);
         let sites = shores.sites.iter().zip(1..);
+        let site_rows = sites.map(|(site, rank)| {
+            let row = site_row(site, rank, vehicle_m);
+            let reason = Some(reason(site, beam_m, shores));
+            ShoreRow { reason, ..row }
+        });
         Some(Self {
-            shores: shores
-                .clusters
-                .iter()
-                .map(|cluster| shore_row(cluster, vehicle_m))
-                .collect(),
-            sites: sites
-                .map(|(site, rank)| site_row(site, rank, vehicle_m))
-                .collect(),
+            shores: rows,
+            sites: site_rows.collect(),
             notes,
+            marked,
+            hovered,
         })
     }
+}
+
+/// Sorts rows as a column wants it.
+pub fn sort(rows: &mut [ShoreRow], by: SortBy) {
+    rows.sort_by(|a, b| {
+        let order = match by {
+            SortBy::Number => a.keys[0].total_cmp(&b.keys[0]),
+            SortBy::Share => a.keys[1].total_cmp(&b.keys[1]),
+            SortBy::Size => b.keys[2].total_cmp(&a.keys[2]),
+            SortBy::Distance => a.keys[3].total_cmp(&b.keys[3]),
+        };
+        order.then(a.keys[0].total_cmp(&b.keys[0]))
+    });
+}
+
+/// Why a boat fits there: how wide it is against the boat's beam, and what grows nearest. How gentle it is, is its cost.
+fn reason(site: &DockingSite, beam_m: Option<f32>, shores: &Shores) -> String {
+    let width = beam_m
+        .filter(|beam_m| *beam_m > 0.0)
+        .map(|beam_m| format!("{:.1} × beam", site.width_m / beam_m));
+    let [x, y] = site.center_m.map(f64::from);
+    let away_m = |cluster: &ShoreCluster| {
+        let [cluster_x, cluster_y] = cluster.center_m.map(f64::from);
+        libm::hypot(cluster_x - x, cluster_y - y)
+    };
+    let clusters = shores.clusters.iter();
+    let nearest = clusters.min_by(|a, b| away_m(a).total_cmp(&away_m(b)));
+    let neighbour = nearest.map(|nearest| {
+        let (number, class) = (nearest.number, nearest.class.name());
+        format!("{:.0} m to shore {number}, {class}", away_m(nearest))
+    });
+    let reasons: Vec<_> = width.into_iter().chain(neighbour).collect();
+    reasons.join("; ")
 }
 
 fn shore_row(cluster: &ShoreCluster, vehicle_m: Option<[f64; 2]>) -> ShoreRow {
@@ -99,7 +158,16 @@ fn shore_row(cluster: &ShoreCluster, vehicle_m: Option<[f64; 2]>) -> ShoreRow {
     let share = format!("{:.0} %", 100.0 * cluster.ratio());
     let size = count(cluster.voxels.into());
     let (number, class) = (cluster.number, class_swatch(cluster.class.code()));
+    let voxels = f64::from(cluster.voxels);
     ShoreRow {
+        mark: ShoreMark::Shore(number),
+        reason: None,
+        keys: [
+            f64::from(number),
+            cluster.ratio(),
+            voxels,
+            away_m(center_m, vehicle_m),
+        ],
         sentence: format!(
             "Shore {number}, {}, {share} rigid, {size} voxels, {distance} away",
             class.label
@@ -113,12 +181,20 @@ fn shore_row(cluster: &ShoreCluster, vehicle_m: Option<[f64; 2]>) -> ShoreRow {
     }
 }
 
-fn site_row(site: &DockingSite, rank: usize, vehicle_m: Option<[f64; 2]>) -> ShoreRow {
+fn site_row(site: &DockingSite, rank: u32, vehicle_m: Option<[f64; 2]>) -> ShoreRow {
     let center_m = site.center_m.map(f64::from);
     let distance = distance(center_m, vehicle_m);
     let share = format!("{:.2}", site.mean_cost);
     let size = format!("{} m", signed(site.width_m.into(), 1));
     ShoreRow {
+        mark: ShoreMark::Site(rank),
+        reason: None,
+        keys: [
+            f64::from(rank),
+            f64::from(site.mean_cost),
+            f64::from(site.width_m),
+            away_m(center_m, vehicle_m),
+        ],
         sentence: format!("Docking site {rank}, cost {share}, {size} wide, {distance} away"),
         number: rank.to_string(),
         class: class_swatch(DOCKING_SITE_CODE),
@@ -141,101 +217,21 @@ fn class_swatch(code: u16) -> Swatch {
     }
 }
 
-fn distance([x, y]: [f64; 2], vehicle_m: Option<[f64; 2]>) -> String {
-    let Some([vehicle_x, vehicle_y]) = vehicle_m else {
+/// Infinite where nobody knows where the vehicle is.
+fn away_m([x, y]: [f64; 2], vehicle_m: Option<[f64; 2]>) -> f64 {
+    vehicle_m.map_or(f64::INFINITY, |[vehicle_x, vehicle_y]| {
+        libm::hypot(x - vehicle_x, y - vehicle_y)
+    })
+}
+
+fn distance(center_m: [f64; 2], vehicle_m: Option<[f64; 2]>) -> String {
+    let distance_m = away_m(center_m, vehicle_m);
+    if distance_m.is_infinite() {
         return "–".to_owned();
-    };
-    let distance_m = libm::hypot(x - vehicle_x, y - vehicle_y);
+    }
     let decimals = usize::from(distance_m < 9.95);
     format!("{distance_m:.decimals$} m")
 }
 
-/// Draws the panel; where to look when a row was clicked.
-pub fn shores_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
-    for note in &data.notes {
-        ui.label(RichText::new(note).small());
-    }
-    let shores = list_ui(
-        ui,
-        "shores",
-        ["No.", "Class", "Rigid", "Voxels", "Away"],
-        &data.shores,
-    );
-    let sites = list_ui(
-        ui,
-        "docking sites",
-        ["Rank", "", "Cost", "Width", "Away"],
-        &data.sites,
-    );
-    shores.or(sites)
-}
-
-fn list_ui(ui: &mut Ui, id: &str, titles: [&str; 5], rows: &[ShoreRow]) -> Option<Look> {
-    if rows.is_empty() {
-        return None;
-    }
-    let (rect, _) = ui.allocate_exact_size(vec2(ui.available_width(), 16.0), Sense::hover());
-    paint_columns(ui, rect, titles, true);
-    let mut look = None;
-    ui.scope(|ui| {
-        ui.spacing_mut().item_spacing.y = 0.0;
-        ScrollArea::vertical()
-            .id_salt(id)
-            .max_height(LIST_HEIGHT)
-            .auto_shrink([false, true])
-            .show_rows(ui, ROW_HEIGHT, rows.len(), |ui, shown| {
-                for row in &rows[shown] {
-                    if row_ui(ui, row).clicked() {
-                        look = Some(Look::At(row.center_m));
-                    }
-                }
-            });
-    });
-    look
-}
-
-fn row_ui(ui: &mut Ui, row: &ShoreRow) -> Response {
-    let size = vec2(ui.available_width(), ROW_HEIGHT);
-    let (rect, response) = ui.allocate_exact_size(size, Sense::click());
-    let info = || WidgetInfo::labeled(Role::Button, true, &row.sentence);
-    response.widget_info(info);
-    if response.hovered() || response.has_focus() {
-        let fill = ui.visuals().widgets.hovered.weak_bg_fill;
-        ui.painter().rect_filled(rect, 3.0, fill);
-    }
-    let at = pos2(column_x(rect, 1), rect.center().y - 0.5 * SWATCH.y);
-    paint_swatch(ui, Rect::from_min_size(at, SWATCH), &row.class);
-    let class = capitalised(&row.class.label);
-    let ShoreRow {
-        number,
-        share,
-        size,
-        distance,
-        ..
-    } = row;
-    paint_columns(ui, rect, [number, &class, share, size, distance], false);
-    response.on_hover_text("Show it in the middle of the map")
-}
-
-fn column_x(rect: Rect, column: usize) -> f32 {
-    rect.left() + COLUMNS[column] * rect.width()
-}
-
-fn paint_columns(ui: &Ui, rect: Rect, texts: [&str; 5], is_title: bool) {
-    let color = if is_title {
-        ui.visuals().weak_text_color()
-    } else {
-        ui.visuals().text_color()
-    };
-    let mut font = FontSelection::Default.resolve(ui.style());
-    font.size = 13.0;
-    for (column, text) in texts.into_iter().enumerate() {
-        let (x, align) = if column == 1 {
-            (column_x(rect, column) + SWATCH.x + 6.0, Align2::LEFT_CENTER)
-        } else {
-            (column_x(rect, column), Align2::RIGHT_CENTER)
-        };
-        ui.painter()
-            .text(pos2(x, rect.center().y), align, text, font.clone(), color);
-    }
-}
+#[cfg(test)]
+mod tests;

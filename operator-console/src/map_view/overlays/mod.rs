@@ -1,6 +1,13 @@
-//! What is drawn on the map: the vehicle, where it was, shores by number, docking sites, and a measure.
+//! What is drawn on the map: grid, vehicle and where it would stop, where it was, what its sensors see, other robots,
+//! shores by number, docking sites, and measures.
 
+pub(super) mod compass;
+pub(super) mod grid;
+pub(super) mod robots;
+pub(super) mod ruler;
 pub(super) mod scale_bar;
+pub(super) mod sensors;
 pub(super) mod shores;
+pub(super) mod stopping;
 pub(super) mod trail;
 pub(super) mod vehicle;

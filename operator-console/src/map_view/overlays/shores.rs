@@ -8,6 +8,8 @@ use eframe::egui::{
 use protocol::message::Shores;
 
 use super::super::camera::Camera;
+use super::super::marking::ShoreMark;
+use crate::theme;
 
 const FONT: f32 = 13.0;
 const PADDING: Vec2 = vec2(5.0, 2.0);
@@ -25,11 +27,18 @@ pub(in crate::map_view) struct ShoreMarks {
     pub(in crate::map_view) numbers: Vec<(String, Pos2)>,
     /// Ranks of docking sites, where, and where to: the best first.
     pub(in crate::map_view) sites: Vec<(String, Pos2, Vec2)>,
+    /// The outline of what stands out: of a shore its own, of a docking site its width and as far in.
+    pub(in crate::map_view) outline: Vec<Pos2>,
 }
 
 impl ShoreMarks {
-    /// What `camera` sees of the shores.
-    pub(in crate::map_view) fn new(shores: &Shores, camera: &Camera, screen: Rect) -> Self {
+    /// What `camera` sees of the shores, of which `marked` stands out.
+    pub(in crate::map_view) fn new(
+        shores: &Shores,
+        camera: &Camera,
+        screen: Rect,
+        marked: Option<ShoreMark>,
+    ) -> Self {
         let mut taken: Vec<Rect> = Vec::new();
         let mut place = |text: &str, center_m: [f32; 2]| {
             let at = camera.to_screen(screen, center_m.map(f64::from));
@@ -49,8 +58,7 @@ impl ShoreMarks {
             .filter_map(|(site, rank): (_, usize)| {
                 let text = rank.to_string();
                 let at = place(&text, site.center_m)?;
-                let (sin, cos) = libm::sincos(f64::from(site.heading_rad));
-                Some((text, at, vec2(cos as f32, -sin as f32)))
+                Some((text, at, camera.direction(f64::from(site.heading_rad))))
             });
         let sites = sites.collect();
         let mut clusters: Vec<_> = shores.clusters.iter().collect();
@@ -63,11 +71,23 @@ impl ShoreMarks {
         Self {
             numbers: numbers.collect(),
             sites,
+            outline: marked
+                .map(|marked| outline_m(shores, marked))
+                .unwrap_or_default()
+                .into_iter()
+                .map(|corner_m| camera.to_screen(screen, corner_m))
+                .collect(),
         }
     }
 
     /// Draws them: numbers on cards, ranks in inverse colours, so that neither is taken for the other.
     pub(in crate::map_view) fn paint(&self, painter: &Painter, ink: Color32, paper: Color32) {
+        if !self.outline.is_empty() {
+            let halo = Stroke::new(6.0, Color32::WHITE);
+            let line = Stroke::new(3.0, theme::MARKED);
+            painter.add(Shape::closed_line(self.outline.clone(), halo));
+            painter.add(Shape::closed_line(self.outline.clone(), line));
+        }
         for (_, at, towards) in &self.sites {
             paint_arrow(painter, *at, *towards, ink, paper);
         }
@@ -76,6 +96,37 @@ impl ShoreMarks {
         }
         for (text, at, _) in &self.sites {
             paint_label(painter, *at, text, paper.to_opaque(), ink);
+        }
+    }
+}
+
+/// Corners of what is marked, metres in `odom`; none where it is gone.
+fn outline_m(shores: &Shores, marked: ShoreMark) -> Vec<[f64; 2]> {
+    match marked {
+        ShoreMark::Shore(number) => {
+            let shore = shores.clusters.iter().find(|shore| shore.number == number);
+            let corners = shore.map(|shore| shore.outline.as_slice());
+            let corner_m =
+                |(x, y): &(i32, i32)| [*x, *y].map(|edge| f64::from(edge) * shores.cell_m);
+            corners.unwrap_or_default().iter().map(corner_m).collect()
+        }
+        ShoreMark::Site(rank) => {
+            let index = (rank as usize).checked_sub(1);
+            let Some(site) = index.and_then(|index| shores.sites.get(index)) else {
+                return Vec::new();
+            };
+            let [x, y] = site.center_m.map(f64::from);
+            let (sin, cos) = libm::sincos(f64::from(site.heading_rad));
+            let half_m = 0.5 * f64::from(site.width_m);
+            [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)]
+                .map(|(along, across)| {
+                    let (along, across) = (along * half_m, across * half_m);
+                    [
+                        x + along * cos - across * sin,
+                        y + along * sin + across * cos,
+                    ]
+                })
+                .to_vec()
         }
     }
 }
@@ -136,7 +187,8 @@ mod tests {
             mean_cost: 0.2,
         };
         let shores = Shores::gather(0.3, None, clusters, vec![site]);
-        let marks = ShoreMarks::new(&shores, &Camera::default(), screen);
+        let camera = Camera::default();
+        let marks = ShoreMarks::new(&shores, &camera, screen, Some(ShoreMark::Site(1)));
         let numbers: Vec<_> = marks
             .numbers
             .iter()
@@ -148,5 +200,11 @@ mod tests {
         };
         assert_eq!((rank.as_str(), *at), ("1", pos2(160.0, 280.0)));
         assert!((*towards - vec2(0.0, -1.0)).length() < 1e-6, "up is north");
+        assert_eq!(
+            Rect::from_points(&marks.outline).size().round(),
+            vec2(120.0, 120.0)
+        );
+        let none = ShoreMarks::new(&shores, &camera, screen, Some(ShoreMark::Site(2)));
+        assert_eq!(none.outline, [], "there is no second site");
     }
 }

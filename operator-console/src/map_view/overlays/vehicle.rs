@@ -17,17 +17,13 @@ pub(in crate::map_view) struct VehicleMark {
 }
 
 impl VehicleMark {
-    /// `footprint_m`: extent along and across; `heading_rad`: counter-clockwise from x.
+    /// `footprint_m`: extent along and across; `ahead`: where it heads on the screen, a unit vector.
     pub(in crate::map_view) fn new(
         at: Pos2,
-        heading_rad: f64,
+        ahead: Vec2,
         footprint_m: Option<[f32; 2]>,
         points_per_m: f64,
     ) -> Self {
-        let ahead = vec2(
-            libm::cos(heading_rad) as f32,
-            -libm::sin(heading_rad) as f32,
-        );
         let right = vec2(-ahead.y, ahead.x);
         let place = |offset: Vec2| at + ahead * offset.x + right * offset.y;
         let extent = footprint_m
@@ -68,8 +64,6 @@ impl VehicleMark {
 
 #[cfg(test)]
 mod tests {
-    use std::f64::consts::FRAC_PI_2;
-
     use eframe::egui::pos2;
 
     use super::*;
@@ -81,10 +75,10 @@ mod tests {
     #[test]
     fn the_footprint_is_to_scale_and_turned() {
         let at = pos2(100.0, 200.0);
-        let east = VehicleMark::new(at, 0.0, Some([1.0, 0.5]), 100.0);
+        let east = VehicleMark::new(at, vec2(1.0, 0.0), Some([1.0, 0.5]), 100.0);
         assert_near(east.footprint[0], pos2(150.0, 175.0));
         assert_near(east.footprint[2], pos2(50.0, 225.0));
-        let north = VehicleMark::new(at, FRAC_PI_2, Some([1.0, 0.5]), 100.0);
+        let north = VehicleMark::new(at, vec2(0.0, -1.0), Some([1.0, 0.5]), 100.0);
         assert_near(north.footprint[0], pos2(75.0, 150.0));
         assert_near(north.footprint[1], pos2(125.0, 150.0));
         assert!(north.arrow[0].y < north.arrow[2].y, "the tip is ahead");
@@ -98,7 +92,7 @@ mod tests {
             Some([0.0, 0.0]),
             Some([f32::NAN, 1.0]),
         ] {
-            let mark = VehicleMark::new(pos2(0.0, 0.0), 0.0, footprint_m, 10.0);
+            let mark = VehicleMark::new(pos2(0.0, 0.0), vec2(1.0, 0.0), footprint_m, 10.0);
             assert_eq!(mark.footprint, []);
             assert_near(mark.arrow[0], pos2(0.5 * ARROW, 0.0));
         }

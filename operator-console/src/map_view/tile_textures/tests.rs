@@ -1,11 +1,15 @@
-use eframe::egui::vec2;
-use protocol::tile::{BootId, TileCells};
-use protocol::tile_store::LayerGrid;
+use eframe::egui::{self, RawInput, Shape, vec2};
+use protocol::layer::LayerId;
+use protocol::tile::{BootId, TileCells, TileKey};
+use protocol::tile_store::{LayerGrid, TileStore};
 
+use super::super::coloring::Coloring;
+use super::super::known_tiles::KnownTiles;
 use super::*;
 
 const LAYER: LayerId = LayerId::Occupancy;
 const CELL_M: f64 = 0.1;
+const ALLOWANCE: usize = 60;
 
 /// Place (`None` for a whole texture) and size.
 type Upload = (Option<[usize; 2]>, [usize; 2]);
@@ -17,6 +21,10 @@ struct Rig {
     coloring: Coloring,
     textures: TileTextures,
     camera: Camera,
+}
+
+fn screen() -> Rect {
+    Rect::from_min_size(pos2(0.0, 0.0), vec2(800.0, 600.0))
 }
 
 impl Rig {
@@ -32,7 +40,7 @@ impl Rig {
             ctx: Context::default(),
             store,
             known: KnownTiles::default(),
-            coloring: Coloring::new(LAYER.default_palette()),
+            coloring: Coloring::new(LAYER.default_palette(), false),
             textures: TileTextures::default(),
             camera: Camera::default(),
         }
@@ -44,17 +52,15 @@ impl Rig {
             tx,
             ty,
         };
-        drop(
-            self.store
-                .publish(key, TileCells::from_fn(|_, _| code))
-                .unwrap(),
-        );
+        let cells = TileCells::from_fn(|_, _| code);
+        drop(self.store.publish(key, cells).unwrap());
         self.known.update(&self.store, key);
         self.textures.changed((tx, ty));
     }
 
-    /// Whether nothing is left to do after one frame, and what it uploads.
-    fn frame(&mut self) -> (bool, Vec<Upload>) {
+    /// Whether nothing is left to do after a frame that has time for so many tiles, and what it uploads.
+    fn frame_of(&mut self, tiles: usize) -> (bool, Vec<Upload>) {
+        let bounds_cells = self.known.bounds_cells();
         let look = LayerLook {
             layer: LAYER,
             cell_m: CELL_M,
@@ -62,28 +68,58 @@ impl Rig {
             known: &self.known,
             coloring: &self.coloring,
         };
-        let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(800.0, 600.0));
-        let is_complete = self
-            .textures
-            .prepare(&self.ctx, &look, &self.camera, screen);
+        let mut time = FrameTime::of_tiles(tiles);
+        let view = (&self.camera, screen());
+        let is_complete =
+            self.textures
+                .prepare(&self.ctx, look, view, bounds_cells, ALLOWANCE, &mut time);
         let mut delta = self.ctx.tex_manager().write().take_delta();
         let mut uploads: Vec<_> = delta
             .set
             .values()
             .flatten()
             .map(|part| (part.pos, part.image.size()))
-            .filter(|(at, size)| at.is_some() || *size == [CHUNK_TEXELS; 2])
+            .filter(|(at, size)| at.is_some() || *size == [512; 2])
             .collect();
         uploads.sort_unstable();
         delta.clear();
         (is_complete, uploads)
     }
 
+    fn frame(&mut self) -> (bool, Vec<Upload>) {
+        self.frame_of(usize::MAX)
+    }
+
     fn look_at(&mut self, center_m: [f64; 2], points_per_m: f64) {
-        let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(800.0, 600.0));
         let factor = points_per_m / self.camera.points_per_m();
-        self.camera.zoom_about(screen, screen.center(), factor);
+        self.camera.zoom_about(screen(), screen().center(), factor);
         self.camera.center_on(center_m);
+    }
+
+    /// The place in `odom` (lowest and greatest x and y, metres) of every piece that is drawn.
+    fn drawn_m(&self) -> Vec<[f64; 4]> {
+        let input = RawInput {
+            screen_rect: Some(screen()),
+            ..RawInput::default()
+        };
+        let mut output = self.ctx.run_ui(input, |ui| {
+            let painter = ui.ctx().layer_painter(egui::LayerId::background());
+            let view = (&self.camera, screen());
+            self.textures.paint(&painter, view, CELL_M, 0.5);
+        });
+        output.textures_delta.clear();
+        let meshes = output.shapes.iter().filter_map(|shape| {
+            let Shape::Mesh(mesh) = &shape.shape else {
+                return None;
+            };
+            Some(mesh.calc_bounds())
+        });
+        let pieces = meshes.map(|bounds| {
+            let [low_x, low_y] = self.camera.to_odom(screen(), bounds.left_bottom());
+            let [high_x, high_y] = self.camera.to_odom(screen(), bounds.right_top());
+            [low_x, low_y, high_x, high_y]
+        });
+        pieces.collect()
     }
 }
 
@@ -108,11 +144,33 @@ fn a_changed_tile_changes_exactly_its_part_and_nothing_is_uploaded_twice() {
 }
 
 #[test]
-fn a_tile_far_away_costs_nothing_until_it_is_seen() {
+fn many_changes_make_a_chunk_anew() {
+    let mut rig = Rig::new();
+    for index in 0..4_900 {
+        rig.put((index % 70, index / 70), 251);
+    }
+    // 448 m on 600 points: the third level, where a chunk is 64×64 tiles and a tile 8×8 texels.
+    rig.look_at([224.0, 224.0], 1.25);
+    // The base is one chunk of the fourth level.
+    assert_eq!(rig.frame().1, vec![(None, [512, 512]); 5]);
+    rig.put((69, 69), 1);
+    let parts = vec![(Some([40, 464]), [8, 8]), (Some([276, 232]), [4, 4])];
+    assert_eq!(rig.frame(), (true, parts));
+    for index in 0..100 {
+        rig.put((index % 10, index / 10), 1);
+    }
+    assert_eq!(rig.frame(), (true, vec![(None, [512, 512]); 2]));
+}
+
+#[test]
+fn a_tile_far_away_costs_little_until_it_is_seen() {
     let mut rig = Rig::new();
     rig.put((0, 0), 1);
     rig.frame();
     rig.put((1000, 1000), 1);
+    // The base grows coarser, and has it.
+    let (is_complete, uploads) = rig.frame();
+    assert!(is_complete && uploads.len() <= 2, "{uploads:?}");
     assert_eq!(rig.frame(), (true, vec![]));
     rig.look_at([6400.0, 6400.0], 40.0);
     assert_eq!(rig.frame(), (true, vec![(None, [512, 512])]));
@@ -127,29 +185,95 @@ fn textures_are_bounded_and_come_again() {
     for column in 0..200 {
         rig.look_at([f64::from(column) * 51.2 + 1.0, 1.0], 40.0);
         assert!(rig.frame().0);
-        assert!(rig.textures.len() <= MAX_CHUNKS);
+        assert!(rig.textures.len() <= ALLOWANCE);
     }
-    assert_eq!(rig.textures.len(), MAX_CHUNKS);
+    assert_eq!(rig.textures.len(), ALLOWANCE);
     rig.look_at([1.0, 1.0], 40.0);
     assert!(rig.frame().1.contains(&(None, [512, 512])));
     assert_eq!(rig.frame().1, []);
 }
 
 #[test]
-fn a_great_map_takes_several_frames_and_few_textures() {
+fn what_is_not_made_yet_is_stood_in_for_without_holes_or_overlaps() {
     let mut rig = Rig::new();
     for index in 0..4_900 {
         rig.put((index % 70, index / 70), 251);
     }
-    // 448 m on 600 points: the third level, where a chunk is 64×64 tiles.
     rig.look_at([224.0, 224.0], 1.25);
-    let mut frames = 0;
-    while !rig.frame().0 {
-        frames += 1;
-        assert!(frames < 10);
+    assert!(rig.frame().0);
+    // Closer, and no time to make what is seen.
+    for (points_per_m, turn_rad) in [(9.0, 0.0), (3.0, 0.0), (1.25, 0.0), (0.4, 0.0)] {
+        rig.camera.turn_up(std::f64::consts::FRAC_PI_2 + turn_rad);
+        rig.look_at([200.0, 210.0], points_per_m);
+        let (is_complete, uploads) = rig.frame_of(0);
+        assert_eq!(uploads, []);
+        let seen = rig.camera.visible_m(screen());
+        let known = [0.0, 0.0, 448.0, 448.0];
+        let expected_m2 = area_m2(overlap(seen, known));
+        let drawn_m = rig.drawn_m();
+        // Beyond what is known, textures are empty: how much of that is drawn does not matter.
+        let drawn_m2: f64 = drawn_m
+            .iter()
+            .map(|piece| area_m2(overlap(overlap(*piece, seen), known)))
+            .sum();
+        let part = drawn_m2 / expected_m2;
+        assert!(
+            (part - 1.0).abs() < 1e-3,
+            "{points_per_m}: {part}, {is_complete}"
+        );
     }
-    // The first is more than a frame's worth.
-    assert_eq!((frames, rig.textures.len()), (1, 4));
-    rig.put((69, 69), 1);
-    assert_eq!(rig.frame(), (true, vec![(Some([40, 464]), [8, 8])]));
+}
+
+#[test]
+fn a_turned_map_needs_little_more_than_one_that_is_not() {
+    let mut rig = Rig::new();
+    for index in 0..4_900 {
+        rig.put((index % 70, index / 70), 251);
+    }
+    rig.look_at([224.0, 224.0], 10.0);
+    rig.frame();
+    let straight = rig.textures.visible.len();
+    rig.camera.turn_up(0.7);
+    rig.frame();
+    let turned = rig.textures.visible.len();
+    assert!(turned <= 2 * straight, "{turned} and {straight}");
+}
+
+#[test]
+fn other_colours_come_without_a_hole() {
+    let mut rig = Rig::new();
+    rig.put((0, 0), 1);
+    rig.frame();
+    rig.textures.recolor();
+    let (is_complete, uploads) = rig.frame_of(0);
+    assert_eq!((is_complete, uploads), (false, vec![]));
+    assert!(!rig.drawn_m().is_empty(), "the old ones are drawn");
+    assert_eq!(rig.frame(), (true, vec![(None, [512, 512])]));
+}
+
+#[test]
+fn a_chunk_takes_as_many_frames_as_it_needs_and_misses_no_change() {
+    let mut rig = Rig::new();
+    for index in 0..40 {
+        rig.put((index % 8, index / 8), 251);
+    }
+    assert_eq!(rig.frame_of(25), (false, vec![]));
+    rig.put((0, 0), 1);
+    rig.put((7, 7), 1);
+    assert_eq!(rig.frame_of(30), (false, vec![(None, [512, 512])]));
+    // (0, 0) was yet to be painted; (7, 7) is new.
+    assert_eq!(rig.frame(), (true, vec![(Some([448, 0]), [64, 64])]));
+}
+
+fn overlap(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+    [
+        a[0].max(b[0]),
+        a[1].max(b[1]),
+        a[2].min(b[2]),
+        a[3].min(b[3]),
+    ]
+}
+
+fn area_m2([low_x, low_y, high_x, high_y]: [f64; 4]) -> f64 {
+    (high_x - low_x).max(0.0) * (high_y - low_y).max(0.0)
 }

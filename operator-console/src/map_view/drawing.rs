@@ -1,0 +1,270 @@
+//! Draws the map: the layers, what lies over them, and the cards, buttons and legends at its edges.
+
+use std::f64::consts::FRAC_PI_2;
+
+use eframe::egui::{
+    Align, Align2, Area, Color32, Context, Frame, Id, Layout, Order, Painter, Pos2, Rect, Response,
+    Sense, Ui, UiBuilder, pos2, vec2,
+};
+use protocol::layer::LayerId;
+use robot_edge::clock::Monotonic;
+
+use super::frame_time::FrameTime;
+use super::map_layers::MapLayers;
+use super::overlays::compass::{self, CompassData};
+use super::overlays::scale_bar::{self, ScaleBar};
+use super::overlays::shores::ShoreMarks;
+use super::overlays::stopping::{self, Motion};
+use super::overlays::vehicle::VehicleMark;
+use super::overlays::{self, grid, robots, sensors, trail};
+use super::toolbar::{self, ToolbarData};
+use super::{CARD_MARGIN, MapView, Overlay, ProbeData, Ruler, probe, probe_card, ruler};
+use crate::command::Look;
+use crate::model::ConsoleModel;
+use crate::panels::legend::{LegendsData, legends_ui};
+use crate::panels::stale::{StaleData, is_position_old};
+use crate::theme;
+
+/// From the lower edge to what stands over the scale bar, points.
+const OVER_SCALE_BAR: f32 = 60.0;
+/// Legends on the map are this wide, points, where the map is not narrow.
+const LEGEND_WIDTH: f32 = 220.0;
+
+impl MapView {
+    /// Draws the map and lets the operator move it; what the buttons on it ask for.
+    pub fn show(&mut self, ui: &mut Ui, model: &ConsoleModel, now: Monotonic) -> Option<Look> {
+        let (screen, response) =
+            ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
+        self.screen = screen;
+        self.move_by_hand(ui, &response);
+        self.keep_in_sight(model);
+
+        let is_stale = StaleData::new(model, now).is_some();
+        let is_position_old = is_stale || is_position_old(model, now);
+        let (ink, paper) = (ui.visuals().text_color(), theme::card(ui.visuals()));
+        let painter = ui.painter_at(screen);
+        painter.rect_filled(screen, 0.0, self.ground(ui, model));
+        self.paint_layers(ui.ctx(), &painter, model);
+        if is_stale {
+            painter.rect_filled(screen, 0.0, theme::STALE_VEIL);
+        }
+        if self.look.has(Overlay::Grid) {
+            grid::paint(
+                &painter,
+                &grid::lines(&self.camera, screen),
+                screen,
+                ink,
+                paper,
+            );
+        }
+        if let Some(shores) = model.shores() {
+            let marks = ShoreMarks::new(shores, &self.camera, screen, self.marking.shown());
+            marks.paint(&painter, ink, paper);
+        }
+        self.paint_vehicle(&painter, model, is_position_old);
+        let view = (&self.camera, screen);
+        robots::paint(&painter, &self.surroundings.others, view, ink, paper);
+        self.paint_ruler(&painter, model, response.hover_pos(), ink, paper);
+        scale_bar::paint(
+            &painter,
+            screen.left_bottom() + vec2(CARD_MARGIN, -CARD_MARGIN),
+            &ScaleBar::new(self.camera.points_per_m()),
+            ink,
+            paper,
+        );
+        self.probe_ui(ui, &painter, &response, model, now);
+        if self.look.has(Overlay::Legend) {
+            self.legend_ui(ui, model);
+        }
+        let from_compass = self.compass_ui(ui, model);
+        let from_buttons = self.buttons_ui(ui);
+        from_compass.or(from_buttons)
+    }
+
+    fn buttons_ui(&self, ui: &mut Ui) -> Option<Look> {
+        let top_right = UiBuilder::new()
+            .max_rect(self.screen.shrink(CARD_MARGIN))
+            .layout(Layout::top_down(Align::Max));
+        let data = ToolbarData {
+            sight: self.look.sight,
+            orientation: self.look.orientation,
+            has_grid: self.look.has(Overlay::Grid),
+            is_measuring: self.ruler.is_some(),
+        };
+        ui.scope_builder(top_right, |ui| toolbar::toolbar_ui(ui, data))
+            .inner
+    }
+
+    fn compass_ui(&self, ui: &Ui, model: &ConsoleModel) -> Option<Look> {
+        if !self.look.has(Overlay::Compass) {
+            return None;
+        }
+        let corner = self.screen.right_top() + vec2(-CARD_MARGIN, 2.0 * CARD_MARGIN);
+        let at = pos2(corner.x - compass::SIZE, corner.y + toolbar::HEIGHT);
+        let data = CompassData {
+            north: self.camera.direction(FRAC_PI_2),
+            is_on_earth: model.shores().is_some_and(|shores| shores.datum.is_some()),
+            orientation: self.look.orientation,
+        };
+        let rect = Rect::from_min_size(at, vec2(compass::SIZE, compass::SIZE));
+        compass::compass_ui(ui, rect, data).then(|| Look::Up(self.look.orientation.other()))
+    }
+
+    fn legend_ui(&self, ui: &Ui, model: &ConsoleModel) {
+        let shown = MapLayers::shown(self.stack(), model.map().store());
+        let palettes = shown.iter().rev();
+        let data = LegendsData::new(
+            palettes.map(|(held, is_over)| (self.layers.palette(held.layer), *is_over)),
+        );
+        if data.legends.is_empty() {
+            return;
+        }
+        let width = LEGEND_WIDTH.min(0.45 * self.screen.width());
+        Area::new(Id::unique("map legend"))
+            .fixed_pos(self.screen.right_bottom() - vec2(CARD_MARGIN, CARD_MARGIN))
+            .pivot(Align2::RIGHT_BOTTOM)
+            .constrain_to(self.screen)
+            .order(Order::Background)
+            .interactable(false)
+            .show(ui.ctx(), |ui| {
+                Frame::new()
+                    .fill(theme::card(ui.visuals()))
+                    .corner_radius(4.0)
+                    .inner_margin(8.0)
+                    .show(ui, |ui| {
+                        ui.set_width(width);
+                        legends_ui(ui, &data);
+                    });
+            });
+    }
+
+    /// The card with what is read under the pointer or where it was pinned, and the pin.
+    fn probe_ui(
+        &mut self,
+        ui: &Ui,
+        painter: &Painter,
+        response: &Response,
+        model: &ConsoleModel,
+        now: Monotonic,
+    ) {
+        let under_pointer = response
+            .hover_pos()
+            .map(|at| self.camera.to_odom(self.screen, at));
+        let Some(point_m) = self.pinned_m.or(under_pointer) else {
+            return;
+        };
+        if let Some(pinned_m) = self.pinned_m {
+            probe_card::paint_pin(painter, self.camera.to_screen(self.screen, pinned_m));
+        }
+        let data = ProbeData::new(model.map(), self.stack(), point_m, now);
+        let is_pinned = self.pinned_m.is_some();
+        let card = Area::new(Id::unique("map probe"))
+            .fixed_pos(self.screen.left_bottom() + vec2(CARD_MARGIN, -OVER_SCALE_BAR))
+            .pivot(Align2::LEFT_BOTTOM)
+            .constrain_to(self.screen)
+            .order(Order::Background)
+            .interactable(is_pinned)
+            .show(ui.ctx(), |ui| {
+                probe_card::probe_card_ui(ui, &data, is_pinned)
+            });
+        if card.inner {
+            self.pinned_m = None;
+        }
+    }
+
+    /// What the map lies on: the colour of what is unknown in the lowest layer, where that has one.
+    fn ground(&self, ui: &Ui, model: &ConsoleModel) -> Color32 {
+        let shown = MapLayers::shown(self.stack(), model.map().store());
+        let lowest = shown.first();
+        match lowest.map(|(held, _)| self.layers.palette(held.layer).unknown_color()) {
+            Some([red, green, blue, 255]) => Color32::from_rgb(red, green, blue),
+            Some([_, _, _, _]) | None => theme::ground(ui.visuals()),
+        }
+    }
+
+    fn paint_layers(&mut self, ctx: &Context, painter: &Painter, model: &ConsoleModel) {
+        let store = model.map().store();
+        let view = (&self.camera, self.screen);
+        let mut time = FrameTime::new();
+        let is_made = self
+            .layers
+            .prepare(ctx, &self.look.stack, store, view, &mut time);
+        self.is_behind |= !is_made;
+        if self.is_behind {
+            ctx.request_repaint();
+        }
+        self.layers.paint(painter, &self.look.stack, store, view);
+    }
+
+    fn paint_ruler(
+        &self,
+        painter: &Painter,
+        model: &ConsoleModel,
+        pointer: Option<Pos2>,
+        ink: Color32,
+        paper: Color32,
+    ) {
+        let Some(ruler) = &self.ruler else {
+            return;
+        };
+        let mut points_m = ruler.points_m().to_vec();
+        if let Some(at) = pointer
+            && points_m.len() < ruler::MAX_POINTS
+        {
+            points_m.push(self.camera.to_odom(self.screen, at));
+        }
+        let height = |point_m| probe::value_at(model.map(), LayerId::Elevation, point_m);
+        let legs = Ruler::legs(&points_m, height);
+        let view = (&self.camera, self.screen);
+        overlays::ruler::paint(painter, &points_m, &legs, view, ink, paper);
+    }
+
+    fn paint_vehicle(&self, painter: &Painter, model: &ConsoleModel, is_old: bool) {
+        let lines = trail::lines(model.vehicle().trail(), &self.camera, self.screen);
+        let (vehicle, trail) = if is_old {
+            (theme::VEHICLE_STALE, theme::VEHICLE_STALE)
+        } else {
+            (
+                self.surroundings.color.unwrap_or(theme::VEHICLE),
+                theme::TRAIL,
+            )
+        };
+        trail::paint(painter, lines, trail, self.camera.points_per_m());
+        let Some((pose, _)) = model.vehicle().pose() else {
+            return;
+        };
+        let view = (&self.camera, self.screen);
+        let [x_m, y_m, _] = pose.position_m;
+        let heading_rad = model.vehicle().heading_rad().unwrap_or_default();
+        let footprint_m = model.info().map(|info| info.footprint_m);
+        if self.look.has(Overlay::Sensors) {
+            for field in &self.surroundings.sensors {
+                let field_m = sensors::field_m(field, [x_m, y_m], heading_rad);
+                sensors::paint_field(painter, &field_m, view, vehicle);
+            }
+            if let Some(scan) = &self.surroundings.scan {
+                sensors::paint_scan(painter, scan, view, theme::SCAN);
+            }
+        }
+        if let (Some(stopping), Some(footprint_m), false) =
+            (self.surroundings.stopping, footprint_m, is_old)
+        {
+            let motion = Motion {
+                position_m: [x_m, y_m],
+                heading_rad,
+                speed_mps: f64::from(pose.speed_mps),
+                turn_rate_radps: f64::from(pose.turn_rate_radps),
+                footprint_m: footprint_m.map(f64::from),
+            };
+            let swept_m = stopping::swept_m(&motion, stopping);
+            stopping::paint(painter, &swept_m, view, theme::STOPPING);
+        }
+        VehicleMark::new(
+            self.camera.to_screen(self.screen, [x_m, y_m]),
+            self.camera.direction(heading_rad),
+            footprint_m,
+            self.camera.points_per_m(),
+        )
+        .paint(painter, vehicle);
+    }
+}

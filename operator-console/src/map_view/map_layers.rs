@@ -1,0 +1,242 @@
+//! The layers of one robot as they are drawn: what is known of each, its colours and its textures.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use eframe::egui::{Context, Painter, Rect};
+use protocol::layer::{LayerId, Palette, Scheme};
+use protocol::tile::TileKey;
+use protocol::tile_store::TileStore;
+use robot_edge::clock::Monotonic;
+
+use super::camera::Camera;
+use super::chunk_build::LayerLook;
+use super::coloring::{Coloring, fitted_to, palette_of};
+use super::frame_time::FrameTime;
+use super::known_tiles::KnownTiles;
+use super::stack::{LayerStack, StackLayer};
+use super::tile_textures::TileTextures;
+use crate::model::MapSync;
+
+/// Textures of all layers together, a mebibyte each.
+pub(super) const MAX_TEXTURES: usize = 192;
+
+/// What is known and drawn of one layer.
+struct MapLayer {
+    known: KnownTiles,
+    coloring: Coloring,
+    textures: TileTextures,
+    /// Tiles known when the colours were fitted last.
+    fitted_at: usize,
+    newest: Option<Monotonic>,
+}
+
+/// See the [module](self).
+#[derive(Default)]
+pub(super) struct MapLayers {
+    layers: BTreeMap<LayerId, MapLayer>,
+    /// Changed, and not looked at yet.
+    waiting: BTreeSet<TileKey>,
+    /// Whether every tile must be looked at: what is held is of another robot.
+    is_other: bool,
+}
+
+impl MapLayer {
+    fn new(layer: LayerId) -> Self {
+        Self {
+            known: KnownTiles::default(),
+            coloring: Coloring::new(layer.default_palette(), false),
+            textures: TileTextures::default(),
+            fitted_at: 0,
+            newest: None,
+        }
+    }
+
+    fn recolor(&mut self, coloring: Coloring) {
+        self.coloring = coloring;
+        self.textures.recolor();
+    }
+
+    fn fit(&mut self, store: &TileStore) {
+        let fitted = fitted_to(*self.coloring.palette(), store);
+        self.fitted_at = self.known.len();
+        if fitted != *self.coloring.palette() {
+            self.recolor(Coloring::new(fitted, self.coloring.is_over()));
+        }
+    }
+}
+
+impl MapLayers {
+    /// Another robot: nothing of the last one stays.
+    pub(super) fn forget(&mut self) {
+        *self = Self {
+            is_other: true,
+            ..Self::default()
+        };
+    }
+
+    /// The layers that are drawn, the lowest first, and whether each lies over another.
+    pub(super) fn shown(stack: &LayerStack, store: &TileStore) -> Vec<(StackLayer, bool)> {
+        let is_drawn = |held: &&StackLayer| held.is_shown && store.cell_m(held.layer).is_some();
+        let drawn = stack.layers().iter().filter(is_drawn);
+        drawn
+            .zip(0..)
+            .map(|(held, under)| (*held, under > 0))
+            .collect()
+    }
+
+    /// The colours of a layer.
+    pub(super) fn palette(&self, layer: LayerId) -> Palette {
+        let held = self.layers.get(&layer);
+        held.map_or_else(|| layer.default_palette(), |held| *held.coloring.palette())
+    }
+
+    /// Known tiles of a layer.
+    pub(super) fn tiles(&self, layer: LayerId) -> usize {
+        self.layers.get(&layer).map_or(0, |held| held.known.len())
+    }
+
+    /// When a tile of a layer last changed.
+    pub(super) fn newest(&self, layer: LayerId) -> Option<Monotonic> {
+        self.layers.get(&layer).and_then(|held| held.newest)
+    }
+
+    /// Textures of all layers.
+    pub(super) fn textures(&self) -> usize {
+        self.layers.values().map(|held| held.textures.len()).sum()
+    }
+
+    /// Takes over what changed in the map, as far as `time` goes; false where more is left.
+    pub(super) fn update(
+        &mut self,
+        map: &MapSync,
+        changed: BTreeSet<TileKey>,
+        stack: &LayerStack,
+        time: &mut FrameTime,
+    ) -> bool {
+        let store = map.store();
+        if self.waiting.is_empty() {
+            self.waiting = changed;
+        } else {
+            self.waiting.extend(changed);
+        }
+        if std::mem::take(&mut self.is_other) {
+            let all = LayerId::ALL
+                .into_iter()
+                .flat_map(|layer| store.tiles(layer));
+            self.waiting.extend(all.map(|(key, _)| key));
+        }
+        while !self.waiting.is_empty() && time.take_tile() {
+            let Some(key) = self.waiting.pop_first() else {
+                break;
+            };
+            let layer = key.layer;
+            let held = self
+                .layers
+                .entry(layer)
+                .or_insert_with(|| MapLayer::new(layer));
+            held.known.update(store, key);
+            held.textures.changed((key.tx, key.ty));
+            held.newest = held.newest.max(map.changed_at(key));
+        }
+        self.color(stack, store);
+        self.waiting.is_empty()
+    }
+
+    /// Spreads the colours of a layer over its values.
+    pub(super) fn fit_colors(&mut self, layer: LayerId, store: &TileStore) {
+        if let Some(held) = self.layers.get_mut(&layer) {
+            held.fit(store);
+        }
+    }
+
+    /// Gives every layer that is shown the colours that its place in the stack asks for.
+    fn color(&mut self, stack: &LayerStack, store: &TileStore) {
+        let shown = Self::shown(stack, store);
+        for (layer, held) in &mut self.layers {
+            let Some((wanted, is_over)) = shown.iter().find(|(one, _)| one.layer == *layer) else {
+                held.textures.clear();
+                continue;
+            };
+            let palette = *held.coloring.palette();
+            if palette.scheme() != wanted.scheme {
+                held.fitted_at = 0;
+                held.recolor(Coloring::new(palette_of(*layer, wanted.scheme), *is_over));
+            } else if held.coloring.is_over() != *is_over {
+                held.recolor(Coloring::new(palette, *is_over));
+            }
+            // Heights are not known beforehand: as the map grows, so does the range of its colours, seldom enough that
+            // a colour keeps its meaning. Not before the tiles that came at once are all looked at.
+            let has_grown = held.known.len() >= 2 * held.fitted_at.max(1);
+            if wanted.scheme == Scheme::Cividis && has_grown && self.waiting.is_empty() {
+                held.fit(store);
+            }
+        }
+    }
+
+    /// Lowest and greatest x and y of what is known in the layers that are drawn, metres.
+    pub(super) fn bounds_m(&mut self, stack: &LayerStack, store: &TileStore) -> Option<[f64; 4]> {
+        let shown = Self::shown(stack, store);
+        let edges = shown.iter().filter_map(|(held, _)| {
+            let cell_m = store.cell_m(held.layer)?;
+            let bounds_cells = self.layers.get_mut(&held.layer)?.known.bounds_cells()?;
+            Some(bounds_cells.map(|cell| cell as f64 * cell_m))
+        });
+        edges.reduce(|a, b| {
+            [
+                a[0].min(b[0]),
+                a[1].min(b[1]),
+                a[2].max(b[2]),
+                a[3].max(b[3]),
+            ]
+        })
+    }
+
+    /// Makes textures as far as `time` goes; false where more is left.
+    pub(super) fn prepare(
+        &mut self,
+        ctx: &Context,
+        stack: &LayerStack,
+        store: &TileStore,
+        (camera, screen): (&Camera, Rect),
+        time: &mut FrameTime,
+    ) -> bool {
+        let shown = Self::shown(stack, store);
+        let allowance = MAX_TEXTURES / shown.len().max(1);
+        let mut is_complete = true;
+        for (stacked, _) in shown {
+            let layer = stacked.layer;
+            if let (Some(held), Some(cell_m)) = (self.layers.get_mut(&layer), store.cell_m(layer)) {
+                let bounds_cells = held.known.bounds_cells();
+                let look = LayerLook {
+                    layer,
+                    cell_m,
+                    store,
+                    known: &held.known,
+                    coloring: &held.coloring,
+                };
+                let view = (camera, screen);
+                is_complete &=
+                    held.textures
+                        .prepare(ctx, look, view, bounds_cells, allowance, time);
+            }
+        }
+        is_complete
+    }
+
+    /// Draws the layers that are shown.
+    pub(super) fn paint(
+        &self,
+        painter: &Painter,
+        stack: &LayerStack,
+        store: &TileStore,
+        view: (&Camera, Rect),
+    ) {
+        for (held, _) in Self::shown(stack, store) {
+            if let (Some(layer), Some(cell_m)) =
+                (self.layers.get(&held.layer), store.cell_m(held.layer))
+            {
+                layer.textures.paint(painter, view, cell_m, held.opacity);
+            }
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! Moves the camera: by hands and keys, and by itself where something is kept in sight.
+
+use eframe::egui::{CursorIcon, PointerButton, Pos2, Rect, Response, Ui, vec2};
+
+use super::toolbar;
+use super::{CARD_MARGIN, MapView, Orientation, Sight};
+use crate::model::ConsoleModel;
+
+impl MapView {
+    pub(super) fn move_by_hand(&mut self, ui: &Ui, response: &Response) {
+        let drag = response.drag_delta();
+        let is_pulled = [
+            PointerButton::Primary,
+            PointerButton::Middle,
+            PointerButton::Secondary,
+        ]
+        .into_iter()
+        .any(|button| response.dragged_by(button));
+        if is_pulled && drag != vec2(0.0, 0.0) {
+            self.camera.pan(drag);
+            self.look.sight = Sight::Free;
+            ui.ctx().set_cursor_icon(CursorIcon::Grabbing);
+        } else if self.ruler.is_some() && response.hovered() {
+            ui.ctx().set_cursor_icon(CursorIcon::Crosshair);
+        }
+        if let Some(at) = response.interact_pointer_pos() {
+            self.click(response, at);
+        }
+        if let Some(at) = response.hover_pos() {
+            let gesture = ui.input(|input| self.gestures.take(input));
+            if gesture.push != vec2(0.0, 0.0) {
+                self.camera.pan(gesture.push);
+                self.look.sight = Sight::Free;
+            }
+            if gesture.zooms() {
+                self.zoom(at, gesture.factor);
+            }
+        }
+    }
+
+    fn click(&mut self, response: &Response, at: Pos2) {
+        let point_m = self.camera.to_odom(self.screen, at);
+        if let Some(ruler) = &mut self.ruler {
+            if response.clicked() {
+                ruler.add(point_m);
+            } else if response.secondary_clicked() {
+                ruler.take_back();
+            }
+        } else if response.double_clicked() {
+            self.pinned_m = None;
+            self.camera.center_on(point_m);
+            self.look.sight = Sight::Free;
+        } else if response.clicked() {
+            self.pinned_m = Some(point_m);
+        }
+    }
+
+    /// Who follows the vehicle goes on following it; who saw the whole map chose a part of it.
+    pub(super) fn zoom(&mut self, at: Pos2, factor: f64) {
+        match self.look.sight {
+            Sight::Vehicle => self
+                .camera
+                .zoom_about(self.screen, self.screen.center(), factor),
+            Sight::Whole | Sight::Free => {
+                self.look.sight = Sight::Free;
+                self.camera.zoom_about(self.screen, at, factor);
+            }
+        }
+    }
+
+    pub(super) fn keep_in_sight(&mut self, model: &ConsoleModel) {
+        let vehicle_m = model.vehicle().pose().map(|(pose, _)| {
+            let [x, y, _] = pose.position_m;
+            [x, y]
+        });
+        if self.look.orientation == Orientation::RobotUp
+            && let Some(heading_rad) = model.vehicle().heading_rad()
+        {
+            self.camera.turn_up(heading_rad);
+        }
+        match self.look.sight {
+            Sight::Free => {}
+            Sight::Vehicle => {
+                if let Some(vehicle_m) = vehicle_m {
+                    self.camera.center_on(vehicle_m);
+                }
+            }
+            Sight::Whole => {
+                let map_m = self.layers.bounds_m(&self.look.stack, model.map().store());
+                if let Some(bounds_m) = with_point(map_m, vehicle_m) {
+                    self.camera.fit(self.fit_screen(), bounds_m);
+                }
+            }
+        }
+    }
+
+    /// The screen as `fit` takes it: the same middle, but away from bar, buttons and edges.
+    fn fit_screen(&self) -> Rect {
+        self.screen
+            .shrink2(vec2(0.0, toolbar::HEIGHT + CARD_MARGIN))
+    }
+}
+
+fn with_point(bounds_m: Option<[f64; 4]>, point_m: Option<[f64; 2]>) -> Option<[f64; 4]> {
+    let Some([x, y]) = point_m else {
+        return bounds_m;
+    };
+    let [low_x, low_y, high_x, high_y] = bounds_m.unwrap_or([x, y, x, y]);
+    Some([low_x.min(x), low_y.min(y), high_x.max(x), high_y.max(y)])
+}

@@ -1,0 +1,263 @@
+use std::fs::File;
+
+use protocol::keys::Topic;
+use protocol::message::{Info, LayerHead, LayerInfo, MapHead, TileBand};
+use protocol::mosaic::{MAX_RASTER_CELLS, Raster};
+use protocol::tile::codec::Encoder;
+use protocol::tile::{BootId, TileCells};
+use protocol::tile_store::{LayerGrid, TileStore};
+use protocol::wire::{self, Header};
+use tiff::decoder::{Decoder, DecodingResult};
+
+use super::super::stack::LayerCommand;
+use super::*;
+use crate::model::{ConsoleModel, Incoming, ModelSettings, RequestId};
+
+const BOOT: BootId = BootId([5; 16]);
+const CELL_M: f64 = 0.1;
+
+pub(in crate::map_view) const fn at(ms: u64) -> Monotonic {
+    Monotonic::from_nanos(ms * 1_000_000)
+}
+
+/// A console that has received `store` whole.
+pub(in crate::map_view) fn model_of(store: &TileStore) -> ConsoleModel {
+    let settings = ModelSettings {
+        robot: "scout".parse().unwrap(),
+        session: BootId([1; 16]),
+        store_mb: 10,
+        layers: LayerId::ALL.into(),
+    };
+    let mut model = ConsoleModel::new(settings).unwrap();
+    let robot = model.robot().clone();
+    let header = Header {
+        boot: BOOT,
+        seq: 1,
+        robot_time_ns: 0,
+    };
+    let grids: Vec<_> = store.grids().collect();
+    let head = MapHead {
+        layers: grids
+            .iter()
+            .map(|grid| LayerHead {
+                layer: grid.layer,
+                epoch: 0,
+                head_revision: store.head_revision(grid.layer),
+                tiles: store.tile_count(grid.layer) as u32,
+                root: store.root_digest(grid.layer).unwrap(),
+            })
+            .collect(),
+    };
+    let info = Info {
+        vehicle: String::new(),
+        source: String::new(),
+        footprint_m: [1.0, 1.0],
+        limits: [1.0, 1.0],
+        layers: grids
+            .iter()
+            .map(|grid| LayerInfo {
+                layer: grid.layer,
+                cell_m: grid.cell_m,
+            })
+            .collect(),
+        ..Info::default()
+    };
+    let push = |topic: Topic, payload| Incoming::Sample {
+        key: topic.key(&robot),
+        payload,
+    };
+    let encoded = wire::encode(&header, &head).unwrap();
+    model.apply(push(Topic::MapHead, encoded), at(1_000));
+    let reply = Incoming::Reply {
+        request: RequestId(1),
+        key: Topic::Info.key(&robot),
+        payload: wire::encode(&header, &info).unwrap(),
+    };
+    model.apply(reply, at(1_000));
+    let mut encoder = Encoder::new().unwrap();
+    for grid in grids {
+        for (key, _) in store.tiles(grid.layer) {
+            let tile = store.tile(key).unwrap();
+            for rows in encoder.encode(&tile.cells) {
+                let band = TileBand {
+                    epoch: 0,
+                    revision: tile.revision,
+                    digest: tile.digest,
+                    rows,
+                };
+                let encoded = wire::encode(&header, &band).unwrap();
+                model.apply(push(Topic::Tile(key), encoded), at(2_000));
+            }
+        }
+    }
+    model
+}
+
+/// Every layer, with every kind of code and unknown cells on both sides of the origin.
+pub(in crate::map_view) fn store() -> TileStore {
+    let mut store = TileStore::new(BOOT, 10);
+    for layer in LayerId::ALL {
+        store
+            .set_grid(LayerGrid {
+                layer,
+                cell_m: CELL_M,
+            })
+            .unwrap();
+        let is_code = |code| layer.quantisation().is_code(code);
+        let codes = (0..=u16::MAX).filter(|code| is_code(*code)).count();
+        for (tx, ty) in [(-1, 0), (0, 0), (1, -1)] {
+            let cells =
+                TileCells::from_fn(|x, y| ((x * 31 + y * 977) % codes) as u16 * u16::from(y > 3));
+            drop(store.publish(TileKey { layer, tx, ty }, cells).unwrap());
+        }
+    }
+    store
+}
+
+#[test]
+fn a_probed_value_is_the_exports() {
+    let store = store();
+    let model = model_of(&store);
+    let dir = tempfile::tempdir().unwrap();
+    let stack = LayerStack::default();
+    for layer in LayerId::ALL {
+        let raster = Raster::of_layer(model.map().store(), layer, MAX_RASTER_CELLS)
+            .unwrap()
+            .unwrap();
+        let path = dir.path().join("layer.tif");
+        protocol::export::write_geotiff(&path, &raster).unwrap();
+        let file = std::io::BufReader::new(File::open(&path).unwrap());
+        let image = Decoder::new(file).unwrap().read_image().unwrap();
+        let pixels: Vec<f32> = if let DecodingResult::F32(values) = image {
+            values
+        } else if let DecodingResult::I8(values) = image {
+            values.into_iter().map(f32::from).collect()
+        } else if let DecodingResult::U8(values) = image {
+            values.into_iter().map(f32::from).collect()
+        } else {
+            panic!("{image:?}")
+        };
+        let (first_x, first_y) = raster.first_cell();
+        let mut known = 0;
+        for row in (0..raster.height()).step_by(3) {
+            for column in 0..raster.width() {
+                let point_m = [
+                    (first_x as f64 + column as f64 + 0.3) * CELL_M,
+                    (first_y as f64 + row as f64 + 0.9) * CELL_M,
+                ];
+                let probe = ProbeData::new(model.map(), &stack, point_m, at(3_000));
+                let cell = probe.cells.iter().find(|cell| cell.layer == layer);
+                let value = cell.and_then(|cell| cell.value);
+                // Row 0 of a GeoTIFF is the greatest y.
+                let pixel = pixels[(raster.height() - 1 - row) * raster.width() + column];
+                let is_unknown = pixel.is_nan() || (!layer.classes().is_empty() && pixel == 0.0);
+                assert_eq!(
+                    value.map(f32::to_bits),
+                    (!is_unknown).then_some(pixel.to_bits()),
+                    "{layer} {column} {row}"
+                );
+                known += usize::from(value.is_some());
+            }
+        }
+        assert!(known > 2_000, "{layer}: {known}");
+    }
+}
+
+#[test]
+fn shown_layers_are_always_read_and_hidden_ones_where_they_are_known() {
+    let store = store();
+    let model = model_of(&store);
+    let mut stack = LayerStack::default();
+    stack.obey(LayerCommand::Only(LayerId::Elevation));
+    let layers = |point_m| {
+        let probe = ProbeData::new(model.map(), &stack, point_m, at(5_000));
+        let cells = probe.cells.into_iter();
+        cells
+            .map(|cell| (cell.layer, cell.is_shown, cell.value.is_some()))
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(
+        layers([2.0, -50.0]),
+        [(LayerId::Elevation, true, false)],
+        "nothing is known there"
+    );
+    let known = layers([3.17, 4.55]);
+    assert!(known.len() > 3, "{known:?}");
+    let hidden = known.iter().filter(|(_, is_shown, _)| !is_shown);
+    assert!(hidden.clone().count() > 2);
+    for (layer, _, is_known) in hidden {
+        assert!(is_known, "{layer}");
+    }
+    let far = ProbeData::new(model.map(), &stack, [f64::MAX, 0.0], at(5_000));
+    assert!(far.cells.iter().all(|cell| cell.value.is_none()));
+}
+
+#[test]
+fn points_are_in_the_cells_that_cover_them() {
+    let check = |point_m, expected| {
+        let (key, column, row) = cell_at(LayerId::Cost, point_m, 0.1).unwrap();
+        assert_eq!((key.tx, key.ty, column, row), expected);
+    };
+    check([0.05, 6.45], (0, 1, 0, 0));
+    check([-0.01, -6.41], (-1, -2, 63, 63));
+    check([-6.35, 0.11], (-1, 0, 0, 1));
+    for far in [f64::MAX, f64::INFINITY] {
+        assert_eq!(cell_at(LayerId::Cost, [far, 0.0], 0.1), None);
+    }
+}
+
+fn cell(layer: LayerId, number: f32) -> ProbedCell {
+    let quantisation = layer.quantisation();
+    ProbedCell {
+        layer,
+        is_shown: true,
+        value: quantisation.decode(quantisation.encode(number)),
+        age: Some(Duration::from_millis(3_240)),
+        revision: Some(1_234),
+    }
+}
+
+#[test]
+fn values_have_units_or_names() {
+    let check = |layer: LayerId, number: f32, expected: &str| {
+        assert_eq!(cell(layer, number).reading(), expected);
+    };
+    check(LayerId::Elevation, -0.125, "height −0.125 m");
+    check(LayerId::Occupancy, 0.9, "P(occupied) 0.90");
+    check(LayerId::Cost, 0.5, "slope cost 0.50");
+    check(LayerId::Obstacle, 1.0, "obstacle");
+    check(LayerId::Obstacle, -1.0, "free");
+    check(LayerId::Shore, 4.0, "docking site");
+    let unknown = ProbedCell {
+        value: None,
+        ..cell(LayerId::Cost, 0.5)
+    };
+    assert_eq!(unknown.reading(), "slope cost unknown");
+}
+
+#[test]
+fn the_line_says_where_what_and_when() {
+    let mut hidden = cell(LayerId::Cost, 0.5);
+    hidden.is_shown = false;
+    let probe = ProbeData {
+        point_m: [1.234, -5.0],
+        cells: vec![
+            cell(LayerId::Obstacle, 1.0),
+            hidden,
+            cell(LayerId::Elevation, 0.5),
+        ],
+    };
+    assert_eq!(
+        probe.line(),
+        "x 1.23 m  y −5.00 m  ·  obstacle  ·  height 0.500 m  ·  changed 3.2 s ago"
+    );
+    assert_eq!(
+        probe.cells[1].origin(),
+        "3.2 s old, voxels, slope around, revision 1\u{2009}234, hidden"
+    );
+    let nothing = ProbeData {
+        cells: Vec::new(),
+        ..probe
+    };
+    assert_eq!(nothing.line(), "x 1.23 m  y −5.00 m  ·  unknown");
+}

@@ -1,0 +1,187 @@
+use std::time::Duration;
+
+use eframe::egui::{Event, Modifiers, pos2, vec2};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+
+use super::probe::tests::{at, model_of, store};
+use super::*;
+
+struct Rig {
+    view: MapView,
+    model: ConsoleModel,
+    asked: Vec<Look>,
+}
+
+/// A window with a map of every layer, 800 × 600 points.
+fn window() -> Harness<'static, Rig> {
+    let rig = Rig {
+        view: MapView::default(),
+        model: model_of(&store()),
+        asked: Vec::new(),
+    };
+    let mut window = Harness::builder()
+        .with_size(vec2(800.0, 600.0))
+        .build_ui_state(
+            |ui, rig: &mut Rig| {
+                rig.view.update(&mut rig.model);
+                let asked = rig.view.show(ui, &rig.model, at(2_500));
+                rig.asked.extend(asked);
+            },
+            rig,
+        );
+    window.run_steps(60);
+    window
+}
+
+fn click(window: &mut Harness<'_, Rig>, place: Pos2) {
+    window.drag_at(place);
+    window.run_steps(1);
+    window.drop_at(place);
+    window.run_steps(1);
+}
+
+fn look(window: &mut Harness<'_, Rig>, look: Look) {
+    window.state_mut().view.look(look);
+    window.run_steps(1);
+}
+
+#[test]
+fn a_click_pins_the_point_that_is_read_until_escape() {
+    let mut window = window();
+    let place = window.state().view.to_screen([2.0, 3.0]);
+    click(&mut window, place);
+    let pinned_m = window.state().view.pinned_m().unwrap();
+    let distance_m = libm::hypot(pinned_m[0] - 2.0, pinned_m[1] - 3.0);
+    assert!(distance_m < 0.05, "{pinned_m:?}");
+    window.remove_cursor();
+    window.run_steps(2);
+    window.get_by_label("x 2.00 m  y 3.00 m");
+    window.get_by_label("Unpin");
+    window.state_mut().view.escape();
+    window.run_steps(2);
+    assert_eq!(window.state().view.pinned_m(), None);
+    assert!(window.query_by_label("Unpin").is_none());
+}
+
+#[test]
+fn a_known_distance_is_measured_by_clicks_on_a_turned_map_too() {
+    for up_rad in [FRAC_PI_2, 0.4] {
+        let mut window = window();
+        look(&mut window, Look::Follow(false));
+        look(&mut window, Look::Measure(true));
+        window.state_mut().view.camera.turn_up(up_rad);
+        for point_m in [[-1.0, 1.0], [2.0, 5.0]] {
+            let place = window.state().view.to_screen(point_m);
+            click(&mut window, place);
+        }
+        let ruler = window.state().view.ruler().unwrap();
+        let legs = Ruler::legs(ruler.points_m(), |_| None);
+        assert_eq!(legs.len(), 1);
+        // A point of the screen is 3 cm here.
+        assert!((legs[0].length_m - 5.0).abs() < 0.05, "{legs:?}");
+        let bearing_deg = legs[0].bearing_deg.unwrap();
+        assert!((bearing_deg - 36.9).abs() < 1.0, "{legs:?}");
+        assert_eq!(window.state().view.pinned_m(), None, "clicks measure");
+        window.state_mut().view.escape();
+        assert_eq!(window.state().view.ruler(), None);
+    }
+}
+
+#[test]
+fn buttons_and_compass_ask_for_what_they_say() {
+    for (label, asked) in [
+        ("Compass: north up", Look::Up(Orientation::RobotUp)),
+        ("Robot up", Look::Up(Orientation::RobotUp)),
+        ("Grid", Look::Draw(Overlay::Grid, true)),
+        ("Measure", Look::Measure(true)),
+        ("Whole map", Look::Whole),
+    ] {
+        let mut window = window();
+        window.get_by_label(label).click();
+        window.run_steps(2);
+        assert_eq!(window.state().asked, [asked], "{label}");
+    }
+}
+
+#[test]
+fn the_wheel_magnifies_about_the_pointer_and_a_drag_moves() {
+    let mut window = window();
+    let place = pos2(300.0, 200.0);
+    window.hover_at(place);
+    window.run_steps(1);
+    let view = &window.state().view;
+    let (held_m, before) = (
+        view.camera.to_odom(view.screen, place),
+        view.camera.points_per_m(),
+    );
+    window.event(Event::MouseWheel {
+        unit: eframe::egui::MouseWheelUnit::Line,
+        delta: vec2(0.0, 3.0),
+        phase: eframe::egui::TouchPhase::Move,
+        source: eframe::egui::MouseWheelSource::Unknown,
+        modifiers: Modifiers::NONE,
+    });
+    window.run_steps(20);
+    let view = &window.state().view;
+    assert!(view.camera.points_per_m() > 1.1 * before);
+    assert!(view.to_screen(held_m).distance(place) < 0.5);
+    assert_eq!(view.sight(), Sight::Free);
+}
+
+#[test]
+fn a_look_is_kept_and_shows_something_of_any_robot() {
+    let mut window = window();
+    let view = &mut window.state_mut().view;
+    view.look(Look::Draw(Overlay::Grid, true));
+    view.look(Look::Follow(false));
+    let model = model_of(&store());
+    view.obey(LayerCommand::Only(LayerId::Shore), &model);
+    let kept = view.look_state().clone();
+    assert_eq!(kept.sight, Sight::Free);
+
+    let mut next = MapView::default();
+    next.restore(kept);
+    assert_eq!(next.sight(), Sight::Whole);
+    assert!(next.look_state().has(Overlay::Grid));
+    assert_eq!(next.shown_layers(), [LayerId::Shore].into());
+
+    // A robot that maps nothing but costs.
+    let mut costs = protocol::tile_store::TileStore::new(protocol::tile::BootId([5; 16]), 10);
+    costs
+        .set_grid(protocol::tile_store::LayerGrid {
+            layer: LayerId::Cost,
+            cell_m: 0.1,
+        })
+        .unwrap();
+    let mut model = model_of(&costs);
+    next.forget();
+    next.update(&mut model);
+    assert!(next.shown_layers().contains(&LayerId::Cost));
+    next.obey(LayerCommand::Show(LayerId::Cost, false), &model);
+    next.update(&mut model);
+    assert!(!next.shown_layers().contains(&LayerId::Cost), "as chosen");
+}
+
+#[test]
+fn another_view_of_a_model_begins_with_all_that_it_holds() {
+    let mut window = window();
+    let tiles = window.state().view.tiles(LayerId::Elevation);
+    assert_eq!(tiles, 3);
+    // Nothing changes any more; whoever comes back to this robot sees it whole.
+    window.state_mut().view.forget();
+    assert_eq!(window.state().view.tiles(LayerId::Elevation), 0);
+    window.run_steps(2);
+    assert_eq!(window.state().view.tiles(LayerId::Elevation), tiles);
+}
+
+#[test]
+fn what_does_not_change_is_not_drawn_again() {
+    let mut window = window();
+    window.run_steps(5);
+    assert!(window.state().view.is_up_to_date());
+    let outputs = &window.output().viewport_output;
+    let delay = outputs.values().map(|output| output.repaint_delay).min();
+    assert!(delay.unwrap() >= Duration::from_secs(1), "{delay:?}");
+    assert!(window.output().textures_delta.set.is_empty());
+}

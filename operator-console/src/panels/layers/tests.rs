@@ -1,0 +1,134 @@
+use std::time::Duration;
+
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+
+use super::*;
+
+fn row(layer: LayerId, over: Option<LayerId>, under: Option<LayerId>) -> LayerRow {
+    LayerRow {
+        layer,
+        is_shown: true,
+        opacity: 0.5,
+        scheme: layer.schemes()[0],
+        state: "12 tiles, in step".to_owned(),
+        tone: Tone::Good,
+        cell_m: 0.1,
+        over,
+        under,
+    }
+}
+
+struct Window {
+    data: LayersData,
+    asked: Vec<LayerCommand>,
+}
+
+fn window() -> Harness<'static, Window> {
+    let (top, low) = (LayerId::Obstacle, LayerId::Elevation);
+    let data = LayersData {
+        rows: vec![row(top, None, Some(low)), row(low, Some(top), None)],
+        note: None,
+    };
+    Harness::builder()
+        .with_size(vec2(290.0, 300.0))
+        .build_ui_state(
+            |ui, window: &mut Window| {
+                let asked = layers_ui(ui, &window.data);
+                window.asked.extend(asked);
+            },
+            Window {
+                data,
+                asked: Vec::new(),
+            },
+        )
+}
+
+#[test]
+fn every_control_has_a_name_and_asks_for_what_it_says() {
+    for (label, asked) in [
+        ("Elevation", LayerCommand::Show(LayerId::Elevation, false)),
+        ("Only Elevation", LayerCommand::Only(LayerId::Elevation)),
+        (
+            "Raise Elevation",
+            LayerCommand::Above(LayerId::Elevation, LayerId::Obstacle),
+        ),
+        (
+            "Lower Obstacles",
+            LayerCommand::Below(LayerId::Obstacle, LayerId::Elevation),
+        ),
+        ("Fit", LayerCommand::Fit(LayerId::Elevation)),
+    ] {
+        let mut window = window();
+        window.get_by_label(label).click();
+        window.run_steps(2);
+        assert_eq!(window.state().asked, [asked], "{label}");
+    }
+    let mut window = window();
+    for label in ["Raise Obstacles", "Lower Elevation"] {
+        window.get_by_label(label).click();
+        window.run_steps(2);
+    }
+    assert_eq!(window.state().asked, [], "there is nothing beyond");
+    window.get_by_label("Opacity of Obstacles");
+    window
+        .get_by_label("Colours of Obstacles: Colour-blind safe")
+        .click();
+    window.run_steps(3);
+    window.get_by_label("Green and red").click();
+    window.run_steps(2);
+    let scheme = LayerCommand::Scheme(LayerId::Obstacle, Scheme::GreenRed);
+    assert_eq!(window.state().asked, [scheme]);
+}
+
+#[test]
+fn nothing_is_cut_off() {
+    let window = window();
+    for label in [
+        "Fit",
+        "Lower Elevation",
+        "Only Obstacles",
+        "12 tiles, in step",
+    ] {
+        for found in window.query_all_by_label(label) {
+            assert!(found.rect().right() <= 290.0, "{label}");
+        }
+    }
+}
+
+#[test]
+fn a_layer_is_in_step_or_says_what_it_lacks() {
+    let now = Monotonic::from_nanos(20_000_000_000);
+    let step = |is_equal, missing| LayerStep {
+        layer: LayerId::Cost,
+        is_equal,
+        last_equal: Some(Monotonic::from_nanos(5_000_000_000)),
+        missing,
+    };
+    let check = |step, tiles, expected: (Tone, &str)| {
+        let (tone, state) = state_of(step, tiles, now);
+        assert_eq!((tone, state.as_str()), expected);
+    };
+    check(None, 0, (Tone::Waiting, "nothing mapped yet"));
+    check(
+        Some(step(true, 0)),
+        24_649,
+        (Tone::Good, "24\u{2009}649 tiles, in step"),
+    );
+    check(
+        Some(step(true, 0)),
+        0,
+        (Tone::Good, "nothing mapped yet, in step"),
+    );
+    check(
+        Some(step(false, 12)),
+        9,
+        (Tone::Waiting, "9 tiles, 12 missing for 15 s"),
+    );
+    check(
+        Some(step(false, 0)),
+        9,
+        (Tone::Waiting, "9 tiles, not in step for 15 s"),
+    );
+    assert_eq!(age(Duration::from_secs(15)), "15 s");
+}

@@ -1,0 +1,100 @@
+use eframe::egui::vec2;
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use protocol::message::ShoreClass;
+
+use super::*;
+use crate::command::Look;
+
+fn cluster(number: u32, voxels: u32, center_m: [f32; 2]) -> ShoreCluster {
+    ShoreCluster {
+        number,
+        class: ShoreClass::Dense,
+        voxels,
+        rigid_voxels: voxels / 4,
+        center_m,
+        outline: Vec::new(),
+    }
+}
+
+fn site() -> DockingSite {
+    DockingSite {
+        center_m: [8.0, 0.0],
+        heading_rad: 0.0,
+        width_m: 4.0,
+        mean_cost: 0.2,
+    }
+}
+
+fn data() -> ShoresData {
+    let clusters = vec![cluster(1, 40, [30.0, 0.0]), cluster(2, 900, [8.0, 6.0])];
+    let shores = Shores::gather(0.3, None, clusters, vec![site()]);
+    let vehicle_m = Some([0.0, 0.0]);
+    let rows = shores.clusters.iter();
+    let site = ShoreRow {
+        reason: Some(reason(&site(), Some(1.6), &shores)),
+        ..site_row(&site(), 1, vehicle_m)
+    };
+    ShoresData {
+        shores: rows.map(|cluster| shore_row(cluster, vehicle_m)).collect(),
+        sites: vec![site],
+        notes: Vec::new(),
+        marked: None,
+        hovered: None,
+    }
+}
+
+#[test]
+fn lists_are_sorted_by_what_is_asked_for() {
+    let mut rows = data().shores;
+    let mut order = |by| {
+        sort(&mut rows, by);
+        rows.iter().map(|row| row.mark).collect::<Vec<_>>()
+    };
+    let (one, two) = (ShoreMark::Shore(1), ShoreMark::Shore(2));
+    assert_eq!(order(SortBy::Distance), [two, one]);
+    assert_eq!(order(SortBy::Number), [one, two]);
+    assert_eq!(order(SortBy::Size), [two, one]);
+    assert_eq!(order(SortBy::Share), [one, two], "the same share");
+}
+
+#[test]
+fn a_docking_site_says_why_it_fits() {
+    assert_eq!(
+        data().sites[0].reason.as_deref(),
+        Some("2.5 × beam; 6 m to shore 2, dense")
+    );
+}
+
+#[test]
+fn a_row_marks_on_hover_and_shows_on_click() {
+    let mut window = Harness::builder()
+        .with_size(vec2(290.0, 300.0))
+        .build_ui_state(
+            |ui, (data, asked): &mut (ShoresData, Vec<Look>)| asked.extend(shores_ui(ui, data)),
+            (data(), Vec::new()),
+        );
+    let row = window.get_by_label_contains("Shore 2, dense").rect();
+    window.hover_at(row.center());
+    window.run_steps(2);
+    let mark = ShoreMark::Shore(2);
+    let asked = std::mem::take(&mut window.state_mut().1);
+    assert_eq!(asked.last(), Some(&Look::Hover(Some(mark))));
+    // Who obeys hears no more of it.
+    window.state_mut().0.hovered = Some(mark);
+    window.run_steps(2);
+    assert_eq!(window.state().1, []);
+    window.remove_cursor();
+    window.run_steps(2);
+    assert_eq!(window.state().1.last(), Some(&Look::Hover(None)));
+    window.state_mut().0.hovered = None;
+    window.get_by_label_contains("Docking site 1").click();
+    window.run_steps(2);
+    let shown = Look::Mark(ShoreMark::Site(1), [8.0, 0.0]);
+    assert!(window.state().1.contains(&shown));
+    window.get_by_label("Sort shores by no.").click();
+    window.run_steps(2);
+    let first = window.get_by_label_contains("Shore 1, dense").rect();
+    let second = window.get_by_label_contains("Shore 2, dense").rect();
+    assert!(first.top() < second.top());
+}
