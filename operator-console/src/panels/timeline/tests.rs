@@ -1,0 +1,267 @@
+use eframe::egui::{Modifiers, PointerButton, Pos2, pos2, vec2};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable as _;
+use robot_edge::pacer::Rate;
+use robot_edge::replay_control::{Length, Mark, ReplaySight, ReplayState};
+
+use super::*;
+
+fn seconds(s: f64) -> RobotDuration {
+    RobotDuration::from_secs_f64(s)
+}
+
+/// A recording of 116 s that plays at its own speed.
+fn sight() -> ReplaySight {
+    ReplaySight {
+        state: ReplayState::Playing,
+        position: seconds(29.06),
+        length: Some(Length {
+            duration: seconds(116.0),
+            is_estimate: false,
+        }),
+        rate: Rate::Times(1.0),
+        rate_reached: Some(1.0),
+        is_paused: false,
+        is_looping: false,
+        is_settled: false,
+        marks: vec![
+            Mark {
+                at: seconds(12.5),
+                kind: "ground_plane",
+                message: "the ground plane was taken anew".to_owned(),
+            },
+            Mark {
+                at: seconds(58.0),
+                kind: "gap",
+                message: "no data for 8 s".to_owned(),
+            },
+        ],
+        rounds: 0,
+    }
+}
+
+fn data(sight: &ReplaySight) -> TimelineData {
+    TimelineData::new("rooms.mcap", sight, None)
+}
+
+/// In one line: state, position, length.
+fn words(sight: &ReplaySight) -> String {
+    let data = data(sight);
+    let length = data.length.unwrap_or_else(|| "?".to_owned());
+    format!("{} | {} / {length}", data.state, data.position)
+}
+
+#[test]
+fn what_it_is_doing_is_said_in_words() {
+    let check = |change: &dyn Fn(&mut ReplaySight), expected: &str| {
+        let mut sight = sight();
+        change(&mut sight);
+        assert_eq!(words(&sight), expected);
+    };
+    check(&|_| {}, "Playing | 0:29.0 / 1:56.0");
+    check(
+        &|s| s.rate_reached = Some(0.95),
+        "Playing | 0:29.0 / 1:56.0",
+    );
+    check(
+        &|s| (s.rate, s.rate_reached) = (Rate::Times(10.0), Some(4.26)),
+        "Only 4.3× of 10× reached | 0:29.0 / 1:56.0",
+    );
+    check(
+        &|s| (s.rate, s.rate_reached) = (Rate::Max, Some(312.4)),
+        "Playing at 312× | 0:29.0 / 1:56.0",
+    );
+    check(
+        &|s| s.state = ReplayState::Paused,
+        "Paused | 0:29.0 / 1:56.0",
+    );
+    check(
+        &|s| {
+            let to = seconds(90.0);
+            (s.state, s.rate_reached) = (ReplayState::Seeking { to }, Some(120.0));
+        },
+        "Mapping up to 1:30.0 at 120× | 0:29.0 / 1:56.0",
+    );
+    check(
+        &|s| (s.state, s.position) = (ReplayState::Ended, seconds(116.0)),
+        "At the end | 1:56.0 / 1:56.0",
+    );
+    check(
+        &|s| {
+            (s.state, s.length) = (ReplayState::Opening, None);
+            s.position = RobotDuration::ZERO;
+        },
+        "Looking through rooms.mcap | 0:00.0 / ?",
+    );
+    check(
+        &|s| {
+            s.length = Some(Length {
+                duration: seconds(7383.25),
+                is_estimate: true,
+            });
+        },
+        "Playing | 0:29.0 / about 2:03:03.2",
+    );
+}
+
+#[test]
+fn marks_say_when_and_what_and_tell_faults_from_the_rest() {
+    let marks = data(&sight()).marks;
+    let shown: Vec<_> = marks.iter().map(|m| (m.is_fault, &*m.words)).collect();
+    assert_eq!(
+        shown,
+        [
+            (
+                false,
+                "0:12.5  ground plane: the ground plane was taken anew"
+            ),
+            (true, "0:58.0  gap: no data for 8 s"),
+        ]
+    );
+}
+
+struct State {
+    data: TimelineData,
+    commands: Vec<PlaybackCommand>,
+}
+
+fn harness(data: TimelineData) -> Harness<'static, State> {
+    let state = State {
+        data,
+        commands: Vec::new(),
+    };
+    let mut harness = Harness::builder()
+        .with_size(vec2(1100.0, 120.0))
+        .build_ui_state(
+            |ui, state: &mut State| {
+                let command = timeline_ui(ui, &state.data);
+                state.commands.extend(command);
+            },
+            state,
+        );
+    harness.run();
+    harness
+}
+
+#[test]
+fn every_control_has_a_name_and_does_what_it_says() {
+    let step = |s: f64| PlaybackCommand::Step(seconds(s));
+    for (label, expected) in [
+        ("Pause", PlaybackCommand::Pause),
+        ("−10 s", step(-10.0)),
+        ("−1 s", step(-1.0)),
+        ("+1 s", step(1.0)),
+        ("+10 s", step(10.0)),
+        ("Loop", PlaybackCommand::SetLooping(true)),
+        ("Close", PlaybackCommand::Close),
+    ] {
+        let mut harness = harness(data(&sight()));
+        harness.get_by_label(label).click();
+        harness.run();
+        assert_eq!(harness.state().commands, [expected], "{label}");
+    }
+    let mut paused = sight();
+    (paused.state, paused.is_paused) = (ReplayState::Paused, true);
+    let mut harness = harness(data(&paused));
+    harness.get_by_label("0:29.0 / 1:56.0");
+    harness.get_by_label("Play").click();
+    harness.run();
+    assert_eq!(harness.state().commands, [PlaybackCommand::Play]);
+}
+
+#[test]
+fn speeds_are_chosen_from_a_list() {
+    let mut harness = harness(data(&sight()));
+    harness.get_by_value("Speed 1×").click();
+    harness.run();
+    harness.get_by_label("5×").click();
+    harness.run();
+    let five = PlaybackCommand::SetRate(Rate::Times(5.0));
+    assert_eq!(harness.state().commands, [five]);
+}
+
+/// The middle of the bar, its left and its right end.
+fn bar(harness: &Harness<'_, State>) -> (Pos2, f32, f32) {
+    let bar = harness.get_by_label_contains("Position in the recording");
+    let rect = bar.rect();
+    (rect.center(), rect.left() + 8.0, rect.right() - 8.0)
+}
+
+#[test]
+fn a_click_on_the_bar_winds_there_and_a_drag_follows_the_pointer() {
+    let mut harness = harness(data(&sight()));
+    let (middle, left, right) = bar(&harness);
+    let press = |harness: &mut Harness<'_, State>, pos: Pos2, pressed: bool| {
+        harness.event(eframe::egui::Event::PointerButton {
+            pos,
+            button: PointerButton::Primary,
+            pressed,
+            modifiers: Modifiers::NONE,
+        });
+    };
+    let move_to = |harness: &mut Harness<'_, State>, x: f32| {
+        harness.event(eframe::egui::Event::PointerMoved(pos2(x, middle.y)));
+        harness.step();
+    };
+    move_to(&mut harness, middle.x);
+    press(&mut harness, middle, true);
+    harness.step();
+    press(&mut harness, middle, false);
+    harness.step();
+    let half = PlaybackCommand::Seek(seconds(58.0));
+    assert_eq!(harness.state().commands, [half]);
+
+    harness.state_mut().commands.clear();
+    press(&mut harness, middle, true);
+    harness.step();
+    let quarter = left + 0.25 * (right - left);
+    for x in [middle.x - 30.0, quarter, quarter, left - 50.0] {
+        move_to(&mut harness, x);
+    }
+    press(&mut harness, pos2(left - 50.0, middle.y), false);
+    harness.step();
+    let wound: Vec<u64> = harness
+        .state()
+        .commands
+        .iter()
+        .map(|command| {
+            let PlaybackCommand::Seek(to) = command else {
+                panic!("{command:?}");
+            };
+            (to.as_secs_f64() * 10.0).round() as u64
+        })
+        .collect();
+    assert_eq!(
+        wound.last(),
+        Some(&0),
+        "not before the beginning: {wound:?}"
+    );
+    let quarters = wound.iter().filter(|tenths| **tenths == 290).count();
+    assert_eq!(quarters, 1, "who does not move asks for nothing: {wound:?}");
+}
+
+#[test]
+fn nothing_can_be_wound_before_the_recording_is_known() {
+    let mut opening = sight();
+    (opening.state, opening.length) = (ReplayState::Opening, None);
+    let mut harness = harness(data(&opening));
+    harness.get_by_label("Looking through rooms.mcap");
+    harness.get_by_label("+1 s").click();
+    harness
+        .get_by_label_contains("Position in the recording")
+        .click();
+    harness.run();
+    assert_eq!(harness.state().commands, []);
+}
+
+#[test]
+fn why_it_cannot_be_shown_stands_there_instead() {
+    let why = "rooms.mcap: damaged at byte 8: nothing can be read";
+    let mut harness = harness(TimelineData::new("rooms.mcap", &sight(), Some(why)));
+    harness.get_by_label("rooms.mcap cannot be shown");
+    harness.get_by_label(why);
+    assert!(harness.query_by_label("Pause").is_none());
+    harness.get_by_label("Close").click();
+    harness.run();
+    assert_eq!(harness.state().commands, [PlaybackCommand::Close]);
+}

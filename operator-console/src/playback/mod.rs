@@ -1,0 +1,210 @@
+//! `--open`: a recording that this process maps and shows like any robot, wound and paced from the window.
+//!
+//! The mapping code is the vehicle's own, and so is the way to the screen: a link, over this machine's own network.
+
+mod command;
+mod open_dialog;
+mod path_completion;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::thread;
+
+use anyhow::Context as _;
+use clap::Parser as _;
+use protocol::keys::RobotId;
+use robot_edge::cli::{Cli, Command, Replay};
+use robot_edge::link::random_id;
+use robot_edge::pacer::Rate;
+use robot_edge::recording::Format;
+use robot_edge::replay_control::{ReplayControl, ReplaySight};
+
+use crate::demo::free_endpoint;
+use crate::link::FoundRobot;
+use crate::model::ConsoleModel;
+
+pub use command::{PlaybackCommand, RATES, asked_for};
+pub use open_dialog::OpenDialog;
+
+/// How the robots begin that are recordings.
+const PREFIX: &str = "recording-";
+/// Tiles' share of a link that never leaves this machine, kilobits per second.
+const BUDGET: &str = "streaming.budget_kbps=200000";
+
+/// A recording that is open. Dropping it closes it.
+pub struct Playback {
+    path: PathBuf,
+    robot: FoundRobot,
+    control: ReplayControl,
+    is_over: Arc<AtomicBool>,
+    failed: Receiver<anyhow::Error>,
+    failure: Option<String>,
+    /// Where the vehicle was, and the version of that.
+    trail: (u64, Vec<[f64; 2]>),
+}
+
+impl Playback {
+    /// Opens a recording and begins to map it, at this rate. What is wrong behind its first bytes is said later, by
+    /// [`Self::failure`].
+    ///
+    /// # Errors
+    /// Where the file cannot be read or is no recording, or no port of this machine is free.
+    pub fn open(path: &Path, rate: Rate) -> anyhow::Result<Self> {
+        Format::of(path)?;
+        let endpoint = free_endpoint().context("no port is free for the recording")?;
+        let robot: RobotId = name(random_id()?).parse()?;
+        let replay = replay(path, &robot, &endpoint)?;
+        let control = ReplayControl::new(rate);
+        let is_over = Arc::new(AtomicBool::new(false));
+        let (sender, failed) = sync_channel(1);
+        // Nobody waits for its end: it may be looking through a large file, and leaves nothing behind.
+        let playing = thread::Builder::new().name("playback".to_owned());
+        playing.spawn({
+            let (control, is_over) = (control.clone(), Arc::clone(&is_over));
+            move || {
+                if let Err(why) = robot_edge::app::play(&replay, &control, &is_over) {
+                    // The channel has room for the one failure there can be.
+                    drop(sender.try_send(why));
+                }
+            }
+        })?;
+        Ok(Self {
+            path: path.to_owned(),
+            robot: FoundRobot { robot, endpoint },
+            control,
+            is_over,
+            failed,
+            failure: None,
+            trail: (0, Vec::new()),
+        })
+    }
+
+    /// Where what is mapped can be seen: a robot of its own.
+    pub const fn robot(&self) -> &FoundRobot {
+        &self.robot
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The file's name.
+    pub fn file_name(&self) -> String {
+        let name = self.path.file_name().unwrap_or(self.path.as_os_str());
+        name.to_string_lossy().into_owned()
+    }
+
+    /// How it is going.
+    pub fn sight(&self) -> ReplaySight {
+        self.control.sight()
+    }
+
+    /// Shows the way of the vehicle in the model of it, which may have heard only now and then where it was.
+    pub fn show_trail(&mut self, model: &mut ConsoleModel) {
+        if let Some(trail) = self.control.trail(self.trail.0) {
+            self.trail = trail;
+        }
+        model.show_trail(self.trail.1.iter().copied());
+    }
+
+    /// Does what was asked for; whether it stays open.
+    pub fn obey(&self, command: PlaybackCommand) -> bool {
+        match command {
+            PlaybackCommand::Play => self.control.play(),
+            PlaybackCommand::Pause => self.control.pause(),
+            PlaybackCommand::SetRate(rate) => self.control.set_rate(rate),
+            PlaybackCommand::SetLooping(is_looping) => self.control.set_looping(is_looping),
+            PlaybackCommand::Seek(to) => self.control.seek(to),
+            PlaybackCommand::Step(by) => self.control.step(by),
+            PlaybackCommand::Close => return false,
+        }
+        true
+    }
+
+    /// Why nothing more comes, in words.
+    pub fn failure(&mut self) -> Option<&str> {
+        if let Ok(why) = self.failed.try_recv() {
+            self.failure = Some(in_words(&why));
+        }
+        self.failure.as_deref()
+    }
+}
+
+impl Drop for Playback {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
+    }
+}
+
+/// An error and its causes, as far as its own words do not hold them.
+pub(crate) fn in_words(error: &anyhow::Error) -> String {
+    let mut words = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !words.contains(&cause) {
+            words = format!("{words}: {cause}");
+        }
+    }
+    words
+}
+
+/// Whether this is the name of a recording that some console of this machine has open, and of no robot.
+pub fn is_recording(robot: &RobotId) -> bool {
+    robot.to_string().starts_with(PREFIX)
+}
+
+/// Another for each, so that no two consoles of a network show each other's recordings.
+fn name(random: [u8; 16]) -> String {
+    let [a, b, c, ..] = random;
+    format!("{PREFIX}{a:02x}{b:02x}{c:02x}")
+}
+
+fn replay(path: &Path, robot: &RobotId, endpoint: &str) -> anyhow::Result<Replay> {
+    let robot = robot.to_string();
+    let line = ["robot-edge", "replay", "-", "--robot", &robot];
+    let line = line.into_iter().chain(["--listen", endpoint]);
+    let cli = Cli::try_parse_from(line.chain(["--set", BUDGET]))?;
+    let Command::Replay(replay) = cli.command else {
+        return Err(anyhow::anyhow!("this is no replay: {:?}", cli.command));
+    };
+    // Apart, since no name of a file is an option here.
+    Ok(Replay {
+        recording: path.to_owned(),
+        ..replay
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_recording_is_refused_at_once_and_in_words() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = folder.path().join("notes.txt");
+        std::fs::write(&text, "these are notes").unwrap();
+        for (path, says) in [
+            (text.as_path(), "not a recording this program reads"),
+            (folder.path(), "this is a folder"),
+            (&folder.path().join("gone.mcap"), "gone.mcap"),
+        ] {
+            let why = Playback::open(path, Rate::Max).map(drop).unwrap_err();
+            let words = in_words(&why);
+            assert!(words.contains(says), "{words}");
+            assert!(words.matches("os error").count() <= 1, "{words}");
+        }
+    }
+
+    #[test]
+    fn any_file_name_and_a_robot_of_its_own() {
+        let robot: RobotId = name([7; 16]).parse().unwrap();
+        let endpoint = "tcp/127.0.0.1:7000";
+        let replay = replay(Path::new("--help"), &robot, endpoint).unwrap();
+        assert!(is_recording(&robot));
+        assert_eq!(replay.recording, Path::new("--help"));
+        assert_eq!(replay.mapping.robot, Some(robot));
+        assert_eq!(replay.mapping.network.listen, [endpoint]);
+    }
+}

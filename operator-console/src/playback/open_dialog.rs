@@ -1,0 +1,241 @@
+//! File > Open: a path, completed while it is typed.
+
+use std::path::PathBuf;
+
+use eframe::egui::text::{CCursor, CCursorRange};
+use eframe::egui::text_edit::TextEditState;
+use eframe::egui::{
+    Align2, Button, Context, EventFilter, Id, InputState, Key, Modifiers, RichText, ScrollArea,
+    TextEdit, Ui, Window,
+};
+
+use super::path_completion::{common_beginning, completions};
+
+/// The dialog, where it is open.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct OpenDialog {
+    is_open: bool,
+    path: String,
+    offered: Vec<String>,
+    /// Why the path could not be opened.
+    problem: Option<String>,
+    wants_focus: bool,
+}
+
+impl OpenDialog {
+    /// Asks for a recording.
+    pub fn open(&mut self) {
+        self.is_open = true;
+        self.wants_focus = true;
+        self.problem = None;
+        self.offered = completions(&self.path);
+    }
+
+    /// Says why a recording could not be opened, and asks for another.
+    pub fn refuse(&mut self, path: String, why: String) {
+        self.path = path;
+        self.open();
+        self.problem = Some(why);
+    }
+
+    /// Whether it is open.
+    pub const fn is_open(&self) -> bool {
+        self.is_open
+    }
+
+    /// A recording was opened.
+    pub fn close(&mut self) {
+        self.is_open = false;
+        self.problem = None;
+    }
+
+    /// Draws it where it is open, and takes files that are dropped on the window; the recording to open.
+    pub fn show(&mut self, ctx: &Context) -> Option<PathBuf> {
+        let dropped = ctx.input(|input| {
+            let file = input.raw.dropped_files.first();
+            file.map(|file| file.path().to_owned())
+        });
+        if dropped.is_some() || !self.is_open {
+            return dropped;
+        }
+        if ctx.input_mut(|input| input.consume_key(Modifiers::NONE, Key::Escape)) {
+            self.close();
+            return None;
+        }
+        let mut is_open = true;
+        let shown = Window::new("Open a recording")
+            .open(&mut is_open)
+            .collapsible(false)
+            .resizable(false)
+            .anchor(Align2::CENTER_CENTER, [0.0, 0.0])
+            .show(ctx, |ui| {
+                ui.set_width(520.0_f32.min(ctx.content_rect().width() - 40.0));
+                self.dialog_ui(ui)
+            });
+        if !is_open {
+            self.close();
+        }
+        shown.and_then(|shown| shown.inner.flatten())
+    }
+
+    fn dialog_ui(&mut self, ui: &mut Ui) -> Option<PathBuf> {
+        let label =
+            ui.label("MCAP, ROS 1 bag or CARMEN log. It can be dropped on the window, too.");
+        let field = TextEdit::singleline(&mut self.path)
+            .hint_text("Path of the recording")
+            .desired_width(f32::INFINITY)
+            // Tab completes.
+            .event_filter(EventFilter {
+                tab: true,
+                ..EventFilter::default()
+            });
+        let field = ui.add(field).labelled_by(label.id);
+        if std::mem::take(&mut self.wants_focus) {
+            field.request_focus();
+        }
+        let is_tab = |input: &mut InputState| input.consume_key(Modifiers::NONE, Key::Tab);
+        if field.has_focus() && ui.input_mut(is_tab) {
+            self.complete();
+            put_cursor_at_end(ui, field.id, &self.path);
+        }
+        if field.changed() {
+            self.problem = None;
+            self.offered = completions(&self.path);
+        }
+        let is_entered = field.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
+        if let Some(problem) = &self.problem {
+            ui.label(RichText::new(problem).color(ui.visuals().warn_fg_color));
+        }
+        let chosen = self.offered_ui(ui);
+        let mut is_wanted = is_entered;
+        ui.horizontal(|ui| {
+            let open = ui.add_enabled(!self.path.trim().is_empty(), Button::new("Open"));
+            is_wanted |= open.on_hover_text("Enter").clicked();
+            if ui.button("Cancel").on_hover_text("Esc").clicked() {
+                self.close();
+            }
+        });
+        if let Some(chosen) = chosen {
+            let is_folder = chosen.ends_with(std::path::MAIN_SEPARATOR);
+            self.path.clone_from(&chosen);
+            self.open();
+            return (!is_folder).then(|| PathBuf::from(chosen));
+        }
+        let path = self.path.trim();
+        (is_wanted && !path.is_empty()).then(|| PathBuf::from(path))
+    }
+
+    fn complete(&mut self) {
+        if let Some(common) = common_beginning(&self.offered)
+            && common.len() > self.path.len()
+        {
+            self.path = common;
+        }
+        self.offered = completions(&self.path);
+        self.wants_focus = true;
+    }
+
+    fn offered_ui(&self, ui: &mut Ui) -> Option<String> {
+        let mut chosen = None;
+        ScrollArea::vertical().max_height(220.0).show(ui, |ui| {
+            for path in &self.offered {
+                if ui.selectable_label(false, path).clicked() {
+                    chosen = Some(path.clone());
+                }
+            }
+        });
+        chosen
+    }
+}
+
+/// What is typed next goes on behind what was completed.
+fn put_cursor_at_end(ui: &Ui, field: Id, text: &str) {
+    let mut state = TextEditState::load(ui.ctx(), field).unwrap_or_default();
+    let end = CCursor::new(text.chars().count());
+    state.cursor.set_char_range(Some(CCursorRange::one(end)));
+    state.store(ui.ctx(), field);
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use eframe::egui::vec2;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+
+    struct State {
+        dialog: OpenDialog,
+        opened: Vec<PathBuf>,
+    }
+
+    fn harness(dialog: OpenDialog) -> Harness<'static, State> {
+        let state = State {
+            dialog,
+            opened: Vec::new(),
+        };
+        Harness::builder()
+            .with_size(vec2(700.0, 500.0))
+            .build_ui_state(
+                |ui, state: &mut State| {
+                    let ctx = ui.ctx().clone();
+                    state.opened.extend(state.dialog.show(&ctx));
+                },
+                state,
+            )
+    }
+
+    #[test]
+    fn a_recording_is_found_by_its_beginning() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["rooms.mcap", "roof.mcap"] {
+            fs::write(folder.path().join(name), "").unwrap();
+        }
+        let mut harness = harness(OpenDialog::default());
+        harness.run();
+        assert!(harness.query_by_label("Open a recording").is_none());
+        harness.state_mut().dialog.open();
+        harness.run_steps(3);
+        let typed = format!("{}/roo", folder.path().display());
+        harness.event(eframe::egui::Event::Text(typed.clone()));
+        harness.run_steps(3);
+        let offered = harness.state().dialog.offered.clone();
+        assert_eq!(
+            offered,
+            [format!("{typed}f.mcap"), format!("{typed}ms.mcap")]
+        );
+        harness.event(eframe::egui::Event::Text("m".to_owned()));
+        harness.run_steps(3);
+        harness.key_press(Key::Tab);
+        harness.run_steps(3);
+        assert_eq!(harness.state().dialog.path, format!("{typed}ms.mcap"));
+        harness.event(eframe::egui::Event::Text("x".to_owned()));
+        harness.run_steps(3);
+        assert_eq!(harness.state().dialog.path, format!("{typed}ms.mcapx"));
+        harness.key_press(Key::Backspace);
+        harness.key_press(Key::Enter);
+        harness.run_steps(3);
+        assert_eq!(
+            harness.state().opened,
+            [PathBuf::from(format!("{typed}ms.mcap"))]
+        );
+    }
+
+    #[test]
+    fn what_could_not_be_opened_is_said_and_asked_for_again() {
+        let mut dialog = OpenDialog::default();
+        dialog.refuse(
+            "notes.txt".to_owned(),
+            "notes.txt: not a recording".to_owned(),
+        );
+        let mut harness = harness(dialog);
+        harness.run_steps(3);
+        harness.get_by_label("notes.txt: not a recording");
+        harness.get_by_label("Cancel").click();
+        harness.run_steps(3);
+        assert!(harness.query_by_label("Open a recording").is_none());
+        assert!(harness.state().opened.is_empty());
+    }
+}

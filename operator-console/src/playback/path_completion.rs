@@ -1,0 +1,106 @@
+//! What a path that is being typed may become: folders, and files that may be recordings.
+
+use std::fs;
+use std::path::{MAIN_SEPARATOR, Path};
+
+/// Entries of a folder that are looked at: whoever has more types another letter.
+const MAX_LOOKED_AT: usize = 5_000;
+/// Completions that are offered.
+pub(super) const MAX_OFFERED: usize = 10;
+/// How recordings end.
+const ENDINGS: [&str; 4] = ["mcap", "bag", "log", "clf"];
+
+/// Paths that begin with `typed`, by name; folders end with the separator.
+pub(super) fn completions(typed: &str) -> Vec<String> {
+    let folder_end = typed.rfind(MAIN_SEPARATOR).map_or(0, |at| at + 1);
+    let (folder, beginning) = typed.split_at(folder_end);
+    let read = fs::read_dir(if folder.is_empty() { "." } else { folder });
+    let entries = read.into_iter().flatten().flatten().take(MAX_LOOKED_AT);
+    let mut found: Vec<String> = entries
+        .filter_map(|entry| {
+            let name = entry.file_name().into_string().ok()?;
+            let is_hidden = name.starts_with('.') && !beginning.starts_with('.');
+            if is_hidden || !name.starts_with(beginning) {
+                return None;
+            }
+            let path = format!("{folder}{name}");
+            if entry.path().is_dir() {
+                Some(format!("{path}{MAIN_SEPARATOR}"))
+            } else {
+                may_be_a_recording(&name).then_some(path)
+            }
+        })
+        .collect();
+    found.sort();
+    found.truncate(MAX_OFFERED);
+    found
+}
+
+/// As much as all completions have in common.
+pub(super) fn common_beginning(completions: &[String]) -> Option<String> {
+    let first = completions.first()?;
+    let common = completions.iter().fold(first.len(), |length, other| {
+        let pairs = first.char_indices().zip(other.chars());
+        let same = pairs.take_while(|((_, a), b)| a == b).last();
+        length.min(same.map_or(0, |((at, sign), _)| at + sign.len_utf8()))
+    });
+    Some(first[..common].to_owned())
+}
+
+fn may_be_a_recording(name: &str) -> bool {
+    let ending = Path::new(name).extension();
+    ending.is_some_and(|ending| {
+        ENDINGS
+            .iter()
+            .any(|known| ending.eq_ignore_ascii_case(known))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_and_recordings_are_offered() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in [
+            "roof.mcap",
+            "rooms.MCAP",
+            "room.txt",
+            ".rooms.bag",
+            "räume.log",
+        ] {
+            fs::write(folder.path().join(name), "").unwrap();
+        }
+        fs::create_dir(folder.path().join("rover")).unwrap();
+        let root = format!("{}{MAIN_SEPARATOR}", folder.path().display());
+        let offered = |typed: &str| {
+            let all = completions(&format!("{root}{typed}"));
+            let names = all
+                .iter()
+                .map(|path| path.strip_prefix(&root).unwrap().to_owned());
+            names.collect::<Vec<_>>()
+        };
+        let rover = format!("rover{MAIN_SEPARATOR}");
+        assert_eq!(
+            offered(""),
+            ["roof.mcap", "rooms.MCAP", &rover, "räume.log"]
+        );
+        assert_eq!(offered("roo"), ["roof.mcap", "rooms.MCAP"]);
+        assert_eq!(offered("."), [".rooms.bag"]);
+        assert_eq!(offered("x"), [""; 0]);
+        assert_eq!(offered("gone/x"), [""; 0]);
+    }
+
+    #[test]
+    fn what_all_have_in_common_is_typed_for_you() {
+        let common = |paths: &[&str]| {
+            let paths: Vec<_> = paths.iter().map(|&path| path.to_owned()).collect();
+            common_beginning(&paths)
+        };
+        assert_eq!(common(&[]), None);
+        assert_eq!(common(&["ab"]).as_deref(), Some("ab"));
+        assert_eq!(common(&["räume", "rätsel", "räder"]).as_deref(), Some("rä"));
+        assert_eq!(common(&["a", "b"]).as_deref(), Some(""));
+    }
+}
