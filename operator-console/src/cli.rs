@@ -5,8 +5,11 @@ use std::time::Duration;
 
 use clap::builder::NonEmptyStringValueParser;
 use clap::{ArgAction, Args, Parser, Subcommand};
+use clap_complete::Shell;
 use protocol::keys::{OperatorId, RobotId};
 use robot_edge::exit::UsageError;
+use robot_edge::pacer::Rate;
+use robot_edge::replay_control::RATES;
 
 const EXIT_CODES: &str = "\
 Exit codes: 0 done; 1 it failed while running; 2 wrong usage or configuration; 130 interrupted.";
@@ -27,6 +30,12 @@ pub struct Cli {
     #[arg(long, value_name = "WORLD", num_args = 0..=1, default_missing_value = "rooms",
           conflicts_with_all = ["connect", "robot"], value_parser = NonEmptyStringValueParser::new())]
     pub demo: Option<String>,
+    /// Open a recording (MCAP, ROS 1 bag or CARMEN log) and map it here
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["connect", "robot", "demo", "headless"])]
+    pub open: Option<PathBuf>,
+    /// Times as fast as it was recorded, 0.1 to 20, or `max` (with --open)
+    #[arg(long, value_name = "1|2.5|max", default_value = "1", requires = "open", value_parser = rate)]
+    pub rate: Rate,
     /// No window: wait until the map is in step, write the exports, end; or `drive` by a script
     #[arg(long)]
     pub headless: bool,
@@ -50,6 +59,9 @@ pub struct Cli {
     /// Seconds from the start to the picture
     #[arg(long, value_name = "S", requires = "screenshot", value_parser = seconds, allow_negative_numbers = true)]
     pub after: Option<Duration>,
+    /// Write what a screen reader is told of the window, at every change
+    #[arg(long, value_name = "FILE", hide = true)]
+    pub controls: Option<PathBuf>,
     /// Who you are: your folder of `robot-edge keys`. Then the link is mutual TLS, and --connect is quic/HOST:PORT
     #[arg(long, value_name = "DIR", requires = "connect", global = true)]
     pub keys: Option<PathBuf>,
@@ -59,6 +71,13 @@ pub struct Cli {
     /// Zenoh configuration (JSON5) that ours is laid over [default: what `ZENOH_CONFIG` names]
     #[arg(long, value_name = "FILE", global = true)]
     pub zenoh_config: Option<PathBuf>,
+    /// Where the window's settings are kept [default: foreshore/console.json in the system's folder for settings; with
+    /// --screenshot: nowhere]
+    #[arg(long, value_name = "FILE", conflicts_with = "headless")]
+    pub config: Option<PathBuf>,
+    /// Begin with the settings of a first run
+    #[arg(long, conflicts_with = "headless")]
+    pub reset_settings: bool,
     /// Say nothing but errors
     #[arg(long, short, global = true)]
     pub quiet: bool,
@@ -70,12 +89,14 @@ pub struct Cli {
     pub task: Option<Task>,
 }
 
-/// What a console can do without a window but export.
+/// What a console can do without a window besides exporting.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum Task {
     /// Drive by a script of timed inputs (with --headless), for tests and demonstrations
     #[command(after_help = crate::script::LANGUAGE)]
     Drive(DriveArgs),
+    /// Print what a shell needs to complete this program's options
+    Completions(CompletionsArgs),
 }
 
 /// `drive`.
@@ -84,6 +105,13 @@ pub struct DriveArgs {
     /// Timed inputs, one a line
     #[arg(long, value_name = "FILE")]
     pub script: PathBuf,
+}
+
+/// `completions`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Args)]
+pub struct CompletionsArgs {
+    /// Which shell
+    pub shell: Shell,
 }
 
 impl Cli {
@@ -101,8 +129,22 @@ impl Cli {
                 wrong("`drive` writes no maps: leave out --export")
             }
             (None, true, None) => wrong("--headless needs --export DIR, or `drive --script FILE`"),
-            (Some(Task::Drive(_)), true, None) | (None, true, Some(_)) | (None, false, _) => Ok(()),
+            (Some(Task::Drive(_)), true, None)
+            | (Some(Task::Completions(_)), ..)
+            | (None, true, Some(_))
+            | (None, false, _) => Ok(()),
         }
+    }
+}
+
+fn rate(text: &str) -> Result<Rate, String> {
+    let [slowest, fastest] = RATES;
+    match text.parse() {
+        Ok(Rate::Max) => Ok(Rate::Max),
+        Ok(Rate::Times(times)) if (slowest..=fastest).contains(&times) => Ok(Rate::Times(times)),
+        Ok(Rate::Times(_)) | Err(_) => Err(format!(
+            "a rate is a number from {slowest} to {fastest} (1 is the speed of the recording), or `max`"
+        )),
     }
 }
 
@@ -135,6 +177,9 @@ mod tests {
             parse("--headless --export maps --for 2.5 --connect tcp/a:1 --robot scout-1").unwrap();
         assert_eq!(headless.watch_for, Some(Duration::from_millis(2500)));
         assert_eq!(headless.connect, ["tcp/a:1"]);
+        let recording = parse("--open rooms.mcap --rate max").unwrap();
+        assert_eq!(recording.open, Some(PathBuf::from("rooms.mcap")));
+        assert_eq!(recording.rate, Rate::Max);
         let picture = parse("--screenshot a.png --after 3").unwrap();
         assert_eq!(picture.after, Some(Duration::from_secs(3)));
     }
@@ -164,6 +209,16 @@ mod tests {
     }
 
     #[test]
+    fn settings_and_completions_have_names() {
+        let cli = parse("--config a.json --reset-settings").unwrap();
+        assert_eq!(cli.config, Some(PathBuf::from("a.json")));
+        assert!(cli.reset_settings);
+        let task = parse("completions zsh").unwrap().task;
+        let shell = Shell::Zsh;
+        assert_eq!(task, Some(Task::Completions(CompletionsArgs { shell })));
+    }
+
+    #[test]
     fn wrong_usage_says_what_is_allowed() {
         for (line, says) in [
             ("--export maps", "--headless"),
@@ -172,6 +227,12 @@ mod tests {
             ("--screenshot a.png", "--after"),
             ("--demo --connect tcp/a:1", "cannot be used with"),
             ("--keys anna", "--connect"),
+            ("--open a.mcap --demo", "cannot be used with"),
+            ("--open a.mcap --rate 0", "0.1 to 20"),
+            ("--open a.mcap --rate 21", "or `max`"),
+            ("--rate 2", "--open"),
+            ("--headless --export a --config b", "cannot be used with"),
+            ("completions cobol", "bash"),
         ] {
             let error = parse(line).unwrap_err();
             assert_eq!(error.exit_code(), 2, "{line}");

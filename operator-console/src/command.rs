@@ -1,9 +1,14 @@
 //! What the operator asks of the program. Panels and map only say what is wanted; the app does it.
 
-use protocol::layer::{LayerId, Scheme};
+use std::collections::BTreeSet;
+use std::path::PathBuf;
 
+use crate::alerts::Alarm;
+use crate::export::ExportPart;
 use crate::helm::Intent;
 use crate::link::FoundRobot;
+use crate::map_view::{LayerCommand, Orientation, Overlay, ShoreMark};
+use crate::playback::PlaybackCommand;
 
 /// A wish of the operator.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,16 +17,43 @@ pub enum Command {
     Connect(FoundRobot),
     /// Ask this address for robots, too. It is a control endpoint.
     AddAddress(String),
-    /// Show another layer.
-    ShowLayer(LayerId),
-    /// Show the layer in other colours.
-    ShowScheme(Scheme),
-    /// Spread the colours over the values of the map.
-    FitColors,
+    /// Something about a layer of the map.
+    Layer(LayerCommand),
     /// Look elsewhere.
     Look(Look),
     /// Something about driving.
     Drive(Intent),
+    /// Show this recording instead of any robot.
+    Open(PathBuf),
+    /// Something about the recording that is shown.
+    Playback(PlaybackCommand),
+    /// Ask this address no longer at the start.
+    ForgetAddress(String),
+    /// An alert was seen.
+    Acknowledge(Alarm),
+    /// All alerts were seen.
+    AcknowledgeAll,
+    /// Save a picture of the window where the system keeps pictures.
+    Screenshot,
+    /// Write maps to files.
+    Export(ExportWish),
+    /// Leave the export that is under way.
+    CancelExport,
+    /// Show a folder in the system's own program for that.
+    OpenFolder(PathBuf),
+    /// Ask which recording to show.
+    AskForRecording,
+    /// End the program.
+    Quit,
+}
+
+/// What to export, and where to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ExportWish {
+    /// The folder; it is made where it is missing.
+    pub folder: PathBuf,
+    /// What to write.
+    pub parts: BTreeSet<ExportPart>,
 }
 
 /// How to look at the map.
@@ -37,4 +69,16 @@ pub enum Look {
     In,
     /// Farther.
     Out,
+    /// At what is this far away on the screen, in widths and heights of the view: to the right, and down.
+    Beside([f32; 2]),
+    /// What is up.
+    Up(Orientation),
+    /// Draw it over the layers, or do not.
+    Draw(Overlay, bool),
+    /// Let clicks measure, or end that.
+    Measure(bool),
+    /// Let a shore or docking site stand out, and put its middle (metres in `odom`) in the middle.
+    Mark(ShoreMark, [f64; 2]),
+    /// Let it stand out while the hand is over it in a list; `None`: it is no longer.
+    Hover(Option<ShoreMark>),
 }

@@ -9,13 +9,13 @@ use std::thread::{self, JoinHandle};
 
 use anyhow::{Context as _, anyhow};
 use clap::Parser as _;
+use etcetera::{BaseStrategy as _, choose_base_strategy};
 use protocol::keys::RobotId;
 use robot_edge::cli::Cli;
 use robot_edge::simulation::World;
 
 /// What the simulated robot is called.
 const NAME: &str = "demo";
-
 /// A simulated robot. Dropping it ends the simulation.
 pub struct Demo {
     /// Its name.
@@ -36,7 +36,7 @@ impl Demo {
         // Before a window opens that would wait for it.
         World::load(world)?;
         let endpoint = free_endpoint().context("no port is free for the simulated robot")?;
-        let cli = Cli::try_parse_from([
+        let mut words = vec![
             "robot-edge",
             "simulate",
             world,
@@ -46,7 +46,12 @@ impl Demo {
             &endpoint,
             "--stay",
             "--quiet",
-        ])?;
+        ];
+        let recordings = recordings_folder();
+        if let Some(folder) = &recordings {
+            words.extend(["--recordings", folder]);
+        }
+        let cli = Cli::try_parse_from(words)?;
         let is_over = Arc::new(AtomicBool::new(false));
         let (sender, failed) = sync_channel(1);
         let thread = thread::spawn({
@@ -87,8 +92,19 @@ impl Drop for Demo {
     }
 }
 
+/// Where a demonstration's recordings go: `foreshore/recordings` in the user's data (XDG). `None` where it cannot be
+/// made, which is no reason not to demonstrate.
+fn recordings_folder() -> Option<String> {
+    let data = choose_base_strategy().ok()?.data_dir();
+    let folder = data.join("foreshore").join("recordings");
+    std::fs::create_dir_all(&folder)
+        .inspect_err(|error| tracing::warn!(%error, "the demonstration records nothing"))
+        .ok()?;
+    folder.into_os_string().into_string().ok()
+}
+
 /// Two ports of this machine, one after the other, that nobody listens on.
-fn free_endpoint() -> anyhow::Result<String> {
+pub(crate) fn free_endpoint() -> anyhow::Result<String> {
     for _attempt in 0..100 {
         let control = TcpListener::bind(("127.0.0.1", 0))?;
         let port = control.local_addr()?.port();

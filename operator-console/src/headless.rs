@@ -1,11 +1,11 @@
 //! No window: joins, waits until the map is in step, writes the exports.
 
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
-use protocol::export::{Caption, export_all, write_shores, write_trajectory};
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
@@ -15,9 +15,10 @@ use robot_edge::exit::{Exit, Interrupted};
 use robot_edge::link::sessions::Endpoints;
 use robot_edge::link::{random_id, zenoh_config_file};
 
+use crate::export::{export_all, write_voxels};
 use crate::link::RobotSession;
 use crate::milestones::{Milestones, VISIBLE_M};
-use crate::model::{ConsoleModel, ModelSettings};
+use crate::model::{ConsoleModel, FetchedVoxels, ModelSettings, VoxelsProgress};
 use crate::target::Target;
 
 /// Between two looks at the model.
@@ -83,6 +84,7 @@ pub fn run(
     };
     let session = RobotSession::open(model, &endpoints, || {}).context("cannot watch")?;
 
+    session.model().set_unfinished(true);
     let mut milestones = Milestones::new(discovered);
     let mut was_in_step = false;
     let watched = watch(settings, &is_interrupted, started, || {
@@ -101,12 +103,23 @@ pub fn run(
             has_ended,
         )
     });
+    let voxels = match watched {
+        Watched::InStep => fetch_voxels(&session, settings.timeout, &is_interrupted),
+        Watched::TimedOut | Watched::Interrupted => Ok(None),
+    };
     let model = session.model();
-    let files = export(&model, &settings.export)?;
+    let mut files = export_all(&model, &settings.export)?;
+    let voxels = voxels.and_then(|voxels| match voxels {
+        Some(voxels) => {
+            write_voxels(&settings.export, &voxels).map(|written| files.extend(written))
+        }
+        None => Ok(()),
+    });
     if !settings.quiet {
         milestones.tell(&model, out)?;
         tell(&model, &files, out)?;
     }
+    voxels?;
     match watched {
         Watched::InStep => Ok(Exit::Done),
         Watched::Interrupted => Err(Interrupted.into()),
@@ -122,6 +135,50 @@ pub fn run(
                 started.elapsed().as_secs_f64(),
                 settings.export.display()
             ))
+        }
+    }
+}
+
+/// The octree's files; `None` where the robot has no octree.
+///
+/// # Errors
+/// Where they do not come in time.
+fn fetch_voxels(
+    session: &RobotSession,
+    timeout: Duration,
+    is_interrupted: &impl Fn() -> bool,
+) -> anyhow::Result<Option<Arc<FetchedVoxels>>> {
+    session.model().want_voxels();
+    session.model().set_unfinished(false);
+    let started = Monotonic::now();
+    loop {
+        let progress = session.model().voxels();
+        match progress {
+            VoxelsProgress::Ready(files) => return Ok(Some(files)),
+            VoxelsProgress::None | VoxelsProgress::Unwanted => return Ok(None),
+            VoxelsProgress::TooLong => {
+                return Err(anyhow!(
+                    "voxels.bt and points.ply: longer than a console takes"
+                ));
+            }
+            VoxelsProgress::Waiting | VoxelsProgress::Fetching { .. } => {}
+        }
+        if !clock::sleep_until(Monotonic::now() + LOOK, is_interrupted) {
+            return Err(Interrupted.into());
+        }
+        if started.elapsed() > timeout {
+            let how_far = match progress {
+                VoxelsProgress::Fetching { fetched, of } => format!("{fetched} of {of} bytes came"),
+                VoxelsProgress::Waiting
+                | VoxelsProgress::Unwanted
+                | VoxelsProgress::None
+                | VoxelsProgress::TooLong
+                | VoxelsProgress::Ready(_) => "nothing came".to_owned(),
+            };
+            return Err(anyhow!(
+                "voxels.bt and points.ply: not fetched within {:.0} s ({how_far}); all else was written",
+                timeout.as_secs_f64()
+            ));
         }
     }
 }
@@ -164,32 +221,6 @@ fn watch(
             return Watched::Interrupted;
         }
     }
-}
-
-/// Writes what the model holds; says which files.
-///
-/// # Errors
-/// Where a file cannot be written.
-pub fn export(model: &ConsoleModel, dir: &Path) -> anyhow::Result<Vec<PathBuf>> {
-    std::fs::create_dir_all(dir).with_context(|| format!("{}: cannot be made", dir.display()))?;
-    let title = model
-        .info()
-        .map(|info| info.source.as_str())
-        .unwrap_or_default();
-    let position_m = model.vehicle().pose().map(|(pose, _)| pose.position_m);
-    let caption = Caption {
-        title,
-        vehicle_m: position_m.map(|[x, y, _]| [x, y]),
-        labels: &[],
-    };
-    let mut files = export_all(dir, model.map().store(), &caption)?.files;
-    let trajectory = dir.join("trajectory.tum");
-    write_trajectory(&trajectory, model.vehicle().poses().iter().copied())?;
-    files.push(trajectory);
-    if let Some(shores) = model.shores() {
-        files.push(write_shores(dir, shores)?);
-    }
-    Ok(files)
 }
 
 fn tell(model: &ConsoleModel, files: &[PathBuf], out: &mut dyn Write) -> io::Result<()> {

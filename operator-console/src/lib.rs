@@ -3,11 +3,15 @@
 //! The link brings bytes, the [model] makes a robot of them, and the window or the headless command
 //! reads that. Everything the program does is here; `main.rs` only starts it.
 
+pub mod alerts;
 pub mod app;
 pub mod cli;
 pub mod cockpit;
 pub mod command;
+pub mod controls;
 pub mod demo;
+pub mod event_log;
+pub mod export;
 pub mod gamepad;
 pub mod hands;
 pub mod headless;
@@ -19,9 +23,13 @@ pub mod map_view;
 mod milestones;
 pub mod model;
 pub mod panels;
+pub mod playback;
 pub mod run;
 pub mod script;
+pub mod settings;
+pub mod shortcuts;
 mod target;
 pub mod teleop_input;
 pub mod theme;
 pub mod window;
+pub mod workspace;

@@ -3,17 +3,20 @@
 use std::io::{self, Write};
 use std::sync::atomic::Ordering;
 
+use clap::CommandFactory as _;
 use robot_edge::app::interrupt_flag;
 use robot_edge::credentials::Credentials;
 use robot_edge::exit::{Exit, UsageError};
 use robot_edge::link::endpoints;
 use robot_edge::link::zenoh_config_file;
+use robot_edge::recording::Format;
 
 use crate::cli::{Cli, Task};
 use crate::demo::Demo;
 use crate::headless::{self, Headless};
 use crate::identity::Identity;
 use crate::script::{self, Drive};
+use crate::settings::{ConfigPath, default_file};
 use crate::window::{self, WindowSettings};
 
 /// Runs what the command line asks for. What it prints goes to `out`.
@@ -22,6 +25,13 @@ use crate::window::{self, WindowSettings};
 /// What went wrong, in words for the person who typed the command; [`Exit::of`] gives the exit code.
 pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
     cli.check()?;
+    if let Some(Task::Completions(completions)) = &cli.task {
+        let mut text = Vec::new();
+        let command = &mut Cli::command();
+        clap_complete::generate(completions.shell, command, "operator-console", &mut text);
+        out.write_all(&text)?;
+        return Ok(Exit::Done);
+    }
     for endpoint in &cli.connect {
         endpoints::check(endpoint, cli.keys.is_some())
             .map_err(|err| UsageError(err.to_string()))?;
@@ -31,6 +41,10 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         writeln!(io::stderr(), "{complaint}")?;
     }
     let identity = Identity::of(cli.operator.clone(), credentials.as_ref())?;
+    if let Some(recording) = &cli.open {
+        // Before a window opens that could only say so.
+        Format::of(recording)?;
+    }
     let demo = cli.demo.as_deref().map(Demo::start).transpose()?;
     let (connect, robot) = match &demo {
         Some(demo) => (vec![demo.endpoint.clone()], Some(demo.robot.clone())),
@@ -79,11 +93,24 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         zenoh_config: zenoh_config_file(cli.zenoh_config.clone()),
         credentials,
         screenshot: cli.screenshot.clone().zip(cli.after),
+        controls: cli.controls.clone(),
         title: "Foreshore".to_owned(),
+        open: cli.open.clone().map(|path| (path, cli.rate)),
+        config: config_path(cli),
+        forgets_settings: cli.reset_settings,
     };
     let shown = window::run(settings);
     match demo.as_ref().and_then(Demo::failure) {
         Some(why) => Err(why),
         None => shown.map(|()| Exit::Done),
+    }
+}
+
+/// A picture that is taken by itself shows what anybody would see, and changes nothing.
+fn config_path(cli: &Cli) -> ConfigPath {
+    match (&cli.config, &cli.screenshot) {
+        (Some(path), _) => ConfigPath::File(path.clone()),
+        (None, Some(_)) => ConfigPath::None,
+        (None, None) => default_file().map_or(ConfigPath::None, ConfigPath::File),
     }
 }

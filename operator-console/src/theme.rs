@@ -94,6 +94,12 @@ pub const VEHICLE: Color32 = rgb(0xd5_5e_00);
 pub const VEHICLE_STALE: Color32 = rgb(0x5a_5f_66);
 /// Where the vehicle was. No layer has this colour.
 pub const TRAIL: Color32 = rgb(0x8e_24_aa);
+/// Where the beams of the newest scan hit.
+pub const SCAN: Color32 = rgb(0xe0_20_20);
+/// The ground that a vehicle covers until it stands.
+pub const STOPPING: Color32 = rgb(0xf0_a8_20);
+/// What is looked for on the map.
+pub const MARKED: Color32 = rgb(0xcc_00_7a);
 /// What is laid over a map that is old.
 pub const STALE_VEIL: Color32 = Color32::from_black_alpha(70);
 /// Banners of warning, and what is written on them.

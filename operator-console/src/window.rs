@@ -11,12 +11,15 @@ use protocol::keys::RobotId;
 use protocol::tile::BootId;
 use robot_edge::credentials::Credentials;
 use robot_edge::link::random_id;
+use robot_edge::pacer::Rate;
 use winit::event_loop::EventLoop;
 
 use crate::app::{AppSettings, ConsoleApp, Outcome, Screenshot, result_of};
+use crate::controls::ControlsFile;
 use crate::hands::Hands;
 use crate::identity::Identity;
 use crate::input_loop::InputLoop;
+use crate::settings::{self, ConfigPath, Keeper, Read, WindowPlace};
 use crate::theme;
 
 /// What the window is opened with.
@@ -34,8 +37,16 @@ pub struct WindowSettings {
     pub credentials: Option<Credentials>,
     /// Where to save a picture of the window, and after how long; then it closes.
     pub screenshot: Option<(PathBuf, Duration)>,
+    /// Where to write what a screen reader is told.
+    pub controls: Option<PathBuf>,
     /// On the window.
     pub title: String,
+    /// A recording to show, and how fast.
+    pub open: Option<(PathBuf, Rate)>,
+    /// Where settings are kept, and whether those of the last run are left aside.
+    pub config: ConfigPath,
+    /// Begin with defaults, whatever was kept.
+    pub forgets_settings: bool,
 }
 
 /// Shows the window until it is closed.
@@ -47,11 +58,19 @@ pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
     let outcome = Outcome::default();
     let is_picture_wanted = settings.screenshot.is_some();
     let for_picture = Outcome::clone(&outcome);
+    let Read {
+        settings: kept,
+        complaint,
+    } = match &settings.config {
+        ConfigPath::File(path) if !settings.forgets_settings => settings::read(path),
+        ConfigPath::File(_) | ConfigPath::None => Read::default(),
+    };
+    let keeper = match &settings.config {
+        ConfigPath::File(path) => Some(Keeper::start(path.clone(), kept.clone())),
+        ConfigPath::None => None,
+    };
     let options = eframe::NativeOptions {
-        viewport: ViewportBuilder::default()
-            .with_app_id("foreshore-operator-console")
-            .with_inner_size([1280.0, 800.0])
-            .with_min_inner_size([640.0, 480.0]),
+        viewport: viewport(kept.window),
         // The loop that drives must not wait for a display, which may be off.
         glow_options: eframe::egui_glow::GlowConfiguration {
             vsync: false,
@@ -65,6 +84,14 @@ pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
     let create = move |creation: &eframe::CreationContext<'_>| {
         is_open_of_app.set(true);
         theme::set(&creation.egui_ctx);
+        if let Some(path) = settings.controls {
+            creation.egui_ctx.add_plugin(ControlsFile::new(path));
+        }
+        // Its keys are in the table of all others.
+        creation
+            .egui_ctx
+            .options_mut(|options| options.zoom_with_keyboard = false);
+        kept.appearance.apply(&creation.egui_ctx);
         let screenshot = settings
             .screenshot
             .map(|(path, after)| Screenshot::new(path, after, for_picture));
@@ -79,6 +106,10 @@ pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
                 screenshot,
                 identity: settings.identity,
                 hands: hands_of_app,
+                open: settings.open,
+                settings: kept,
+                keeper,
+                complaint,
             },
         );
         Ok(Box::new(app) as Box<dyn eframe::App>)
@@ -101,4 +132,22 @@ pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
         result_of(&outcome)?;
     }
     Ok(())
+}
+
+/// The window as it was left, or as it is at first.
+fn viewport(place: Option<WindowPlace>) -> ViewportBuilder {
+    let viewport = ViewportBuilder::default()
+        .with_app_id("foreshore-operator-console")
+        .with_min_inner_size([640.0, 480.0]);
+    let Some(place) = place else {
+        return viewport.with_inner_size([1280.0, 800.0]);
+    };
+    let viewport = viewport
+        .with_inner_size(place.size)
+        .with_clamp_size_to_monitor_size(true)
+        .with_maximized(place.is_maximized);
+    match place.corner {
+        Some(corner) => viewport.with_position(corner),
+        None => viewport,
+    }
 }

@@ -1,10 +1,19 @@
 //! The program behind the window: finds robots, shows one, does what the operator asks.
 
 mod choice;
+mod dialogs;
+mod export_job;
+mod first_run;
+mod menus;
+mod obedience;
+mod pictures;
 mod screen;
 mod screenshot;
+mod surroundings;
+mod time_line;
+mod upkeep;
+mod watch;
 
-use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::rc::Rc;
 use std::time::Duration;
@@ -12,25 +21,34 @@ use std::time::Duration;
 use eframe::egui::{Context, Ui};
 use protocol::keys::RobotId;
 use protocol::tile::BootId;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock::{Monotonic, seconds_since_1970};
 use robot_edge::credentials::Credentials;
-use robot_edge::link::sessions::Endpoints;
+use robot_edge::pacer::Rate;
 
-use crate::cockpit::Cockpit;
+use crate::alerts::Alerts;
 use crate::command::Command;
+use crate::event_log::{EventLog, Severity};
 use crate::hands::Hands;
 use crate::identity::Identity;
 use crate::link::{Discovery, FoundRobot, RobotSession};
-use crate::model::ModelSettings;
 use crate::panels::connection::LinkSight;
 use crate::panels::robots::RobotsData;
+use crate::playback::{OpenDialog, Playback, is_recording};
+use crate::settings::{Keeper, Settings};
 use crate::teleop_input::InputEvent;
 
 use choice::RobotChoice;
+use export_job::ExportJob;
+use obedience::Sort;
+use time_line::playback_ui;
+use watch::Watch;
 
-pub use screen::{RobotSight, Screen};
+pub use export_job::ExportProgress;
+pub use screen::{Around, RobotSight, Screen};
 pub use screenshot::{Outcome, Screenshot, result_of};
 
+/// What is to be kept is looked at this often; it is written once a second at most.
+const KEEP_PERIOD: Duration = Duration::from_millis(500);
 /// Memory for tiles, megabytes: 30,000 tiles, 30 km² at 0.5 m.
 const STORE_MB: u32 = 256;
 
@@ -52,6 +70,14 @@ pub struct AppSettings {
     pub identity: Identity,
     /// What drives.
     pub hands: Rc<Hands>,
+    /// A recording to show, and how fast.
+    pub open: Option<(PathBuf, Rate)>,
+    /// What was kept of the last run.
+    pub settings: Settings,
+    /// What keeps it for the next; none where nothing is to be kept.
+    pub keeper: Option<Keeper>,
+    /// What of the last run could not be used.
+    pub complaint: Option<String>,
 }
 
 /// The app.
@@ -62,7 +88,6 @@ pub struct ConsoleApp {
     session_id: BootId,
     discovery: Discovery,
     choice: RobotChoice,
-    found: Vec<FoundRobot>,
     shown: Option<(FoundRobot, RobotSession)>,
     /// Why a robot cannot be shown.
     problem: Option<String>,
@@ -70,6 +95,18 @@ pub struct ConsoleApp {
     screenshot: Option<Screenshot>,
     identity: Identity,
     hands: Rc<Hands>,
+    settings: Settings,
+    keeper: Option<Keeper>,
+    kept: Monotonic,
+    log: EventLog,
+    alerts: Alerts,
+    watch: Watch,
+    export: Option<ExportJob>,
+    /// Screenshots that are being saved.
+    pictures: Vec<(PathBuf, Outcome)>,
+    /// What is shown instead of a robot.
+    playback: Option<Playback>,
+    open_dialog: OpenDialog,
 }
 
 impl ConsoleApp {
@@ -78,8 +115,13 @@ impl ConsoleApp {
         let waking = ctx.clone();
         // Whoever names an address wants what is there.
         let scouts = settings.connect.is_empty();
+        let addresses = if scouts {
+            settings.settings.addresses.clone()
+        } else {
+            settings.connect
+        };
         let discovery = Discovery::start(
-            settings.connect,
+            addresses,
             scouts,
             settings.zenoh_config.clone(),
             settings.credentials.clone(),
@@ -87,97 +129,62 @@ impl ConsoleApp {
                 waking.request_repaint();
             },
         );
-        Self {
+        let mut log = EventLog::default();
+        if let Some(complaint) = settings.complaint {
+            let (now, unix_s) = (Monotonic::now(), seconds_since_1970());
+            log.note(Severity::Warning, "settings", complaint, now, unix_s);
+        }
+        let mut app = Self {
             ctx: ctx.clone(),
             zenoh_config: settings.zenoh_config,
             credentials: settings.credentials,
             session_id: settings.session,
             discovery,
             choice: RobotChoice::new(settings.robot),
-            found: Vec::new(),
             shown: None,
             problem: None,
-            screen: Screen::default(),
+            screen: Screen::of(&settings.settings),
             screenshot: settings.screenshot,
             identity: settings.identity,
             hands: settings.hands,
-        }
-    }
-
-    fn connect(&mut self, found: FoundRobot) {
-        let settings = ModelSettings {
-            robot: found.robot.clone(),
-            session: self.session_id,
-            store_mb: STORE_MB,
-            layers: BTreeSet::from([self.screen.map_view().layer()]),
+            settings: settings.settings,
+            keeper: settings.keeper,
+            kept: Monotonic::default(),
+            log,
+            alerts: Alerts::default(),
+            watch: Watch::default(),
+            export: None,
+            pictures: Vec::new(),
+            playback: None,
+            open_dialog: OpenDialog::default(),
         };
-        let endpoints = Endpoints {
-            listen: Vec::new(),
-            connect: vec![found.endpoint.clone()],
-            zenoh_config: self.zenoh_config.clone(),
-            credentials: self.credentials.clone(),
-            audit: None,
-        };
-        self.screen.map_view_mut().forget();
-        let ctx = self.ctx.clone();
-        // Any delay but none: a request for now would be two frames.
-        let wake = move || ctx.request_repaint_after(Duration::from_millis(1));
-        // What was driven is left before anything else is.
-        self.hands.take(None);
-        let opened = RobotSession::open(settings, &endpoints, wake).map_err(anyhow::Error::from);
-        let opened = opened.and_then(|mut session| {
-            let cockpit = session
-                .take_driving()
-                .map(|driving| Cockpit::new(found.robot.clone(), self.identity.clone(), driving));
-            Ok((session, cockpit.transpose()?))
-        });
-        match opened {
-            Ok((session, cockpit)) => {
-                self.problem = None;
-                self.shown = Some((found, session));
-                self.hands.take(cockpit);
-            }
-            Err(why) => {
-                tracing::error!(%why, "the robot cannot be shown");
-                self.problem = Some(format!("{} cannot be shown: {why}", found.robot));
-                self.shown = None;
-            }
+        if let Some((path, rate)) = settings.open {
+            app.open_recording(&path, rate);
         }
-    }
-
-    fn obey(&mut self, command: Command) {
-        let map_view = self.screen.map_view_mut();
-        match command {
-            Command::Connect(found) => self.connect(found),
-            Command::AddAddress(address) => self.discovery.add_address(address),
-            Command::ShowScheme(scheme) => map_view.show_scheme(scheme),
-            Command::Look(look) => map_view.look(look),
-            Command::Drive(intent) => self.hands.want(intent, Monotonic::now()),
-            Command::ShowLayer(layer) => {
-                if let Some((_, session)) = &self.shown {
-                    map_view.show_layer(layer, &session.model());
-                }
-            }
-            Command::FitColors => {
-                if let Some((_, session)) = &self.shown {
-                    map_view.fit_colors(&session.model());
-                }
-            }
-        }
-        self.ctx.request_repaint();
+        app
     }
 }
 
 impl eframe::App for ConsoleApp {
     fn logic(&mut self, ctx: &Context, _frame: &mut eframe::Frame) {
         let now = Monotonic::now();
-        self.found = self.discovery.found();
         if self.shown.is_none() {
-            if let Some(found) = self.choice.choose(&self.found, now).cloned() {
-                self.connect(found);
+            let mut found = self.discovery.found();
+            found.retain(|found| !is_recording(&found.robot));
+            if let Some(found) = self.choice.choose(&found, now).cloned() {
+                self.connect(found, Sort::Robot);
             } else if let Some(rest) = self.choice.look_again_after(now) {
                 ctx.request_repaint_after(rest);
             }
+        }
+        self.look_around(now);
+        if now.since(self.kept) >= KEEP_PERIOD {
+            self.kept = now;
+            self.keep();
+        }
+        if self.keeper.is_some() {
+            // What the last frame changed is looked at although nothing else happens.
+            ctx.request_repaint_after(2 * KEEP_PERIOD);
         }
         if let Some(screenshot) = &mut self.screenshot {
             screenshot.step(ctx, now);
@@ -186,16 +193,41 @@ impl eframe::App for ConsoleApp {
 
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
         let now = Monotonic::now();
-        let current = self.shown.as_ref().map(|(found, _)| &found.robot);
+        // Enter ends typing, in the frame in which letters may have been typed, too.
+        let was_typing = ui.ctx().text_edit_focused() || self.open_dialog.is_open();
+        let dropped_or_typed = self.open_dialog.show(ui.ctx()).map(Command::Open);
+        let wound = self
+            .playback
+            .as_mut()
+            .and_then(|playback| playback_ui(ui, playback, was_typing));
+        let seen = self.seen();
         let problem = self.problem.clone().or_else(|| self.discovery.problem());
-        let robots = RobotsData::new(&self.found, current, self.choice.named(), problem);
+        let export = self.export.as_ref().map(ExportJob::progress);
+        let current = self.shown.as_ref().filter(|_| self.playback.is_none());
+        let current = current.map(|(found, session)| {
+            let link = session.model().connection().state(now);
+            (&found.robot, link)
+        });
+        let mut robots = RobotsData::new(&seen, current, self.choice.named(), problem, now);
+        robots.addresses.clone_from(&self.settings.addresses);
+        let around = Around {
+            robots: &robots,
+            log: &self.log,
+            alerts: &self.alerts,
+            export: export.as_ref(),
+        };
         let commands = match &self.shown {
-            Some((_, session)) => {
+            Some((found, session)) => {
                 let link = LinkSight {
                     is_connected: session.is_connected(),
                     problem: session.problem(),
+                    recording: self.playback.as_ref().map(Playback::file_name),
+                    transport: session.transport(),
                 };
                 let mut model = session.model();
+                if let Some(playback) = &mut self.playback {
+                    playback.show_trail(&mut model);
+                }
                 if let Some(info) = model.info() {
                     self.hands.hear_of(info);
                 }
@@ -204,20 +236,30 @@ impl eframe::App for ConsoleApp {
                     model: &mut model,
                     link: &link,
                     helm: helm.as_ref(),
+                    color: self.settings.robots.of(&found.robot),
                 });
-                let commands = self.screen.show(ui, &robots, robot, now);
+                let commands = self.screen.show(ui, around, robot, now);
                 let map_view = self.screen.map_view();
                 let rectangle_m = map_view.visible_m().map(|edge_m| edge_m as f32);
-                let layers = BTreeSet::from([map_view.layer()]);
-                model.look_at(rectangle_m, layers);
+                model.look_at(rectangle_m, map_view.shown_layers());
                 commands
             }
-            None => self.screen.show(ui, &robots, None, now),
+            None => self.screen.show(ui, around, None, now),
         };
         let is_typing = ui.ctx().text_edit_focused();
         self.hands.apply(InputEvent::Typing(is_typing));
-        for command in commands {
+        let of_recordings = wound
+            .map(Command::Playback)
+            .into_iter()
+            .chain(dropped_or_typed);
+        for command in commands.into_iter().chain(of_recordings) {
             self.obey(command);
         }
+    }
+
+    fn on_exit(&mut self, _gl: Option<&eframe::glow::Context>) {
+        self.keep();
+        // Waits until it is written.
+        self.keeper = None;
     }
 }

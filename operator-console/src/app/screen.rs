@@ -1,32 +1,37 @@
-//! What is on the screen: panels on the left, the map, and below it what the map says under the pointer.
+//! What is on the screen: a bar above, and below it the panels, each drawn where the workspace has it.
+
+mod actions;
+mod contents;
 
 use std::time::Duration;
 
-use eframe::egui::{
-    CentralPanel, CollapsingHeader, Frame, Label, Margin, Panel, RichText, ScrollArea, Ui,
-};
+use eframe::egui::{CentralPanel, Color32, Frame, Margin, MenuBar, Panel, Ui};
 use robot_edge::clock::Monotonic;
 
+use super::dialogs::Dialogs;
+use super::export_job::ExportProgress;
+use super::menus::{Choice, MenuSight, menus_ui};
+use super::surroundings::surroundings;
+use crate::alerts::Alerts;
 use crate::command::Command;
+use crate::event_log::EventLog;
 use crate::helm::HelmSight;
-use crate::map_view::MapView;
+use crate::map_view::{MapView, Overlay};
 use crate::model::ConsoleModel;
-use crate::panels::connection::{ConnectionData, LinkSight, connection_ui};
-use crate::panels::driving::{DrivingData, DrivingEntry, driving_ui};
-use crate::panels::events::{EventsData, events_ui};
-use crate::panels::layers::{LayersData, layers_ui};
-use crate::panels::legend::{LegendData, legend_ui};
-use crate::panels::losses::{LossesData, losses_ui};
-use crate::panels::robot::{RobotData, robot_ui};
-use crate::panels::robots::{AddressEntry, RobotsData, robots_ui};
-use crate::panels::shores::{ShoresData, shores_ui};
-use crate::panels::stale::{StaleData, stale_ui};
-use crate::theme;
+use crate::panels::connection::LinkSight;
+use crate::panels::driving::{DrivingData, DrivingEntry};
+use crate::panels::events::EventFilter;
+use crate::panels::robots::{AddressEntry, RobotsData};
+use crate::panels::top_bar::{TopBarData, right_bar_ui, robot_bar_ui};
+use crate::settings::{Appearance, Settings};
+use crate::shortcuts::{Action, pressed};
+use crate::workspace::{PanelId, Workspace};
 
-const SIDE_WIDTH: f32 = 290.0;
-const DRIVING_WIDTH: f32 = 300.0;
-/// Narrower windows have no room for two panels and a map.
+use contents::{Panels, fits};
+
+/// Narrower windows, and lower ones, have no room for more than the map and the helm while somebody drives, points.
 const NARROW: f32 = 1000.0;
+const LOW: f32 = 640.0;
 /// Ages of commands are looked at while somebody drives.
 const DRIVING_PERIOD: Duration = Duration::from_millis(100);
 /// Ages on the screen are at most this much behind.
@@ -36,8 +41,12 @@ const AGES_PERIOD: Duration = Duration::from_secs(1);
 #[derive(Default)]
 pub struct Screen {
     map_view: MapView,
+    workspace: Workspace,
+    appearance: Appearance,
     address: AddressEntry,
     driving: DrivingEntry,
+    filter: EventFilter,
+    dialogs: Dialogs,
 }
 
 /// What is shown of one robot.
@@ -48,9 +57,63 @@ pub struct RobotSight<'a> {
     pub link: &'a LinkSight,
     /// Its helm, where there is one.
     pub helm: Option<&'a HelmSight>,
+    /// Its own colour.
+    pub color: Color32,
+}
+
+/// What is shown whether there is a robot or not.
+#[derive(Clone, Copy)]
+pub struct Around<'a> {
+    /// Who is on the network.
+    pub robots: &'a RobotsData,
+    /// What happened.
+    pub log: &'a EventLog,
+    /// What wants attention.
+    pub alerts: &'a Alerts,
+    /// The export that is under way, or the last one.
+    pub export: Option<&'a ExportProgress>,
+}
+
+/// What panels draw from.
+#[derive(Clone, Copy)]
+struct Scene<'a> {
+    around: Around<'a>,
+    robot: Option<(&'a ConsoleModel, &'a LinkSight)>,
+    driving: Option<&'a DrivingData>,
+    helm: Option<&'a HelmSight>,
+    now: Monotonic,
 }
 
 impl Screen {
+    /// A screen as it was left.
+    pub fn of(settings: &Settings) -> Self {
+        let mut map_view = MapView::default();
+        if let Some(look) = settings.map.clone() {
+            map_view.restore(look);
+        }
+        Self {
+            map_view,
+            workspace: settings
+                .layout
+                .as_ref()
+                .map_or_else(Workspace::default, Workspace::of),
+            appearance: settings.appearance,
+            ..Self::default()
+        }
+    }
+
+    /// Writes what is to be kept into `settings`.
+    pub fn keep(&self, settings: &mut Settings) {
+        settings.layout = Some(self.workspace.layout());
+        settings.appearance = self.appearance;
+        settings.map = Some(self.map_view.look_state().clone());
+    }
+
+    /// How everything looks.
+    pub const fn appearance(&self) -> Appearance {
+        self.appearance
+    }
+
     /// The map view.
     pub const fn map_view(&self) -> &MapView {
         &self.map_view
@@ -61,146 +124,126 @@ impl Screen {
         &mut self.map_view
     }
 
+    /// The panels and where they are.
+    pub const fn workspace_mut(&mut self) -> &mut Workspace {
+        &mut self.workspace
+    }
+
     /// Draws everything; what the operator asks for.
     pub fn show(
         &mut self,
         ui: &mut Ui,
-        robots: &RobotsData,
+        around: Around<'_>,
         mut robot: Option<RobotSight<'_>>,
         now: Monotonic,
     ) -> Vec<Command> {
-        let mut commands = Vec::new();
-        if let Some(RobotSight { model, .. }) = &mut robot {
+        if let Some(RobotSight {
+            model, color, link, ..
+        }) = &mut robot
+        {
+            model.want_scan(self.map_view.look_state().has(Overlay::Sensors));
+            // A recording is none of those on the network.
+            let is_alone = around.robots.found.len() < 2 || link.recording.is_some();
+            let color = (!is_alone).then_some(*color);
+            self.map_view.surround(surroundings(model, color, now));
             self.map_view.update(model);
             ui.ctx().request_repaint_after(AGES_PERIOD);
         }
         let helm = robot.as_ref().and_then(|robot| robot.helm);
-        let robot = robot.map(|RobotSight { model, link, .. }| (&*model, link));
-        // Who drives in a small window looks at the map.
         let is_driving = helm.is_some_and(|helm| helm.lease.held().is_some());
-        if !(is_driving && ui.available_width() < NARROW) {
-            Panel::left("side")
-                .resizable(true)
-                .default_size(SIDE_WIDTH)
-                .size_range(240.0..=480.0)
-                .show(ui, |ui| {
-                    ScrollArea::vertical()
-                        .auto_shrink([false, false])
-                        .show(ui, |ui| commands = self.side_ui(ui, robots, robot, now));
-                });
-        }
-        if let (Some((model, _)), Some(helm)) = (robot, helm)
-            && let Some(data) = DrivingData::new(model, helm, now)
+        let bar = robot
+            .as_ref()
+            .map(|robot| TopBarData::new(robot.model, robot.link, robot.helm, robot.color, now));
+        let robot = robot.map(|RobotSight { model, link, .. }| (&*model, link));
+        let driving = robot
+            .zip(helm)
+            .and_then(|((model, _), helm)| DrivingData::new(model, helm, now));
+        if driving
+            .as_ref()
+            .is_some_and(|driving| !driving.is_at_rest())
         {
-            if !data.is_at_rest() {
-                ui.ctx().request_repaint_after(DRIVING_PERIOD);
-            }
-            Panel::right("driving")
-                .resizable(true)
-                .default_size(DRIVING_WIDTH)
-                .size_range(270.0..=420.0)
-                .show(ui, |ui| {
-                    ui.add_space(4.0);
-                    commands.extend(driving_ui(ui, &data, &mut self.driving));
-                });
+            ui.ctx().request_repaint_after(DRIVING_PERIOD);
         }
-        if let Some((model, _)) = robot {
-            self.probe_ui(ui, model, now);
-        }
-        match robot {
-            Some((model, _)) => {
-                if let Some(stale) = StaleData::new(model, now) {
-                    let frame = Frame::new().fill(theme::BANNER[0]).inner_margin(8.0);
-                    Panel::top("stale")
-                        .frame(frame)
-                        .resizable(false)
-                        .show(ui, |ui| stale_ui(ui, &stale));
-                }
-                let map = CentralPanel::no_frame();
-                let look = map.show(ui, |ui| self.map_view.show(ui, model, now));
-                commands.extend(look.inner.map(Command::Look));
-            }
-            None => {
-                CentralPanel::default().show(ui, |ui| nothing_ui(ui, robots));
-            }
+        let scene = Scene {
+            around,
+            robot,
+            driving: driving.as_ref(),
+            helm,
+            now,
+        };
+        let mut actions = pressed(ui.ctx(), is_driving);
+        let mut commands = Vec::new();
+        self.bar_ui(ui, scene, bar.as_ref(), &mut actions, &mut commands);
+        CentralPanel::no_frame().show(ui, |ui| {
+            let room = ui.available_size();
+            let is_tight = is_driving.then_some([room.x < NARROW, room.y < LOW]);
+            let panels = &mut Panels {
+                map_view: &mut self.map_view,
+                address: &mut self.address,
+                driving: &mut self.driving,
+                filter: &mut self.filter,
+            };
+            let (actions, commands) = (&mut actions, &mut commands);
+            self.workspace.show(
+                ui,
+                |panel| scene.has(panel) && is_tight.is_none_or(|is_tight| fits(panel, is_tight)),
+                &mut |ui, panel| panels.draw(ui, panel, scene, actions, commands),
+            );
+        });
+        let model = robot.map(|(model, _)| model);
+        let asked = self.dialogs.show(ui.ctx(), model, around.export);
+        commands.extend(asked);
+        for action in actions {
+            commands.extend(self.act(ui.ctx(), action, scene));
         }
         commands
     }
 
-    fn side_ui(
+    fn bar_ui(
         &mut self,
         ui: &mut Ui,
-        robots: &RobotsData,
-        robot: Option<(&ConsoleModel, &LinkSight)>,
-        now: Monotonic,
-    ) -> Vec<Command> {
-        let mut commands = Vec::new();
-        ui.add_space(4.0);
-        if let Some((model, link)) = robot {
-            ui.label(RichText::new(model.robot().to_string()).heading().strong());
-            connection_ui(ui, &ConnectionData::new(model, link, now));
-            section(ui, "Layer");
-            let layers = LayersData::new(model, self.map_view.palette());
-            commands.extend(layers_ui(ui, &layers));
-            legend_ui(ui, &LegendData::new(self.map_view.palette()));
-            if let Some(shores) = ShoresData::new(model) {
-                section(ui, "Shores");
-                commands.extend(shores_ui(ui, &shores).map(Command::Look));
-            }
-            section(ui, "Robot");
-            robot_ui(ui, &RobotData::new(model, now));
-        }
-        if robot.is_some() {
-            section(ui, "Robots on the network");
-        } else {
-            ui.strong("Robots on the network");
-        }
-        commands.extend(robots_ui(ui, robots, &mut self.address));
-        if let Some((model, _)) = robot {
-            ui.add_space(6.0);
-            ui.separator();
-            let events = EventsData::new(model, now);
-            let title = format!("Events ({})", events.events.len());
-            CollapsingHeader::new(title)
-                .id_salt("events header")
-                .show(ui, |ui| events_ui(ui, &events));
-            CollapsingHeader::new("Losses").show(ui, |ui| losses_ui(ui, &LossesData::new(model)));
-        }
-        commands
-    }
-
-    fn probe_ui(&self, ui: &mut Ui, model: &ConsoleModel, now: Monotonic) {
-        let line = match self.map_view.probe(ui.ctx(), model, now) {
-            Some(probe) => RichText::new(probe.line()),
-            None => RichText::new("Point at the map to read it").weak(),
-        };
-        let frame = Frame::side_top_panel(ui.style()).inner_margin(Margin::symmetric(12, 5));
-        Panel::bottom("probe")
+        scene: Scene<'_>,
+        bar: Option<&TopBarData>,
+        actions: &mut Vec<Action>,
+        commands: &mut Vec<Command>,
+    ) {
+        let frame = Frame::side_top_panel(ui.style()).inner_margin(Margin::symmetric(8, 4));
+        Panel::top("bar")
             .frame(frame)
             .resizable(false)
-            .show(ui, |ui| ui.add(Label::new(line).truncate()));
+            .show(ui, |ui| {
+                MenuBar::new().ui(ui, |ui| {
+                    ui.set_min_height(30.0);
+                    let sight = MenuSight {
+                        workspace: &self.workspace,
+                        appearance: self.appearance,
+                        has_robot: scene.robot.is_some(),
+                    };
+                    match menus_ui(ui, &sight) {
+                        Some(Choice::Act(action)) => actions.push(action),
+                        Some(Choice::Panel(panel, is_wanted)) => {
+                            self.workspace.set_wanted(panel, is_wanted);
+                        }
+                        Some(Choice::Theme(theme)) => {
+                            self.appearance.theme = theme;
+                            self.appearance.apply(ui.ctx());
+                        }
+                        None => {}
+                    }
+                    ui.separator();
+                    // From the right first: what is in the middle gives way.
+                    let asked = right_bar_ui(ui, bar, scene.around.alerts.unseen(), |ui| {
+                        if let Some(bar) = bar {
+                            robot_bar_ui(ui, bar);
+                        }
+                    });
+                    commands.extend(asked.command);
+                    if asked.shows_alerts {
+                        self.workspace.set_wanted(PanelId::Alerts, true);
+                    }
+                });
+            });
     }
-}
-
-fn section(ui: &mut Ui, title: &str) {
-    ui.add_space(4.0);
-    ui.separator();
-    ui.label(RichText::new(title).strong());
-}
-
-/// The middle of the screen while no robot is shown.
-fn nothing_ui(ui: &mut Ui, robots: &RobotsData) {
-    ui.add_space(0.4 * ui.available_height());
-    ui.vertical_centered(|ui| {
-        let heading = if robots.found.is_empty() {
-            "Looking for robots"
-        } else {
-            "Robots were found"
-        };
-        ui.label(RichText::new(heading).size(24.0));
-        ui.add_space(6.0);
-        ui.label(robots.advice.as_deref().unwrap_or_default());
-    });
 }
 
 #[cfg(test)]

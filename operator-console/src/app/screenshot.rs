@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
@@ -86,6 +87,23 @@ pub fn result_of(outcome: &Outcome) -> anyhow::Result<()> {
             "no picture was taken: the window was closed before, or gave none"
         ))
     })
+}
+
+/// Takes a picture of the window for the operator, and saves it from a thread of its own: encoding takes longer than the
+/// helm may wait.
+pub(super) fn take(ctx: &Context, path: PathBuf, outcome: Outcome) {
+    let callback = ScreenshotCallback::new(move |image| {
+        thread::spawn(move || {
+            let folder = path.parent().unwrap_or(Path::new(""));
+            let saved = std::fs::create_dir_all(folder)
+                .map_err(anyhow::Error::from)
+                .and_then(|()| save(&path, &image))
+                .with_context(|| format!("the screenshot was not saved to {}", path.display()));
+            *outcome.lock().unwrap_or_else(PoisonError::into_inner) = Some(saved);
+        });
+    });
+    ctx.send_viewport_cmd(ViewportCommand::Screenshot(callback));
+    ctx.request_repaint();
 }
 
 fn save(path: &Path, image: &ColorImage) -> anyhow::Result<()> {

@@ -130,7 +130,9 @@ impl<'a> InputLoop<'a> {
                     (true, true) => InputEvent::Press(key),
                     (true, false) => InputEvent::StillDown(key),
                 });
-                is_plain && !self.hands.is_typing()
+                // Nobody drives with them now: the helm has heard of it all the same, and the map may be moved.
+                let is_for_the_map = key.is_arrow() && !self.hands.is_driving();
+                is_plain && !self.hands.is_typing() && !is_for_the_map
             }
             HelmKey::Step(step) => {
                 let is_meant = is_plain && !self.hands.is_typing();

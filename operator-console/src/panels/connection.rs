@@ -7,6 +7,7 @@ use robot_edge::clock::Monotonic;
 
 use super::rows::{Row, row, rows_ui};
 use super::wording::{age, count};
+use crate::link::Transport;
 use crate::model::{ConsoleModel, LinkState, MapSync};
 use crate::theme::{Tone, state_ui};
 
@@ -21,6 +22,10 @@ pub struct LinkSight {
     pub is_connected: bool,
     /// Why not.
     pub problem: Option<String>,
+    /// The name of the file, where it is no robot but a recording that is replayed in this program.
+    pub recording: Option<String>,
+    /// By what way messages about driving go; none while that is not known.
+    pub transport: Option<Transport>,
 }
 
 /// What the panel shows.
@@ -47,6 +52,14 @@ impl ConnectionData {
         let state = connection.state(now);
         let robot = model.robot();
         let (tone, word, advice) = match state {
+            // What comes out of a file is never live.
+            LinkState::Live if link.recording.is_some() => {
+                (Tone::Waiting, "Recording".to_owned(), None)
+            }
+            LinkState::Waiting if link.recording.is_some() => {
+                let advice = "The recording is looked through before it is mapped.";
+                (Tone::Waiting, "Opening".to_owned(), Some(advice.to_owned()))
+            }
             LinkState::Live => (Tone::Good, "Live".to_owned(), None),
             LinkState::Waiting => {
                 let advice = match (&link.problem, link.is_connected) {
@@ -76,7 +89,10 @@ impl ConnectionData {
             advice,
             map_tone,
             map,
-            rows: rows(model, state, now),
+            rows: match link.recording {
+                Some(_) => Vec::new(),
+                None => rows(model, state, now),
+            },
         }
     }
 }
@@ -134,4 +150,33 @@ pub fn connection_ui(ui: &mut Ui, data: &ConnectionData) {
     }
     state_ui(ui, data.map_tone, &data.map, 16.0);
     rows_ui(ui, "connection", &data.rows);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::ModelSettings;
+    use protocol::tile::BootId;
+
+    #[test]
+    fn a_recording_is_never_called_live() {
+        let settings = ModelSettings {
+            robot: "recording-1".parse().unwrap(),
+            session: BootId([1; 16]),
+            store_mb: 10,
+            layers: [].into(),
+        };
+        let model = ConsoleModel::new(settings).unwrap();
+        let link = LinkSight {
+            transport: None,
+            recording: Some("rooms.mcap".to_owned()),
+            problem: Some("nobody answers at tcp/127.0.0.1:9".to_owned()),
+            is_connected: false,
+        };
+        let data = ConnectionData::new(&model, &link, Monotonic::default());
+        assert_eq!((data.tone, &*data.state), (Tone::Waiting, "Opening"));
+        let advice = data.advice.unwrap();
+        assert!(!advice.contains("nobody"), "{advice}");
+        assert_eq!(data.rows, []);
+    }
 }

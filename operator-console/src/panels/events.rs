@@ -1,54 +1,211 @@
-//! What happened to the robot, the newest first.
+//! What happened, the newest first, as far as the operator wants to read it.
 
-use eframe::egui::{RichText, ScrollArea, Ui};
-use robot_edge::clock::Monotonic;
+use eframe::egui::{Align, ComboBox, Grid, Layout, RichText, ScrollArea, TextEdit, Ui};
 
-use super::wording::age;
-use crate::model::ConsoleModel;
+use crate::event_log::{Entry, EventLog, Severity, Source};
+use crate::theme::Tone;
+
+/// Lines that are laid out; older ones are found by the filter.
+const MAX_LINES: usize = 300;
+
+/// What the operator wants to read.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct EventFilter {
+    /// What matters less is left out.
+    pub least: Severity,
+    /// What does not have this in it is left out, whatever the case of its letters.
+    pub text: String,
+}
 
 /// What the panel shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EventsData {
     /// The newest first.
-    pub events: Vec<EventLine>,
+    pub lines: Vec<EventLine>,
+    /// How much is left out, in words.
+    pub left_out: Option<String>,
 }
 
-/// One event.
+/// One line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EventLine {
-    /// Kind and age.
+    /// When, by the wall clock.
+    pub time: String,
+    /// How much it matters.
+    pub severity: Severity,
+    /// Who tells, and what kind of thing.
     pub heading: String,
     /// What happened.
-    pub message: String,
+    pub text: String,
+}
+
+impl EventFilter {
+    fn passes(&self, entry: &Entry, needle: &str) -> bool {
+        let has = |text: &str| text.to_lowercase().contains(needle);
+        entry.severity >= self.least && (needle.is_empty() || has(&entry.text) || has(&entry.kind))
+    }
 }
 
 impl EventsData {
-    /// The events with their ages at `now`.
-    pub fn new(model: &ConsoleModel, now: Monotonic) -> Self {
-        let line = |(event, at): &(protocol::message::Event, Monotonic)| EventLine {
-            heading: format!("{}, {} ago", event.kind, age(now.since(*at))),
-            message: event.message.clone(),
+    /// The entries that pass the filter.
+    pub fn new(log: &EventLog, filter: &EventFilter) -> Self {
+        let needle = filter.text.trim().to_lowercase();
+        let all = log.entries();
+        let passing = all
+            .iter()
+            .rev()
+            .filter(|entry| filter.passes(entry, &needle));
+        let lines: Vec<_> = passing.take(MAX_LINES).map(line).collect();
+        let left_out = match all.len() - lines.len() {
+            0 => None,
+            1 => Some("1 line is not shown".to_owned()),
+            n => Some(format!("{n} lines are not shown")),
         };
-        Self {
-            events: model.events().iter().rev().map(line).collect(),
-        }
+        Self { lines, left_out }
+    }
+}
+
+fn line(entry: &Entry) -> EventLine {
+    let who = match entry.source {
+        Source::Robot => "robot",
+        Source::Console => "console",
+    };
+    EventLine {
+        time: entry.time.clone(),
+        severity: entry.severity,
+        heading: format!("{who}: {}", entry.kind),
+        text: entry.text.clone(),
     }
 }
 
 /// Draws the panel.
-pub fn events_ui(ui: &mut Ui, data: &EventsData) {
-    if data.events.is_empty() {
+pub fn events_ui(ui: &mut Ui, data: &EventsData, filter: &mut EventFilter) {
+    ui.horizontal(|ui| {
+        let severity = ComboBox::from_id_salt("least severity")
+            .selected_text(least_words(filter.least))
+            .width(150.0)
+            .show_ui(ui, |ui| {
+                for severity in Severity::ALL {
+                    let words = least_words(severity);
+                    ui.selectable_value(&mut filter.least, severity, words);
+                }
+            });
+        severity
+            .response
+            .on_hover_text("Leave out what matters less");
+        let label = ui.label("Filter");
+        ui.add(
+            TextEdit::singleline(&mut filter.text)
+                .hint_text("words in it")
+                .char_limit(100)
+                .desired_width(180.0),
+        )
+        .labelled_by(label.id);
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            if let Some(left_out) = &data.left_out {
+                ui.weak(left_out);
+            }
+        });
+    });
+    if data.lines.is_empty() {
         ui.label("Nothing has happened.");
     }
     ScrollArea::vertical()
         .id_salt("events")
-        .max_height(180.0)
-        .auto_shrink([false, true])
+        .auto_shrink([false, false])
         .show(ui, |ui| {
-            for event in &data.events {
-                let weak = ui.visuals().weak_text_color();
-                ui.label(RichText::new(&event.heading).small().color(weak));
-                ui.label(&event.message);
-            }
+            Grid::new("events")
+                .num_columns(3)
+                .min_row_height(18.0)
+                .spacing([12.0, 3.0])
+                .striped(true)
+                .show(ui, |ui| {
+                    for line in &data.lines {
+                        ui.weak(RichText::new(&line.time).monospace().size(13.0));
+                        let tone = tone(line.severity).color(ui.visuals());
+                        let heading = RichText::new(&line.heading).size(13.0);
+                        ui.label(match line.severity {
+                            Severity::Note => heading.weak(),
+                            Severity::Warning | Severity::Alarm => heading.color(tone),
+                        })
+                        .on_hover_text(line.severity.words());
+                        ui.label(&line.text);
+                        ui.end_row();
+                    }
+                });
         });
+}
+
+const fn tone(severity: Severity) -> Tone {
+    match severity {
+        Severity::Note => Tone::Waiting,
+        Severity::Warning | Severity::Alarm => Tone::Warning,
+    }
+}
+
+const fn least_words(least: Severity) -> &'static str {
+    match least {
+        Severity::Note => "Everything",
+        Severity::Warning => "Warnings and alarms",
+        Severity::Alarm => "Alarms only",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use robot_edge::clock::Monotonic;
+
+    use super::*;
+
+    fn log() -> EventLog {
+        let mut log = EventLog::default();
+        for (n, (severity, kind, text)) in [
+            (Severity::Note, "export", "12 files are in maps"),
+            (Severity::Warning, "link", "Control goes by TLS"),
+            (Severity::Alarm, "alert", "Emergency stop 1 is in force"),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            log.note(severity, kind, text, Monotonic::default(), n as u64);
+        }
+        log
+    }
+
+    fn texts(filter: &EventFilter) -> Vec<String> {
+        let data = EventsData::new(&log(), filter);
+        data.lines.into_iter().map(|line| line.text).collect()
+    }
+
+    #[test]
+    fn lines_are_filtered_by_severity_and_words() {
+        let all = EventFilter::default();
+        assert_eq!(
+            texts(&all),
+            [
+                "Emergency stop 1 is in force",
+                "Control goes by TLS",
+                "12 files are in maps"
+            ]
+        );
+        let alarms = EventFilter {
+            least: Severity::Alarm,
+            ..EventFilter::default()
+        };
+        assert_eq!(texts(&alarms), ["Emergency stop 1 is in force"]);
+        let left_out = EventsData::new(&log(), &alarms).left_out;
+        assert_eq!(left_out.as_deref(), Some("2 lines are not shown"));
+        for text in ["tls", " LINK "] {
+            let words = EventFilter {
+                text: text.to_owned(),
+                ..EventFilter::default()
+            };
+            assert_eq!(texts(&words), ["Control goes by TLS"]);
+        }
+        let line = &EventsData::new(&log(), &all).lines[1];
+        assert_eq!(
+            (line.time.as_str(), line.heading.as_str()),
+            ("00:00:01", "console: link")
+        );
+    }
 }

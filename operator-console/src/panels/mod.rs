@@ -1,15 +1,21 @@
 //! The panels beside the map: each a pure `FooData` made from the model and a function that draws it and
 //! returns what the operator asks for.
 
+pub mod alerts;
 pub mod connection;
 pub mod driving;
 pub mod events;
 pub mod layers;
 pub mod legend;
+pub mod link;
 pub mod losses;
+pub mod recording;
 pub mod robot;
 pub mod robots;
 mod rows;
+pub mod sensors;
 pub mod shores;
 pub mod stale;
+pub mod timeline;
+pub mod top_bar;
 pub mod wording;

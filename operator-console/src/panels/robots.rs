@@ -1,53 +1,125 @@
 //! The robots on the network, and a box for an address where none is found.
 
-use eframe::egui::{Key, RichText, TextEdit, Ui};
+use std::time::Duration;
+
+use eframe::egui::{
+    Align, Button, CollapsingHeader, Color32, Key, Layout, RichText, Sense, TextEdit, Ui, vec2,
+};
 use protocol::keys::RobotId;
+use robot_edge::clock::Monotonic;
 use robot_edge::link::endpoints::bulk_endpoint;
 
+use super::wording::age;
 use crate::command::Command;
-use crate::link::FoundRobot;
+use crate::link::{FleetState, FoundRobot, Sighting};
+use crate::model::LinkState;
+use crate::shortcuts::Action;
+use crate::theme::Tone;
 
 /// What the panel shows.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct RobotsData {
     /// The robots that answered, each once, by name.
-    pub found: Vec<FoundRobot>,
+    pub found: Vec<RobotLine>,
     /// The robot that is shown.
     pub current: Option<RobotId>,
     /// What to do where nothing is shown: it stands where the map would be.
     pub advice: Option<String>,
     /// Why none can be found.
     pub problem: Option<String>,
+    /// Addresses that are remembered.
+    pub addresses: Vec<String>,
 }
 
+/// One robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RobotLine {
+    /// Which.
+    pub found: FoundRobot,
+    /// Its own.
+    pub color: Color32,
+    /// How it is.
+    pub tone: Tone,
+    /// The same in words.
+    pub state: String,
+}
+
+/// A robot that may be a line: a sighting, and its colour.
+pub type Seen = (Sighting, Color32);
+
 impl RobotsData {
-    /// `named`: the robot that the command line asks for.
+    /// `current`: the robot that is shown, and how its link is, which is newer than what was seen of it before. `named`:
+    /// the robot that the command line asks for.
     pub fn new(
-        found: &[FoundRobot],
-        current: Option<&RobotId>,
+        seen: &[Seen],
+        current: Option<(&RobotId, LinkState)>,
         named: Option<&RobotId>,
         problem: Option<String>,
+        now: Monotonic,
     ) -> Self {
-        let mut found = found.to_vec();
-        found.sort_by(|a, b| (&a.robot, &a.endpoint).cmp(&(&b.robot, &b.endpoint)));
-        found.dedup();
+        let mut found: Vec<_> = seen
+            .iter()
+            .map(|(sighting, color)| {
+                let link = current
+                    .filter(|(robot, _)| **robot == sighting.found.robot)
+                    .map(|(_, link)| link);
+                let (tone, state) = state_words(sighting, link, now);
+                RobotLine {
+                    found: sighting.found.clone(),
+                    color: *color,
+                    tone,
+                    state,
+                }
+            })
+            .collect();
+        found.sort_by(|a, b| a.found.cmp(&b.found));
+        found.dedup_by(|a, b| a.found == b.found);
         let advice = match (current, named) {
             (Some(_), _) => None,
             (None, Some(named)) => Some(format!(
                 "Looking for {named}. Start it, or type its address."
             )),
-            (None, None) if found.is_empty() => Some(
-                "No robot found. Start one with `robot-edge simulate rooms`, or type an address."
-                    .to_owned(),
-            ),
+            (None, None) if found.is_empty() => {
+                Some("No robot found on this network yet.".to_owned())
+            }
             (None, None) => Some("Choose one on the left.".to_owned()),
         };
         Self {
             found,
-            current: current.cloned(),
+            current: current.map(|(robot, _)| robot.clone()),
             advice,
             problem,
+            addresses: Vec::new(),
         }
+    }
+
+    /// The robot of this number in the list, from 1.
+    pub fn numbered(&self, number: u8) -> Option<&FoundRobot> {
+        let index = usize::from(number).checked_sub(1)?;
+        self.found.get(index).map(|line| &line.found)
+    }
+}
+
+/// Robots are asked every 10 s: one that did not answer for so long has missed a round.
+const SEEN_LATELY: Duration = Duration::from_secs(15);
+
+fn state_words(sighting: &Sighting, link: Option<LinkState>, now: Monotonic) -> (Tone, String) {
+    let seen = now.since(sighting.seen);
+    match link {
+        Some(LinkState::Silent) => return (Tone::Warning, "silent".to_owned()),
+        Some(LinkState::Waiting) => return (Tone::Waiting, "not heard yet".to_owned()),
+        None if seen > SEEN_LATELY => {
+            return (Tone::Warning, format!("last seen {} ago", age(seen)));
+        }
+        Some(LinkState::Live) | None => {}
+    }
+    match &sighting.state {
+        None => (Tone::Waiting, "there".to_owned()),
+        Some(FleetState::Undriven) => (Tone::Good, "not to be driven".to_owned()),
+        Some(FleetState::Free) => (Tone::Good, "free".to_owned()),
+        Some(FleetState::DrivenBy(operator)) => (Tone::Waiting, format!("{operator} drives")),
+        Some(FleetState::EStop) => (Tone::Warning, "emergency stop".to_owned()),
+        Some(FleetState::Fault) => (Tone::Warning, "fault".to_owned()),
     }
 }
 
@@ -56,9 +128,15 @@ impl RobotsData {
 pub struct AddressEntry {
     text: String,
     error: Option<String>,
+    wants_keyboard: bool,
 }
 
 impl AddressEntry {
+    /// The next text goes into it.
+    pub const fn focus(&mut self) {
+        self.wants_keyboard = true;
+    }
+
     /// Takes the address if it is one; else says what it should be.
     pub fn submit(&mut self) -> Option<Command> {
         let address = self.text.trim().to_owned();
@@ -88,16 +166,28 @@ impl AddressEntry {
 /// Draws the panel.
 pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Option<Command> {
     let mut command = None;
-    for found in &data.found {
-        let is_current = data.current.as_ref() == Some(&found.robot);
-        let name = found.robot.to_string();
-        let row = ui.selectable_label(is_current, name);
-        if row.on_hover_text(&found.endpoint).clicked() && !is_current {
-            command = Some(Command::Connect(found.clone()));
-        }
+    for (line, number) in data.found.iter().zip(1_u8..) {
+        let is_current = data.current.as_ref() == Some(&line.found.robot);
+        ui.horizontal(|ui| {
+            swatch_ui(ui, line.color);
+            let name = line.found.robot.to_string();
+            let keys = Action::Robot(number).keys();
+            let hint = match number {
+                1..=9 => format!("{} ({keys})", line.found.endpoint),
+                _ => line.found.endpoint.clone(),
+            };
+            let row = ui.selectable_label(is_current, name);
+            if row.on_hover_text(hint).clicked() && !is_current {
+                command = Some(Command::Connect(line.found.clone()));
+            }
+            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+                let color = line.tone.color(ui.visuals());
+                ui.label(RichText::new(&line.state).small().color(color));
+            });
+        });
     }
     if let Some(current) = &data.current
-        && !data.found.iter().any(|found| found.robot == *current)
+        && !data.found.iter().any(|line| line.found.robot == *current)
     {
         ui.add_enabled_ui(false, |ui| {
             ui.selectable_label(true, format!("{current} (not found now)"))
@@ -110,18 +200,56 @@ pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Op
                 .color(ui.visuals().warn_fg_color),
         );
     }
-    command.or(address_ui(ui, entry))
+    ui.add_space(4.0);
+    let typed = address_ui(ui, entry);
+    command.or(typed).or(addresses_ui(ui, &data.addresses))
+}
+
+/// A robot's colour.
+pub fn swatch_ui(ui: &mut Ui, color: Color32) {
+    let (place, _) = ui.allocate_exact_size(vec2(12.0, 16.0), Sense::hover());
+    ui.painter().rect_filled(place, 3.0, color);
+}
+
+/// Addresses that are asked at every start, and may be forgotten.
+fn addresses_ui(ui: &mut Ui, addresses: &[String]) -> Option<Command> {
+    let mut command = None;
+    if addresses.is_empty() {
+        return None;
+    }
+    CollapsingHeader::new(format!("Remembered addresses ({})", addresses.len())).show(ui, |ui| {
+        for address in addresses.iter().rev() {
+            ui.horizontal(|ui| {
+                ui.label(RichText::new(address).small());
+                ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+                    let forget = Button::new(RichText::new("Forget").small());
+                    let hint = format!("Ask {address} no longer, from the next start on");
+                    if ui.add(forget).on_hover_text(hint).clicked() {
+                        command = Some(Command::ForgetAddress(address.clone()));
+                    }
+                });
+            });
+        }
+    });
+    command
 }
 
 fn address_ui(ui: &mut Ui, entry: &mut AddressEntry) -> Option<Command> {
     let mut command = None;
     ui.horizontal(|ui| {
-        let width = ui.available_width() - 56.0;
+        let label = ui.label("Address");
+        let width = (ui.available_width() - 56.0).max(60.0);
         let text = TextEdit::singleline(&mut entry.text)
             .hint_text("tcp/192.168.1.20:7447")
             .char_limit(200)
             .desired_width(width);
-        let text = ui.add(text);
+        let text = ui.add(text).labelled_by(label.id);
+        if entry.wants_keyboard {
+            text.request_focus();
+            entry.wants_keyboard = false;
+        }
+        let keys = Action::TypeAddress.keys();
+        let text = text.on_hover_text(format!("Address of a robot or router ({keys})"));
         if text.changed() {
             entry.error = None;
         }
@@ -150,7 +278,7 @@ mod tests {
     fn submit(text: &str) -> (Option<Command>, AddressEntry) {
         let mut entry = AddressEntry {
             text: text.to_owned(),
-            error: None,
+            ..AddressEntry::default()
         };
         (entry.submit(), entry)
     }
@@ -175,30 +303,73 @@ mod tests {
         assert_eq!(submit("  ").1.error, None);
     }
 
-    #[test]
-    fn the_advice_says_what_to_do() {
-        let found = |robot: &str| FoundRobot {
+    const NOW: Monotonic = Monotonic::from_nanos(60_000_000_000);
+
+    fn seen(robot: &str, ago_s: u64, state: Option<FleetState>) -> Seen {
+        let found = FoundRobot {
             robot: robot.parse().unwrap(),
             endpoint: format!("tcp/{robot}:7447"),
         };
+        let seen = Monotonic::from_nanos((60 - ago_s) * 1_000_000_000);
+        (Sighting { found, seen, state }, Color32::BLUE)
+    }
+
+    #[test]
+    fn the_advice_says_what_to_do() {
         let named = "boat".parse().unwrap();
-        let advice = |found: &[FoundRobot], named| {
-            RobotsData::new(found, None, named, None)
+        let advice = |seen: &[Seen], named| {
+            RobotsData::new(seen, None, named, None, NOW)
                 .advice
                 .unwrap_or_default()
         };
-        assert!(advice(&[], None).contains("robot-edge simulate rooms"));
+        assert_eq!(advice(&[], None), "No robot found on this network yet.");
+        let (a, b) = (seen("a", 0, None), seen("b", 0, None));
         assert_eq!(
-            advice(&[found("a"), found("b")], None),
+            advice(&[a.clone(), b.clone()], None),
             "Choose one on the left."
         );
-        assert!(advice(&[found("a")], Some(&named)).contains("Looking for boat"));
-        let data = RobotsData::new(&[found("b"), found("a"), found("b")], None, None, None);
+        assert!(advice(std::slice::from_ref(&a), Some(&named)).contains("Looking for boat"));
+        let data = RobotsData::new(&[b.clone(), a, b], None, None, None, NOW);
         let names: Vec<_> = data
             .found
             .iter()
-            .map(|robot| robot.robot.to_string())
+            .map(|line| line.found.robot.to_string())
             .collect();
         assert_eq!(names, ["a", "b"]);
+        let second = data.numbered(2).unwrap();
+        assert_eq!(second.robot.as_str(), "b");
+        assert_eq!((data.numbered(0), data.numbered(3)), (None, None));
+    }
+
+    #[test]
+    fn every_robot_says_how_it_is() {
+        let anna = FleetState::DrivenBy("anna".parse().unwrap());
+        let fleet = [
+            seen("a", 3, Some(FleetState::Free)),
+            seen("b", 3, Some(anna)),
+            seen("c", 3, Some(FleetState::EStop)),
+            seen("d", 25, Some(FleetState::Free)),
+            seen("e", 3, Some(FleetState::Free)),
+            seen("f", 3, None),
+        ];
+        let current = "e".parse().unwrap();
+        let current = Some((&current, LinkState::Silent));
+        let data = RobotsData::new(&fleet, current, None, None, NOW);
+        let states: Vec<_> = data
+            .found
+            .iter()
+            .map(|line| (line.state.as_str(), line.tone))
+            .collect();
+        assert_eq!(
+            states,
+            [
+                ("free", Tone::Good),
+                ("anna drives", Tone::Waiting),
+                ("emergency stop", Tone::Warning),
+                ("last seen 25 s ago", Tone::Warning),
+                ("silent", Tone::Warning),
+                ("there", Tone::Waiting),
+            ]
+        );
     }
 }

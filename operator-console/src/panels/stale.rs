@@ -6,7 +6,7 @@ use eframe::egui::{RichText, Ui};
 use robot_edge::clock::Monotonic;
 
 use super::wording::age;
-use crate::model::{ConsoleModel, LinkState, SILENT_AFTER};
+use crate::model::{ConsoleModel, LinkState};
 use crate::theme;
 
 /// The robot was heard, but is not heard now.
@@ -32,16 +32,21 @@ impl StaleData {
 /// Whether the position is not what it is now, although something else may be heard.
 pub fn is_position_old(model: &ConsoleModel, now: Monotonic) -> bool {
     let pose = model.vehicle().pose();
-    pose.is_some_and(|(_, at)| now.since(at) > SILENT_AFTER)
+    let longest = model.connection().silent_after();
+    pose.is_some_and(|(_, at)| now.since(at) > longest)
 }
 
-/// Draws the warning, on a ground of [`theme::BANNER`].
+/// Draws the warning, on a ground of [`theme::BANNER`]. A link that is lost is no pause: it counts on, and says that
+/// nobody here knows.
 pub fn stale_ui(ui: &mut Ui, data: &StaleData) {
     let [_, ink] = theme::BANNER;
-    let since = format!("Not live: nothing heard for {}", age(data.silent_for));
+    let since = format!("Link lost: nothing heard for {}", age(data.silent_for));
     ui.vertical_centered(|ui| {
         ui.spacing_mut().item_spacing.y = 2.0;
         ui.label(RichText::new(since).size(20.0).strong().color(ink));
-        ui.label(RichText::new("Map and position are as they were then.").color(ink));
+        ui.label(
+            RichText::new("What is shown is old. What the robot does now is not known here.")
+                .color(ink),
+        );
     });
 }

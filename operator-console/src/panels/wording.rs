@@ -37,6 +37,17 @@ pub fn count(number: u64) -> String {
     grouped
 }
 
+/// A size in the unit that suits it, of powers of ten.
+pub fn bytes(bytes: u64) -> String {
+    let size = bytes as f64;
+    match bytes {
+        0..1000 => format!("{bytes} B"),
+        1000..1_000_000 => format!("{:.0} kB", size / 1e3),
+        1_000_000..1_000_000_000 => format!("{:.1} MB", size / 1e6),
+        1_000_000_000.. => format!("{:.1} GB", size / 1e9),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -58,6 +69,10 @@ mod tests {
         assert_eq!(signed(-0.004, 2), "0.00");
         assert_eq!(signed(-12.345, 2), "−12.35");
         assert_eq!(signed(7.0, 1), "7.0");
+        assert_eq!(bytes(999), "999 B");
+        assert_eq!(bytes(4_100), "4 kB");
+        assert_eq!(bytes(4_149_999), "4.1 MB");
+        assert_eq!(bytes(52_000_000_000), "52.0 GB");
         assert_eq!(count(999), "999");
         assert_eq!(count(1_234_567), "1\u{2009}234\u{2009}567");
     }

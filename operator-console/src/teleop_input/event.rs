@@ -38,6 +38,11 @@ impl DriveKey {
         Self::Right,
     ];
 
+    /// Whether it is an arrow.
+    pub const fn is_arrow(self) -> bool {
+        matches!(self, Self::Up | Self::Left | Self::Down | Self::Right)
+    }
+
     /// What it asks for: forwards and to the left, each −1, 0 or 1.
     pub(super) const fn pull(self) -> [f32; 2] {
         match self {

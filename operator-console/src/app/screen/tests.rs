@@ -1,14 +1,14 @@
 use std::time::Duration;
 
 use eframe::egui::accesskit::Role;
-use eframe::egui::{Key, pos2, vec2};
+use eframe::egui::{Color32, Key, Modifiers, Vec2, vec2};
 use egui_kittest::Harness;
-use egui_kittest::kittest::Queryable;
+use egui_kittest::kittest::{NodeT as _, Queryable};
 use protocol::keys::{RobotId, Topic};
 use protocol::layer::LayerId;
 use protocol::message::{
-    Digests, DockingSite, Event, Info, LayerHead, LayerInfo, MapHead, Pose, Reason, ShoreClass,
-    ShoreCluster, Shores, ShoresNews, Status, TileBand, TileSummary,
+    Digests, DockingSite, Event, Info, LayerHead, LayerInfo, MapHead, Pose, Reason, Severity,
+    ShoreClass, ShoreCluster, Shores, ShoresNews, Status, TileBand, TileSummary,
 };
 use protocol::tile::codec::Encoder;
 use protocol::tile::{BootId, TileCells, TileKey};
@@ -18,9 +18,10 @@ use serde::Serialize;
 
 use super::*;
 use crate::command::Look;
-use crate::link::FoundRobot;
-use crate::map_view::Sight;
-use crate::model::{Incoming, ModelSettings, Outgoing, RequestId};
+use crate::export::ExportPart;
+use crate::link::{FoundRobot, Sighting};
+use crate::map_view::{LayerCommand, Orientation, Overlay, ShoreMark, Sight};
+use crate::model::{Incoming, LinkState, ModelSettings, Outgoing, RequestId};
 
 const BOOT: BootId = BootId([9; 16]);
 const LAYER: LayerId = LayerId::Occupancy;
@@ -40,6 +41,8 @@ struct Rig {
     link: LinkSight,
     helm: Option<HelmSight>,
     robots: RobotsData,
+    log: EventLog,
+    alerts: Alerts,
     now: Monotonic,
     store: TileStore,
     commands: Vec<Command>,
@@ -57,7 +60,9 @@ impl Rig {
             model: None,
             link: LinkSight::default(),
             helm: None,
-            robots: RobotsData::new(&[], None, None, None),
+            robots: RobotsData::new(&[], None, None, None, at(1_000)),
+            log: EventLog::default(),
+            alerts: Alerts::default(),
             now: at(1_000),
             store,
             commands: Vec::new(),
@@ -75,7 +80,7 @@ impl Rig {
         };
         Self {
             model: Some(ConsoleModel::new(settings).unwrap()),
-            robots: RobotsData::new(&[], Some(&name()), None, None),
+            robots: RobotsData::new(&[], Some((&name(), LinkState::Live)), None, None, at(1_000)),
             ..Self::new()
         }
     }
@@ -90,6 +95,7 @@ impl Rig {
             footprint_m: [0.6, 0.4],
             limits: [1.0, 1.0],
             layers: vec![layer(LAYER), layer(LayerId::Elevation)],
+            ..Info::default()
         };
         rig.announce();
         rig.answer(RequestId(900), Topic::Info, &info);
@@ -110,6 +116,7 @@ impl Rig {
                 layer: LayerId::Shore,
                 cell_m: 0.3,
             }],
+            ..Info::default()
         };
         rig.announce();
         rig.answer(RequestId(900), Topic::Info, &info);
@@ -203,20 +210,37 @@ impl Rig {
     }
 
     fn window(self) -> Harness<'static, Self> {
+        self.window_of([1280.0, 800.0])
+    }
+
+    fn window_of(self, size: [f32; 2]) -> Harness<'static, Self> {
         let mut harness = Harness::builder()
-            .with_size(vec2(1280.0, 800.0))
+            .with_size(Vec2::from(size))
             .build_ui_state(
                 |ui, rig: &mut Self| {
                     if !rig.theme_is_set {
                         crate::theme::set(ui.ctx());
+                        ui.ctx()
+                            .options_mut(|options| options.zoom_with_keyboard = false);
                         rig.theme_is_set = true;
+                    }
+                    if let Some(model) = &rig.model {
+                        let news = rig.log.hear(model, rig.now, 0);
+                        rig.alerts.look(model, &news, rig.now);
                     }
                     let robot = rig.model.as_mut().map(|model| RobotSight {
                         model,
                         link: &rig.link,
                         helm: rig.helm.as_ref(),
+                        color: Color32::BLUE,
                     });
-                    let commands = rig.screen.show(ui, &rig.robots, robot, rig.now);
+                    let around = Around {
+                        robots: &rig.robots,
+                        log: &rig.log,
+                        alerts: &rig.alerts,
+                        export: None,
+                    };
+                    let commands = rig.screen.show(ui, around, robot, rig.now);
                     rig.commands.extend(commands);
                 },
                 self,
@@ -253,7 +277,10 @@ fn without_a_robot_the_screen_says_how_to_get_one() {
         &rig.window(),
         &[
             "Looking for robots",
-            "No robot found. Start one with `robot-edge simulate rooms`, or type an address.",
+            "No robot found on this network yet.",
+            "operator-console --demo lake",
+            "Type an address",
+            "Open recording…",
         ],
         &["Live", "In step", "Whole map"],
     );
@@ -265,7 +292,7 @@ fn a_robot_that_has_not_spoken_is_waited_for() {
     check(
         &rig.window(),
         &["scout-1", "Waiting", "Connecting to scout-1.", "No map yet"],
-        &["Live", "Not live"],
+        &["Live", "Link lost"],
     );
     rig = Rig::with_robot();
     rig.link.is_connected = true;
@@ -297,7 +324,8 @@ fn a_live_robot_in_step_is_shown_with_its_figures() {
     };
     rig.say(Topic::Status, &status);
     let event = Event {
-        kind: "jump".to_owned(),
+        kind: "pose_jump".to_owned(),
+        severity: Severity::Warning,
         message: "The pose jumped 3 m".to_owned(),
     };
     rig.say(Topic::Event, &event);
@@ -313,20 +341,29 @@ fn a_live_robot_in_step_is_shown_with_its_figures() {
             "x 1.00  y −2.50 m",
             "0.55 m/s",
             "1\u{2009}190 of 1\u{2009}200 mapped",
-            "1 tile, cells of 0.1 m",
+            "1 tile, ",
             "Probability of being occupied",
             "Occupancy",
             "Elevation",
         ],
-        &["Not live", "Silent", "missing"],
+        &["Link lost", "Silent", "missing"],
     );
     window.get_by_label("Losses").click();
-    window.get_by_label("Events (1)").click();
-    window.run_steps(30);
+    window.run_steps(4);
+    check(&window, &["no pose"], &["The pose jumped 3 m"]);
+    window.get_by_label("Events").click();
+    window.run_steps(4);
     check(
         &window,
-        &["no pose", "jump, 0.0 s ago", "The pose jumped 3 m"],
-        &[],
+        &["robot: pose jump", "The pose jumped 3 m"],
+        &["no pose"],
+    );
+    window.get_by_label("1 alert").click();
+    window.run_steps(4);
+    check(
+        &window,
+        &["0.0 s ago, over", "Acknowledge"],
+        &["robot: pose jump"],
     );
 }
 
@@ -381,8 +418,8 @@ fn a_silent_robot_is_never_taken_for_a_live_one() {
         &rig.window(),
         &[
             "Silent",
-            "Not live: nothing heard for 12 s",
-            "Map and position are as they were then.",
+            "Link lost: nothing heard for 12 s",
+            "What is shown is old.",
             "Was in step when last heard",
             "As of 12 s ago",
             "12 s old",
@@ -400,7 +437,7 @@ fn an_old_position_is_said_to_be_old_although_the_robot_is_heard() {
     check(
         &rig.window(),
         &["Live", "Position is 5.0 s old"],
-        &["Not live"],
+        &["Link lost"],
     );
 }
 
@@ -423,11 +460,13 @@ fn buttons_keys_and_hands_move_the_map() {
     assert!((0.5 * (low_x + high_x) - 1.0).abs() < 1e-6);
     assert!((0.5 * (low_y + high_y) + 2.5).abs() < 1e-6);
 
-    window.drag_at(pos2(700.0, 400.0));
+    let middle = window.state().screen.map_view().place().center();
+    let beside = middle + vec2(100.0, 0.0);
+    window.drag_at(middle);
     window.run_steps(1);
-    window.hover_at(pos2(800.0, 400.0));
+    window.hover_at(beside);
     window.run_steps(1);
-    window.drop_at(pos2(800.0, 400.0));
+    window.drop_at(beside);
     window.run_steps(1);
     assert_eq!(window.state().screen.map_view().sight(), Sight::Free);
     assert!(seen(&window)[0] < low_x - 0.5, "{:?}", seen(&window));
@@ -437,6 +476,10 @@ fn buttons_keys_and_hands_move_the_map() {
         (Key::V, Look::Follow(true)),
         (Key::Plus, Look::In),
         (Key::Minus, Look::Out),
+        (Key::N, Look::Up(Orientation::RobotUp)),
+        (Key::G, Look::Draw(Overlay::Grid, true)),
+        (Key::L, Look::Draw(Overlay::Legend, false)),
+        (Key::M, Look::Measure(true)),
     ] {
         window.key_press(key);
         window.run_steps(1);
@@ -451,17 +494,18 @@ fn the_map_says_what_is_under_the_pointer() {
     let key = rig.put(0, 0, 226);
     rig.push(key);
     let mut window = rig.window();
-    check(&window, &["Point at the map to read it"], &[]);
+    check(&window, &[], &["laser, log-odds"]);
     let [low_x, _, high_x, _] = window.state().screen.map_view().visible_m();
     window.state_mut().now = at(4_000);
-    // Somewhere in the middle of the tile, which is 6.4 m wide, and of the map.
-    window.hover_at(pos2(790.0, 360.0));
-    window.run_steps(2);
-    check(&window, &["P(occupied) 0.90  ·  changed 3.0 s ago"], &[]);
+    let on_the_tile = window.state().screen.map_view().place_of([3.2, 3.2]);
+    window.hover_at(on_the_tile);
+    window.run_steps(4);
+    check(&window, &["3.0 s old, laser, log-odds"], &[]);
+    check(&window, &["0.90"], &[]);
     assert!(low_x < 0.0 && high_x > 6.4);
     window.remove_cursor();
     window.run_steps(1);
-    check(&window, &["Point at the map to read it"], &[]);
+    check(&window, &[], &["laser, log-odds"]);
 }
 
 #[test]
@@ -471,13 +515,24 @@ fn the_operator_chooses_robots_addresses_and_layers() {
         endpoint: format!("tcp/{robot}:7447"),
     };
     let mut rig = Rig::live();
+    let seen = |robot: &str| {
+        let sighting = Sighting {
+            found: found(robot),
+            seen: at(1_000),
+            state: None,
+        };
+        (sighting, Color32::RED)
+    };
     rig.robots = RobotsData::new(
-        &[found("scout-1"), found("boat-7")],
-        Some(&name()),
+        &[seen("scout-1"), seen("boat-7")],
+        Some((&name(), LinkState::Live)),
         None,
         None,
+        at(1_000),
     );
     let mut window = rig.window();
+    window.get_by_label("Robots").click();
+    window.run_steps(4);
     window.get_by_label("boat-7").click();
     window.run_steps(2);
     window.get_by_label("Elevation").click();
@@ -487,17 +542,26 @@ fn the_operator_chooses_robots_addresses_and_layers() {
         asked,
         [
             Command::Connect(found("boat-7")),
-            Command::ShowLayer(LayerId::Elevation)
+            Command::Layer(LayerCommand::Show(LayerId::Elevation, false))
         ]
     );
-    let entry = window.get_by_role(Role::TextInput);
-    entry.focus();
+    // By its number in the list, too; the one that is shown already is not asked for.
+    for key in [Key::Num1, Key::Num2] {
+        window.key_press_modifiers(Modifiers::COMMAND, key);
+        window.run_steps(1);
+    }
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    assert_eq!(asked, [Command::Connect(found("boat-7"))]);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::L);
+    window.run_steps(3);
+    let entry = window.get_by_role_and_label(Role::TextInput, "Address");
+    assert!(entry.is_focused(), "Ctrl+L");
     entry.type_text("10.0.0.5");
     window.run_steps(2);
     window.get_by_label("Add").click();
     window.run_steps(2);
     check(&window, &["for example tcp/192.168.1.20:7447"], &[]);
-    let entry = window.get_by_role(Role::TextInput);
+    let entry = window.get_by_role_and_label(Role::TextInput, "Address");
     entry.focus();
     entry.type_text(":7447");
     window.run_steps(2);
@@ -513,7 +577,7 @@ fn another_robot_begins_with_an_empty_map() {
     let key = rig.put(0, 0, 251);
     rig.push(key);
     let mut window = rig.window();
-    check(&window, &["1 tile, cells of 0.1 m"], &[]);
+    check(&window, &["1 tile, "], &[]);
     let is_fitted =
         |window: &Harness<'_, Rig>| window.state().screen.map_view().sight() == Sight::Whole;
     window
@@ -566,6 +630,8 @@ fn shores_are_listed_and_a_click_shows_where_they_are() {
     let mut shores = Shores::gather(0.3, None, clusters, sites);
     shores.clusters_left_out = 3;
     let mut window = Rig::on_water(Some(shores)).window();
+    window.get_by_label("Shores").click();
+    window.run_steps(4);
     check(
         &window,
         &[
@@ -581,9 +647,10 @@ fn shores_are_listed_and_a_click_shows_where_they_are() {
     window.get_by_label_contains("Docking site 2").click();
     window.run_steps(2);
     let asked = std::mem::take(&mut window.state_mut().commands);
-    assert_eq!(asked, [Command::Look(Look::At([-19.0, -2.5]))]);
+    let mark = Look::Mark(ShoreMark::Site(2), [-19.0, -2.5]);
+    assert!(asked.contains(&Command::Look(mark)), "{asked:?}");
     let map_view = window.state_mut().screen.map_view_mut();
-    map_view.look(Look::At([-19.0, -2.5]));
+    map_view.look(mark);
     window.run_steps(1);
     let map_view = window.state().screen.map_view();
     let [low_x, low_y, high_x, high_y] = map_view.visible_m();
@@ -594,15 +661,154 @@ fn shores_are_listed_and_a_click_shows_where_they_are() {
 
 #[test]
 fn shores_that_are_not_known_yet_are_said_not_to_be() {
+    let shores = |shores| {
+        let mut window = Rig::on_water(shores).window();
+        window.get_by_label("Shores").click();
+        window.run_steps(4);
+        window
+    };
     check(
-        &Rig::on_water(None).window(),
-        &["Shores", "Nothing was heard of shores yet."],
+        &shores(None),
+        &["Nothing was heard of shores yet."],
         &["No shore in sight."],
     );
     check(
-        &Rig::on_water(Some(Shores::default())).window(),
+        &shores(Some(Shores::default())),
         &["No shore in sight."],
         &["Nothing was heard of shores yet."],
     );
     check(&Rig::live().window(), &["Live"], &["Shores"]);
+}
+
+/// What a screen reader and a test find: the names of all that can be pressed, chosen or typed into, and those without.
+fn controls(window: &Harness<'_, Rig>) -> (Vec<String>, Vec<String>) {
+    let mut named = Vec::new();
+    let mut unnamed = Vec::new();
+    let mut waiting = vec![window.root()];
+    while let Some(node) = waiting.pop() {
+        waiting.extend(node.children());
+        let node = node.accesskit_node();
+        let is_control = matches!(
+            node.role(),
+            Role::Button
+                | Role::CheckBox
+                | Role::ComboBox
+                | Role::Link
+                | Role::RadioButton
+                | Role::Slider
+                | Role::SpinButton
+                | Role::TextInput
+        );
+        if !is_control {
+            continue;
+        }
+        match node.label().or_else(|| node.value()) {
+            Some(label) if !label.trim().is_empty() => named.push(label),
+            Some(_) | None => unnamed.push(format!("{:?} at {:?}", node.role(), node.raw_bounds())),
+        }
+    }
+    (named, unnamed)
+}
+
+#[test]
+fn every_control_has_a_name() {
+    for rig in [Rig::new(), Rig::live(), Rig::on_water(None)] {
+        let mut window = rig.window();
+        for panel in PanelId::ALL {
+            window
+                .state_mut()
+                .screen
+                .workspace_mut()
+                .set_wanted(panel, true);
+            window.run_steps(2);
+            let (named, unnamed) = controls(&window);
+            assert_eq!(unnamed, [""; 0], "{panel:?}");
+            assert!(named.len() >= 5, "{named:?}");
+        }
+    }
+}
+
+#[test]
+fn keys_open_and_close_what_lies_over_the_window() {
+    let mut window = Rig::live().window();
+    for (modifiers, key, says) in [
+        (
+            Modifiers::NONE,
+            Key::F1,
+            "Driving, while you hold the lease",
+        ),
+        (Modifiers::COMMAND, Key::E, "Trajectory"),
+    ] {
+        check(&window, &[], &[says]);
+        window.key_press_modifiers(modifiers, key);
+        window.run_steps(4);
+        check(&window, &[says], &[]);
+        let (_, unnamed) = controls(&window);
+        assert_eq!(unnamed, [""; 0], "{says}");
+        window.key_press(Key::Escape);
+        window.run_steps(4);
+        check(&window, &[], &[says]);
+    }
+    let scale = |window: &Harness<'_, Rig>| window.state().screen.appearance().scale_percent;
+    for (key, percent) in [
+        (Key::Plus, 110),
+        (Key::Plus, 120),
+        (Key::Minus, 110),
+        (Key::Num0, 100),
+    ] {
+        window.key_press_modifiers(Modifiers::COMMAND, key);
+        window.run_steps(2);
+        assert_eq!(scale(&window), percent);
+    }
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    assert_eq!(asked, []);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::O);
+    window.key_press_modifiers(Modifiers::ALT, Key::Num2);
+    window.key_press(Key::ArrowLeft);
+    window.run_steps(2);
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    assert_eq!(
+        asked,
+        [
+            Command::Screenshot,
+            Command::AskForRecording,
+            Command::Layer(LayerCommand::Show(LayerId::Elevation, false)),
+            Command::Look(Look::Beside([-0.1, 0.0]))
+        ]
+    );
+}
+
+#[test]
+fn an_export_is_chosen_part_by_part() {
+    let mut window = Rig::live().window();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+    window.run_steps(4);
+    let folder = window.get_by_role_and_label(Role::TextInput, "Folder");
+    assert!(folder.value().unwrap().contains("foreshore-scout-1-"));
+    window
+        .get_by_role_and_label(Role::CheckBox, "Trajectory")
+        .click();
+    window.run_steps(2);
+    window.get_by_role_and_label(Role::Button, "Export").click();
+    window.run_steps(2);
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    let [Command::Export(wish)] = &asked[..] else {
+        panic!("{asked:?}");
+    };
+    let parts = [LAYER, LayerId::Elevation].map(ExportPart::Layer);
+    assert_eq!(wish.parts, parts.into());
+}
+
+#[test]
+fn the_layout_is_kept_and_found_again() {
+    let mut window = Rig::live().window();
+    window.get_by_label("Events").click();
+    window.run_steps(2);
+    let mut settings = Settings::default();
+    window.state().screen.keep(&mut settings);
+    let text = serde_json::to_string(&settings).unwrap();
+    let mut rig = Rig::live();
+    rig.screen = Screen::of(&serde_json::from_str(&text).unwrap());
+    check(&rig.window(), &["Filter"], &["Round trip, ms"]);
 }

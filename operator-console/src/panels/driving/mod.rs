@@ -17,6 +17,7 @@ pub use data::{DrivingData, EStopFace, Gauge, LeaseFace};
 use super::rows::rows_ui;
 use crate::command::Command;
 use crate::helm::Intent;
+use crate::shortcuts::Action;
 use crate::teleop_input::SpeedStep;
 use crate::theme::{self, state_ui};
 
@@ -169,7 +170,12 @@ fn lease_ui(ui: &mut Ui, face: LeaseFace) -> Option<Intent> {
         // As high with buttons as without, so that nothing below moves.
         ui.set_min_height(28.0);
         for (label, hint, request) in buttons {
-            if ui.button(*label).on_hover_text(*hint).clicked() {
+            let hint = if *request == LeaseRequest::TakeOver {
+                (*hint).to_owned()
+            } else {
+                format!("{hint} ({})", Action::Lease.keys())
+            };
+            if ui.button(*label).on_hover_text(hint).clicked() {
                 asked = Some(Intent::Lease(request.clone()));
             }
         }

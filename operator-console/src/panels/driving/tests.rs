@@ -104,7 +104,7 @@ impl Rig {
             source: String::new(),
             footprint_m: [0.6, 0.4],
             limits: [1.0, 5.0],
-            layers: Vec::new(),
+            ..Info::default()
         };
         let [speed_mps, turn_rate_radps] = self.velocity;
         let pose = Pose {

@@ -1,0 +1,345 @@
+//! What wants somebody's attention until they say that they have seen it.
+//!
+//! An alert is there while its reason lasts, and after that until it is acknowledged. The same reason again is the same
+//! alert, once more.
+
+use protocol::message::{Event, FaultReason, RecordingState, TeleopState};
+use robot_edge::clock::Monotonic;
+
+use crate::model::{ConsoleModel, LinkState};
+use crate::panels::sensors::fault_words;
+
+/// Alerts that are listed.
+const MAX_ALERTS: usize = 64;
+
+/// What an alert is about.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Alarm {
+    /// An emergency stop is in force.
+    EStop,
+    /// The vehicle does not trust itself.
+    Fault,
+    /// Nothing is heard of the robot.
+    LinkLost,
+    /// Something is wrong with a sensor: its name.
+    Sensor(String),
+    /// The robot no longer records what it was to record.
+    Recording,
+    /// The position is somewhere else all at once.
+    PositionJump,
+}
+
+/// Something that wants attention.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Alert {
+    /// What it is about.
+    pub alarm: Alarm,
+    /// The same in words, as it was last.
+    pub text: String,
+    /// When it began last.
+    pub since: Monotonic,
+    /// How often it has begun.
+    pub times: u32,
+    /// Whether its reason lasts.
+    pub is_active: bool,
+    /// Whether somebody has said that they have seen it.
+    pub is_acknowledged: bool,
+}
+
+/// The alerts of one robot.
+#[derive(Clone, Debug, Default)]
+pub struct Alerts {
+    alerts: Vec<Alert>,
+}
+
+impl Alerts {
+    /// Those that are not acknowledged, or whose reason lasts; the newest first.
+    pub fn iter(&self) -> impl Iterator<Item = &Alert> {
+        self.alerts.iter().rev()
+    }
+
+    /// How many nobody has seen yet.
+    pub fn unseen(&self) -> usize {
+        self.alerts
+            .iter()
+            .filter(|alert| !alert.is_acknowledged)
+            .count()
+    }
+
+    /// Somebody has seen it.
+    pub fn acknowledge(&mut self, alarm: &Alarm) {
+        for alert in &mut self.alerts {
+            alert.is_acknowledged |= alert.alarm == *alarm;
+        }
+        self.forget_what_is_over();
+    }
+
+    /// Somebody has seen them all.
+    pub fn acknowledge_all(&mut self) {
+        for alert in &mut self.alerts {
+            alert.is_acknowledged = true;
+        }
+        self.forget_what_is_over();
+    }
+
+    /// Looks at the robot, and at what it has told of since the last look. Those that have begun, in words.
+    pub fn look(
+        &mut self,
+        model: &ConsoleModel,
+        news: &[Event],
+        now: Monotonic,
+    ) -> Vec<(Alarm, String)> {
+        let reasons = reasons(model, now);
+        let mut begun = Vec::new();
+        for alert in &mut self.alerts {
+            alert.is_active &= reasons.iter().any(|(alarm, _)| *alarm == alert.alarm);
+        }
+        for (alarm, text) in reasons {
+            let known = self.alerts.iter_mut().find(|alert| alert.alarm == alarm);
+            if let Some(alert) = known.filter(|alert| alert.is_active) {
+                alert.text = text;
+            } else {
+                self.begin(alarm.clone(), text.clone(), true, now);
+                begun.push((alarm, text));
+            }
+        }
+        for event in news {
+            let alarm = match event.kind.as_str() {
+                "pose_jump" => Alarm::PositionJump,
+                _ => continue,
+            };
+            self.begin(alarm.clone(), event.message.clone(), false, now);
+            begun.push((alarm, event.message.clone()));
+        }
+        self.forget_what_is_over();
+        begun
+    }
+
+    /// It is the newest, and nobody has seen it. `lasts`: its reason is there until a look says that it is not.
+    fn begin(&mut self, alarm: Alarm, text: String, lasts: bool, now: Monotonic) {
+        let known = self.alerts.iter().position(|alert| alert.alarm == alarm);
+        let times = known.map_or(0, |at| self.alerts.remove(at).times);
+        if self.alerts.len() >= MAX_ALERTS {
+            self.alerts.remove(0);
+        }
+        self.alerts.push(Alert {
+            alarm,
+            text,
+            since: now,
+            times: times.saturating_add(1),
+            is_active: lasts,
+            is_acknowledged: false,
+        });
+    }
+
+    fn forget_what_is_over(&mut self) {
+        self.alerts
+            .retain(|alert| alert.is_active || !alert.is_acknowledged);
+    }
+}
+
+/// What there is to be alarmed about at the moment.
+fn reasons(model: &ConsoleModel, now: Monotonic) -> Vec<(Alarm, String)> {
+    let mut reasons = Vec::new();
+    if model.connection().state(now) == LinkState::Silent {
+        let text = format!("Nothing is heard of {}", model.robot());
+        reasons.push((Alarm::LinkLost, text));
+    }
+    let Some((status, _)) = model.status() else {
+        return reasons;
+    };
+    if let Some(teleop) = &status.teleop {
+        if let Some(estop) = teleop.estop {
+            let text = format!("Emergency stop {} is in force", estop.number);
+            reasons.push((Alarm::EStop, text));
+        }
+        if let TeleopState::Fault(why) = teleop.state {
+            let why = match why {
+                FaultReason::SelfTest => "the self-test failed",
+                FaultReason::Actuator => "the motors do not obey",
+            };
+            reasons.push((Alarm::Fault, format!("The vehicle is at fault: {why}")));
+        }
+    }
+    for sensor in model.sensor_statuses() {
+        if let Some(fault) = sensor.fault {
+            let described = model.sensors().iter();
+            let kind = described.clone().find(|info| info.name == sensor.name);
+            let (_, state, advice) = fault_words(fault, kind.map(|info| info.kind));
+            let text = format!("{}: {state}. {advice}", sensor.name);
+            reasons.push((Alarm::Sensor(sensor.name.clone()), text));
+        }
+    }
+    let ended = model.recording().map(|recording| recording.state);
+    let why = match ended {
+        Some(RecordingState::StoppedDiskLow) => Some("the disk is nearly full"),
+        Some(RecordingState::Failed) => Some("it cannot be written"),
+        Some(RecordingState::Stopped | RecordingState::Recording) | None => None,
+    };
+    if let Some(why) = why {
+        reasons.push((
+            Alarm::Recording,
+            format!("The robot records no more: {why}"),
+        ));
+    }
+    reasons
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::keys::Topic;
+    use protocol::message::{
+        Arming, CommandCounters, EStopStatus, Guard, LeaseStatus, SensorFault, SensorStatus,
+        Settings, Severity, Status, TeleopStatus, Velocity,
+    };
+    use protocol::tile::BootId;
+    use protocol::wire::{self, Header};
+
+    use super::*;
+    use crate::model::{Incoming, ModelSettings};
+
+    const fn at(ms: u64) -> Monotonic {
+        Monotonic::from_nanos(ms * 1_000_000)
+    }
+
+    fn model() -> ConsoleModel {
+        ConsoleModel::new(ModelSettings {
+            robot: "scout".parse().unwrap(),
+            session: BootId([2; 16]),
+            store_mb: 1,
+            layers: [].into(),
+        })
+        .unwrap()
+    }
+
+    fn says(
+        model: &mut ConsoleModel,
+        fault: Option<SensorFault>,
+        estop: Option<u64>,
+        now: Monotonic,
+    ) {
+        let teleop = TeleopStatus {
+            state: TeleopState::Idle,
+            last_stop: None,
+            is_drifting: false,
+            lease: LeaseStatus::default(),
+            arming: Arming::Locked,
+            age_ms: None,
+            greatest_age_ms: None,
+            speed_allowed_mps: 0.4,
+            requested: Velocity::default(),
+            applied: Velocity::default(),
+            clamp: None,
+            guard: Guard::Off,
+            estop: estop.map(|number| EStopStatus {
+                number,
+                is_stored: true,
+            }),
+            counters: CommandCounters::default(),
+            settings: Settings {
+                budget_kbps: 256,
+                guard: false,
+                recording: false,
+            },
+        };
+        let laser = SensorStatus {
+            name: "laser".to_owned(),
+            messages: 10,
+            rate_hz: 0.0,
+            age_ms: Some(1200),
+            dropped: 0,
+            fault,
+        };
+        let status = Status {
+            sensors: vec![laser],
+            teleop: Some(teleop),
+            ..Status::default()
+        };
+        let header = Header {
+            boot: BootId([1; 16]),
+            seq: 1,
+            robot_time_ns: 0,
+        };
+        let incoming = Incoming::Sample {
+            key: Topic::Status.key(model.robot()),
+            payload: wire::encode(&header, &status).unwrap(),
+        };
+        model.apply(incoming, now);
+    }
+
+    fn listed(alerts: &Alerts) -> Vec<(Alarm, u32, bool)> {
+        alerts
+            .iter()
+            .map(|alert| (alert.alarm.clone(), alert.times, alert.is_active))
+            .collect()
+    }
+
+    #[test]
+    fn an_alert_lasts_until_its_reason_is_gone_and_somebody_has_seen_it() {
+        let mut model = model();
+        let mut alerts = Alerts::default();
+        says(&mut model, None, Some(3), at(0));
+        let begun = alerts.look(&model, &[], at(0));
+        let text = "Emergency stop 3 is in force".to_owned();
+        assert_eq!(begun, [(Alarm::EStop, text)]);
+        assert_eq!(alerts.look(&model, &[], at(10)), []);
+        assert_eq!(
+            (alerts.unseen(), listed(&alerts)),
+            (1, vec![(Alarm::EStop, 1, true)])
+        );
+        alerts.acknowledge(&Alarm::EStop);
+        alerts.look(&model, &[], at(20));
+        assert_eq!(
+            (alerts.unseen(), alerts.iter().count()),
+            (0, 1),
+            "it is in force"
+        );
+        says(&mut model, None, None, at(30));
+        alerts.look(&model, &[], at(30));
+        assert_eq!(alerts.iter().count(), 0);
+
+        // What nobody has seen stays although it is over, and the same again counts.
+        for now in [40, 60] {
+            says(&mut model, None, Some(4), at(now));
+            assert_eq!(alerts.look(&model, &[], at(now)).len(), 1);
+            says(&mut model, None, None, at(now + 10));
+            alerts.look(&model, &[], at(now + 10));
+        }
+        assert_eq!(
+            (alerts.unseen(), listed(&alerts)),
+            (1, vec![(Alarm::EStop, 2, false)])
+        );
+        alerts.acknowledge_all();
+        assert_eq!(alerts.iter().count(), 0);
+    }
+
+    #[test]
+    fn silence_of_link_and_sensors_and_jumps_are_told() {
+        let mut model = model();
+        let mut alerts = Alerts::default();
+        says(&mut model, Some(SensorFault::Silent), None, at(3_000));
+        let begun = alerts.look(&model, &[], at(3_000));
+        let laser = Alarm::Sensor("laser".to_owned());
+        assert_eq!(begun.len(), 1);
+        assert_eq!(begun[0].0, laser);
+        assert!(begun[0].1.starts_with("laser: Silent. "), "{}", begun[0].1);
+        says(&mut model, None, None, at(4_000));
+        let jump = Event {
+            kind: "pose_jump".to_owned(),
+            severity: Severity::Warning,
+            message: "The pose jumped 3 m".to_owned(),
+        };
+        alerts.look(&model, &[jump.clone(), jump], at(4_000));
+        alerts.look(&model, &[], at(9_000));
+        let mut alarms = listed(&alerts);
+        alarms.sort();
+        assert_eq!(
+            alarms,
+            [
+                (Alarm::LinkLost, 1, true),
+                (laser, 1, false),
+                (Alarm::PositionJump, 2, false),
+            ]
+        );
+    }
+}

@@ -1,0 +1,151 @@
+//! Where to export to, and what.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use eframe::egui::{Button, Context, ProgressBar, RichText, TextEdit, Window};
+use robot_edge::clock::wall_clock_label;
+
+use crate::app::export_job::ExportProgress;
+use crate::app::pictures;
+use crate::command::{Command, ExportWish};
+use crate::export::ExportPart;
+use crate::model::ConsoleModel;
+use crate::panels::layers::layer_name;
+use crate::theme::{Tone, state_ui};
+
+/// What is chosen.
+pub(super) struct ExportDialog {
+    folder: String,
+    parts: BTreeSet<ExportPart>,
+    has_keyboard: bool,
+}
+
+impl ExportDialog {
+    /// All that there is of the robot, to a folder named after it.
+    pub(super) fn new(model: &ConsoleModel) -> Self {
+        let label = wall_clock_label().replace([':', 'T'], "-").replace('Z', "");
+        let name = format!("foreshore-{}-{label}", model.robot());
+        let folder = pictures::documents().map_or_else(|| name.clone().into(), |at| at.join(&name));
+        Self {
+            folder: folder.display().to_string(),
+            parts: ExportPart::all().filter(|part| part.is_in(model)).collect(),
+            has_keyboard: false,
+        }
+    }
+
+    /// Draws it; `is_open` becomes false where it is closed.
+    pub(super) fn show(
+        &mut self,
+        ctx: &Context,
+        model: Option<&ConsoleModel>,
+        progress: Option<&ExportProgress>,
+        is_open: &mut bool,
+    ) -> Option<Command> {
+        let mut command = None;
+        Window::new("Export maps")
+            .open(is_open)
+            .collapsible(false)
+            .resizable(false)
+            .default_width(460.0)
+            .show(ctx, |ui| {
+                let is_running = progress.is_some_and(|progress| progress.ended.is_none());
+                ui.add_enabled_ui(!is_running, |ui| {
+                    let label = ui.label("Folder");
+                    let field = TextEdit::singleline(&mut self.folder)
+                        .char_limit(4096)
+                        .desired_width(440.0);
+                    let field = ui.add(field).labelled_by(label.id);
+                    if !self.has_keyboard {
+                        field.request_focus();
+                        self.has_keyboard = true;
+                    }
+                    for part in ExportPart::all() {
+                        self.part_ui(ui, part, model);
+                    }
+                });
+                ui.horizontal(|ui| {
+                    let can_begin = !is_running
+                        && model.is_some()
+                        && !self.parts.is_empty()
+                        && !self.folder.trim().is_empty();
+                    let button = ui.add_enabled(can_begin, Button::new("Export"));
+                    if button
+                        .on_hover_text("Files of the same name are replaced")
+                        .clicked()
+                    {
+                        command = Some(Command::Export(ExportWish {
+                            folder: PathBuf::from(self.folder.trim()),
+                            parts: self.parts.clone(),
+                        }));
+                    }
+                    if is_running && ui.button("Cancel export").clicked() {
+                        command = Some(Command::CancelExport);
+                    }
+                });
+                if let Some(progress) = progress {
+                    command = command.take().or(progress_ui(ui, progress));
+                }
+            });
+        command
+    }
+
+    fn part_ui(
+        &mut self,
+        ui: &mut eframe::egui::Ui,
+        part: ExportPart,
+        model: Option<&ConsoleModel>,
+    ) {
+        let is_there = model.is_some_and(|model| part.is_in(model));
+        let mut is_chosen = is_there && self.parts.contains(&part);
+        let words = part_words(part);
+        ui.add_enabled_ui(is_there, |ui| {
+            ui.horizontal(|ui| {
+                if ui.checkbox(&mut is_chosen, words).clicked() {
+                    if is_chosen {
+                        self.parts.insert(part);
+                    } else {
+                        self.parts.remove(&part);
+                    }
+                }
+                ui.label(RichText::new(part.files()).small().weak());
+            });
+        });
+    }
+}
+
+fn part_words(part: ExportPart) -> &'static str {
+    match part {
+        ExportPart::Layer(layer) => layer_name(layer),
+        ExportPart::Trajectory => "Trajectory",
+        ExportPart::Shores => "Shores as outlines",
+        ExportPart::Voxels => "Voxels, fetched from the robot",
+    }
+}
+
+fn progress_ui(ui: &mut eframe::egui::Ui, progress: &ExportProgress) -> Option<Command> {
+    let [done, all] = progress.parts;
+    let share = done as f32 / all.max(1) as f32;
+    match &progress.ended {
+        None => {
+            let what = progress.current.map(part_words).unwrap_or_default();
+            ui.add(ProgressBar::new(share).text(format!("{done} of {all}: {what}")));
+            None
+        }
+        Some(Ok(words)) => {
+            state_ui(ui, Tone::Good, words, 15.0);
+            open_folder_ui(ui, &progress.folder)
+        }
+        Some(Err(why)) => {
+            state_ui(ui, Tone::Warning, "Not all was exported", 15.0);
+            ui.label(why);
+            None
+        }
+    }
+}
+
+fn open_folder_ui(ui: &mut eframe::egui::Ui, folder: &Path) -> Option<Command> {
+    ui.button("Open folder")
+        .clicked()
+        .then(|| Command::OpenFolder(folder.to_owned()))
+}

@@ -1,0 +1,67 @@
+//! What lies over the window when it is asked for.
+
+mod about;
+mod export;
+
+use eframe::egui::Context;
+
+use super::export_job::ExportProgress;
+use crate::command::Command;
+use crate::model::ConsoleModel;
+use crate::shortcuts::sheet_ui;
+
+use export::ExportDialog;
+
+/// The dialogs, open or not.
+#[derive(Default)]
+pub(super) struct Dialogs {
+    is_sheet_open: bool,
+    is_about_open: bool,
+    export: Option<ExportDialog>,
+}
+
+impl Dialogs {
+    pub(super) const fn toggle_sheet(&mut self) {
+        self.is_sheet_open = !self.is_sheet_open;
+    }
+
+    pub(super) const fn show_about(&mut self) {
+        self.is_about_open = true;
+    }
+
+    pub(super) fn show_export(&mut self, model: &ConsoleModel) {
+        self.export.get_or_insert_with(|| ExportDialog::new(model));
+    }
+
+    /// Closes the one in front; whether there was one.
+    pub(super) fn close_one(&mut self) -> bool {
+        if self.export.take().is_some() {
+            return true;
+        }
+        std::mem::take(&mut self.is_about_open) || std::mem::take(&mut self.is_sheet_open)
+    }
+
+    /// Draws those that are open.
+    pub(super) fn show(
+        &mut self,
+        ctx: &Context,
+        model: Option<&ConsoleModel>,
+        progress: Option<&ExportProgress>,
+    ) -> Option<Command> {
+        if self.is_sheet_open {
+            sheet_ui(ctx, &mut self.is_sheet_open);
+        }
+        if self.is_about_open {
+            about::about_ui(ctx, &mut self.is_about_open);
+        }
+        let mut command = None;
+        if let Some(dialog) = &mut self.export {
+            let mut is_open = true;
+            command = dialog.show(ctx, model, progress, &mut is_open);
+            if !is_open {
+                self.export = None;
+            }
+        }
+        command
+    }
+}

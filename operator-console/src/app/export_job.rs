@@ -1,0 +1,150 @@
+//! An export on its way, on a thread of its own: the window goes on, and drives.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::Duration;
+
+use crate::command::ExportWish;
+use crate::export::{ExportPart, Snapshot};
+use crate::link::ModelHandle;
+use crate::model::VoxelsProgress;
+
+/// How far an export is.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ExportProgress {
+    /// Where it goes.
+    pub folder: PathBuf,
+    /// Parts that are written, of how many.
+    pub parts: [usize; 2],
+    /// The part that is being written.
+    pub current: Option<ExportPart>,
+    /// Files that are written.
+    pub files: usize,
+    /// How it ended: with what, in words.
+    pub ended: Option<Result<String, String>>,
+}
+
+/// Between two looks at what is being fetched.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// An export. Dropping it leaves it.
+pub(super) struct ExportJob {
+    progress: Arc<Mutex<ExportProgress>>,
+    is_cancelled: Arc<AtomicBool>,
+}
+
+impl ExportJob {
+    /// Begins to write what `model` holds. `wake` is called when there is something new to tell.
+    pub(super) fn start(
+        wish: ExportWish,
+        model: ModelHandle,
+        wake: impl Fn() + Send + 'static,
+    ) -> Self {
+        let progress = Arc::new(Mutex::new(ExportProgress {
+            folder: wish.folder.clone(),
+            parts: [0, wish.parts.len()],
+            ..ExportProgress::default()
+        }));
+        let is_cancelled = Arc::new(AtomicBool::new(false));
+        thread::spawn({
+            let (progress, is_cancelled) = (Arc::clone(&progress), Arc::clone(&is_cancelled));
+            move || {
+                let ended = write(&wish, &model, &progress, &is_cancelled, &wake);
+                let mut progress = lock(&progress);
+                progress.current = None;
+                progress.ended = Some(ended);
+                drop(progress);
+                wake();
+            }
+        });
+        Self {
+            progress,
+            is_cancelled,
+        }
+    }
+
+    /// How far it is.
+    pub(super) fn progress(&self) -> ExportProgress {
+        lock(&self.progress).clone()
+    }
+
+    /// No part is begun any more.
+    pub(super) fn cancel(&self) {
+        self.is_cancelled.store(true, Ordering::Relaxed);
+    }
+}
+
+impl Drop for ExportJob {
+    fn drop(&mut self) {
+        self.cancel();
+    }
+}
+
+fn write(
+    wish: &ExportWish,
+    model: &ModelHandle,
+    progress: &Mutex<ExportProgress>,
+    is_cancelled: &AtomicBool,
+    wake: &dyn Fn(),
+) -> Result<String, String> {
+    let parts: &BTreeSet<ExportPart> = &wish.parts;
+    for part in parts {
+        if is_cancelled.load(Ordering::Relaxed) {
+            let files = lock(progress).files;
+            return Err(format!(
+                "Left after {files} files; they are whole, and in {}",
+                wish.folder.display()
+            ));
+        }
+        lock(progress).current = Some(*part);
+        wake();
+        if *part == ExportPart::Voxels {
+            fetch_voxels(model, is_cancelled)?;
+        }
+        // Its own statement: the model is free as soon as the snapshot is taken.
+        let snapshot = Snapshot::of(&model.lock(), *part);
+        let files = snapshot
+            .and_then(|snapshot| snapshot.write(&wish.folder))
+            .map_err(|why| format!("{why:#}"))?
+            .len();
+        if *part == ExportPart::Voxels {
+            model.lock().drop_voxels();
+        }
+        let mut progress = lock(progress);
+        progress.parts[0] += 1;
+        progress.files += files;
+    }
+    let files = lock(progress).files;
+    let word = if files == 1 { "file is" } else { "files are" };
+    Ok(format!("{files} {word} in {}", wish.folder.display()))
+}
+
+/// Waits until the octree's files are here, or the robot has none.
+fn fetch_voxels(model: &ModelHandle, is_cancelled: &AtomicBool) -> Result<(), String> {
+    model.lock().want_voxels();
+    loop {
+        // Its own statement: the model is free while this waits.
+        let progress = model.lock().voxels();
+        match progress {
+            VoxelsProgress::Ready(_) | VoxelsProgress::None | VoxelsProgress::Unwanted => {
+                return Ok(());
+            }
+            VoxelsProgress::TooLong => {
+                return Err("The octree is longer than a console takes".to_owned());
+            }
+            VoxelsProgress::Waiting | VoxelsProgress::Fetching { .. } => {}
+        }
+        if is_cancelled.load(Ordering::Relaxed) {
+            model.lock().drop_voxels();
+            return Err("Left before the octree was here".to_owned());
+        }
+        thread::sleep(LOOK);
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,55 @@
+//! What stands where the map would be while no robot is shown: what to do.
+
+use eframe::egui::{Align, Button, Layout, RichText, Ui};
+
+use crate::panels::robots::RobotsData;
+use crate::shortcuts::Action;
+
+/// Draws it; what the operator asks for.
+pub(super) fn first_run_ui(ui: &mut Ui, robots: &RobotsData) -> Option<Action> {
+    let mut asked = None;
+    ui.painter()
+        .rect_filled(ui.max_rect(), 0.0, ui.visuals().panel_fill);
+    let width = ui.available_width().min(520.0);
+    ui.add_space((0.25 * ui.available_height()).min(180.0));
+    ui.with_layout(Layout::top_down(Align::Center), |ui| {
+        let heading = if robots.found.is_empty() {
+            "Looking for robots"
+        } else {
+            "Robots were found"
+        };
+        ui.label(RichText::new(heading).size(24.0));
+        ui.label(robots.advice.as_deref().unwrap_or_default());
+        if !robots.found.is_empty() {
+            return;
+        }
+        ui.add_space(12.0);
+        ui.allocate_ui_with_layout([width, 0.0].into(), Layout::top_down(Align::Min), |ui| {
+            ui.strong("To begin");
+            for (words, action) in [
+                (
+                    "A robot on another network, or behind a router:",
+                    Action::TypeAddress,
+                ),
+                ("What a robot has seen before:", Action::OpenRecording),
+            ] {
+                ui.horizontal_wrapped(|ui| {
+                    ui.label(words);
+                    let button = Button::new(action.words()).shortcut_text(action.keys());
+                    if ui.add(button).clicked() {
+                        asked = Some(action);
+                    }
+                });
+            }
+            ui.horizontal_wrapped(|ui| {
+                ui.label("No robot at hand: start this program as");
+                ui.label(RichText::new("operator-console --demo lake").monospace());
+            });
+            ui.horizontal_wrapped(|ui| {
+                ui.label("A simulated robot of its own:");
+                ui.label(RichText::new("robot-edge simulate rooms").monospace());
+            });
+        });
+    });
+    asked
+}

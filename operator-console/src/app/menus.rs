@@ -1,0 +1,80 @@
+//! The menus of the top bar. Every entry says its keys.
+
+use eframe::egui::{Button, Ui};
+
+use crate::settings::{Appearance, ThemeChoice};
+use crate::shortcuts::Action;
+use crate::workspace::{PanelId, Workspace};
+
+/// What the menus need to know.
+pub(super) struct MenuSight<'a> {
+    pub(super) workspace: &'a Workspace,
+    pub(super) appearance: Appearance,
+    /// Whether a robot is shown, whose map could be exported.
+    pub(super) has_robot: bool,
+}
+
+/// What was chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Choice {
+    /// Something that has a name.
+    Act(Action),
+    /// Show a panel, or hide it.
+    Panel(PanelId, bool),
+    /// Look like this.
+    Theme(ThemeChoice),
+}
+
+/// Draws the menus.
+pub(super) fn menus_ui(ui: &mut Ui, sight: &MenuSight<'_>) -> Option<Choice> {
+    let mut choice = None;
+    ui.menu_button("File", |ui| {
+        for action in [Action::OpenRecording, Action::Export, Action::Screenshot] {
+            let is_possible = action != Action::Export || sight.has_robot;
+            entry_ui(ui, action, is_possible, &mut choice);
+        }
+        ui.separator();
+        entry_ui(ui, Action::Quit, true, &mut choice);
+    });
+    ui.menu_button("View", |ui| {
+        for panel in PanelId::ALL {
+            if !panel.can_be_closed() {
+                continue;
+            }
+            let mut is_wanted = sight.workspace.is_wanted(panel);
+            if ui.checkbox(&mut is_wanted, panel.title()).clicked() {
+                choice = Some(Choice::Panel(panel, is_wanted));
+                ui.close();
+            }
+        }
+        entry_ui(ui, Action::ResetLayout, true, &mut choice);
+        ui.separator();
+        for theme in ThemeChoice::ALL {
+            let is_chosen = sight.appearance.theme == theme;
+            let words = format!("Theme: {}", theme.words().to_lowercase());
+            if ui.radio(is_chosen, words).clicked() {
+                choice = Some(Choice::Theme(theme));
+                ui.close();
+            }
+        }
+        ui.separator();
+        ui.weak(format!("Scale: {} %", sight.appearance.scale_percent));
+        for action in [Action::ScaleUp, Action::ScaleDown, Action::ScaleReset] {
+            entry_ui(ui, action, true, &mut choice);
+        }
+    });
+    ui.menu_button("Help", |ui| {
+        for action in [Action::ShortcutSheet, Action::About] {
+            entry_ui(ui, action, true, &mut choice);
+        }
+    });
+    choice
+}
+
+fn entry_ui(ui: &mut Ui, action: Action, is_possible: bool, choice: &mut Option<Choice>) {
+    let button = Button::new(action.words()).shortcut_text(action.keys());
+    if ui.add_enabled(is_possible, button).clicked() {
+        *choice = Some(Choice::Act(action));
+        ui.close();
+    }
+}

@@ -1,0 +1,164 @@
+//! What the operator asks for is done: robots and recordings are shown, commands obeyed.
+
+use std::path::Path;
+use std::time::Duration;
+
+use eframe::egui::ViewportCommand;
+use robot_edge::clock::Monotonic;
+use robot_edge::link::sessions::Endpoints;
+use robot_edge::pacer::Rate;
+
+use crate::alerts::Alerts;
+use crate::cockpit::Cockpit;
+use crate::command::Command;
+use crate::event_log::Severity;
+use crate::link::{FoundRobot, RobotSession};
+use crate::model::ModelSettings;
+use crate::playback::{Playback, in_words};
+
+use super::export_job::ExportJob;
+use super::screenshot::{self, Outcome};
+use super::watch::Watch;
+use super::{ConsoleApp, STORE_MB, pictures};
+
+/// What is behind a name on the network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Sort {
+    /// It may be driven.
+    Robot,
+    /// It is replayed here.
+    Recording,
+}
+
+impl ConsoleApp {
+    pub(super) fn connect(&mut self, found: FoundRobot, sort: Sort) {
+        let settings = ModelSettings {
+            robot: found.robot.clone(),
+            session: self.session_id,
+            store_mb: STORE_MB,
+            layers: self.screen.map_view().shown_layers(),
+        };
+        let endpoints = Endpoints {
+            listen: Vec::new(),
+            connect: vec![found.endpoint.clone()],
+            zenoh_config: self.zenoh_config.clone(),
+            credentials: self.credentials.clone(),
+            audit: None,
+        };
+        self.screen.map_view_mut().forget();
+        self.alerts = Alerts::default();
+        self.log.forget_robot();
+        self.watch = Watch::default();
+        let ctx = self.ctx.clone();
+        // Any delay but none: a request for now would be two frames.
+        let wake = move || ctx.request_repaint_after(Duration::from_millis(1));
+        // What was driven is left before anything else is.
+        self.hands.take(None);
+        let opened = RobotSession::open(settings, &endpoints, wake).map_err(anyhow::Error::from);
+        let opened = opened.and_then(|mut session| {
+            let cockpit = session
+                .take_driving()
+                .filter(|_| sort == Sort::Robot)
+                .map(|driving| Cockpit::new(found.robot.clone(), self.identity.clone(), driving));
+            Ok((session, cockpit.transpose()?))
+        });
+        match opened {
+            Ok((session, cockpit)) => {
+                self.problem = None;
+                self.shown = Some((found, session));
+                self.hands.take(cockpit);
+            }
+            Err(why) => {
+                tracing::error!(%why, "the robot cannot be shown");
+                self.problem = Some(format!("{} cannot be shown: {why}", found.robot));
+                self.shown = None;
+            }
+        }
+    }
+
+    pub(super) fn obey(&mut self, command: Command) {
+        match command {
+            Command::Connect(found) => {
+                self.close_recording();
+                self.connect(found, Sort::Robot);
+            }
+            Command::AskForRecording => self.open_dialog.open(),
+            Command::Open(path) => self.open_recording(&path, Rate::Times(1.0)),
+            Command::Playback(command) => {
+                let stays = self
+                    .playback
+                    .as_ref()
+                    .map(|playback| playback.obey(command));
+                if stays == Some(false) {
+                    self.close_recording();
+                }
+            }
+            Command::AddAddress(address) => {
+                self.settings.remember(&address);
+                self.discovery.add_address(address);
+            }
+            Command::ForgetAddress(address) => self.settings.forget(&address),
+            Command::Look(look) => self.screen.map_view_mut().look(look),
+            Command::Drive(intent) => self.hands.want(intent, Monotonic::now()),
+            Command::Layer(command) => {
+                if let Some((_, session)) = &self.shown {
+                    let map_view = self.screen.map_view_mut();
+                    map_view.obey(command, &session.model());
+                }
+            }
+            Command::Acknowledge(alarm) => self.alerts.acknowledge(&alarm),
+            Command::AcknowledgeAll => self.alerts.acknowledge_all(),
+            Command::Screenshot => {
+                let robot = self.shown.as_ref().map(|(found, _)| &found.robot);
+                let path = pictures::screenshot_path(robot);
+                let outcome = Outcome::default();
+                screenshot::take(&self.ctx, path.clone(), Outcome::clone(&outcome));
+                self.pictures.push((path, outcome));
+            }
+            Command::Export(wish) => {
+                if let Some((_, session)) = &self.shown {
+                    let ctx = self.ctx.clone();
+                    let wake = move || ctx.request_repaint_after(Duration::from_millis(1));
+                    self.export = Some(ExportJob::start(wish, session.handle(), wake));
+                    self.watch.export_began();
+                }
+            }
+            Command::CancelExport => {
+                if let Some(export) = &self.export {
+                    export.cancel();
+                }
+            }
+            Command::OpenFolder(folder) => {
+                if let Err(why) = pictures::open_folder(&folder) {
+                    self.note(Severity::Warning, "folder", why);
+                }
+            }
+            Command::Quit => self.ctx.send_viewport_cmd(ViewportCommand::Close),
+        }
+        self.ctx.request_repaint();
+    }
+
+    pub(super) fn open_recording(&mut self, path: &Path, rate: Rate) {
+        match Playback::open(path, rate) {
+            Ok(playback) => {
+                self.open_dialog.close();
+                self.close_recording();
+                self.connect(playback.robot().clone(), Sort::Recording);
+                self.playback = Some(playback);
+                let text = format!("{} is shown", path.display());
+                self.note(Severity::Note, "recording", text);
+            }
+            Err(why) => {
+                let path = path.display().to_string();
+                self.open_dialog.refuse(path, in_words(&why));
+            }
+        }
+    }
+
+    pub(super) fn close_recording(&mut self) {
+        if self.playback.take().is_some() {
+            self.shown = None;
+            self.screen.map_view_mut().forget();
+        }
+    }
+}

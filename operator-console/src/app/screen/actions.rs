@@ -1,0 +1,120 @@
+//! What menus and keys ask of the screen.
+
+use eframe::egui::Context;
+use protocol::message::LeaseRequest;
+
+use crate::command::{Command, Look};
+use crate::helm::Intent;
+use crate::map_view::{LayerCommand, Overlay, Sight};
+use crate::panels::driving::LeaseFace;
+use crate::settings::Appearance;
+use crate::shortcuts::{Action, Edge};
+use crate::workspace::PanelId;
+
+use super::{Scene, Screen};
+
+/// An arrow moves the map by this share of its width or height.
+const PAN_SHARE: f32 = 0.1;
+
+impl Screen {
+    /// Does what concerns the screen alone; what is left for others to do.
+    pub(super) fn act(
+        &mut self,
+        ctx: &Context,
+        action: Action,
+        scene: Scene<'_>,
+    ) -> Option<Command> {
+        match action {
+            Action::Layer(layer) => {
+                let info = scene.robot.and_then(|(model, _)| model.info());
+                let is_offered =
+                    info.is_some_and(|info| info.layers.iter().any(|one| one.layer == layer));
+                let is_shown = self.map_view.stack().get(layer).is_shown;
+                let command = LayerCommand::Show(layer, !is_shown);
+                return is_offered.then_some(Command::Layer(command));
+            }
+            Action::WholeMap => return Some(Command::Look(Look::Whole)),
+            Action::Follow => {
+                let is_following = self.map_view.sight() == Sight::Vehicle;
+                return Some(Command::Look(Look::Follow(!is_following)));
+            }
+            Action::Turn => {
+                let orientation = self.map_view.look_state().orientation.other();
+                return Some(Command::Look(Look::Up(orientation)));
+            }
+            Action::Grid => return Some(self.toggled(Overlay::Grid)),
+            Action::Legend => return Some(self.toggled(Overlay::Legend)),
+            Action::Measure => {
+                let is_measuring = self.map_view.ruler().is_some();
+                return Some(Command::Look(Look::Measure(!is_measuring)));
+            }
+            Action::ZoomIn => return Some(Command::Look(Look::In)),
+            Action::ZoomOut => return Some(Command::Look(Look::Out)),
+            Action::Pan(edge) => {
+                return Some(Command::Look(Look::Beside(match edge {
+                    Edge::Top => [0.0, -PAN_SHARE],
+                    Edge::Left => [-PAN_SHARE, 0.0],
+                    Edge::Bottom => [0.0, PAN_SHARE],
+                    Edge::Right => [PAN_SHARE, 0.0],
+                })));
+            }
+            Action::Robot(number) => {
+                let robots = scene.around.robots;
+                let found = robots.numbered(number)?;
+                let is_shown = robots.current.as_ref() == Some(&found.robot);
+                return (!is_shown).then(|| Command::Connect(found.clone()));
+            }
+            Action::Lease => {
+                let request = match scene.driving?.lease {
+                    LeaseFace::Quiet => return None,
+                    LeaseFace::Free | LeaseFace::Others => LeaseRequest::Request,
+                    LeaseFace::Waiting | LeaseFace::Mine => LeaseRequest::Release,
+                };
+                return Some(Command::Drive(Intent::Lease(request)));
+            }
+            Action::AcknowledgeAll => return Some(Command::AcknowledgeAll),
+            Action::Screenshot => return Some(Command::Screenshot),
+            Action::Quit => return Some(Command::Quit),
+            Action::TypeAddress => {
+                self.workspace.set_wanted(PanelId::Robots, true);
+                self.address.focus();
+            }
+            Action::Export => {
+                if let Some((model, _)) = scene.robot {
+                    self.dialogs.show_export(model);
+                }
+            }
+            Action::OpenRecording => return Some(Command::AskForRecording),
+            Action::NextPanel => self.workspace.cycle_focus(true),
+            Action::PreviousPanel => self.workspace.cycle_focus(false),
+            Action::ResetLayout => self.workspace.reset(),
+            Action::NextTheme => {
+                self.appearance.theme = self.appearance.theme.next();
+                self.appearance.apply(ctx);
+            }
+            Action::ScaleUp | Action::ScaleDown => {
+                self.appearance = self.appearance.scaled(action == Action::ScaleUp);
+                self.appearance.apply(ctx);
+            }
+            Action::ScaleReset => {
+                self.appearance.scale_percent = Appearance::default().scale_percent;
+                self.appearance.apply(ctx);
+            }
+            Action::ShortcutSheet => self.dialogs.toggle_sheet(),
+            Action::About => self.dialogs.show_about(),
+            Action::CloseDialog => {
+                if !self.dialogs.close_one() {
+                    self.map_view.escape();
+                }
+            }
+        }
+        ctx.request_repaint();
+        None
+    }
+
+    /// An overlay where it is not drawn, none where it is.
+    fn toggled(&self, overlay: Overlay) -> Command {
+        let is_drawn = self.map_view.look_state().has(overlay);
+        Command::Look(Look::Draw(overlay, !is_drawn))
+    }
+}

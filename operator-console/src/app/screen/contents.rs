@@ -1,0 +1,152 @@
+//! What is in each panel, and which of them there is room for.
+
+use eframe::egui::{CentralPanel, Frame, Panel, Ui};
+use robot_edge::clock::Monotonic;
+
+use crate::app::first_run::first_run_ui;
+use crate::command::Command;
+use crate::map_view::MapView;
+use crate::model::ConsoleModel;
+use crate::panels::alerts::{AlertsData, alerts_ui};
+use crate::panels::driving::{DrivingEntry, driving_ui};
+use crate::panels::events::{EventFilter, EventsData, events_ui};
+use crate::panels::layers::{LayersData, layers_ui};
+use crate::panels::link::{LinkData, link_ui};
+use crate::panels::losses::{LossesData, losses_ui};
+use crate::panels::recording::{RecordingData, recording_ui};
+use crate::panels::robot::{RobotData, robot_ui};
+use crate::panels::robots::{AddressEntry, robots_ui};
+use crate::panels::sensors::{SensorsData, sensors_ui};
+use crate::panels::shores::{ShoresData, shores_ui};
+use crate::panels::stale::{StaleData, stale_ui};
+use crate::shortcuts::Action;
+use crate::theme;
+use crate::workspace::PanelId;
+
+use super::Scene;
+
+/// Whether there is room for a panel while somebody drives in a window that is narrow, or low.
+pub(super) const fn fits(panel: PanelId, [is_narrow, is_low]: [bool; 2]) -> bool {
+    match panel {
+        PanelId::Map | PanelId::Driving => true,
+        PanelId::Robots | PanelId::Robot | PanelId::Layers | PanelId::Shores => !is_narrow,
+        PanelId::Link
+        | PanelId::Sensors
+        | PanelId::Recording
+        | PanelId::Events
+        | PanelId::Alerts
+        | PanelId::Losses => !is_narrow && !is_low,
+    }
+}
+
+impl Scene<'_> {
+    /// Whether there is anything to show in a panel.
+    pub(super) fn has(&self, panel: PanelId) -> bool {
+        match panel {
+            PanelId::Map | PanelId::Robots | PanelId::Events | PanelId::Alerts => true,
+            PanelId::Robot | PanelId::Layers | PanelId::Link | PanelId::Losses => {
+                self.robot.is_some()
+            }
+            PanelId::Shores => self.robot.is_some_and(|(model, _)| model.has_shores()),
+            PanelId::Driving => self.driving.is_some(),
+            PanelId::Sensors | PanelId::Recording => self
+                .robot
+                .is_some_and(|(model, _)| model.status().is_some()),
+        }
+    }
+}
+
+/// What panels remember.
+pub(super) struct Panels<'a> {
+    pub(super) map_view: &'a mut MapView,
+    pub(super) address: &'a mut AddressEntry,
+    pub(super) driving: &'a mut DrivingEntry,
+    pub(super) filter: &'a mut EventFilter,
+}
+
+impl Panels<'_> {
+    pub(super) fn draw(
+        &mut self,
+        ui: &mut Ui,
+        panel: PanelId,
+        scene: Scene<'_>,
+        actions: &mut Vec<Action>,
+        commands: &mut Vec<Command>,
+    ) {
+        let Scene {
+            around,
+            robot,
+            driving,
+            helm,
+            now,
+        } = scene;
+        match panel {
+            PanelId::Robots => {
+                commands.extend(robots_ui(ui, around.robots, self.address));
+                return;
+            }
+            PanelId::Events => {
+                events_ui(ui, &EventsData::new(around.log, self.filter), self.filter);
+                return;
+            }
+            PanelId::Alerts => {
+                commands.extend(alerts_ui(ui, &AlertsData::new(around.alerts, now)));
+                return;
+            }
+            PanelId::Map
+            | PanelId::Robot
+            | PanelId::Layers
+            | PanelId::Shores
+            | PanelId::Driving
+            | PanelId::Link
+            | PanelId::Sensors
+            | PanelId::Recording
+            | PanelId::Losses => {}
+        }
+        let Some((model, link)) = robot else {
+            if panel == PanelId::Map {
+                actions.extend(first_run_ui(ui, around.robots));
+            }
+            return;
+        };
+        match panel {
+            PanelId::Map => commands.extend(self.map_ui(ui, model, now)),
+            PanelId::Robot => robot_ui(ui, &RobotData::new(model, now)),
+            PanelId::Layers => {
+                let layers = LayersData::new(model, self.map_view, now);
+                commands.extend(layers_ui(ui, &layers).map(Command::Layer));
+            }
+            PanelId::Shores => {
+                if let Some(shores) = ShoresData::new(model, self.map_view) {
+                    commands.extend(shores_ui(ui, &shores).map(Command::Look));
+                }
+            }
+            PanelId::Driving => {
+                if let Some(data) = driving {
+                    commands.extend(driving_ui(ui, data, self.driving));
+                }
+            }
+            PanelId::Link => link_ui(ui, &LinkData::new(model, link, now)),
+            PanelId::Sensors => sensors_ui(ui, &SensorsData::new(model, now)),
+            PanelId::Recording => {
+                let data = RecordingData::new(model, helm, now);
+                commands.extend(recording_ui(ui, &data));
+            }
+            PanelId::Losses => losses_ui(ui, &LossesData::new(model)),
+            PanelId::Robots | PanelId::Events | PanelId::Alerts => {}
+        }
+    }
+
+    fn map_ui(&mut self, ui: &mut Ui, model: &ConsoleModel, now: Monotonic) -> Option<Command> {
+        if let Some(stale) = StaleData::new(model, now) {
+            let frame = Frame::new().fill(theme::BANNER[0]).inner_margin(8.0);
+            Panel::top("stale")
+                .frame(frame)
+                .resizable(false)
+                .show(ui, |ui| stale_ui(ui, &stale));
+        }
+        let map = CentralPanel::no_frame();
+        let look = map.show(ui, |ui| self.map_view.show(ui, model, now));
+        look.inner.map(Command::Look)
+    }
+}

@@ -1,0 +1,98 @@
+//! What goes on beside the frames: happenings are noted, alerts raised, settings kept.
+
+use std::sync::PoisonError;
+
+use eframe::egui::Context;
+use robot_edge::clock::{Monotonic, seconds_since_1970};
+
+use crate::event_log::Severity;
+use crate::panels::robots::Seen;
+use crate::playback::is_recording;
+use crate::settings::{Keeper, WindowPlace};
+
+use super::ConsoleApp;
+
+impl ConsoleApp {
+    pub(super) fn note(&mut self, severity: Severity, kind: &str, text: impl Into<String>) {
+        let (now, unix_s) = (Monotonic::now(), seconds_since_1970());
+        self.log.note(severity, kind, text, now, unix_s);
+    }
+
+    /// Looks at what is to be noted: robot, link, exports, pictures, settings.
+    pub(super) fn look_around(&mut self, now: Monotonic) {
+        let mut notes = Vec::new();
+        if let Some((_, session)) = &self.shown {
+            let model = session.model();
+            let news = self.log.hear(&model, now, seconds_since_1970());
+            for (_alarm, text) in self.alerts.look(&model, &news, now) {
+                notes.push((Severity::Alarm, "alert", text));
+            }
+            notes.extend(self.watch.look(&model, session.transport(), now));
+        }
+        if let Some(export) = &self.export {
+            notes.extend(self.watch.look_at_export(&export.progress()));
+        }
+        self.pictures.retain(|(path, outcome)| {
+            let mut outcome = outcome.lock().unwrap_or_else(PoisonError::into_inner);
+            let Some(outcome) = outcome.take() else {
+                return true;
+            };
+            notes.push(match outcome {
+                Ok(()) => (
+                    Severity::Note,
+                    "screenshot",
+                    format!("Saved as {}", path.display()),
+                ),
+                Err(why) => (Severity::Warning, "screenshot", format!("{why:#}")),
+            });
+            false
+        });
+        if let Some(problem) = self.keeper.as_ref().and_then(Keeper::take_problem) {
+            notes.push((Severity::Warning, "settings", problem));
+        }
+        for (severity, kind, text) in notes {
+            self.note(severity, kind, text);
+        }
+    }
+
+    /// Puts what is to be kept where it is written.
+    pub(super) fn keep(&mut self) {
+        let Some(keeper) = &mut self.keeper else {
+            return;
+        };
+        self.screen.keep(&mut self.settings);
+        if let Some(place) = window_place(&self.ctx) {
+            self.settings.window = Some(place);
+        }
+        keeper.keep(self.settings.clone());
+    }
+
+    /// The robots that were seen, with their colours.
+    pub(super) fn seen(&mut self) -> Vec<Seen> {
+        let sightings = self.discovery.sightings();
+        sightings
+            .into_iter()
+            .filter(|sighting| !is_recording(&sighting.found.robot))
+            .map(|sighting| {
+                let color = self.settings.robots.of(&sighting.found.robot);
+                (sighting, color)
+            })
+            .collect()
+    }
+}
+
+/// Where the window is, in points of the system; `None` where the system does not tell.
+fn window_place(ctx: &Context) -> Option<WindowPlace> {
+    let scale = ctx.zoom_factor();
+    let place = ctx.input(|input| {
+        let window = input.viewport();
+        let size = window.inner_rect?.size() * scale;
+        let corner = window.outer_rect.map(|outer| outer.min * scale);
+        Some(WindowPlace {
+            size: size.round().into(),
+            corner: corner.map(|corner| corner.round().into()),
+            is_maximized: window.maximized.unwrap_or(false),
+        })
+    })?;
+    place.is_sound().then_some(place)
+}

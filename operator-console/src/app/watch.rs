@@ -1,0 +1,164 @@
+//! What this console notices by itself, once each: the link comes, goes and takes another way; an export ends.
+
+use robot_edge::clock::Monotonic;
+
+use super::export_job::ExportProgress;
+use crate::event_log::Severity;
+use crate::link::Transport;
+use crate::model::{ConsoleModel, LinkState};
+use crate::panels::wording::age;
+
+/// How things were at the last look.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Watch {
+    link: Option<LinkState>,
+    lost: Option<Monotonic>,
+    transport: Option<Transport>,
+    export_is_told: bool,
+}
+
+/// Something to note: how much it matters, its kind, and what it is.
+pub(super) type Note = (Severity, &'static str, String);
+
+impl Watch {
+    /// Looks at the link.
+    pub(super) fn look(
+        &mut self,
+        model: &ConsoleModel,
+        transport: Option<Transport>,
+        now: Monotonic,
+    ) -> Vec<Note> {
+        let mut notes = Vec::new();
+        let robot = model.robot();
+        let link = model.connection().state(now);
+        if self.link != Some(link) {
+            match link {
+                LinkState::Waiting => {}
+                LinkState::Live => {
+                    let text = match self.lost.take() {
+                        Some(lost) => {
+                            let silent = age(now.since(lost));
+                            format!("{robot} is heard again after {silent}")
+                        }
+                        None => format!("{robot} is heard"),
+                    };
+                    notes.push((Severity::Note, "link", text));
+                }
+                LinkState::Silent => {
+                    let silent = model.connection().age(now).unwrap_or_default();
+                    self.lost = Some(now);
+                    let text = format!("{robot} is not heard any more, for {}", age(silent));
+                    notes.push((Severity::Warning, "link", text));
+                }
+            }
+            self.link = Some(link);
+        }
+        if transport.is_some() && self.transport != transport {
+            self.transport = transport;
+            notes.extend(transport.and_then(transport_note));
+        }
+        notes
+    }
+
+    /// Another export has begun.
+    pub(super) const fn export_began(&mut self) {
+        self.export_is_told = false;
+    }
+
+    /// Looks at the last export.
+    pub(super) fn look_at_export(&mut self, progress: &ExportProgress) -> Option<Note> {
+        let ended = progress.ended.as_ref().filter(|_| !self.export_is_told)?;
+        self.export_is_told = true;
+        Some(match ended {
+            Ok(words) => (Severity::Note, "export", words.clone()),
+            Err(why) => (Severity::Warning, "export", why.clone()),
+        })
+    }
+}
+
+fn transport_note(transport: Transport) -> Option<Note> {
+    let (severity, text) = match transport {
+        Transport::Quic => (Severity::Note, "Connected by QUIC"),
+        Transport::Tls => (Severity::Note, "Connected by TLS"),
+        Transport::Tcp => (Severity::Note, "Connected by TCP, not secured"),
+        Transport::TlsInstead => (
+            Severity::Warning,
+            "QUIC does not answer: control goes by TLS, where what is lost holds up what follows",
+        ),
+        Transport::Other => return None,
+    };
+    Some((severity, "link", text.to_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::keys::Topic;
+    use protocol::message::Status;
+    use protocol::tile::BootId;
+    use protocol::wire::{self, Header};
+
+    use super::*;
+    use crate::model::{Incoming, ModelSettings};
+
+    const fn at(ms: u64) -> Monotonic {
+        Monotonic::from_nanos(ms * 1_000_000)
+    }
+
+    fn says_something(model: &mut ConsoleModel, now: Monotonic) {
+        let header = Header {
+            boot: BootId([1; 16]),
+            seq: 1,
+            robot_time_ns: 0,
+        };
+        let incoming = Incoming::Sample {
+            key: Topic::Status.key(model.robot()),
+            payload: wire::encode(&header, &Status::default()).unwrap(),
+        };
+        model.apply(incoming, now);
+    }
+
+    #[test]
+    fn the_link_is_noted_when_it_changes_and_not_else() {
+        let mut model = ConsoleModel::new(ModelSettings {
+            robot: "scout".parse().unwrap(),
+            session: BootId([2; 16]),
+            store_mb: 1,
+            layers: [].into(),
+        })
+        .unwrap();
+        let mut watch = Watch::default();
+        let mut look = |model: &ConsoleModel, transport, ms| -> Vec<String> {
+            let notes = watch.look(model, transport, at(ms));
+            notes.into_iter().map(|(_, _, text)| text).collect()
+        };
+        assert_eq!(look(&model, None, 0), [""; 0]);
+        says_something(&mut model, at(1_000));
+        assert_eq!(look(&model, None, 1_000), ["scout is heard"]);
+        let [told] = &look(&model, Some(Transport::TlsInstead), 1_100)[..] else {
+            panic!();
+        };
+        assert!(told.starts_with("QUIC does not answer"), "{told}");
+        assert_eq!(look(&model, None, 1_200), [""; 0]);
+        assert_eq!(look(&model, Some(Transport::TlsInstead), 1_300), [""; 0]);
+        let lost = look(&model, None, 3_000);
+        assert_eq!(lost, ["scout is not heard any more, for 2.0 s"]);
+        says_something(&mut model, at(9_000));
+        assert_eq!(
+            look(&model, None, 9_000),
+            ["scout is heard again after 6.0 s"]
+        );
+    }
+
+    #[test]
+    fn the_end_of_an_export_is_noted_once() {
+        let mut watch = Watch::default();
+        let mut progress = ExportProgress::default();
+        assert_eq!(watch.look_at_export(&progress), None);
+        progress.ended = Some(Ok("3 files are in maps".to_owned()));
+        let note = (Severity::Note, "export", "3 files are in maps".to_owned());
+        assert_eq!(watch.look_at_export(&progress), Some(note));
+        assert_eq!(watch.look_at_export(&progress), None);
+        watch.export_began();
+        assert!(watch.look_at_export(&progress).is_some());
+    }
+}

@@ -1,0 +1,250 @@
+//! What happened, on the robot and in this console, for the operator to read. Bounded: the oldest goes first.
+
+use std::collections::VecDeque;
+
+use protocol::message::{self, Event};
+use robot_edge::clock::{Monotonic, utc_label};
+
+use crate::model::ConsoleModel;
+
+/// Entries that are kept.
+const MAX_ENTRIES: usize = 2_000;
+
+/// How much something matters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// Good to know.
+    #[default]
+    Note,
+    /// Not as it should be.
+    Warning,
+    /// Something must be done, or the vehicle cannot be trusted.
+    Alarm,
+}
+
+/// Who tells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// The robot that is shown.
+    Robot,
+    /// This console.
+    Console,
+}
+
+/// Something that happened.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Entry {
+    /// When it was heard.
+    pub at: Monotonic,
+    /// The same by the wall clock, UTC: `12:34:56`.
+    pub time: String,
+    /// How much it matters.
+    pub severity: Severity,
+    /// Who tells.
+    pub source: Source,
+    /// What kind of thing, in a word.
+    pub kind: String,
+    /// What happened.
+    pub text: String,
+}
+
+/// The log.
+#[derive(Clone, Debug, Default)]
+pub struct EventLog {
+    entries: VecDeque<Entry>,
+    /// When the newest event of the robot was heard, and how many at that moment.
+    heard: Option<(Monotonic, usize)>,
+    total: u64,
+}
+
+impl Severity {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Note, Self::Warning, Self::Alarm];
+
+    /// In words.
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Note => "Note",
+            Self::Warning => "Warning",
+            Self::Alarm => "Alarm",
+        }
+    }
+
+    /// What a robot says of an event.
+    pub const fn of(event: &Event) -> Self {
+        match event.severity {
+            message::Severity::Info => Self::Note,
+            message::Severity::Warning => Self::Warning,
+            message::Severity::Alarm => Self::Alarm,
+        }
+    }
+}
+
+impl EventLog {
+    /// What happened, the oldest first.
+    pub const fn entries(&self) -> &VecDeque<Entry> {
+        &self.entries
+    }
+
+    /// How much happened in all, kept or not.
+    pub const fn total(&self) -> u64 {
+        self.total
+    }
+
+    /// Notes something that this console knows. `unix_s`: the present by the wall clock, seconds since 1970.
+    pub fn note(
+        &mut self,
+        severity: Severity,
+        kind: &str,
+        text: impl Into<String>,
+        now: Monotonic,
+        unix_s: u64,
+    ) {
+        self.add(Entry {
+            at: now,
+            time: time_of_day(unix_s),
+            severity,
+            source: Source::Console,
+            kind: kind.to_owned(),
+            text: text.into(),
+        });
+    }
+
+    /// Another robot: its events are all new.
+    pub const fn forget_robot(&mut self) {
+        self.heard = None;
+    }
+
+    /// Takes over the events of the robot that are not noted yet; these, the oldest first.
+    pub fn hear(&mut self, model: &ConsoleModel, now: Monotonic, unix_s: u64) -> Vec<Event> {
+        let mut skip = self.heard.map_or(0, |(_, count)| count);
+        let since = self.heard.map(|(at, _)| at);
+        let mut news = Vec::new();
+        for (event, at) in model.events() {
+            if since.is_some_and(|since| *at < since) {
+                continue;
+            }
+            if Some(*at) == since && skip > 0 {
+                skip -= 1;
+                continue;
+            }
+            self.heard = Some(match self.heard {
+                Some((before, count)) if before == *at => (before, count + 1),
+                Some(_) | None => (*at, 1),
+            });
+            let ago_s = now.since(*at).as_secs();
+            self.add(Entry {
+                at: *at,
+                time: time_of_day(unix_s.saturating_sub(ago_s)),
+                severity: Severity::of(event),
+                source: Source::Robot,
+                kind: event.kind.replace('_', " "),
+                text: event.message.clone(),
+            });
+            news.push(event.clone());
+        }
+        news
+    }
+
+    fn add(&mut self, entry: Entry) {
+        if self.entries.len() >= MAX_ENTRIES {
+            self.entries.pop_front();
+        }
+        self.entries.push_back(entry);
+        self.total += 1;
+    }
+}
+
+fn time_of_day(unix_s: u64) -> String {
+    let label = utc_label(unix_s);
+    label.get(11..19).unwrap_or_default().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::keys::Topic;
+    use protocol::tile::BootId;
+    use protocol::wire::{self, Header};
+
+    use super::*;
+    use crate::model::{Incoming, ModelSettings};
+
+    const fn at(ms: u64) -> Monotonic {
+        Monotonic::from_nanos(ms * 1_000_000)
+    }
+
+    fn says(model: &mut ConsoleModel, kind: &str, now: Monotonic) {
+        let severity = match kind {
+            "estop" => message::Severity::Alarm,
+            "jump" => message::Severity::Warning,
+            _ => message::Severity::Info,
+        };
+        let event = Event {
+            kind: kind.to_owned(),
+            severity,
+            message: format!("{kind} happened"),
+        };
+        let header = Header {
+            boot: BootId([1; 16]),
+            seq: 1,
+            robot_time_ns: 0,
+        };
+        let incoming = Incoming::Sample {
+            key: Topic::Event.key(model.robot()),
+            payload: wire::encode(&header, &event).unwrap(),
+        };
+        model.apply(incoming, now);
+    }
+
+    fn model() -> ConsoleModel {
+        ConsoleModel::new(ModelSettings {
+            robot: "scout".parse().unwrap(),
+            session: BootId([2; 16]),
+            store_mb: 1,
+            layers: [].into(),
+        })
+        .unwrap()
+    }
+
+    #[test]
+    fn every_event_of_the_robot_is_noted_once() {
+        let mut model = model();
+        let mut log = EventLog::default();
+        says(&mut model, "jump", at(1_000));
+        says(&mut model, "ground", at(1_000));
+        let kinds = |news: Vec<Event>| -> Vec<String> {
+            news.into_iter().map(|event| event.kind).collect()
+        };
+        assert_eq!(kinds(log.hear(&model, at(1_000), 0)), ["jump", "ground"]);
+        says(&mut model, "estop", at(1_000));
+        assert_eq!(kinds(log.hear(&model, at(2_000), 0)), ["estop"]);
+        assert_eq!(kinds(log.hear(&model, at(2_000), 0)), [""; 0]);
+        says(&mut model, "jump", at(3_000));
+        log.note(Severity::Note, "export", "done", at(3_500), 3_723);
+        assert_eq!(kinds(log.hear(&model, at(4_000), 3_724)), ["jump"]);
+        let told: Vec<_> = log
+            .entries()
+            .iter()
+            .map(|entry| (entry.kind.as_str(), entry.severity, entry.time.as_str()))
+            .collect();
+        assert_eq!(
+            told[2..],
+            [
+                ("estop", Severity::Alarm, "00:00:00"),
+                ("export", Severity::Note, "01:02:03"),
+                ("jump", Severity::Warning, "01:02:03"),
+            ]
+        );
+    }
+
+    #[test]
+    fn the_log_is_bounded() {
+        let mut log = EventLog::default();
+        for n in 0..5_000 {
+            log.note(Severity::Note, "n", n.to_string(), at(n), n);
+        }
+        assert_eq!(log.entries().len(), MAX_ENTRIES);
+        assert_eq!(log.entries().back().unwrap().text, "4999");
+        assert_eq!(log.total(), 5_000);
+    }
+}

@@ -1,0 +1,99 @@
+//! What wants somebody's attention, and the buttons that say it was seen.
+
+use eframe::egui::{Align, Button, Layout, RichText, Ui};
+use robot_edge::clock::Monotonic;
+
+use super::wording::age;
+use crate::alerts::{Alarm, Alerts};
+use crate::command::Command;
+use crate::shortcuts::Action;
+use crate::theme::{Tone, state_ui};
+
+/// What the panel shows.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AlertsData {
+    /// The newest first.
+    pub lines: Vec<AlertLine>,
+    /// How many nobody has seen.
+    pub unseen: usize,
+}
+
+/// One alert.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AlertLine {
+    /// Which.
+    pub alarm: Alarm,
+    /// What it is about.
+    pub text: String,
+    /// Since when, how often, whether it lasts.
+    pub detail: String,
+    /// Whether its reason lasts.
+    pub is_active: bool,
+    /// Whether somebody has said that they have seen it.
+    pub is_acknowledged: bool,
+}
+
+impl AlertsData {
+    /// The alerts at `now`.
+    pub fn new(alerts: &Alerts, now: Monotonic) -> Self {
+        let lines = alerts.iter().map(|alert| {
+            let since = age(now.since(alert.since));
+            let lasts = if alert.is_active { "still so" } else { "over" };
+            let times = match alert.times {
+                1 => String::new(),
+                times => format!(", {times} times"),
+            };
+            AlertLine {
+                alarm: alert.alarm.clone(),
+                text: alert.text.clone(),
+                detail: format!("{since} ago{times}, {lasts}"),
+                is_active: alert.is_active,
+                is_acknowledged: alert.is_acknowledged,
+            }
+        });
+        Self {
+            lines: lines.collect(),
+            unseen: alerts.unseen(),
+        }
+    }
+}
+
+/// Draws the panel.
+pub fn alerts_ui(ui: &mut Ui, data: &AlertsData) -> Option<Command> {
+    let mut command = None;
+    if data.lines.is_empty() {
+        ui.label("No alerts.");
+        return None;
+    }
+    ui.horizontal(|ui| {
+        let is_any = data.unseen > 0;
+        let button = ui.add_enabled(is_any, Button::new("Acknowledge all"));
+        let keys = Action::AcknowledgeAll.keys();
+        if button
+            .on_hover_text(format!("You have seen them ({keys})"))
+            .clicked()
+        {
+            command = Some(Command::AcknowledgeAll);
+        }
+    });
+    for line in &data.lines {
+        ui.separator();
+        ui.horizontal(|ui| {
+            let tone = match (line.is_active, line.is_acknowledged) {
+                (_, false) => Tone::Warning,
+                (true, true) => Tone::Waiting,
+                (false, true) => Tone::Good,
+            };
+            state_ui(ui, tone, &line.text, 15.0);
+            ui.label(RichText::new(&line.detail).small().weak());
+            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+                if line.is_acknowledged {
+                    ui.weak("Acknowledged");
+                } else if ui.button("Acknowledge").clicked() {
+                    command = Some(Command::Acknowledge(line.alarm.clone()));
+                }
+            });
+        });
+    }
+    command
+}

@@ -1,0 +1,217 @@
+//! The recording on the robot: whether it runs, how large it is, and how to start and stop it.
+
+use eframe::egui::{Button, Label, RichText, Ui, vec2};
+use protocol::message::{Answer, RecordingState, RecordingStatus, Setting};
+use robot_edge::clock::Monotonic;
+
+use super::driving::words;
+use super::rows::{Row, row, rows_ui};
+use super::wording::{age, bytes, count};
+use crate::command::Command;
+use crate::helm::{Asked, HelmSight, Intent, Note};
+use crate::model::{ConsoleModel, LinkState};
+use crate::theme::{Tone, state_ui};
+
+/// What the panel shows.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RecordingData {
+    /// How it is.
+    pub tone: Tone,
+    /// In a few words.
+    pub state: String,
+    /// What to do, or to know.
+    pub advice: Option<String>,
+    /// Figures.
+    pub rows: Vec<(String, String)>,
+    /// What the button does; `None` where the robot cannot record.
+    pub button: Option<RecordingButton>,
+    /// Why the last wish was not done.
+    pub refusal: Option<String>,
+}
+
+/// The button that starts and stops.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RecordingButton {
+    /// Whether it starts a recording, or stops the one that runs.
+    pub starts: bool,
+    /// Why it cannot be pressed.
+    pub blocked: Option<&'static str>,
+}
+
+impl RecordingData {
+    /// The recording at `now`; `helm` is of this console, where it can ask the robot for anything.
+    pub fn new(model: &ConsoleModel, helm: Option<&HelmSight>, now: Monotonic) -> Self {
+        let is_live = model.connection().state(now) == LinkState::Live;
+        let Some((recording, (status, at))) = model.recording().zip(model.status()) else {
+            return Self::unavailable(model);
+        };
+        let (tone, state, advice) = state_words(recording.state, status.has_ended);
+        let advice = if is_live {
+            advice
+        } else {
+            Some(format!("As of {} ago", age(now.since(*at))))
+        };
+        let blocked = match helm {
+            _ if !is_live => Some("The robot is not heard"),
+            _ if status.has_ended => Some("Its data has ended"),
+            None => Some("Nobody here is its operator"),
+            Some(helm) if helm.is_asking => Some("The robot is being asked"),
+            Some(helm) if helm.token_age.is_none() => Some("The robot takes no requests"),
+            Some(_) => None,
+        };
+        Self {
+            tone: if is_live { tone } else { Tone::Waiting },
+            state: state.to_owned(),
+            advice,
+            rows: rows(recording),
+            button: Some(RecordingButton {
+                starts: recording.state != RecordingState::Recording,
+                blocked,
+            }),
+            refusal: helm.and_then(|helm| helm.notice.as_ref()).and_then(refusal),
+        }
+    }
+
+    fn unavailable(model: &ConsoleModel) -> Self {
+        let (state, advice) = if model.status().is_none() {
+            ("Nothing is known of it yet", None)
+        } else {
+            let advice = "Start robot-edge with --recordings DIR to let operators record.";
+            ("This robot does not record", Some(advice.to_owned()))
+        };
+        Self {
+            tone: Tone::Waiting,
+            state: state.to_owned(),
+            advice,
+            rows: Vec::new(),
+            button: None,
+            refusal: None,
+        }
+    }
+}
+
+fn state_words(state: RecordingState, has_ended: bool) -> (Tone, &'static str, Option<String>) {
+    let said = |advice: &str| Some(advice.to_owned());
+    match state {
+        RecordingState::Recording if has_ended => (
+            Tone::Waiting,
+            "Recording",
+            said("The data has ended: nothing more is written."),
+        ),
+        RecordingState::Recording => (Tone::Good, "Recording", None),
+        RecordingState::Stopped => (Tone::Waiting, "Not recording", None),
+        RecordingState::StoppedDiskLow => (
+            Tone::Warning,
+            "Stopped: disk nearly full",
+            said(
+                "The robot keeps 1 GB and 5 % of its disk free. Make room on it, then start again.",
+            ),
+        ),
+        RecordingState::Failed => (
+            Tone::Warning,
+            "Stopped: it cannot be written",
+            said("The event says why. What was written before is kept."),
+        ),
+    }
+}
+
+fn rows(recording: &RecordingStatus) -> Vec<Row> {
+    let mut rows = Vec::new();
+    if recording.files > 0 {
+        rows.push(row("File", recording.file.clone()));
+        let files = if recording.files == 1 {
+            "file"
+        } else {
+            "files"
+        };
+        let size = format!("{} in {} {files}", bytes(recording.bytes), recording.files);
+        rows.push(row("Length", clock(recording.duration_s)));
+        rows.push(row("Size", size));
+    }
+    let free = recording.free_bytes.map_or_else(|| "–".to_owned(), bytes);
+    rows.push(row("Free on disk", free));
+    if recording.lost > 0 {
+        rows.push(row(
+            "Lost",
+            format!("{} measurements", count(recording.lost)),
+        ));
+    }
+    rows
+}
+
+/// Hours, minutes and seconds.
+fn clock(secs: u32) -> String {
+    let (hours, minutes, secs) = (secs / 3600, secs / 60 % 60, secs % 60);
+    if hours > 0 {
+        format!("{hours}:{minutes:02}:{secs:02}")
+    } else {
+        format!("{minutes}:{secs:02}")
+    }
+}
+
+/// That a wish about recording was not done.
+fn refusal(note: &Note) -> Option<String> {
+    match note {
+        Note::Answered(Asked::Set(Setting::Recording(_)), Answer::Refused(_))
+        | Note::NotAnswered(Asked::Set(Setting::Recording(_)))
+        | Note::NotSent(Asked::Set(Setting::Recording(_)), _) => {
+            let (mut words, _) = words::note(note);
+            if let Some(first) = words.get_mut(..1) {
+                first.make_ascii_uppercase();
+            }
+            Some(words)
+        }
+        Note::Answered(..)
+        | Note::NotAnswered(_)
+        | Note::NotSent(..)
+        | Note::LeaseGained(_)
+        | Note::LeaseLost
+        | Note::EStopPressed
+        | Note::EStopAcknowledged(_)
+        | Note::EStopRefused(_)
+        | Note::Lost(_) => None,
+    }
+}
+
+/// Draws the panel.
+pub fn recording_ui(ui: &mut Ui, data: &RecordingData) -> Option<Command> {
+    state_ui(ui, data.tone, &data.state, 20.0);
+    if let Some(advice) = &data.advice {
+        ui.add(Label::new(RichText::new(advice).small()).wrap());
+    }
+    let pressed = data
+        .button
+        .as_ref()
+        .and_then(|button| button_ui(ui, button));
+    if let Some(refusal) = &data.refusal {
+        let warning = Tone::Warning.color(ui.visuals());
+        ui.add(Label::new(RichText::new(refusal).small().color(warning)).wrap());
+    }
+    rows_ui(ui, "recording", &data.rows);
+    pressed
+}
+
+fn button_ui(ui: &mut Ui, button: &RecordingButton) -> Option<Command> {
+    let (words, hint) = if button.starts {
+        (
+            "Start recording",
+            "The robot writes all that its sensors measure to its own disk",
+        )
+    } else {
+        ("Stop recording", "The file is finished and kept")
+    };
+    let shown = Button::new(words).min_size(vec2(140.0, 28.0));
+    let response = ui.add_enabled(button.blocked.is_none(), shown);
+    let response = match button.blocked {
+        Some(why) => response.on_disabled_hover_text(why),
+        None => response.on_hover_text(hint),
+    };
+    response
+        .clicked()
+        .then_some(Command::Drive(Intent::Set(Setting::Recording(
+            button.starts,
+        ))))
+}
+
+#[cfg(test)]
+mod tests;

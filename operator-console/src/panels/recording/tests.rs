@@ -1,0 +1,201 @@
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::time::Duration;
+
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use protocol::keys::{RobotId, Topic};
+use protocol::message::{Refusal, Status};
+use protocol::tile::BootId;
+use protocol::wire::{self, Header};
+
+use super::*;
+use crate::helm::{EStopSight, Lease};
+use crate::model::{Incoming, ModelSettings};
+use crate::teleop_input::{SpeedStep, Wish};
+
+const fn at(ms: u64) -> Monotonic {
+    Monotonic::from_nanos(ms * 1_000_000)
+}
+
+fn helm() -> HelmSight {
+    HelmSight {
+        operator: "anna".parse().unwrap(),
+        lease: Lease::None,
+        step: SpeedStep::default(),
+        limits: [1.0, 1.5],
+        wish: Wish::NEUTRAL,
+        ignored: None,
+        is_ready: true,
+        token_age: Some(Duration::from_millis(20)),
+        is_asking: false,
+        notice: None,
+        estop: EStopSight::Quiet,
+    }
+}
+
+fn recording(state: RecordingState) -> RecordingStatus {
+    RecordingStatus {
+        state,
+        file: "scout-2026-03-01T123456Z.mcap".to_owned(),
+        files: 2,
+        duration_s: 75,
+        bytes: 4_100_000,
+        free_bytes: Some(52_000_000_000),
+        lost: 0,
+    }
+}
+
+/// A robot that tells this of its recording at 1 s.
+fn model(recording: Option<RecordingStatus>) -> ConsoleModel {
+    let robot: RobotId = "scout".parse().unwrap();
+    let settings = ModelSettings {
+        robot: robot.clone(),
+        session: BootId([1; 16]),
+        store_mb: 1,
+        layers: [].into(),
+    };
+    let mut model = ConsoleModel::new(settings).unwrap();
+    let status = Status {
+        recording,
+        ..Status::default()
+    };
+    let header = Header {
+        boot: BootId([7; 16]),
+        seq: 1,
+        robot_time_ns: 0,
+    };
+    let sample = Incoming::Sample {
+        key: Topic::Status.key(&robot),
+        payload: wire::encode(&header, &status).unwrap(),
+    };
+    model.apply(sample, at(1_000));
+    model
+}
+
+fn data(recording: Option<RecordingStatus>, helm: &HelmSight) -> RecordingData {
+    RecordingData::new(&model(recording), Some(helm), at(1_100))
+}
+
+fn text(data: &RecordingData) -> String {
+    let mut lines = vec![format!("{:?} {}", data.tone, data.state)];
+    lines.extend(data.advice.clone());
+    if let Some(button) = &data.button {
+        let words = if button.starts { "[start]" } else { "[stop]" };
+        lines.push(format!("{words} {}", button.blocked.unwrap_or_default()));
+    }
+    lines.extend(data.refusal.clone());
+    lines.extend(
+        data.rows
+            .iter()
+            .map(|(name, value)| format!("{name}: {value}")),
+    );
+    lines.join("\n")
+}
+
+#[test]
+fn a_recording_that_runs_says_how_long_and_how_large_it_is() {
+    assert_eq!(
+        text(&data(Some(recording(RecordingState::Recording)), &helm())),
+        "Good Recording\n\
+         [stop] \n\
+         File: scout-2026-03-01T123456Z.mcap\n\
+         Length: 1:15\n\
+         Size: 4.1 MB in 2 files\n\
+         Free on disk: 52.0 GB"
+    );
+}
+
+#[test]
+fn a_full_disk_and_what_was_lost_are_said() {
+    let full = RecordingStatus {
+        files: 1,
+        duration_s: 3_675,
+        lost: 1_200,
+        free_bytes: None,
+        ..recording(RecordingState::StoppedDiskLow)
+    };
+    let text = text(&data(Some(full), &helm()));
+    for words in [
+        "Warning Stopped: disk nearly full\nThe robot keeps 1 GB and 5 % of its disk free.",
+        "\n[start] \n",
+        "Length: 1:01:15",
+        "in 1 file\n",
+        "Free on disk: –",
+        "Lost: 1\u{2009}200 measurements",
+    ] {
+        assert!(text.contains(words), "{words:?} is not in {text}");
+    }
+}
+
+#[test]
+fn a_robot_that_does_not_record_says_how_it_would() {
+    assert_eq!(
+        text(&data(None, &helm())),
+        "Waiting This robot does not record\n\
+         Start robot-edge with --recordings DIR to let operators record."
+    );
+}
+
+#[test]
+fn a_refusal_is_said_in_words() {
+    let mut helm = helm();
+    let asked = Asked::Set(Setting::Recording(true));
+    helm.notice = Some(Note::Answered(
+        asked.clone(),
+        Answer::Refused(Refusal::Role),
+    ));
+    let refused = data(Some(recording(RecordingState::Stopped)), &helm).refusal;
+    let words = "Recording on refused: the sender's role does not allow it";
+    assert_eq!(refused.as_deref(), Some(words));
+    helm.notice = Some(Note::NotAnswered(asked));
+    let refused = data(Some(recording(RecordingState::Stopped)), &helm).refusal;
+    assert_eq!(refused.as_deref(), Some("Recording on: no answer"));
+    helm.notice = Some(Note::LeaseLost);
+    let refused = data(Some(recording(RecordingState::Stopped)), &helm).refusal;
+    assert_eq!(refused, None);
+}
+
+#[test]
+fn who_cannot_ask_is_told_why() {
+    let blocked = |helm: Option<&HelmSight>, ms| {
+        let model = model(Some(recording(RecordingState::Stopped)));
+        RecordingData::new(&model, helm, at(ms))
+            .button
+            .unwrap()
+            .blocked
+    };
+    assert_eq!(blocked(Some(&helm()), 1_100), None);
+    assert_eq!(blocked(None, 1_100), Some("Nobody here is its operator"));
+    assert_eq!(
+        blocked(Some(&helm()), 9_000),
+        Some("The robot is not heard")
+    );
+    let asking = HelmSight {
+        is_asking: true,
+        ..helm()
+    };
+    assert_eq!(
+        blocked(Some(&asking), 1_100),
+        Some("The robot is being asked")
+    );
+}
+
+#[test]
+fn the_button_asks_for_what_it_says() {
+    for (state, label, wish) in [
+        (RecordingState::Stopped, "Start recording", true),
+        (RecordingState::Failed, "Start recording", true),
+        (RecordingState::Recording, "Stop recording", false),
+    ] {
+        let data = data(Some(recording(state)), &helm());
+        let asked = Rc::new(RefCell::new(Vec::new()));
+        let heard = Rc::clone(&asked);
+        let mut panel =
+            Harness::new_ui(move |ui| heard.borrow_mut().extend(recording_ui(ui, &data)));
+        panel.get_by_label(label).click();
+        panel.run();
+        let expected = Command::Drive(Intent::Set(Setting::Recording(wish)));
+        assert_eq!(*asked.borrow(), [expected]);
+    }
+}

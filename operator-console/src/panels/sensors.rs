@@ -1,0 +1,216 @@
+//! The robot's sensors: how often each measures, when it did last, and what is wrong with it.
+
+use std::time::Duration;
+
+use eframe::egui::{Grid, Label, RichText, ScrollArea, Ui};
+use protocol::message::{SensorFault, SensorInfo, SensorKind, SensorStatus};
+use robot_edge::clock::Monotonic;
+
+use super::wording::{age, count};
+use crate::model::{ConsoleModel, LinkState};
+use crate::theme::{Tone, state_ui};
+
+/// What the panel shows.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SensorsData {
+    /// Said where there is nothing to show, or what is shown is old.
+    pub note: Option<String>,
+    /// One a sensor, as the robot lists them.
+    pub sensors: Vec<SensorLine>,
+}
+
+/// One sensor.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SensorLine {
+    /// How it is.
+    pub tone: Tone,
+    /// In a word or two.
+    pub state: String,
+    /// What that means, and what to do.
+    pub advice: &'static str,
+    /// Its name.
+    pub name: String,
+    /// What it is.
+    pub kind: &'static str,
+    /// How often it measures, and how often it should.
+    pub rate: String,
+    /// When it measured last.
+    pub last_seen: String,
+    /// Measurements that could not be used.
+    pub dropped: String,
+}
+
+impl SensorsData {
+    /// The sensors at `now`.
+    pub fn new(model: &ConsoleModel, now: Monotonic) -> Self {
+        let since_told = model.status().map(|(_, at)| now.since(*at));
+        let is_silent = model.connection().state(now) == LinkState::Silent;
+        let described = model.sensors();
+        let lines = model.sensor_statuses().iter().map(|status| {
+            let info = described.iter().find(|info| info.name == status.name);
+            line(status, info, since_told.unwrap_or_default(), is_silent)
+        });
+        let sensors: Vec<_> = lines.collect();
+        let note = match (sensors.is_empty(), since_told) {
+            (true, None) => Some("Nothing is known of its sensors yet.".to_owned()),
+            (true, Some(_)) => Some("It tells of no sensors.".to_owned()),
+            (false, Some(since)) if is_silent => Some(format!("As of {} ago", age(since))),
+            (false, _) => None,
+        };
+        Self { note, sensors }
+    }
+}
+
+fn line(
+    status: &SensorStatus,
+    info: Option<&SensorInfo>,
+    since_told: Duration,
+    is_link_silent: bool,
+) -> SensorLine {
+    let kind = info.map(|info| info.kind);
+    let (tone, state, advice) = match (status.fault, status.messages) {
+        (Some(fault), _) => fault_words(fault, kind),
+        (None, 0) => (Tone::Waiting, "Waiting", "Nothing has come from it yet."),
+        // What was well when the link fell silent may not be any more.
+        (None, _) if is_link_silent => (
+            Tone::Waiting,
+            "Was good",
+            "So it was when the robot was heard last.",
+        ),
+        (None, _) => (Tone::Good, "Good", "It measures as it should."),
+    };
+    let nominal = info.and_then(|info| info.rate_hz);
+    let last_seen = status.age_ms.map_or_else(
+        || "never".to_owned(),
+        |ms| {
+            let since = Duration::from_millis(ms.into()).saturating_add(since_told);
+            format!("{} ago", age(since))
+        },
+    );
+    SensorLine {
+        tone,
+        state: state.to_owned(),
+        advice,
+        name: status.name.clone(),
+        kind: kind.map_or("–", kind_words),
+        rate: rate(status.rate_hz, nominal),
+        last_seen,
+        dropped: count(status.dropped),
+    }
+}
+
+fn rate(rate_hz: f32, nominal_hz: Option<f32>) -> String {
+    match nominal_hz {
+        Some(nominal_hz) => format!("{rate_hz:.1} of {nominal_hz:.0} Hz"),
+        None => format!("{rate_hz:.1} Hz"),
+    }
+}
+
+/// How a fault looks, in a word or two and in a sentence.
+pub fn fault_words(
+    fault: SensorFault,
+    kind: Option<SensorKind>,
+) -> (Tone, &'static str, &'static str) {
+    let (state, advice) = match fault {
+        SensorFault::Silent => (
+            "Silent",
+            "Nothing comes from it. Look at its power, its cable and its driver.",
+        ),
+        SensorFault::Clock => (
+            "Clock leapt",
+            "Its stamps leapt: what it measures may be drawn in the wrong place.",
+        ),
+        SensorFault::AllInvalid if kind == Some(SensorKind::SatelliteReceiver) => (
+            "No fix",
+            "It hears too few satellites: the position is not known.",
+        ),
+        SensorFault::AllInvalid => (
+            "Sees nothing",
+            "None of its measurements is valid. It is covered, dirty or broken.",
+        ),
+        SensorFault::Slow => (
+            "Slow",
+            "Less than half of its measurements come. Look at its driver and the vehicle's load.",
+        ),
+    };
+    (Tone::Warning, state, advice)
+}
+
+/// What a sensor is.
+pub const fn kind_words(kind: SensorKind) -> &'static str {
+    match kind {
+        SensorKind::PlanarLaser => "Laser",
+        SensorKind::TiltingLaser => "Tilting laser",
+        SensorKind::Sonar => "Sonar",
+        SensorKind::WheelEncoders => "Wheel encoders",
+        SensorKind::Attitude => "Attitude",
+        SensorKind::SatelliteReceiver => "Satellite receiver",
+        SensorKind::Odometry => "Odometry",
+        SensorKind::Transforms => "Transforms",
+        SensorKind::TiltEncoder => "Tilt encoder",
+    }
+}
+
+/// Draws the panel.
+pub fn sensors_ui(ui: &mut Ui, data: &SensorsData) {
+    if let Some(note) = &data.note {
+        ui.strong(note);
+    }
+    if data.sensors.is_empty() {
+        return;
+    }
+    ScrollArea::both()
+        .id_salt("sensors")
+        .auto_shrink([false, true])
+        .show(ui, |ui| {
+            Grid::new("sensors")
+                .num_columns(6)
+                .min_row_height(22.0)
+                .spacing([18.0, 4.0])
+                .show(ui, |ui| {
+                    for (heading, hint) in HEADINGS {
+                        let weak = ui.visuals().weak_text_color();
+                        ui.label(RichText::new(heading).small().color(weak))
+                            .on_hover_text(hint);
+                    }
+                    ui.end_row();
+                    for sensor in &data.sensors {
+                        sensor_ui(ui, sensor);
+                        ui.end_row();
+                    }
+                });
+        });
+}
+
+const HEADINGS: [(&str, &str); 6] = [
+    ("State", "How the sensor is"),
+    ("Sensor", "Its name in the vehicle's configuration"),
+    ("Kind", "What it is"),
+    (
+        "Rate",
+        "Measurements a second over the last 5 s, and how many it should make",
+    ),
+    ("Last seen", "When its last measurement came"),
+    (
+        "Dropped",
+        "Measurements that could not be used since the robot started",
+    ),
+];
+
+fn sensor_ui(ui: &mut Ui, sensor: &SensorLine) {
+    ui.scope(|ui| state_ui(ui, sensor.tone, &sensor.state, 15.0))
+        .response
+        .on_hover_text(sensor.advice);
+    for text in [
+        &sensor.name,
+        sensor.kind,
+        &sensor.rate,
+        &sensor.last_seen,
+        &sensor.dropped,
+    ] {
+        ui.add(Label::new(text).extend());
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,170 @@
+use eframe::egui::vec2;
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use protocol::keys::{RobotId, Topic};
+use protocol::message::{Info, Status};
+use protocol::tile::BootId;
+use protocol::wire::{self, Header};
+use serde::Serialize;
+
+use super::*;
+use crate::model::{Incoming, ModelSettings, RequestId};
+
+const fn at(ms: u64) -> Monotonic {
+    Monotonic::from_nanos(ms * 1_000_000)
+}
+
+fn payload<T: Serialize>(body: &T) -> Vec<u8> {
+    let header = Header {
+        boot: BootId([7; 16]),
+        seq: 1,
+        robot_time_ns: 0,
+    };
+    wire::encode(&header, body).unwrap()
+}
+
+fn info(name: &str, kind: SensorKind, rate_hz: Option<f32>) -> SensorInfo {
+    SensorInfo {
+        name: name.to_owned(),
+        kind,
+        mount: None,
+        view: None,
+        rate_hz,
+    }
+}
+
+fn status(name: &str, rate_hz: f32, fault: Option<SensorFault>) -> SensorStatus {
+    SensorStatus {
+        name: name.to_owned(),
+        messages: 1234,
+        rate_hz,
+        age_ms: Some(40),
+        dropped: 0,
+        fault,
+    }
+}
+
+/// A boat whose sensors have one fault each, told at 1 s.
+fn boat() -> ConsoleModel {
+    let robot: RobotId = "scout".parse().unwrap();
+    let settings = ModelSettings {
+        robot: robot.clone(),
+        session: BootId([1; 16]),
+        store_mb: 1,
+        layers: [].into(),
+    };
+    let mut model = ConsoleModel::new(settings).unwrap();
+    let described = Info {
+        sensors: vec![
+            info("laser", SensorKind::TiltingLaser, Some(5.0)),
+            info("sonar", SensorKind::Sonar, Some(10.0)),
+            info("gps", SensorKind::SatelliteReceiver, None),
+            info("imu", SensorKind::Attitude, None),
+        ],
+        ..Info::default()
+    };
+    let silent = SensorStatus {
+        age_ms: Some(1_300),
+        dropped: 12_345,
+        ..status("sonar", 4.2, Some(SensorFault::Silent))
+    };
+    let told = Status {
+        sensors: vec![
+            status("laser", 5.0, None),
+            silent,
+            status("gps", 5.0, Some(SensorFault::AllInvalid)),
+            status("imu", 49.96, Some(SensorFault::Clock)),
+            SensorStatus {
+                messages: 0,
+                age_ms: None,
+                ..status("not described", 0.0, None)
+            },
+        ],
+        ..Status::default()
+    };
+    let reply = Incoming::Reply {
+        request: RequestId(0),
+        key: Topic::Info.key(&robot),
+        payload: payload(&described),
+    };
+    model.apply(reply, at(1_000));
+    let sample = Incoming::Sample {
+        key: Topic::Status.key(&robot),
+        payload: payload(&told),
+    };
+    model.apply(sample, at(1_000));
+    model
+}
+
+fn text(data: &SensorsData) -> String {
+    let line = |line: &SensorLine| {
+        format!(
+            "{:?} {} | {} | {} | {} | {} | {}",
+            line.tone, line.state, line.name, line.kind, line.rate, line.last_seen, line.dropped
+        )
+    };
+    let lines: Vec<_> = data
+        .note
+        .iter()
+        .cloned()
+        .chain(data.sensors.iter().map(line))
+        .collect();
+    lines.join("\n")
+}
+
+#[test]
+fn each_sensor_says_how_it_is() {
+    assert_eq!(
+        text(&SensorsData::new(&boat(), at(1_100))),
+        "Good Good | laser | Tilting laser | 5.0 of 5 Hz | 0.1 s ago | 0\n\
+         Warning Silent | sonar | Sonar | 4.2 of 10 Hz | 1.4 s ago | 12\u{2009}345\n\
+         Warning No fix | gps | Satellite receiver | 5.0 Hz | 0.1 s ago | 0\n\
+         Warning Clock leapt | imu | Attitude | 50.0 Hz | 0.1 s ago | 0\n\
+         Waiting Waiting | not described | – | 0.0 Hz | never | 0"
+    );
+}
+
+#[test]
+fn what_was_good_before_the_link_fell_silent_is_not_called_good() {
+    let text = text(&SensorsData::new(&boat(), at(6_000)));
+    assert!(
+        text.starts_with("As of 5.0 s ago\nWaiting Was good | laser"),
+        "{text}"
+    );
+    assert!(
+        text.contains("Warning Silent | sonar | Sonar | 4.2 of 10 Hz | 6.3 s ago"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_robot_that_told_nothing_is_said_to_have_told_nothing() {
+    let settings = ModelSettings {
+        robot: "scout".parse().unwrap(),
+        session: BootId([1; 16]),
+        store_mb: 1,
+        layers: [].into(),
+    };
+    let model = ConsoleModel::new(settings).unwrap();
+    let data = SensorsData::new(&model, at(1_000));
+    assert_eq!(text(&data), "Nothing is known of its sensors yet.");
+}
+
+#[test]
+fn the_panel_can_be_read_without_its_colours() {
+    let data = SensorsData::new(&boat(), at(1_100));
+    let panel = Harness::builder()
+        .with_size(vec2(700.0, 260.0))
+        .build_ui(move |ui| sensors_ui(ui, &data));
+    for label in [
+        "State",
+        "Last seen",
+        "Good",
+        "Silent",
+        "No fix",
+        "sonar",
+        "12\u{2009}345",
+    ] {
+        panel.get_by_label(label);
+    }
+}

@@ -1,0 +1,160 @@
+//! Always in sight, in one line: which robot, how its link is, how old what is shown is, who drives, and the stop.
+
+use eframe::egui::{Align, Button, Color32, Label, Layout, RichText, Stroke, Ui, vec2};
+use robot_edge::clock::Monotonic;
+
+use super::connection::{ConnectionData, LinkSight};
+use super::driving::{DrivingData, EStopFace};
+use super::robots::swatch_ui;
+use super::wording::age;
+use crate::command::Command;
+use crate::helm::{HelmSight, Intent};
+use crate::model::{ConsoleModel, LinkState};
+use crate::theme::{self, Tone, state_ui};
+
+/// What the bar shows of a robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TopBarData {
+    /// Its name.
+    pub robot: String,
+    /// Its own colour.
+    pub color: Color32,
+    /// How the link is.
+    pub link: (Tone, String),
+    /// How old the newest data is; none before the first.
+    pub age: Option<String>,
+    /// Whether the map is the robot's.
+    pub map: (Tone, String),
+    /// Who drives; none where nobody can.
+    pub driver: Option<String>,
+    /// The stop, where there is something to stop.
+    pub estop: Option<EStopFace>,
+}
+
+impl TopBarData {
+    /// The robot at `now`.
+    pub fn new(
+        model: &ConsoleModel,
+        link: &LinkSight,
+        helm: Option<&HelmSight>,
+        color: Color32,
+        now: Monotonic,
+    ) -> Self {
+        let connection = ConnectionData::new(model, link, now);
+        let driving = helm.and_then(|helm| DrivingData::new(model, helm, now));
+        let old = model.connection().age(now);
+        // Live data is some milliseconds old: figures that flicker say less than this.
+        let age = old.map(|old| match model.connection().state(now) {
+            LinkState::Live if old.as_millis() < 200 => "< 0.2 s old".to_owned(),
+            LinkState::Live | LinkState::Silent | LinkState::Waiting => {
+                format!("{} old", age(old))
+            }
+        });
+        Self {
+            robot: model.robot().to_string(),
+            color,
+            link: (connection.tone, connection.state),
+            age,
+            map: (connection.map_tone, connection.map),
+            driver: driving.as_ref().map(|driving| driving.driver.clone()),
+            estop: driving.map(|driving| driving.estop),
+        }
+    }
+}
+
+/// Draws the robot's part of the bar, from the left.
+pub fn robot_bar_ui(ui: &mut Ui, data: &TopBarData) {
+    swatch_ui(ui, data.color);
+    ui.label(RichText::new(&data.robot).strong());
+    state_ui(ui, data.link.0, &data.link.1, 15.0);
+    if let Some(age) = &data.age {
+        ui.label(age)
+            .on_hover_text("Since the newest message of the robot");
+    }
+    ui.separator();
+    state_ui(ui, data.map.0, &data.map.1, 15.0);
+    if let Some(driver) = &data.driver {
+        ui.separator();
+        ui.add(Label::new(driver).truncate());
+    }
+}
+
+/// Draws the stop and the alerts that nobody has seen from the right, and `middle` in what is left.
+pub fn right_bar_ui(
+    ui: &mut Ui,
+    data: Option<&TopBarData>,
+    unseen: usize,
+    middle: impl FnOnce(&mut Ui),
+) -> RightBar {
+    let mut asked = RightBar::default();
+    ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+        if let Some(estop) = data.and_then(|data| data.estop.as_ref()) {
+            asked.command = stop_ui(ui, estop).map(Command::Drive);
+        }
+        let words = match unseen {
+            0 => "No alerts".to_owned(),
+            1 => "1 alert".to_owned(),
+            n => format!("{n} alerts"),
+        };
+        let [fill, ink] = theme::BANNER;
+        let text = RichText::new(words);
+        let button = if unseen > 0 {
+            Button::new(text.strong().color(ink)).fill(fill)
+        } else {
+            Button::new(text).frame(false)
+        };
+        let button = ui.add(button);
+        asked.shows_alerts = button.on_hover_text("Show the alerts").clicked();
+        ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
+            // What does not fit is cut off, and moves nothing.
+            ui.set_clip_rect(ui.max_rect().intersect(ui.clip_rect()));
+            middle(ui);
+        });
+    });
+    asked
+}
+
+/// What was asked for on the right of the bar.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RightBar {
+    /// Of the robot.
+    pub command: Option<Command>,
+    /// To see the alerts.
+    pub shows_alerts: bool,
+}
+
+/// Always the same size at the same place, whatever it says.
+fn stop_ui(ui: &mut Ui, face: &EStopFace) -> Option<Intent> {
+    let [danger, on_danger] = theme::DANGER;
+    let [banner, on_banner] = theme::BANNER;
+    let (words, fill, ink, hint) = match face {
+        EStopFace::Ready | EStopFace::Refused(_) => (
+            "Stop",
+            danger,
+            on_danger,
+            "Emergency stop: stops at once, and stays stopped until it is reset (Space)",
+        ),
+        EStopFace::Sending(_) => (
+            "Stopping…",
+            banner,
+            on_banner,
+            "The emergency stop is being sent and is not acknowledged; press again if you like",
+        ),
+        EStopFace::InForce { .. } => (
+            "Stopped",
+            on_danger,
+            danger,
+            "An emergency stop is in force; it is reset in the driving panel",
+        ),
+    };
+    let text = RichText::new(words).strong().color(ink);
+    let button = Button::new(text)
+        .fill(fill)
+        .stroke(Stroke::new(1.5, danger))
+        .min_size(vec2(96.0, 28.0));
+    // Pressing again what is in force does no harm, and is what one does.
+    ui.add(button)
+        .on_hover_text(hint)
+        .clicked()
+        .then_some(Intent::EStop)
+}

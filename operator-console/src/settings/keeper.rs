@@ -1,0 +1,117 @@
+//! Writes settings in the background: the window's loop, which drives, never waits for a disk.
+
+use std::path::PathBuf;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use robot_edge::clock::Monotonic;
+
+use super::{Settings, file};
+
+/// Between two writes at least.
+const PERIOD: Duration = Duration::from_secs(1);
+
+/// Keeps settings in a file. Dropping it writes what is not written yet.
+pub struct Keeper {
+    shared: Arc<Shared>,
+    kept: Settings,
+    thread: Option<JoinHandle<()>>,
+}
+
+#[derive(Default)]
+struct Shared {
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+#[derive(Default)]
+struct State {
+    /// The newest settings, until they are written: those before matter no more.
+    waiting: Option<Settings>,
+    is_closing: bool,
+    problem: Option<String>,
+}
+
+impl Keeper {
+    /// Keeps in `path` what differs from `kept`, which is what that file says.
+    pub fn start(path: PathBuf, kept: Settings) -> Self {
+        let shared = Arc::new(Shared::default());
+        let thread = thread::spawn({
+            let shared = Arc::clone(&shared);
+            move || run(&shared, &path)
+        });
+        Self {
+            shared,
+            kept,
+            thread: Some(thread),
+        }
+    }
+
+    /// Keeps these, where they are others than before. Returns at once.
+    pub fn keep(&mut self, settings: Settings) {
+        if settings == self.kept {
+            return;
+        }
+        self.kept = settings.clone();
+        lock(&self.shared.state).waiting = Some(settings);
+        self.shared.changed.notify_one();
+    }
+
+    /// Why the last settings could not be written, once.
+    pub fn take_problem(&self) -> Option<String> {
+        lock(&self.shared.state).problem.take()
+    }
+}
+
+impl Drop for Keeper {
+    fn drop(&mut self) {
+        lock(&self.shared.state).is_closing = true;
+        self.shared.changed.notify_one();
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the thread that writes settings failed");
+        }
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn run(shared: &Shared, path: &std::path::Path) {
+    let mut state = lock(&shared.state);
+    loop {
+        if let Some(settings) = state.waiting.take() {
+            drop(state);
+            let started = Monotonic::now();
+            let written = file::write(path, &settings);
+            state = lock(&shared.state);
+            if let Err(why) = written {
+                tracing::warn!(path = %path.display(), %why, "settings are not written");
+                state.problem = Some(format!(
+                    "Settings cannot be kept in {}: {why}",
+                    path.display()
+                ));
+            }
+            while !state.is_closing {
+                let rest = PERIOD.saturating_sub(started.elapsed());
+                if rest.is_zero() {
+                    break;
+                }
+                (state, _) = shared
+                    .changed
+                    .wait_timeout(state, rest)
+                    .unwrap_or_else(PoisonError::into_inner);
+            }
+        } else if state.is_closing {
+            return;
+        } else {
+            state = shared
+                .changed
+                .wait(state)
+                .unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+}

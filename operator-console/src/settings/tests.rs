@@ -1,0 +1,204 @@
+use std::fs;
+use std::path::Path;
+use std::thread::sleep;
+use std::time::Duration;
+
+use robot_edge::clock::Monotonic;
+
+use super::*;
+use crate::workspace::{PanelId, Workspace};
+
+fn some() -> Settings {
+    let mut workspace = Workspace::default();
+    workspace.set_wanted(PanelId::Losses, false);
+    let mut settings = Settings {
+        appearance: Appearance {
+            theme: ThemeChoice::Dark,
+            scale_percent: 150,
+        },
+        window: Some(WindowPlace {
+            size: [900.0, 600.0],
+            corner: Some([10.0, 20.0]),
+            is_maximized: false,
+        }),
+        layout: Some(workspace.layout()),
+        ..Settings::default()
+    };
+    settings.remember("tcp/10.0.0.5:7447");
+    settings.robots.of(&"scout".parse().unwrap());
+    settings
+}
+
+fn files(folder: &Path) -> Vec<String> {
+    let mut names: Vec<_> = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn settings_are_read_as_they_were_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("new/console.json");
+    assert_eq!(read(&path), Read::default(), "a first run");
+    file::write(&path, &some()).unwrap();
+    let read_back = read(&path);
+    assert_eq!(read_back.complaint, None);
+    assert_eq!(read_back.settings, some());
+    assert_eq!(files(path.parent().unwrap()), ["console.json"]);
+}
+
+#[test]
+fn what_is_missing_has_defaults_and_what_is_unknown_is_ignored() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("console.json");
+    fs::write(
+        &path,
+        r#"{"version": 1, "sound": "loud", "appearance": {"theme": "light"}}"#,
+    )
+    .unwrap();
+    let Read {
+        settings,
+        complaint,
+    } = read(&path);
+    assert_eq!(complaint, None);
+    let expected = Appearance {
+        theme: ThemeChoice::Light,
+        scale_percent: 100,
+    };
+    assert_eq!(settings.appearance, expected);
+    assert_eq!(settings.layout, None);
+}
+
+#[test]
+fn a_damaged_or_newer_file_is_kept_aside_and_the_reason_is_said() {
+    for (text, says) in [
+        (r#"{"version": 1, "appea"#, "EOF"),
+        (r#"{"version": 9}"#, "newer version"),
+        (r#"{"version": 1, "appearance": {"theme": "pink"}}"#, "pink"),
+        ("{}", "does not say its version"),
+        ("", "EOF"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("console.json");
+        fs::write(&path, text).unwrap();
+        let Read {
+            settings,
+            complaint,
+        } = read(&path);
+        assert_eq!(settings, Settings::default());
+        let complaint = complaint.unwrap();
+        assert!(complaint.contains(says), "{complaint}");
+        let [aside] = &files(folder.path())[..] else {
+            panic!("{:?}", files(folder.path()));
+        };
+        assert!(aside.starts_with("console.unusable-"), "{aside}");
+        assert!(complaint.contains(aside), "{complaint}");
+        let kept = fs::read_to_string(folder.path().join(aside)).unwrap();
+        assert_eq!(kept, text);
+    }
+}
+
+#[test]
+fn values_that_make_no_sense_are_replaced_one_by_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("console.json");
+    let mut settings = some();
+    settings.appearance.scale_percent = 1000;
+    settings.window = Some(WindowPlace {
+        size: [5.0, 1e9],
+        corner: None,
+        is_maximized: false,
+    });
+    file::write(&path, &settings).unwrap();
+    let Read {
+        settings,
+        complaint,
+    } = read(&path);
+    assert_eq!(settings.appearance.scale_percent, 100);
+    assert_eq!(settings.appearance.theme, ThemeChoice::Dark);
+    assert_eq!(settings.window, None);
+    assert_eq!(settings.addresses, ["tcp/10.0.0.5:7447"]);
+    let complaint = complaint.unwrap();
+    assert!(
+        complaint.contains("1000 %") && complaint.contains("place"),
+        "{complaint}"
+    );
+}
+
+#[test]
+fn addresses_and_colours_are_bounded_and_kept() {
+    let mut settings = Settings::default();
+    for n in 0..100 {
+        settings.remember(&format!("tcp/10.0.0.{n}:7447"));
+    }
+    settings.remember("tcp/10.0.0.90:7447");
+    assert_eq!(settings.addresses.len(), MAX_ADDRESSES);
+    assert_eq!(settings.addresses.last().unwrap(), "tcp/10.0.0.90:7447");
+    let mut robots = RobotColors::default();
+    let mut of = |name: &str| robots.of(&name.parse().unwrap());
+    let (scout, boat) = (of("scout"), of("boat"));
+    assert_ne!(scout, boat);
+    let seven: std::collections::BTreeSet<_> = ["scout", "boat", "c", "d", "e", "f", "g"]
+        .map(|name| of(name).to_array())
+        .into();
+    assert_eq!(seven.len(), 7, "the first seven differ");
+    assert_eq!(of("scout"), scout);
+    for n in 0..1000 {
+        of(&format!("robot-{n}"));
+    }
+    let text = serde_json::to_string(&robots).unwrap();
+    assert!(text.len() < 8_000, "{} bytes", text.len());
+}
+
+/// As after `kill -9`: nothing is dropped, nobody says goodbye.
+#[test]
+fn what_was_changed_is_on_the_disk_within_a_second_and_the_rest_at_the_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("console.json");
+    let mut keeper = Keeper::start(path.clone(), Settings::default());
+    keeper.keep(Settings::default());
+    let started = Monotonic::now();
+    keeper.keep(some());
+    while !path.exists() {
+        assert!(
+            started.elapsed() < Duration::from_secs(5),
+            "nothing is written"
+        );
+        sleep(Duration::from_millis(5));
+    }
+    assert_eq!(read(&path).settings, some());
+    // Of many changes the last is written, and that at the end at the latest.
+    for percent in 50..=300 {
+        let mut settings = some();
+        settings.appearance.scale_percent = percent;
+        keeper.keep(settings);
+    }
+    drop(keeper);
+    assert_eq!(read(&path).settings.appearance.scale_percent, 300);
+    assert_eq!(files(folder.path()), ["console.json"]);
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_is_said_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let blocked = folder.path().join("file");
+    fs::write(&blocked, "").unwrap();
+    let mut keeper = Keeper::start(blocked.join("console.json"), Settings::default());
+    keeper.keep(some());
+    let started = Monotonic::now();
+    let problem = loop {
+        if let Some(problem) = keeper.take_problem() {
+            break problem;
+        }
+        assert!(
+            started.elapsed() < Duration::from_secs(5),
+            "nothing is said"
+        );
+        sleep(Duration::from_millis(5));
+    };
+    assert!(problem.contains("cannot be kept"), "{problem}");
+    assert_eq!(keeper.take_problem(), None);
+}

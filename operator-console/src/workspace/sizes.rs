@@ -1,0 +1,56 @@
+//! Who gives and takes where the window grows and shrinks, and where panels come and go: the map, as far as it can.
+
+use eframe::egui::Vec2;
+use egui_tiles::{Container, LinearDir, Tile, TileId, Tree};
+
+use super::PanelId;
+use super::layout::share_of;
+
+/// The map becomes no smaller than this for the sake of others, points.
+const LEAST: f32 = 260.0;
+/// What has just been put beside the map gets this, points: the library gives it next to nothing.
+const NEW: f32 = 250.0;
+/// No panel was ever made so small by hand.
+const NOTHING: f32 = 20.0;
+
+/// In rows and columns that the map is in, shares are points. All other panels that can be seen keep theirs, and the map
+/// has what is left of `size`.
+pub(super) fn give_to_the_map(tree: &mut Tree<PanelId>, map: TileId, size: Vec2) {
+    let mut way = vec![map];
+    while let Some(parent) = tree.tiles.parent_of(way[way.len() - 1]) {
+        way.push(parent);
+    }
+    let mut size = size;
+    for pair in way.windows(2).rev() {
+        let [child, parent] = [pair[0], pair[1]];
+        let Some(Tile::Container(Container::Linear(linear))) = tree.tiles.get(parent) else {
+            continue;
+        };
+        let axis = match linear.dir {
+            LinearDir::Horizontal => 0,
+            LinearDir::Vertical => 1,
+        };
+        let others: Vec<TileId> = linear
+            .children
+            .iter()
+            .copied()
+            .filter(|other| *other != child && tree.tiles.is_visible_in_layout(*other))
+            .collect();
+        let Some(Tile::Container(Container::Linear(linear))) = tree.tiles.get_mut(parent) else {
+            continue;
+        };
+        let mut taken = 0.0;
+        for other in others {
+            let mut points = share_of(linear, other);
+            if points < NOTHING {
+                points = NEW;
+                linear.shares.set_share(other, points);
+            }
+            taken += points;
+        }
+        // Where there is too little for all, everyone gives in proportion.
+        let for_map = (size[axis] - taken).max(LEAST);
+        linear.shares.set_share(child, for_map);
+        size[axis] *= for_map / (taken + for_map);
+    }
+}

@@ -1,0 +1,202 @@
+use eframe::egui::{Vec2, vec2};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+
+use super::*;
+
+/// A workspace whose panels show their names, without those in `absent`.
+struct Rig {
+    workspace: Workspace,
+    absent: Vec<PanelId>,
+    drawn: Vec<PanelId>,
+}
+
+fn window(layout: &Layout, size: [f32; 2]) -> Harness<'static, Rig> {
+    let rig = Rig {
+        workspace: Workspace::of(layout),
+        absent: Vec::new(),
+        drawn: Vec::new(),
+    };
+    let mut harness = Harness::builder()
+        .with_size(Vec2::from(size))
+        .build_ui_state(
+            |ui, rig: &mut Rig| {
+                rig.drawn.clear();
+                let (absent, drawn) = (&rig.absent, &mut rig.drawn);
+                rig.workspace
+                    .show(ui, |panel| !absent.contains(&panel), &mut |ui, panel| {
+                        drawn.push(panel);
+                        let _room = ui.label(format!("{panel:?} content"));
+                    });
+            },
+            rig,
+        );
+    harness.run_steps(4);
+    harness
+}
+
+fn size_of(window: &Harness<'_, Rig>, panel: PanelId) -> Vec2 {
+    let tree = &window.state().workspace.tree;
+    let id = tree.tiles.find_pane(&panel).unwrap();
+    tree.tiles.rect(id).unwrap().size()
+}
+
+#[test]
+fn at_first_every_panel_is_somewhere_and_the_map_has_most_of_it() {
+    assert!(Layout::default().is_whole());
+    let window = window(&Layout::default(), [1280.0, 760.0]);
+    let drawn = [
+        PanelId::Robot,
+        PanelId::Layers,
+        PanelId::Map,
+        PanelId::Link,
+        PanelId::Driving,
+    ];
+    let mut shown = window.state().drawn.clone();
+    shown.sort_unstable();
+    let mut expected = drawn.to_vec();
+    expected.sort_unstable();
+    assert_eq!(shown, expected);
+    let map = size_of(&window, PanelId::Map);
+    assert!(map.x > 650.0 && map.y > 500.0, "{map}");
+}
+
+#[test]
+fn tabs_are_switched_closed_and_brought_back() {
+    let mut window = window(&Layout::default(), [1280.0, 760.0]);
+    window.get_by_label("Events").click();
+    window.run_steps(3);
+    assert!(window.state().drawn.contains(&PanelId::Events));
+    assert!(!window.state().drawn.contains(&PanelId::Link));
+    window.state_mut().workspace.set_wanted(PanelId::Link, true);
+    window.run_steps(2);
+    assert!(window.state().drawn.contains(&PanelId::Link));
+
+    for panel in PanelId::ALL {
+        window.state_mut().workspace.set_wanted(panel, false);
+    }
+    window.run_steps(3);
+    assert_eq!(window.state().drawn, [PanelId::Map], "the map stays");
+    let map = size_of(&window, PanelId::Map);
+    assert!(map.x > 1260.0 && map.y > 740.0, "{map}");
+    window
+        .state_mut()
+        .workspace
+        .set_wanted(PanelId::Driving, true);
+    window.run_steps(3);
+    window.get_by_label("Driving content");
+    window.state_mut().workspace.reset();
+    window.run_steps(3);
+    assert_eq!(window.state().drawn.len(), 5);
+}
+
+#[test]
+fn what_has_nothing_to_show_takes_no_place_and_comes_back_by_itself() {
+    let mut window = window(&Layout::default(), [1280.0, 760.0]);
+    let with_driving = size_of(&window, PanelId::Map).x;
+    window.state_mut().absent = vec![PanelId::Driving];
+    window.run_steps(3);
+    assert!(size_of(&window, PanelId::Map).x > with_driving + 150.0);
+    assert!(window.state().workspace.is_wanted(PanelId::Driving));
+    window.state_mut().absent.clear();
+    window.run_steps(3);
+    assert!((size_of(&window, PanelId::Map).x - with_driving).abs() < 2.0);
+    assert!((size_of(&window, PanelId::Driving).x - 300.0).abs() < 8.0);
+}
+
+#[test]
+fn what_was_in_front_is_in_front_again_when_it_can_be_seen() {
+    let mut window = window(&Layout::default(), [1280.0, 760.0]);
+    window.get_by_label("Shores").click();
+    window.run_steps(3);
+    assert!(window.state().drawn.contains(&PanelId::Shores));
+    for _times in 0..2 {
+        window.state_mut().absent = vec![PanelId::Shores, PanelId::Link, PanelId::Driving];
+        window.run_steps(3);
+        assert!(window.state().drawn.contains(&PanelId::Layers));
+        assert!(window.state().drawn.contains(&PanelId::Events));
+        // Also in what is kept meanwhile.
+        let kept = window.state().workspace.layout();
+        let again = Workspace::of(&kept).layout();
+        assert_eq!(again, kept);
+        window.state_mut().absent.clear();
+        window.run_steps(3);
+        assert!(window.state().drawn.contains(&PanelId::Shores));
+        assert!(window.state().drawn.contains(&PanelId::Link));
+    }
+    // A choice that is made while another is hidden counts.
+    window.state_mut().absent = vec![PanelId::Link];
+    window.run_steps(3);
+    window.get_by_label("Losses").click();
+    window.run_steps(3);
+    window.state_mut().absent.clear();
+    window.run_steps(3);
+    assert!(window.state().drawn.contains(&PanelId::Losses));
+}
+
+#[test]
+fn a_window_that_grows_gives_to_the_map() {
+    let mut window = window(&Layout::default(), [1280.0, 760.0]);
+    let driving = size_of(&window, PanelId::Driving).x;
+    let map = size_of(&window, PanelId::Map);
+    window.set_size(vec2(1680.0, 960.0));
+    window.run_steps(4);
+    assert!((size_of(&window, PanelId::Driving).x - driving).abs() < 2.0);
+    let grown = size_of(&window, PanelId::Map) - map;
+    assert!((grown - vec2(400.0, 200.0)).length() < 4.0, "{grown}");
+    // Down to where there is not enough for all.
+    window.set_size(vec2(640.0, 440.0));
+    window.run_steps(4);
+    let map = size_of(&window, PanelId::Map);
+    assert!(map.x > 120.0 && map.y > 120.0, "{map}");
+}
+
+#[test]
+fn a_layout_is_read_as_it_was_written() {
+    let mut rig = window(&Layout::default(), [1280.0, 760.0]);
+    rig.state_mut().workspace.set_wanted(PanelId::Losses, false);
+    rig.get_by_label("Robots").click();
+    rig.run_steps(3);
+    let layout = rig.state().workspace.layout();
+    let kept = serde_json::to_string(&layout).unwrap();
+    let read: Layout = serde_json::from_str(&kept).unwrap();
+    assert!(read.is_whole());
+    assert_eq!(read, layout);
+    let again = window(&read, [1280.0, 760.0]);
+    assert!(again.state().drawn.contains(&PanelId::Robots));
+    assert!(!again.state().workspace.is_wanted(PanelId::Losses));
+
+    // A panel that is missing or there twice, and a share that is none, are no layout.
+    for (from, to) in [
+        (r#"{"panel":"link"},"#, ""),
+        (r#""losses"}]"#, r#""link"}]"#),
+        (r#""share":"#, r#""share":-"#),
+    ] {
+        let broken = kept.replacen(from, to, 1);
+        assert_ne!(broken, kept, "{from}");
+        assert!(!serde_json::from_str::<Layout>(&broken).unwrap().is_whole());
+    }
+}
+
+#[test]
+fn the_keyboard_goes_from_panel_to_panel() {
+    let mut window = window(&Layout::default(), [1280.0, 760.0]);
+    let mut seen = Vec::new();
+    for _press in 0..6 {
+        window.state_mut().workspace.cycle_focus(true);
+        window.run_steps(2);
+        seen.push(window.state().workspace.focused.unwrap());
+    }
+    let expected = [
+        PanelId::Robot,
+        PanelId::Layers,
+        PanelId::Map,
+        PanelId::Link,
+        PanelId::Driving,
+        PanelId::Robot,
+    ];
+    assert_eq!(seen, expected);
+    window.state_mut().workspace.cycle_focus(false);
+    window.run_steps(2);
+    assert_eq!(window.state().workspace.focused, Some(PanelId::Driving));
+}
