@@ -213,7 +213,8 @@ fn a_script_that_ends_leaves_the_helm() {
         "0 lease request\n0 await lease\n0.4 press left\n0.4 await driving\n",
     );
     assert_eq!(code, Some(0), "{said}");
-    let (code, said) = drives(port, "bert", "0 lease request\n0 await lease 20\n");
+    // Time to hear of the robot first, and less than a lease lasts.
+    let (code, said) = drives(port, "bert", "0.5 lease request\n0.5 await lease 20\n");
     assert_eq!(code, Some(0), "{said}");
     let first = lines(&said, ", lease of ")[0];
     assert!(first.contains("lease of nobody"), "{said}");

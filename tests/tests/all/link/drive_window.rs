@@ -1,14 +1,17 @@
 //! The window drives a simulated robot, with real keys on a virtual screen.
 
-use std::path::PathBuf;
+use std::f64::consts::{PI, TAU};
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::thread::sleep;
 use std::time::Duration;
 
+use operator_console::link::Discovery;
 use protocol::keys::{RobotId, Topic};
-use protocol::message::{LeaseEnd, Status, StopReason, TeleopState, TeleopStatus};
+use protocol::message::{Clamp, LeaseEnd, Pose, Status, StopReason, TeleopState, TeleopStatus};
 use protocol::wire;
 use robot_edge::clock::Monotonic;
+use tempfile::{TempDir, tempdir};
 use zenoh::{Config, Session, Wait as _};
 
 use super::processes::{Running, free_port, program};
@@ -18,19 +21,18 @@ use super::screen::{Key, Screen};
 const PATIENCE: Duration = Duration::from_secs(20);
 /// The robot takes a press after 200 ms of nothing; the console adds what a link may shift.
 const NEUTRAL: Duration = Duration::from_millis(400);
-/// The button that asks for the lease, in a window of 1280×800.
-const DRIVE: [i16; 2] = [1012, 168];
 
 /// What the robot says of its driving, heard by somebody else than the console.
 struct Witness {
     status: Arc<Mutex<Option<TeleopStatus>>>,
+    pose: Arc<Mutex<Option<Pose>>>,
     _session: Session,
 }
 
 impl Witness {
-    fn of(port: u16) -> Self {
-        let robot: RobotId = "scout".parse().unwrap();
-        let session = connected(port);
+    fn of(robot: &str, endpoint: &str) -> Self {
+        let robot: RobotId = robot.parse().unwrap();
+        let session = connected(endpoint);
         let status = Arc::new(Mutex::new(None));
         let heard = Arc::clone(&status);
         session
@@ -43,8 +45,21 @@ impl Witness {
             .background()
             .wait()
             .unwrap();
+        let pose = Arc::new(Mutex::new(None));
+        let heard = Arc::clone(&pose);
+        session
+            .declare_subscriber(Topic::Pose.key(&robot))
+            .callback(move |sample| {
+                let bytes = sample.payload().to_bytes();
+                let (_, pose) = wire::decode::<Pose>(&bytes).unwrap();
+                *heard.lock().unwrap() = Some(pose);
+            })
+            .background()
+            .wait()
+            .unwrap();
         Self {
             status,
+            pose,
             _session: session,
         }
     }
@@ -62,6 +77,16 @@ impl Witness {
         }
     }
 
+    /// Where it is: x and y in `odom`, metres, and its heading, radians.
+    fn place(&self) -> ([f64; 2], f64) {
+        let pose = self.pose.lock().unwrap().expect("a pose");
+        let [x, y, _] = pose.position_m;
+        let [qx, qy, qz, qw] = pose.quaternion_xyzw.map(f64::from);
+        let [sine, cosine] = [2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz)];
+        let yaw = nalgebra::UnitComplex::from_cos_sin_unchecked(cosine, sine).angle();
+        ([x, y], yaw)
+    }
+
     fn is_still(&self, what: &str) {
         let status = self.sees("told", |_| true);
         assert_ne!(status.state, TeleopState::Driving, "{what}: {status:?}");
@@ -73,13 +98,13 @@ impl Witness {
     }
 }
 
-fn connected(port: u16) -> Session {
+fn connected(endpoint: &str) -> Session {
     let started = Monotonic::now();
     loop {
         let mut config = Config::default();
         for (key, value) in [
             ("mode", "\"client\"".to_owned()),
-            ("connect/endpoints", format!("[\"tcp/127.0.0.1:{port}\"]")),
+            ("connect/endpoints", format!("[{endpoint:?}]")),
             ("scouting/multicast/enabled", "false".to_owned()),
         ] {
             config.insert_json5(key, &value).unwrap();
@@ -95,20 +120,25 @@ fn connected(port: u16) -> Session {
 /// A robot, a window that shows it, and somebody who watches both.
 struct Scene {
     screen: Screen,
-    port: u16,
+    /// What the console was started with.
+    arguments: Vec<String>,
     window: u32,
     console: Running,
     witness: Witness,
-    _edge: Running,
+    settings: TempDir,
+    _edge: Option<Running>,
 }
 
 /// A console that drives, in a window that has the keyboard; what it said where it opened none.
-fn console(screen: &Screen, port: u16) -> Result<(Running, u32), String> {
+fn console(
+    screen: &Screen,
+    arguments: &[String],
+    settings: &Path,
+) -> Result<(Running, u32), String> {
     let mut command = program("operator-console");
     screen.show(&mut command);
-    command
-        .args(["--robot", "scout", "--operator", "anna", "--connect"])
-        .arg(format!("tcp/127.0.0.1:{port}"));
+    command.args(["--operator", "anna", "--config"]);
+    command.arg(settings.join("console.json")).args(arguments);
     let mut console = Running::start(&mut command, "the window");
     let window = screen.window("Foreshore", || !console.is_running());
     match window {
@@ -123,34 +153,64 @@ fn console(screen: &Screen, port: u16) -> Result<(Running, u32), String> {
 impl Scene {
     /// `None`, said aloud, where no window can be opened here.
     fn open() -> Option<Self> {
-        let screen = Screen::open()?;
         let port = free_port();
+        let endpoint = format!("tcp/127.0.0.1:{port}");
         let mut command = program("robot-edge");
-        command.args([
-            "simulate", "rooms", "--rate", "1", "--stay", "--robot", "scout", "--quiet", "--listen",
-        ]);
-        command.arg(format!("tcp/127.0.0.1:{port}"));
+        command.args(["simulate", "rooms", "--rate", "1", "--stay", "--quiet"]);
+        command.args(["--robot", "scout", "--listen", &endpoint]);
         let edge = Running::start(&mut command, "edge");
-        let witness = Witness::of(port);
-        let (console, window) = match console(&screen, port) {
+        let arguments = ["--robot", "scout", "--connect", &endpoint].map(str::to_owned);
+        Self::of(arguments.into(), Some(edge), || ("scout", endpoint.clone()))
+    }
+
+    /// The console's own simulated robot, found as any other console would find it.
+    fn demo() -> Option<Self> {
+        let arguments = ["--demo", "rooms"].map(str::to_owned);
+        Self::of(arguments.into(), None, || {
+            let discovery = Discovery::start(Vec::new(), true, None, None, || {});
+            let started = Monotonic::now();
+            loop {
+                let found = discovery.found();
+                let demo = found.iter().find(|found| found.robot.as_str() == "demo");
+                if let Some(demo) = demo {
+                    return ("demo", demo.endpoint.clone());
+                }
+                assert!(started.elapsed() < PATIENCE, "the demo is not found");
+                sleep(Duration::from_millis(50));
+            }
+        })
+    }
+
+    /// A console with these arguments; `robot` says whom it drives, and where that is.
+    fn of(
+        arguments: Vec<String>,
+        edge: Option<Running>,
+        robot: impl FnOnce() -> (&'static str, String),
+    ) -> Option<Self> {
+        let screen = Screen::open()?;
+        let settings = tempdir().unwrap();
+        let (console, window) = match console(&screen, &arguments, settings.path()) {
             Ok(shown) => shown,
             Err(said) => {
                 println!("skipped: no window can be opened on this machine: {said}");
                 return None;
             }
         };
+        let (robot, endpoint) = robot();
+        let witness = Witness::of(robot, &endpoint);
         witness.sees("shown", |_| true);
         Some(Self {
             screen,
-            port,
+            arguments,
             window,
             console,
             witness,
+            settings,
             _edge: edge,
         })
     }
 
-    /// Clicks until the robot grants the lease: the window may not have heard of the robot yet.
+    /// Asks until the robot grants the lease: the window may not have heard of the robot yet.
     fn take_lease(&self) {
         for _attempt in 0..30 {
             let started = Monotonic::now();
@@ -162,8 +222,8 @@ impl Scene {
                 }
                 sleep(Duration::from_millis(10));
             }
-            // Where the lease is held already, this button gives it back.
-            self.screen.click(DRIVE);
+            // Ctrl+G. Where the lease is held already, it is given back.
+            self.screen.press_with_control(Key::G);
         }
         self.screen.picture(&pictures("no_lease.png"));
         panic!(
@@ -245,6 +305,51 @@ fn keys_on_a_window_drive_and_release_focus_loss_and_space_stop() {
     screen.picture(&pictures("estop.png"));
 }
 
+/// The robot of `--demo`, in a corridor: across it, up to the wall, with the key held.
+#[test]
+fn the_demo_drives_up_to_a_wall_and_stops_there_by_itself() {
+    let Some(scene) = Scene::demo() else { return };
+    let (screen, witness) = (&scene.screen, &scene.witness);
+    scene.take_lease();
+    scene.stands();
+    let (_, along) = witness.place();
+    scene.turns_left(Key::A);
+    let started = Monotonic::now();
+    let turned = || (witness.place().1 - along + PI).rem_euclid(TAU) - PI;
+    while turned().abs() < 1.3 {
+        assert!(started.elapsed() < PATIENCE, "it does not turn enough");
+        sleep(Duration::from_millis(5));
+    }
+    screen.release(Key::A);
+    scene.stands();
+    sleep(NEUTRAL);
+    let (from_m, _) = witness.place();
+    screen.press(Key::W);
+    let stopped = witness.sees("stopped by its guard", |status| {
+        status.state == TeleopState::Driving
+            && status.requested.linear_mps > 0.05
+            && status.clamp == Some(Clamp::Guard)
+            && status.applied.linear_mps.abs() < 1e-3
+    });
+    let (there_m, _) = witness.place();
+    sleep(Duration::from_secs(1));
+    let (still_m, _) = witness.place();
+    screen.picture(&pictures("wall.png"));
+    screen.release(Key::W);
+    let distance_m = |[ax, ay]: [f64; 2], [bx, by]: [f64; 2]| {
+        nalgebra::distance(&[ax, ay].into(), &[bx, by].into())
+    };
+    assert!(
+        distance_m(from_m, there_m) > 0.3,
+        "{from_m:?} {there_m:?} {stopped:?}"
+    );
+    assert!(
+        distance_m(there_m, still_m) < 0.02,
+        "{there_m:?} {still_m:?}"
+    );
+    scene.stands();
+}
+
 #[test]
 fn a_window_that_is_closed_stops_and_gives_the_lease_back() {
     let Some(scene) = Scene::open() else { return };
@@ -292,7 +397,7 @@ fn a_window_that_is_killed_with_a_key_down_stops_the_vehicle() {
     let idle = |status: &TeleopStatus| status.state == TeleopState::Idle;
     scene.witness.sees("nobody's", idle);
     // Somebody starts it again, and the key has been down all the time.
-    let (console, _) = console(&scene.screen, scene.port).unwrap();
+    let (console, _) = console(&scene.screen, &scene.arguments, scene.settings.path()).unwrap();
     scene.console = console;
     scene.take_lease();
     sleep(Duration::from_secs(1));

@@ -145,3 +145,23 @@ fn maps_that_were_erased_on_the_way_are_the_same_in_the_console() {
     );
     assert_same_files(&at("edge"), &at("console"), 6);
 }
+
+/// The octree's files are made on the vehicle and fetched part by part, once the map is in step.
+#[test]
+fn voxels_are_the_same_in_the_console() {
+    let folder = tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let port = free_port();
+    let console = console(port, "scout", &at("console"));
+    let mut command = program("robot-edge");
+    command.args(["simulate", "yard", "--duration", "8", "--rate", "max"]);
+    command.args(["--robot", "scout", "--quiet"]);
+    command.args(["--listen", &format!("tcp/127.0.0.1:{port}"), "--export"]);
+    Running::start(command.arg(at("edge")), "edge").ends_well();
+    console.ends_well();
+    for name in ["voxels.bt", "points.ply"] {
+        assert!(at("console").join(name).exists(), "{name}");
+    }
+    // Two files each of cost and rigidity, and of the octree.
+    assert_same_files(&at("edge"), &at("console"), 6);
+}

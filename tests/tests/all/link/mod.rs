@@ -8,10 +8,12 @@ mod drive_script;
 mod drive_window;
 mod driving;
 mod garbage;
+mod link_loss;
 mod live_map;
 mod python_client;
 mod router;
 #[cfg(target_os = "linux")]
 mod screen;
+mod sensors;
 mod shaped;
 mod window;

@@ -22,7 +22,10 @@ const PATIENCE: Duration = Duration::from_mins(1);
 /// A key by its place on the keyboard: Linux' number for it, and 8.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Key {
+    Control = 37,
+    W = 25,
     A = 38,
+    G = 42,
     Left = 113,
     Space = 65,
 }
@@ -117,7 +120,16 @@ impl Screen {
         self.fake(KEY_RELEASE_EVENT, key as u8, [0, 0]);
     }
 
+    /// A key is pressed and let go while Ctrl is held.
+    pub(crate) fn press_with_control(&self, key: Key) {
+        self.press(Key::Control);
+        self.press(key);
+        self.release(key);
+        self.release(Key::Control);
+    }
+
     /// Points and clicks, pixels from the upper left corner.
+    #[allow(dead_code, reason = "tests of what has no key need it")]
     pub(crate) fn click(&self, at: [i16; 2]) {
         self.fake(MOTION_NOTIFY_EVENT, 0, at);
         // A button is seen under the pointer a frame before it is pressed.

@@ -1,41 +1,9 @@
 //! The window, opened for real on a virtual screen.
 
-use std::process::{Child, Command, Stdio};
-use std::thread::sleep;
-use std::time::Duration;
-
 use tempfile::tempdir;
 
-use super::processes::{Running, program};
-
-/// A virtual screen; `None`, said aloud, where there is none to be had.
-struct Screen {
-    server: Child,
-    display: String,
-}
-
-impl Screen {
-    fn open() -> Option<Self> {
-        // Named after this process: tests of several checkouts may run side by side.
-        let display = format!(":{}", 1000 + std::process::id() % 50_000);
-        let mut command = Command::new("Xvfb");
-        command.args([&display, "-screen", "0", "1280x800x24", "-nolisten", "tcp"]);
-        let Ok(server) = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn() else {
-            println!("skipped: there is no Xvfb (Debian: apt-get install xvfb)");
-            return None;
-        };
-        let screen = Self { server, display };
-        sleep(Duration::from_millis(1500));
-        Some(screen)
-    }
-}
-
-impl Drop for Screen {
-    fn drop(&mut self) {
-        drop(self.server.kill());
-        drop(self.server.wait());
-    }
-}
+use super::processes::{Running, program, rooms};
+use super::screen::Screen;
 
 /// Whether a library that windows need is missing, which is this machine's fault and not the program's.
 fn lacks_a_library(said: &str) -> bool {
@@ -51,23 +19,29 @@ fn lacks_a_library(said: &str) -> bool {
     .any(|word| said.contains(word))
 }
 
-#[test]
-fn the_demo_shows_its_map_in_a_window() {
-    let Some(screen) = Screen::open() else { return };
+/// How many pixels of a picture are free space, walls and the vehicle.
+#[derive(Debug)]
+struct Colors {
+    free: usize,
+    walls: usize,
+    vehicle: usize,
+}
+
+/// The colours of the window that is opened so, `after` so many seconds; `None`, said aloud, where there can be no window.
+fn colors_of_window(arguments: &[&str], after: &str) -> Option<Colors> {
+    let screen = Screen::open()?;
     let folder = tempdir().unwrap();
-    let picture = folder.path().join("demo.png");
+    let picture = folder.path().join("window.png");
     let mut command = program("operator-console");
+    screen.show(&mut command);
     command
-        .env("DISPLAY", &screen.display)
-        .env_remove("WAYLAND_DISPLAY")
-        .env_remove("WAYLAND_SOCKET");
-    command
-        .args(["--demo", "rooms", "--after", "6", "--screenshot"])
+        .args(arguments)
+        .args(["--after", after, "--screenshot"])
         .arg(&picture);
     let (code, said) = Running::start(&mut command, "the window").end();
     if code != Some(0) && lacks_a_library(&said) {
         println!("skipped: no window can be opened on this machine: {said}");
-        return;
+        return None;
     }
     assert_eq!(code, Some(0), "{said}");
 
@@ -83,14 +57,48 @@ fn the_demo_shows_its_map_in_a_window() {
             .filter(|pixel| is_such([pixel[0], pixel[1], pixel[2]]))
             .count()
     };
+    let colors = Colors {
+        free: count(&|[r, g, b]| r > 235 && g > 235 && b > 235),
+        walls: count(&|[r, g, b]| r < 8 && g < 8 && b < 8),
+        vehicle: count(&|[r, g, b]| r > 180 && (60..140).contains(&g) && b < 60),
+    };
+    println!("{colors:?}");
+    Some(colors)
+}
+
+#[test]
+fn the_demo_shows_its_map_in_a_window() {
+    let Some(colors) = colors_of_window(&["--demo", "rooms"], "6") else {
+        return;
+    };
     // The first room is free of obstacles but for its walls: much white, some black, and not all of either.
-    let free = count(&|[r, g, b]| r > 235 && g > 235 && b > 235);
-    let walls = count(&|[r, g, b]| r < 8 && g < 8 && b < 8);
-    let vehicle = count(&|[r, g, b]| r > 180 && (60..140).contains(&g) && b < 60);
-    println!("{free} free, {walls} occupied, {vehicle} vehicle pixels");
-    assert!(free > 50_000, "{free} pixels are free space");
-    assert!(walls > 500, "{walls} pixels are walls");
-    assert!(vehicle > 50, "{vehicle} pixels are the vehicle");
+    assert!(colors.free > 20_000, "{colors:?}");
+    assert!(colors.walls > 500, "{colors:?}");
+    assert!(colors.vehicle > 50, "{colors:?}");
+}
+
+#[test]
+fn a_recording_shows_its_map_in_a_window() {
+    let rooms = rooms();
+    let arguments = ["--open", rooms.to_str().unwrap(), "--rate", "max"];
+    let Some(colors) = colors_of_window(&arguments, "12") else {
+        return;
+    };
+    assert!(colors.free > 50_000, "{colors:?}");
+    assert!(colors.walls > 500, "{colors:?}");
+    assert!(colors.vehicle > 50, "{colors:?}");
+}
+
+#[test]
+fn what_is_no_recording_is_refused_before_a_window_opens() {
+    let manifest = concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml");
+    let command = &mut program("operator-console");
+    let (code, said) = Running::start(command.args(["--open", manifest]), "the window").end();
+    assert_eq!(code, Some(3), "{said}");
+    assert!(
+        said.contains("Cargo.toml") && said.contains("not a recording"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -100,6 +108,8 @@ fn without_a_screen_the_window_says_what_to_do() {
         .env_remove("DISPLAY")
         .env_remove("WAYLAND_DISPLAY")
         .env_remove("WAYLAND_SOCKET");
+    let settings = tempdir().unwrap();
+    command.arg("--config").arg(settings.path().join("a.json"));
     let (code, said) =
         Running::start(command.args(["--connect", "tcp/127.0.0.1:9"]), "the window").end();
     assert_eq!(code, Some(1), "{said}");
@@ -112,4 +122,20 @@ fn a_demo_of_a_world_that_is_none_says_so_at_once() {
     let (code, said) = Running::start(command.args(["--demo", "nowhere"]), "the window").end();
     assert_eq!(code, Some(2), "{said}");
     assert!(said.contains("nowhere") && said.contains("rooms"), "{said}");
+}
+
+#[test]
+fn shells_are_told_what_to_complete() {
+    let command = &mut program("operator-console");
+    let output = command.args(["completions", "bash"]).output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success());
+    for word in [
+        "-o default operator-console",
+        "--reset-settings",
+        "--demo",
+        "completions",
+    ] {
+        assert!(text.contains(word), "{word}");
+    }
 }

@@ -21,19 +21,21 @@ use crate::link::processes::free_port;
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// What the vehicle sends by itself.
-const TOLD: [&str; 6] = [
+const TOLD: [&str; 7] = [
     "pose",
     "status",
     "event",
     "map_head",
     "shores",
+    "scan",
     "map/occupancy/3/-4",
 ];
 /// What it answers to everybody.
-const ASKED: [&str; 5] = [
+const ASKED: [&str; 6] = [
     "info",
     "ping",
     "shores",
+    "voxels",
     "map/occupancy/tiles",
     "map/elevation/digests",
 ];
@@ -112,14 +114,7 @@ fn every_key() -> Vec<String> {
     let commands = PEOPLE
         .iter()
         .flat_map(|name| VERBS.map(|verb| format!("op/{name}/{verb}")));
-    let others = [
-        "view/0123",
-        "alive",
-        "op/anna",
-        "scan",
-        "map/occupancy/**",
-        "**",
-    ];
+    let others = ["view/0123", "alive", "op/anna", "map/occupancy/**", "**"];
     let mut keys: Vec<_> = TOLD
         .into_iter()
         .chain(ASKED)

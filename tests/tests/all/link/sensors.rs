@@ -1,0 +1,328 @@
+//! What a console is told of sensors and recordings, over real sessions.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+use std::thread::sleep;
+use std::time::Duration;
+
+use foreshore_tests::operator::Operator;
+use protocol::keys::{RobotId, Topic, view_of};
+use protocol::message::{
+    Answer, Event, Info, RecordingState, Scan, SensorFault, SensorKind, Setting, Severity, Status,
+    View,
+};
+use protocol::tile::BootId;
+use protocol::wire::{self, Header};
+use robot_edge::clock::Monotonic;
+use robot_edge::measurement::MeasurementData;
+use robot_edge::recording::writer::McapWriter;
+use robot_edge::recording::{Selection, open};
+use serde::de::DeserializeOwned;
+use tempfile::tempdir;
+use zenoh::{Config, Session, Wait as _};
+
+use super::processes::{Running, free_port, program, rooms};
+
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// What was heard so far of one topic, and how many bytes that were.
+type Heard<T> = Arc<Mutex<(Vec<T>, usize)>>;
+
+/// Somebody who watches, and wants to see sweeps.
+struct Watcher {
+    control: Session,
+    robot: RobotId,
+    status: Heard<Status>,
+    events: Heard<Event>,
+    scans: Heard<Scan>,
+    // Closes last.
+    _bulk: Session,
+}
+
+fn client(port: u16) -> Session {
+    let mut config = Config::default();
+    for (key, value) in [
+        ("mode", "\"client\"".to_owned()),
+        ("connect/endpoints", format!("[\"tcp/127.0.0.1:{port}\"]")),
+        ("connect/timeout_ms", "-1".to_owned()),
+        ("scouting/multicast/enabled", "false".to_owned()),
+    ] {
+        config.insert_json5(key, &value).unwrap();
+    }
+    zenoh::open(config).wait().unwrap()
+}
+
+fn hear<T: DeserializeOwned + Send + 'static>(session: &Session, key: String) -> Heard<T> {
+    let heard: Heard<T> = Arc::default();
+    let takes = Arc::clone(&heard);
+    session
+        .declare_subscriber(key)
+        .callback(move |sample| {
+            let bytes = sample.payload().to_bytes();
+            let (_, body) = wire::decode(&bytes).unwrap();
+            let mut heard = takes.lock().unwrap();
+            heard.0.push(body);
+            heard.1 += bytes.len();
+        })
+        .background()
+        .wait()
+        .unwrap();
+    heard
+}
+
+impl Watcher {
+    fn of(port: u16) -> Self {
+        let robot: RobotId = "scout".parse().unwrap();
+        let (control, bulk) = (client(port), client(port + 1));
+        Self {
+            status: hear(&control, Topic::Status.key(&robot)),
+            events: hear(&control, Topic::Event.key(&robot)),
+            scans: hear(&bulk, Topic::Scan.key(&robot)),
+            control,
+            robot,
+            _bulk: bulk,
+        }
+    }
+
+    fn look(&self, wants_scan: bool) {
+        let header = Header {
+            boot: BootId([9; 16]),
+            seq: 0,
+            robot_time_ns: 0,
+        };
+        let view = View {
+            rectangle_m: [-10.0, -10.0, 10.0, 10.0],
+            layers: 1,
+            revision: u64::MAX,
+            is_in_step: true,
+            wants_scan,
+        };
+        let key = view_of(&self.robot, &"watcher".parse().unwrap());
+        let view = wire::encode(&header, &view).unwrap();
+        self.control.put(key, view).wait().unwrap();
+    }
+
+    /// Looks on until `found` says what was waited for.
+    fn until<T>(&self, what: &str, found: impl Fn(&Self) -> Option<T>) -> T {
+        let started = Monotonic::now();
+        loop {
+            self.look(true);
+            if let Some(found) = found(self) {
+                return found;
+            }
+            assert!(started.elapsed() < PATIENCE, "never saw: {what}");
+            sleep(Duration::from_millis(100));
+        }
+    }
+
+    fn last_status(&self) -> Option<Status> {
+        self.status.lock().unwrap().0.last().cloned()
+    }
+
+    fn event(&self, kind: &str) -> Option<Event> {
+        let events = self.events.lock().unwrap();
+        events.0.iter().find(|event| event.kind == kind).cloned()
+    }
+
+    fn info(&self) -> Option<Info> {
+        let replies = self
+            .control
+            .get(Topic::Info.key(&self.robot))
+            .wait()
+            .unwrap();
+        let reply = replies.recv_timeout(Duration::from_secs(2)).ok()??;
+        let sample = reply.into_result().ok()?;
+        Some(wire::decode(&sample.payload().to_bytes()).unwrap().1)
+    }
+}
+
+/// The project's own recording, whose laser sees nothing from 4 s on, is silent from 8 s to 14 s, and ends at 20 s.
+fn with_a_faulty_laser(folder: &Path) -> PathBuf {
+    let path = folder.join("faulty.mcap");
+    let mut writer = McapWriter::create(&path, Some("pioneer")).unwrap();
+    let mut reader = open(&rooms(), Selection::All).unwrap();
+    let mut first = None;
+    while let Some(mut measurement) = reader.next_measurement().unwrap() {
+        let since = measurement
+            .stamp
+            .since(*first.get_or_insert(measurement.stamp));
+        let at_s = if measurement.is_timeless() {
+            0.0
+        } else {
+            since.as_secs_f64()
+        };
+        if at_s > 20.0 {
+            break;
+        }
+        if let MeasurementData::Scan { scan, .. } = &mut measurement.data {
+            if (8.0..14.0).contains(&at_s) {
+                continue;
+            }
+            if (4.0..8.0).contains(&at_s) {
+                scan.ranges_m.fill(0.0);
+            }
+        }
+        let stream = &reader.streams()[usize::from(measurement.stream.0)].stream;
+        writer.write(&stream.clone(), &measurement).unwrap();
+    }
+    writer.finish().unwrap();
+    path
+}
+
+#[test]
+fn a_laser_that_sees_nothing_and_falls_silent_is_told_of_in_the_recordings_own_time() {
+    let folder = tempdir().unwrap();
+    let port = free_port();
+    let mut command = program("robot-edge");
+    command
+        .arg("replay")
+        .arg(with_a_faulty_laser(folder.path()))
+        .args(["--rate", "2", "--stay", "--robot", "scout", "--listen"])
+        .arg(format!("tcp/127.0.0.1:{port}"));
+    let _robot = Running::start(&mut command, "edge");
+    let watcher = Watcher::of(port);
+
+    let info = watcher.until("info with what the first scan showed", |watcher| {
+        watcher.info().filter(|info| info.revision > 0)
+    });
+    assert!(!info.can_record && !info.is_boat);
+    let told: Vec<_> = info
+        .sensors
+        .iter()
+        .map(|sensor| (sensor.name.as_str(), sensor.kind))
+        .collect();
+    assert_eq!(
+        told,
+        [
+            ("laser", SensorKind::PlanarLaser),
+            ("transforms", SensorKind::Transforms)
+        ]
+    );
+    let laser = &info.sensors[0];
+    assert_eq!(laser.rate_hz, Some(10.0));
+    let view = laser.view.unwrap();
+    let half_deg = view.angles_rad[1].to_degrees();
+    assert!((119.0..121.0).contains(&half_deg), "{view:?}");
+    assert!(laser.mount.is_some());
+
+    let blind = watcher.until("blind", |watcher| watcher.event("sensor_invalid"));
+    assert_eq!(blind.message, "laser: measures nothing: covered or broken");
+    assert_eq!(blind.severity, Severity::Warning);
+    let silent = watcher.until("silent", |watcher| watcher.event("sensor_silent"));
+    assert!(
+        silent.message.starts_with("laser: silent for 1."),
+        "{}",
+        silent.message
+    );
+    assert_eq!(silent.severity, Severity::Alarm);
+    let status = watcher.until("silent in the status", |watcher| {
+        let status = watcher.last_status()?;
+        (status.sensors[0].fault == Some(SensorFault::Silent)).then_some(status)
+    });
+    assert_eq!(status.info_revision, info.revision);
+    assert!(status.sensors[0].age_ms.unwrap() > 1_000, "{status:?}");
+    assert_eq!(status.sensors[1].fault, None, "{status:?}");
+    let back = watcher.until("back", |watcher| watcher.event("sensor_back"));
+    assert_eq!(
+        (back.message.as_str(), back.severity),
+        ("laser: back", Severity::Info)
+    );
+    let rate_hz = watcher.until("its rate again", |watcher| {
+        let status = watcher.last_status()?;
+        let laser = &status.sensors[0];
+        (laser.fault.is_none() && laser.rate_hz > 9.0).then_some(laser.rate_hz)
+    });
+    // Of the recording's time, although it is replayed twice as fast.
+    assert!(rate_hz < 11.0, "{rate_hz}");
+}
+
+#[test]
+fn a_simulated_robot_shows_its_sweeps_to_who_wants_them_and_records_for_operators() {
+    let folder = tempdir().unwrap();
+    let port = free_port();
+    let mut command = program("robot-edge");
+    command.args([
+        "simulate",
+        "rooms",
+        "--rate",
+        "1",
+        "--stay",
+        "--robot",
+        "scout",
+        "--quiet",
+        "--recordings",
+    ]);
+    command.arg(folder.path().join("here"));
+    command.args(["--listen", &format!("tcp/127.0.0.1:{port}")]);
+    let robot = Running::start(&mut command, "edge");
+    let watcher = Watcher::of(port);
+
+    let scan = watcher.until("a sweep", |watcher| {
+        watcher.scans.lock().unwrap().0.last().cloned()
+    });
+    assert_eq!(scan.sensor, "laser");
+    let points = scan.points_m().unwrap();
+    assert!(points.len() > 100, "{}", points.len());
+    let square = |metres: f64| metres * metres;
+    let is_near = |point: &[f64; 2]| {
+        let [dx, dy] = [0, 1].map(|axis| point[axis] - scan.origin_m[axis]);
+        square(dx) + square(dy) < square(6.0)
+    };
+    assert!(points.iter().all(is_near), "beyond the laser's 5.6 m");
+
+    // A sixteenth of 256 kbit/s is 2 kB/s; a burst of a quarter of a second, and the message that overdraws it, come
+    // on top.
+    let before = watcher.scans.lock().unwrap().1;
+    let started = Monotonic::now();
+    watcher.until("four seconds", |_| {
+        (started.elapsed() > Duration::from_secs(4)).then_some(())
+    });
+    let taken_s = started.elapsed().as_secs_f64();
+    let bytes = watcher.scans.lock().unwrap().1 - before;
+    println!("sweeps: {:.1} kbit/s", bytes as f64 * 8e-3 / taken_s);
+    assert!(
+        (bytes as f64) < 2_000.0 * taken_s + 2_500.0,
+        "{bytes} in {taken_s} s"
+    );
+    assert!(bytes > 2_000, "{bytes}");
+
+    // Nobody wants them any more: the view says so, and none comes.
+    watcher.look(false);
+    sleep(Duration::from_millis(500));
+    let before = watcher.scans.lock().unwrap().0.len();
+    for _ in 0..5 {
+        watcher.look(false);
+        sleep(Duration::from_millis(300));
+    }
+    assert_eq!(watcher.scans.lock().unwrap().0.len(), before);
+
+    assert!(watcher.info().unwrap().can_record);
+    let stopped = watcher.last_status().unwrap().recording.unwrap();
+    assert_eq!((stopped.state, stopped.files), (RecordingState::Stopped, 0));
+    assert!(stopped.free_bytes.is_some());
+    let mut anna = Operator::ready(&format!("tcp/127.0.0.1:{port}"), "scout", "anna");
+    assert_eq!(anna.ask(&Setting::Recording(true)), Answer::Done);
+    let running = watcher.until("it records", |watcher| {
+        let recording = watcher.last_status()?.recording?;
+        let is_on = recording.state == RecordingState::Recording && recording.duration_s >= 1;
+        (is_on && recording.bytes > 0).then_some(recording)
+    });
+    assert!(running.file.starts_with("scout-"), "{running:?}");
+    assert_eq!((running.files, running.lost), (1, 0));
+    assert_eq!(anna.ask(&Setting::Recording(false)), Answer::Done);
+    let stopped = watcher.until("it stopped", |watcher| {
+        let recording = watcher.last_status()?.recording?;
+        (recording.state == RecordingState::Stopped).then_some(recording)
+    });
+    let file = folder.path().join("here").join(&stopped.file);
+    assert_eq!(stopped.bytes, std::fs::metadata(&file).unwrap().len());
+    assert!(watcher.event("recording").is_some());
+    robot.signal("INT");
+    robot.ends_well();
+    let mut reader = open(&file, Selection::All).unwrap();
+    let mut scans = 0;
+    while let Some(measurement) = reader.next_measurement().unwrap() {
+        scans += u32::from(matches!(measurement.data, MeasurementData::Scan { .. }));
+    }
+    assert!(scans >= 5, "{scans} sweeps were recorded");
+}
