@@ -31,56 +31,32 @@ impl ConsoleModel {
                 is_bulk: false,
             });
         }
-        let mut requests = self.requests;
-        let questions = self.map.questions(now, || {
-            requests += 1;
-            RequestId(requests)
-        });
-        self.requests = requests;
+        let questions = self.map.questions(now, || next(&mut self.requests));
         for (request, question) in questions {
-            let (topic, payload) = match question {
-                MapQuestion::Digests(layer, body) => (Topic::Digests(layer), self.message(&body)),
-                MapQuestion::Tiles(layer, body) => (Topic::Tiles(layer), self.message(&body)),
-            };
-            outgoing.extend(payload.map(|payload| Outgoing::Get {
-                request,
-                key: topic.key(&robot),
-                payload,
-                is_bulk: true,
-            }));
+            outgoing.extend(match question {
+                MapQuestion::Digests(layer, body) => {
+                    self.bulk_question(Topic::Digests(layer), request, &body)
+                }
+                MapQuestion::Tiles(layer, body) => {
+                    self.bulk_question(Topic::Tiles(layer), request, &body)
+                }
+            });
         }
         // Not before it is known whose they are.
-        if self.has_shores() && self.map.boot().is_some() {
-            let mut requests = self.requests;
-            let question = self.shores.question(now, || {
-                requests += 1;
-                RequestId(requests)
-            });
-            self.requests = requests;
-            if let Some((request, body)) = question {
-                outgoing.extend(self.message(&body).map(|payload| Outgoing::Get {
-                    request,
-                    key: Topic::Shores.key(&robot),
-                    payload,
-                    is_bulk: true,
-                }));
-            }
-        }
         if self.map.boot().is_some() {
-            let mut requests = self.requests;
-            let question = self.voxels.question(now, || {
-                requests += 1;
-                RequestId(requests)
-            });
-            self.requests = requests;
-            if let Some((request, body)) = question {
-                outgoing.extend(self.message(&body).map(|payload| Outgoing::Get {
-                    request,
-                    key: Topic::Voxels.key(&robot),
-                    payload,
-                    is_bulk: true,
-                }));
-            }
+            let shores = self
+                .has_shores()
+                .then(|| self.shores.question(now, || next(&mut self.requests)))
+                .flatten();
+            outgoing.extend(
+                shores
+                    .and_then(|(request, body)| self.bulk_question(Topic::Shores, request, &body)),
+            );
+            let voxels = self.voxels.question(now, || next(&mut self.requests));
+            outgoing.extend(
+                voxels
+                    .and_then(|(request, body)| self.bulk_question(Topic::Voxels, request, &body)),
+            );
         }
         if self.told_view.is_none_or(|at| now.since(at) >= VIEW_PERIOD) {
             self.told_view = Some(now);
@@ -151,9 +127,22 @@ impl ConsoleModel {
         RobotId::from_bytes(self.settings.session.0)
     }
 
+    fn bulk_question<T: Serialize>(
+        &mut self,
+        topic: Topic,
+        request: RequestId,
+        body: &T,
+    ) -> Option<Outgoing> {
+        Some(Outgoing::Get {
+            request,
+            key: topic.key(&self.settings.robot),
+            payload: self.message(body)?,
+            is_bulk: true,
+        })
+    }
+
     fn number(&mut self) -> RequestId {
-        self.requests += 1;
-        RequestId(self.requests)
+        next(&mut self.requests)
     }
 
     fn message<T: Serialize>(&mut self, body: &T) -> Option<Vec<u8>> {
@@ -168,4 +157,10 @@ impl ConsoleModel {
             .inspect_err(|why| tracing::error!(%why, "a message was not sent"))
             .ok()
     }
+}
+
+/// The number of the next question.
+const fn next(requests: &mut u64) -> RequestId {
+    *requests += 1;
+    RequestId(*requests)
 }
