@@ -7,6 +7,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
+use robot_edge::clock::Monotonic;
+
 use crate::command::ExportWish;
 use crate::export::{ExportPart, Snapshot};
 use crate::link::ModelHandle;
@@ -29,6 +31,8 @@ pub struct ExportProgress {
 
 /// Between two looks at what is being fetched.
 const LOOK: Duration = Duration::from_millis(50);
+/// A robot that is gone, or another that was chosen meanwhile, is not waited for any longer.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// An export. Dropping it leaves it.
 pub(super) struct ExportJob {
@@ -125,6 +129,7 @@ fn write(
 /// Waits until the octree's files are here, or the robot has none.
 fn fetch_voxels(model: &ModelHandle, is_cancelled: &AtomicBool) -> Result<(), String> {
     model.lock().want_voxels();
+    let (mut before, mut since) = (VoxelsProgress::Waiting, Monotonic::now());
     loop {
         // Its own statement: the model is free while this waits.
         let progress = model.lock().voxels();
@@ -137,9 +142,19 @@ fn fetch_voxels(model: &ModelHandle, is_cancelled: &AtomicBool) -> Result<(), St
             }
             VoxelsProgress::Waiting | VoxelsProgress::Fetching { .. } => {}
         }
-        if is_cancelled.load(Ordering::Relaxed) {
+        let why = if is_cancelled.load(Ordering::Relaxed) {
+            Some("Left before the octree was here")
+        } else if since.elapsed() > PATIENCE {
+            Some("The robot does not send its octree; all before it was written")
+        } else {
+            None
+        };
+        if let Some(why) = why {
             model.lock().drop_voxels();
-            return Err("Left before the octree was here".to_owned());
+            return Err(why.to_owned());
+        }
+        if progress != before {
+            (before, since) = (progress, Monotonic::now());
         }
         thread::sleep(LOOK);
     }

@@ -1,5 +1,7 @@
 //! The map as this console holds it, and what it does to be in step with the robot's.
 
+mod listing;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 
@@ -280,77 +282,6 @@ impl MapSync {
             ty: reply.ty,
         };
         self.take_band(key, boot, &reply.band, Some(request), now)
-    }
-
-    /// A part of a list of tiles answered a question.
-    pub(super) fn take_digests(
-        &mut self,
-        layer: LayerId,
-        boot: BootId,
-        digests: &Digests,
-        request: RequestId,
-    ) -> Result<(), Refusal> {
-        if !self.has_boot || boot != self.store.boot() {
-            return Err(Refusal::OtherBoot);
-        }
-        if digests.epoch != self.store.epoch(layer) {
-            return Err(Refusal::OldEpoch);
-        }
-        let Some(sync) = self.layers.get_mut(&layer) else {
-            return Err(Refusal::UnknownLayer);
-        };
-        let Some(newer_than) = sync.listed_from(request) else {
-            return Ok(());
-        };
-        let (store, unknown) = (&self.store, self.unknown);
-        let lacking = digests.tiles.iter().filter_map(|tile| {
-            let key = TileKey {
-                layer,
-                tx: tile.tx,
-                ty: tile.ty,
-            };
-            let is_lacking = match store.get(key) {
-                None => tile.digest != unknown,
-                Some(held) if held.is_evicted() => tile.revision > held.revision(),
-                Some(held) => tile.revision >= held.revision() && tile.digest != held.digest(),
-            };
-            is_lacking.then_some(((tile.tx, tile.ty), tile.revision))
-        });
-        let last = digests.tiles.last().map(|tile| tile.revision);
-        let next = last.filter(|_| digests.more > 0);
-        sync.listed(request, lacking, digests.head_revision, next);
-        let listed = self.listed.entry(layer).or_default();
-        listed.extend(digests.tiles.iter().map(|tile| (tile.tx, tile.ty)));
-        if next.is_none() {
-            let listed = std::mem::take(listed);
-            if newer_than == 0 {
-                self.forget_unlisted(layer, &listed, digests.head_revision);
-            }
-        }
-        Ok(())
-    }
-
-    /// What a list of everything does not name, the robot does not hold.
-    fn forget_unlisted(
-        &mut self,
-        layer: LayerId,
-        listed: &BTreeSet<(i32, i32)>,
-        head_revision: u64,
-    ) {
-        let gone: Vec<_> = self
-            .store
-            .tiles(layer)
-            .filter(|(key, held)| {
-                held.revision() <= head_revision && !listed.contains(&(key.tx, key.ty))
-            })
-            .map(|(key, _)| key)
-            .collect();
-        for key in gone {
-            self.store.forget(key);
-            self.roots.remove(&layer);
-            self.changed_at.remove(&key);
-            self.changed.insert(key);
-        }
     }
 
     /// No more replies to a question will come.

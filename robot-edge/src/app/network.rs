@@ -1,5 +1,8 @@
 //! A run on the network: opens the link and feeds it with what mapping knows.
 
+mod farewell;
+mod sensors;
+
 use std::io::{self, Write};
 use std::sync::Arc;
 use std::thread;
@@ -178,49 +181,6 @@ impl Network {
         }
     }
 
-    /// Something was measured, which could be known since `came`; `elapsed` of the data's time has passed with it.
-    pub(super) fn came(
-        &mut self,
-        measurement: &Measurement,
-        came: Monotonic,
-        elapsed: RobotDuration,
-    ) {
-        if let Some(lookout) = &mut self.lookout {
-            lookout.came(measurement.stamp, came);
-        }
-        let at = match self.since {
-            Some(since) => came.since(since),
-            None => of_data(elapsed),
-        };
-        self.sensors.take(measurement, at);
-        self.look_at_sensors(at);
-    }
-
-    /// Tells consoles what began and ended with the sensors.
-    fn look_at_sensors(&mut self, now: Duration) {
-        if !self.sensors.is_look_due(now) {
-            return;
-        }
-        for change in self.sensors.look(now) {
-            let (kind, message) = match change {
-                Change::Began { fault, message, .. } => (fault_kind(fault), message),
-                Change::Over { message, .. } => ("sensor_back", message),
-            };
-            tracing::warn!(kind, message);
-            self.tell(kind, &message);
-        }
-        self.tell_sensors();
-    }
-
-    /// Tells consoles what was found out of the sensors.
-    fn tell_sensors(&mut self) {
-        let (revision, infos) = self.sensors.infos();
-        if self.told_sensors != Some(revision) {
-            self.told_sensors = Some(revision);
-            self.link.shared().set_sensors(revision, infos);
-        }
-    }
-
     /// The clock of the data starts anew; `is_repeated` where the same data comes again.
     pub(super) fn reset_clock(&mut self, is_repeated: bool) {
         self.moved = None;
@@ -371,64 +331,4 @@ impl Network {
     pub(super) fn tell(&self, kind: &str, message: &str) {
         self.link.shared().tell(event(kind, message.to_owned()));
     }
-
-    /// The data has ended: waits until every console has all of it, or for good where that was asked for.
-    pub(super) fn take_leave(
-        &self,
-        pipeline: &Pipeline,
-        quiet: bool,
-        is_interrupted: impl Fn() -> bool,
-    ) {
-        let revision = head_revision(pipeline);
-        let shared = self.link.shared();
-        let is_interrupted = || {
-            self.serve_voxels(pipeline);
-            is_interrupted()
-        };
-        shared.end();
-        if self.stay {
-            if !quiet {
-                // Nothing is lost where standard error is closed.
-                drop(writeln!(
-                    io::stderr(),
-                    "network: the data has ended, the map is served until Ctrl-C"
-                ));
-            }
-            while clock::sleep_until(Monotonic::now() + Duration::from_secs(1), is_interrupted) {}
-            return;
-        }
-        let ended = Monotonic::now();
-        let is_over = || {
-            let now = Monotonic::now();
-            let nobody_looks = shared.views(now).is_empty();
-            let everybody_knows =
-                now.since(ended) >= LAST_WORDS && shared.everybody_has(revision, now);
-            is_interrupted() || nobody_looks || everybody_knows
-        };
-        clock::sleep_until(ended + FAREWELL, is_over);
-    }
-}
-
-/// Time of the data since the first.
-fn of_data(elapsed: RobotDuration) -> Duration {
-    Duration::from_nanos(u64::try_from(elapsed.as_nanos()).unwrap_or_default())
-}
-
-const fn fault_kind(fault: SensorFault) -> &'static str {
-    match fault {
-        SensorFault::Silent => "sensor_silent",
-        SensorFault::Clock => "sensor_clock",
-        SensorFault::AllInvalid => "sensor_invalid",
-        SensorFault::Slow => "sensor_slow",
-    }
-}
-
-/// The newest revision of any layer.
-fn head_revision(pipeline: &Pipeline) -> u64 {
-    let store = pipeline.publisher().store();
-    LayerId::ALL
-        .into_iter()
-        .map(|layer| store.head_revision(layer))
-        .max()
-        .unwrap_or(0)
 }

@@ -11,6 +11,7 @@
 
 mod heard;
 mod journal;
+mod setting_off;
 
 use std::fs::File;
 use std::io;
@@ -269,93 +270,6 @@ impl Operator {
             if is_over() {
                 return last;
             }
-        }
-    }
-
-    /// Asks until there is an answer, with a new token and `seq` each time.
-    pub fn ask<T: Command>(&mut self, command: &T) -> Answer {
-        let key = operator_key(&self.robot, &self.name, T::TOPIC);
-        let started = Monotonic::now();
-        while started.elapsed() < PATIENCE {
-            let message = self.signed(command);
-            let query = self.session.get(key.clone()).payload(message);
-            let replies = query.timeout(REPLY_TIMEOUT).wait();
-            let reply = replies.ok().and_then(|replies| replies.recv().ok());
-            if let Some(Ok(sample)) = reply.as_ref().map(zenoh::query::Reply::result) {
-                return wire::decode(&sample.payload().to_bytes()).unwrap().1;
-            }
-            sleep(PERIOD);
-        }
-        panic!("no answer to {key}");
-    }
-
-    /// Asks for the lease until it is granted, or for `PATIENCE`.
-    pub fn take_lease(&mut self) {
-        let started = Monotonic::now();
-        loop {
-            match self.ask(&LeaseRequest::Request) {
-                Answer::Granted(epoch) => {
-                    self.epoch = epoch;
-                    return;
-                }
-                // The link has just come back: the newest token has not, or what was held back takes the rate.
-                Answer::Refused(Refusal::TooOld | Refusal::UnknownToken | Refusal::TooMany)
-                    if started.elapsed() < PATIENCE =>
-                {
-                    sleep(PERIOD);
-                }
-                // It has to stand first. What is granted and not heard of in time has to be asked for again.
-                Answer::Waiting if started.elapsed() < PATIENCE => {
-                    let asked = Monotonic::now();
-                    while asked.elapsed() < Duration::from_secs(1) {
-                        let lease = self.teleop().map(|teleop| teleop.lease);
-                        let granted =
-                            lease.filter(|lease| lease.holder.as_ref() == Some(&self.name));
-                        if let Some(lease) = granted {
-                            self.epoch = lease.epoch;
-                            return;
-                        }
-                        sleep(PERIOD);
-                    }
-                }
-                answer @ (Answer::Done
-                | Answer::Waiting
-                | Answer::EStopped(_)
-                | Answer::Refused(_)) => {
-                    panic!("{answer:?}")
-                }
-            }
-        }
-    }
-
-    /// Takes the lease where it is not held, lets go of everything, presses, and waits until it drives.
-    pub fn sets_off(&mut self, input: Input) {
-        let lease = self.sees_anew().lease;
-        if lease.holder.as_ref() == Some(&self.name) || lease.next.as_ref() == Some(&self.name) {
-            let granted = self.sees("granted", |teleop| {
-                teleop.lease.holder.as_ref() == Some(&self.name)
-            });
-            self.epoch = granted.lease.epoch;
-        } else {
-            self.take_lease();
-        }
-        let heard = Arc::clone(&self.heard);
-        let started = Monotonic::now();
-        loop {
-            self.hold(Input::NEUTRAL, NEUTRAL);
-            lock(&heard).status = None;
-            let pressed = Monotonic::now();
-            let teleop = || lock(&heard).status.as_ref()?.teleop.clone();
-            let drives = || teleop().is_some_and(|teleop| teleop.state == TeleopState::Driving);
-            self.hold_until(input, || drives() || pressed.elapsed() > PRESSED_AGAIN);
-            if drives() {
-                return;
-            }
-            let teleop = teleop();
-            assert!(
-                started.elapsed() < PATIENCE,
-                "it does not set off: {teleop:?}"
-            );
         }
     }
 

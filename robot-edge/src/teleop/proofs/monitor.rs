@@ -3,6 +3,7 @@
 //! The monitor believes the arbiter in nothing but the tokens (tested by themselves) and whom it says it grants the
 //! lease to; what follows from that it works out anew.
 
+mod actions;
 mod ticks;
 
 use std::time::Duration;
@@ -318,63 +319,6 @@ impl Monitor {
     fn fault(&mut self) {
         self.has_fault = true;
         self.licence.lock();
-    }
-
-    fn observe_actions(
-        &mut self,
-        rules: &Rules,
-        now: Monotonic,
-        actions: &Actions,
-    ) -> Result<(), Violation> {
-        for action in actions.iter() {
-            match action {
-                Action::Tell(Happening::LeaseEnded { operator, why }) => {
-                    ensure(
-                        self.holder == Some(operator),
-                        "P2: a lease ends that nobody has",
-                    )?;
-                    let is_due = now.since(self.renewed) > rules.lease;
-                    ensure(
-                        is_due || why != LeaseEnd::Expired,
-                        "P12: a lease expires too early",
-                    )?;
-                    self.holder = None;
-                    self.forget_commands();
-                }
-                Action::Tell(Happening::LeaseGranted { to, epoch, .. }) => {
-                    ensure(self.holder.is_none(), "P2: a second holder")?;
-                    ensure(epoch > self.epoch, "P3: the epoch does not grow")?;
-                    ensure(self.asked & bit(to) != 0, "P2: a lease for who did not ask")?;
-                    ensure(
-                        actions.output == Velocity::ZERO,
-                        "P2: the lease changes hands on a moving vehicle",
-                    )?;
-                    (self.holder, self.epoch) = (Some(to), epoch);
-                    self.renewed = now;
-                    self.asked &= !bit(to);
-                    self.forget_commands();
-                }
-                Action::AcknowledgeEStop(id)
-                | Action::Answer {
-                    answer: Answer::EStopped(id),
-                    ..
-                } => {
-                    let is_stored = self
-                        .estop
-                        .is_some_and(|estop| estop.is_stored && estop.id == id);
-                    ensure(
-                        is_stored,
-                        "P5: an emergency stop is acknowledged before it is stored",
-                    )?;
-                }
-                Action::Publish(_)
-                | Action::Answer { .. }
-                | Action::StoreEStop(_)
-                | Action::ClearEStop(_)
-                | Action::Tell(_) => {}
-            }
-        }
-        Ok(())
     }
 
     fn forget_commands(&mut self) {

@@ -1,0 +1,77 @@
+//! What the arbiter wants done, held against what it may want.
+
+use super::super::licence::Licence;
+use super::super::millis;
+use super::{Monitor, Violation, ensure};
+use crate::clock::Monotonic;
+use crate::teleop::action::{Action, Actions, Answer, Happening};
+use crate::teleop::arbiter::{ArbiterState, Mode};
+use crate::teleop::command::DriveCommand;
+use crate::teleop::config::Rules;
+use crate::teleop::emergency_stop::{EStopId, StoredEStop};
+use crate::teleop::event::{Event, LeaseVerb};
+use crate::teleop::lease::LeaseEnd;
+use crate::teleop::operator::{OperatorId, Role};
+use crate::teleop::token::AgeToken;
+use crate::teleop::velocity::Velocity;
+use crate::teleop::verdict::GuardVerdict;
+use std::time::Duration;
+
+impl Monitor {
+    pub(super) fn observe_actions(
+        &mut self,
+        rules: &Rules,
+        now: Monotonic,
+        actions: &Actions,
+    ) -> Result<(), Violation> {
+        for action in actions.iter() {
+            match action {
+                Action::Tell(Happening::LeaseEnded { operator, why }) => {
+                    ensure(
+                        self.holder == Some(operator),
+                        "P2: a lease ends that nobody has",
+                    )?;
+                    let is_due = now.since(self.renewed) > rules.lease;
+                    ensure(
+                        is_due || why != LeaseEnd::Expired,
+                        "P12: a lease expires too early",
+                    )?;
+                    self.holder = None;
+                    self.forget_commands();
+                }
+                Action::Tell(Happening::LeaseGranted { to, epoch, .. }) => {
+                    ensure(self.holder.is_none(), "P2: a second holder")?;
+                    ensure(epoch > self.epoch, "P3: the epoch does not grow")?;
+                    ensure(self.asked & bit(to) != 0, "P2: a lease for who did not ask")?;
+                    ensure(
+                        actions.output == Velocity::ZERO,
+                        "P2: the lease changes hands on a moving vehicle",
+                    )?;
+                    (self.holder, self.epoch) = (Some(to), epoch);
+                    self.renewed = now;
+                    self.asked &= !bit(to);
+                    self.forget_commands();
+                }
+                Action::AcknowledgeEStop(id)
+                | Action::Answer {
+                    answer: Answer::EStopped(id),
+                    ..
+                } => {
+                    let is_stored = self
+                        .estop
+                        .is_some_and(|estop| estop.is_stored && estop.id == id);
+                    ensure(
+                        is_stored,
+                        "P5: an emergency stop is acknowledged before it is stored",
+                    )?;
+                }
+                Action::Publish(_)
+                | Action::Answer { .. }
+                | Action::StoreEStop(_)
+                | Action::ClearEStop(_)
+                | Action::Tell(_) => {}
+            }
+        }
+        Ok(())
+    }
+}
