@@ -32,7 +32,7 @@ pub struct ExportProgress {
 /// Between two looks at what is being fetched.
 const LOOK: Duration = Duration::from_millis(50);
 /// A robot that is gone, or another that was chosen meanwhile, is not waited for any longer.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_mins(1);
 
 /// An export. Dropping it leaves it.
 pub(super) struct ExportJob {

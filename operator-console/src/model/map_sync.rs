@@ -6,9 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 
 use protocol::layer::LayerId;
-use protocol::message::{
-    Digests, DigestsRequest, Info, MapHead, TileBand, TilesReply, TilesRequest,
-};
+use protocol::message::{DigestsRequest, Info, MapHead, TileBand, TilesReply, TilesRequest};
 use protocol::tile::codec::DecodeError;
 use protocol::tile::{BootId, TileCells, TileDigest, TileKey};
 use protocol::tile_store::{Applied, LayerGrid, RootDigest, StoreError, TileStore};

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
-use protocol::message::{self, RecordingStatus, SensorFault, Shores, Status};
+use protocol::message::{self, RecordingStatus, Shores, Status};
 use protocol::tile::BootId;
 
 use super::background::give_way;
@@ -20,7 +20,7 @@ use super::network_plan::NetworkPlan;
 use super::people;
 use super::told::{info, status};
 use crate::audit::AuditLog;
-use crate::clock::{self, Monotonic};
+use crate::clock::Monotonic;
 use crate::config::Config;
 use crate::driving::speedometer::Speedometer;
 use crate::driving::{Driving, ListWatch, Lookout, Operators};
@@ -33,11 +33,10 @@ use crate::link::shared::Shared;
 use crate::localization::placer::PlacerSettings;
 use crate::mapping::Mapper;
 use crate::mapping::posed_scan::PosedScan;
-use crate::measurement::Measurement;
 use crate::pipeline::Pipeline;
 use crate::pose::Pose;
 use crate::robot_time::{RobotDuration, RobotTime};
-use crate::sensor_watch::{Change, SensorWatch, listed};
+use crate::sensor_watch::{SensorWatch, listed};
 use crate::streaming::last_scan::last_scan;
 
 /// Consoles that lag when the data has ended are waited for this long.
@@ -312,7 +311,7 @@ impl Network {
     ) {
         let now = match self.since {
             Some(since) => since.elapsed(),
-            None => of_data(clock.elapsed()),
+            None => sensors::of_data(clock.elapsed()),
         };
         self.look_at_sensors(now);
         let counts = pipeline.placer().counts();

@@ -21,9 +21,8 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use protocol::keys::{OperatorId, OperatorTopic, RobotId, operator_key};
-use protocol::message::{Answer, Drive, LeaseRequest, Pose, Refusal, TeleopState, TeleopStatus};
+use protocol::message::{Drive, Pose, TeleopStatus};
 use protocol::signed::{Command, Route, SecretKey, Stamp, sign};
-use protocol::wire;
 use robot_edge::clock::{Monotonic, sleep_until};
 use robot_edge::credentials::{Credentials, Identity};
 use robot_edge::link::endpoints::Channel;

@@ -1,24 +1,16 @@
 //! How an operator comes to drive: asks, takes the lease, lets go, presses.
 
+use super::heard::lock;
 use super::{Input, NEUTRAL, Operator, PATIENCE, PERIOD, PRESSED_AGAIN, REPLY_TIMEOUT};
-use heard::{Heard, Token, lock};
-use protocol::keys::{OperatorId, OperatorTopic, RobotId, operator_key};
-use protocol::message::{Answer, Drive, LeaseRequest, Pose, Refusal, TeleopState, TeleopStatus};
-use protocol::signed::{Command, Route, SecretKey, Stamp, sign};
+use protocol::keys::operator_key;
+use protocol::message::{Answer, LeaseRequest, Refusal, TeleopState};
+use protocol::signed::Command;
 use protocol::wire;
-use robot_edge::clock::{Monotonic, sleep_until};
-use robot_edge::credentials::{Credentials, Identity};
-use robot_edge::link::endpoints::Channel;
-use robot_edge::link::sessions::{self, Endpoints, Side};
-use std::fs::File;
-use std::io;
-use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard};
+use robot_edge::clock::Monotonic;
+use std::sync::Arc;
 use std::thread::sleep;
 use std::time::Duration;
-use zenoh::pubsub::Publisher;
-use zenoh::qos::{CongestionControl, Priority, Reliability};
-use zenoh::{Session, Wait as _};
+use zenoh::Wait as _;
 
 impl Operator {
     /// Asks until there is an answer, with a new token and `seq` each time.

@@ -1,24 +1,16 @@
 //! What the robot lists of its tiles, and what that says of those that are held.
 
 use super::super::incoming::RequestId;
-use super::super::layer_sync::{LayerSync, SILENCE};
 use super::super::refusals::Refusal;
-use super::super::tile_intake::TileIntake;
 use super::MapSync;
 use protocol::layer::LayerId;
-use protocol::message::{
-    Digests, DigestsRequest, Info, MapHead, TileBand, TilesReply, TilesRequest,
-};
-use protocol::tile::codec::DecodeError;
-use protocol::tile::{BootId, TileCells, TileDigest, TileKey};
-use protocol::tile_store::{Applied, LayerGrid, RootDigest, StoreError, TileStore};
-use robot_edge::clock::Monotonic;
-use std::collections::{BTreeMap, BTreeSet};
-use std::io;
+use protocol::message::Digests;
+use protocol::tile::{BootId, TileKey};
+use std::collections::BTreeSet;
 
 impl MapSync {
     /// A part of a list of tiles answered a question.
-    pub(super) fn take_digests(
+    pub(in crate::model) fn take_digests(
         &mut self,
         layer: LayerId,
         boot: BootId,

@@ -1,44 +1,15 @@
 //! The end of a run: consoles get what they lack before the link closes.
 
-use super::super::background::give_way;
-use super::super::data_clock::DataClock;
-use super::super::driving::DrivePlan;
-use super::super::network_plan::NetworkPlan;
-use super::super::people;
-use super::super::told::{info, status};
 use super::{FAREWELL, LAST_WORDS, Network};
-use crate::audit::AuditLog;
 use crate::clock::{self, Monotonic};
-use crate::config::Config;
-use crate::driving::speedometer::Speedometer;
-use crate::driving::{Driving, ListWatch, Lookout, Operators};
-use crate::events::event;
-use crate::export::voxels::{PublishedClasses, pack_voxels};
-use crate::link::LinkError;
-use crate::link::edge::{EdgeLink, EdgeSettings};
-use crate::link::sessions::Endpoints;
-use crate::link::shared::Shared;
-use crate::localization::placer::PlacerSettings;
-use crate::mapping::Mapper;
-use crate::mapping::posed_scan::PosedScan;
-use crate::measurement::Measurement;
 use crate::pipeline::Pipeline;
-use crate::pose::Pose;
-use crate::robot_time::{RobotDuration, RobotTime};
-use crate::sensor_watch::{Change, SensorWatch, listed};
-use crate::streaming::last_scan::last_scan;
-use protocol::keys::RobotId;
 use protocol::layer::LayerId;
-use protocol::message::{self, RecordingStatus, SensorFault, Shores, Status};
-use protocol::tile::BootId;
 use std::io::{self, Write};
-use std::sync::Arc;
-use std::thread;
 use std::time::Duration;
 
 impl Network {
     /// The data has ended: waits until every console has all of it, or for good where that was asked for.
-    pub(super) fn take_leave(
+    pub(in crate::app) fn take_leave(
         &self,
         pipeline: &Pipeline,
         quiet: bool,

@@ -1,44 +1,16 @@
 //! What came from the sensors is watched, and consoles hear what is wrong with them.
 
-use super::super::background::give_way;
-use super::super::data_clock::DataClock;
-use super::super::driving::DrivePlan;
-use super::super::network_plan::NetworkPlan;
-use super::super::people;
-use super::super::told::{info, status};
 use super::Network;
-use crate::audit::AuditLog;
-use crate::clock::{self, Monotonic};
-use crate::config::Config;
-use crate::driving::speedometer::Speedometer;
-use crate::driving::{Driving, ListWatch, Lookout, Operators};
-use crate::events::event;
-use crate::export::voxels::{PublishedClasses, pack_voxels};
-use crate::link::LinkError;
-use crate::link::edge::{EdgeLink, EdgeSettings};
-use crate::link::sessions::Endpoints;
-use crate::link::shared::Shared;
-use crate::localization::placer::PlacerSettings;
-use crate::mapping::Mapper;
-use crate::mapping::posed_scan::PosedScan;
+use crate::clock::Monotonic;
 use crate::measurement::Measurement;
-use crate::pipeline::Pipeline;
-use crate::pose::Pose;
-use crate::robot_time::{RobotDuration, RobotTime};
-use crate::sensor_watch::{Change, SensorWatch, listed};
-use crate::streaming::last_scan::last_scan;
-use protocol::keys::RobotId;
-use protocol::layer::LayerId;
-use protocol::message::{self, RecordingStatus, SensorFault, Shores, Status};
-use protocol::tile::BootId;
-use std::io::{self, Write};
-use std::sync::Arc;
-use std::thread;
+use crate::robot_time::RobotDuration;
+use crate::sensor_watch::Change;
+use protocol::message::SensorFault;
 use std::time::Duration;
 
 impl Network {
     /// Something was measured, which could be known since `came`; `elapsed` of the data's time has passed with it.
-    pub(super) fn came(
+    pub(in crate::app) fn came(
         &mut self,
         measurement: &Measurement,
         came: Monotonic,
@@ -82,7 +54,7 @@ impl Network {
 }
 
 /// Time of the data since the first.
-fn of_data(elapsed: RobotDuration) -> Duration {
+pub(super) fn of_data(elapsed: RobotDuration) -> Duration {
     Duration::from_nanos(u64::try_from(elapsed.as_nanos()).unwrap_or_default())
 }
 

@@ -1,11 +1,9 @@
 //! Which stamps are believed: one that jumps alone, and a clock that starts anew.
 
-use self::waiting_room::WaitingRoom;
+use super::{Ordered, moves_clock};
 use super::{Source, StampOrder, Step, Suspect};
-use crate::drops::{DropCounts, DropReason};
-use crate::measurement::{FrameId, Measurement, MeasurementData, StreamId};
-use crate::robot_time::{RobotDuration, RobotTime};
-use std::collections::{HashMap, VecDeque};
+use crate::measurement::Measurement;
+use crate::robot_time::RobotTime;
 
 impl StampOrder {
     /// Believes a measurement, or puts it aside.

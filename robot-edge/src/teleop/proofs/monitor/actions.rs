@@ -1,21 +1,11 @@
 //! What the arbiter wants done, held against what it may want.
 
-use super::super::licence::Licence;
-use super::super::millis;
-use super::{Monitor, Violation, ensure};
+use super::{Monitor, Violation, bit, ensure};
 use crate::clock::Monotonic;
 use crate::teleop::action::{Action, Actions, Answer, Happening};
-use crate::teleop::arbiter::{ArbiterState, Mode};
-use crate::teleop::command::DriveCommand;
 use crate::teleop::config::Rules;
-use crate::teleop::emergency_stop::{EStopId, StoredEStop};
-use crate::teleop::event::{Event, LeaseVerb};
 use crate::teleop::lease::LeaseEnd;
-use crate::teleop::operator::{OperatorId, Role};
-use crate::teleop::token::AgeToken;
 use crate::teleop::velocity::Velocity;
-use crate::teleop::verdict::GuardVerdict;
-use std::time::Duration;
 
 impl Monitor {
     pub(super) fn observe_actions(
