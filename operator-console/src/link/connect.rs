@@ -89,9 +89,9 @@ impl Connections {
         (Self { state, outgoing }, driving)
     }
 
-    /// How much the helm was told.
-    pub(super) fn told_helm(&self) -> u64 {
-        self.state.tap.count()
+    /// How many of its questions the helm was answered.
+    pub(super) fn answers_to_helm(&self) -> u64 {
+        self.state.tap.answers()
     }
 
     /// Sends or asks; what cannot even wait to be sent counts as not answered.

@@ -33,8 +33,8 @@ const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
 pub(super) struct Tap {
     newest: Mutex<Option<Newest>>,
     heard: SyncSender<Heard>,
-    /// How much was heard: who draws wants to know.
-    count: AtomicU64,
+    /// Answers that were heard: who draws wants to know. What statuses say of it, the model tells.
+    answers: AtomicU64,
 }
 
 /// The helm's end of the link to one robot.
@@ -52,13 +52,13 @@ impl Tap {
         let tap = Self {
             newest: Mutex::default(),
             heard: sender,
-            count: AtomicU64::new(0),
+            answers: AtomicU64::new(0),
         };
         (Arc::new(tap), heard)
     }
 
-    pub(super) fn count(&self) -> u64 {
-        self.count.load(Ordering::Relaxed)
+    pub(super) fn answers(&self) -> u64 {
+        self.answers.load(Ordering::Relaxed)
     }
 
     /// A pose came. What is no pose, the model refuses and counts.
@@ -97,20 +97,21 @@ impl Tap {
             return;
         };
         match wire::decode::<Answer>(&sample.payload().to_bytes()) {
-            Ok((header, answer)) => self.tell(Heard::Answer {
-                request,
-                boot: header.boot,
-                answer,
-            }),
+            Ok((header, answer)) => {
+                self.tell(Heard::Answer {
+                    request,
+                    boot: header.boot,
+                    answer,
+                });
+                self.answers.fetch_add(1, Ordering::Relaxed);
+            }
             Err(why) => tracing::warn!(%why, "an answer cannot be read"),
         }
     }
 
     fn tell(&self, heard: Heard) {
         // A helm that does not listen gets a newer status as soon as it does, and takes no answer for none.
-        if self.heard.try_send(heard).is_ok() {
-            self.count.fetch_add(1, Ordering::Relaxed);
-        }
+        let _is_full = self.heard.try_send(heard);
     }
 }
 

@@ -174,7 +174,7 @@ fn run(
         };
         let changes = Some((
             guard.changes(),
-            connections.told_helm(),
+            connections.answers_to_helm(),
             is_connected,
             connections.problem(),
             // Silence comes without a message, and is to be seen at once.

@@ -2,9 +2,10 @@
 
 use std::f64::consts::FRAC_PI_2;
 
+use eframe::egui::accesskit::Role;
 use eframe::egui::{
     Align, Align2, Area, Color32, Context, Frame, Id, Layout, Order, Painter, Pos2, Rect, Response,
-    Sense, Ui, UiBuilder, pos2, vec2,
+    Sense, Ui, UiBuilder, WidgetInfo, pos2, vec2,
 };
 use protocol::layer::LayerId;
 use robot_edge::clock::Monotonic;
@@ -18,7 +19,7 @@ use super::overlays::stopping::{self, Motion};
 use super::overlays::vehicle::VehicleMark;
 use super::overlays::{self, grid, robots, sensors, trail};
 use super::toolbar::{self, ToolbarData};
-use super::{CARD_MARGIN, MapView, Overlay, ProbeData, Ruler, probe, probe_card, ruler};
+use super::{CARD_MARGIN, Leg, MapView, Overlay, ProbeData, Ruler, probe, probe_card, ruler};
 use crate::command::Look;
 use crate::model::ConsoleModel;
 use crate::panels::legend::{LegendsData, legends_ui};
@@ -64,7 +65,13 @@ impl MapView {
         self.paint_vehicle(&painter, model, is_position_old);
         let view = (&self.camera, screen);
         robots::paint(&painter, &self.surroundings.others, view, ink, paper);
-        self.paint_ruler(&painter, model, response.hover_pos(), ink, paper);
+        let measured = self.paint_ruler(&painter, model, response.hover_pos(), ink, paper);
+        response.widget_info(|| {
+            let words = measured
+                .as_ref()
+                .map_or_else(|| "Map".to_owned(), |it| format!("Map, measured: {it}"));
+            WidgetInfo::labeled(Role::Canvas, true, words)
+        });
         scale_bar::paint(
             &painter,
             screen.left_bottom() + vec2(CARD_MARGIN, -CARD_MARGIN),
@@ -196,6 +203,7 @@ impl MapView {
         self.layers.paint(painter, &self.look.stack, store, view);
     }
 
+    /// What is measured, in words, where something is.
     fn paint_ruler(
         &self,
         painter: &Painter,
@@ -203,10 +211,8 @@ impl MapView {
         pointer: Option<Pos2>,
         ink: Color32,
         paper: Color32,
-    ) {
-        let Some(ruler) = &self.ruler else {
-            return;
-        };
+    ) -> Option<String> {
+        let ruler = self.ruler.as_ref()?;
         let mut points_m = ruler.points_m().to_vec();
         if let Some(at) = pointer
             && points_m.len() < ruler::MAX_POINTS
@@ -217,6 +223,8 @@ impl MapView {
         let legs = Ruler::legs(&points_m, height);
         let view = (&self.camera, self.screen);
         overlays::ruler::paint(painter, &points_m, &legs, view, ink, paper);
+        let words = legs.iter().map(Leg::label).chain(ruler::total(&legs));
+        (!legs.is_empty()).then(|| words.collect::<Vec<_>>().join("; "))
     }
 
     fn paint_vehicle(&self, painter: &Painter, model: &ConsoleModel, is_old: bool) {

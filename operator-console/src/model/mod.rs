@@ -13,6 +13,7 @@ mod refusals;
 mod scans;
 mod sending;
 mod shores_sync;
+mod sight;
 mod soundness;
 mod taking;
 mod tile_intake;

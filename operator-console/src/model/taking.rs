@@ -8,6 +8,7 @@ use protocol::wire::{self, Header, WireError};
 use robot_edge::clock::Monotonic;
 use serde::de::DeserializeOwned;
 
+use super::sight::is_news;
 use super::soundness::{is_info_sound, is_status_sound};
 use super::{ConsoleModel, MAX_EVENTS, Refusal, RequestId, Stream};
 
@@ -69,11 +70,9 @@ impl ConsoleModel {
                 } else {
                     self.ended_seq = None;
                 }
-                self.changes += u64::from(
-                    self.status
-                        .as_ref()
-                        .is_none_or(|(before, _)| *before != status),
-                );
+                let before = self.status.as_ref();
+                let is_news = before.is_none_or(|(before, _)| is_news(before, &status));
+                self.changes += u64::from(is_news);
                 self.status = Some((status, now));
             }
             Topic::Event => {

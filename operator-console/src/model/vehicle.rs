@@ -6,6 +6,8 @@ use protocol::export::StampedPose;
 use protocol::message::Pose;
 use robot_edge::clock::Monotonic;
 
+use super::sight::is_elsewhere;
+
 /// The trail's newest end is this fine.
 const TRAIL_STEP_M: f64 = 0.1;
 /// Points of the trail; beyond that every second one of its older half goes.
@@ -20,7 +22,9 @@ pub struct Vehicle {
     trail: VecDeque<[f64; 2]>,
     poses: Vec<StampedPose>,
     stride: u64,
-    seen: u64,
+    came: u64,
+    /// The pose that was last worth a frame.
+    drawn: Option<Pose>,
 }
 
 impl Vehicle {
@@ -47,7 +51,7 @@ impl Vehicle {
         &self.poses
     }
 
-    /// Takes a pose; whether it differs from the last.
+    /// Takes a pose; whether the vehicle looks otherwise than when that was so last.
     pub(super) fn take(&mut self, pose: Pose, stamp_ns: i64, now: Monotonic) -> bool {
         let before = self.pose.replace((pose, stamp_ns, now));
         if before.is_none_or(|(_, before_ns, _)| before_ns != stamp_ns) {
@@ -64,7 +68,11 @@ impl Vehicle {
                 self.thin_trail();
             }
         }
-        before.is_none_or(|(before, _, _)| before != pose)
+        let is_elsewhere = self.drawn.is_none_or(|drawn| is_elsewhere(&drawn, &pose));
+        if is_elsewhere {
+            self.drawn = Some(pose);
+        }
+        is_elsewhere
     }
 
     /// The way so far, where it is known better than from poses that arrived: oldest first, metres in `odom`.
@@ -79,7 +87,7 @@ impl Vehicle {
 
     fn keep(&mut self, pose: Pose, stamp_ns: i64) {
         let stride = self.stride.max(1);
-        if self.seen.is_multiple_of(stride) {
+        if self.came.is_multiple_of(stride) {
             if self.poses.len() >= MAX_POSES {
                 let mut index = 0u64;
                 self.poses.retain(|_| {
@@ -94,7 +102,7 @@ impl Vehicle {
                 quaternion_xyzw: pose.quaternion_xyzw.map(f64::from),
             });
         }
-        self.seen += 1;
+        self.came += 1;
     }
 
     fn thin_trail(&mut self) {
@@ -135,6 +143,18 @@ mod tests {
         assert!(vehicle.trail().len() <= MAX_TRAIL);
         assert_eq!(vehicle.trail().front(), Some(&[0.0, 0.0]));
         assert_eq!(vehicle.trail().back(), Some(&[99_999.0, 0.0]));
+    }
+
+    #[test]
+    fn many_steps_that_nobody_sees_are_seen_in_the_end() {
+        let mut vehicle = Vehicle::default();
+        let now = Monotonic::default();
+        let seen = (0..10).filter(|step| {
+            let x = 0.0005 * f64::from(*step);
+            vehicle.take(pose(x, 0.0, 1.0), i64::from(*step), now)
+        });
+        // At 0, 2 and 4 mm.
+        assert_eq!(seen.collect::<Vec<_>>(), [0, 4, 8]);
     }
 
     #[test]

@@ -255,6 +255,13 @@ impl MappingSide {
         Some(status)
     }
 
+    /// Gives consoles the octree's files that they asked for, while nothing is mapped.
+    pub(super) fn serve_voxels(&self) {
+        if let Some(network) = &self.network {
+            network.serve_voxels(&self.pipeline);
+        }
+    }
+
     fn tell_network(&mut self, lost: u64) {
         let recording = self.serve_recording();
         for happening in self.pipeline.take_happenings() {

@@ -147,6 +147,7 @@ impl<'a> Player<'a> {
         if self.standstill.is_none() {
             self.standstill = Some(self.side.stand_still(self.source.lost_total())?);
         }
+        self.side.serve_voxels();
         self.meter.reset();
         // When it goes on, what comes next is due at once.
         self.pacer.reset();

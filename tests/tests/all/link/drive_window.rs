@@ -1,121 +1,19 @@
 //! The window drives a simulated robot, with real keys on a virtual screen.
 
 use std::f64::consts::{PI, TAU};
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
+use std::path::Path;
 use std::thread::sleep;
 use std::time::Duration;
 
 use operator_console::link::Discovery;
-use protocol::keys::{RobotId, Topic};
-use protocol::message::{Clamp, LeaseEnd, Pose, Status, StopReason, TeleopState, TeleopStatus};
-use protocol::wire;
+use protocol::message::{Clamp, LeaseEnd, StopReason, TeleopState, TeleopStatus};
 use robot_edge::clock::Monotonic;
 use tempfile::{TempDir, tempdir};
-use zenoh::{Config, Session, Wait as _};
 
+use super::driver::{NEUTRAL, holds, pictures, take_lease};
 use super::processes::{Running, free_port, program};
 use super::screen::{Key, Screen};
-
-/// How long a robot may take to do what it is told; nothing is measured here.
-const PATIENCE: Duration = Duration::from_secs(20);
-/// The robot takes a press after 200 ms of nothing; the console adds what a link may shift.
-const NEUTRAL: Duration = Duration::from_millis(400);
-
-/// What the robot says of its driving, heard by somebody else than the console.
-struct Witness {
-    status: Arc<Mutex<Option<TeleopStatus>>>,
-    pose: Arc<Mutex<Option<Pose>>>,
-    _session: Session,
-}
-
-impl Witness {
-    fn of(robot: &str, endpoint: &str) -> Self {
-        let robot: RobotId = robot.parse().unwrap();
-        let session = connected(endpoint);
-        let status = Arc::new(Mutex::new(None));
-        let heard = Arc::clone(&status);
-        session
-            .declare_subscriber(Topic::Status.key(&robot))
-            .callback(move |sample| {
-                let bytes = sample.payload().to_bytes();
-                let (_, status) = wire::decode::<Status>(&bytes).unwrap();
-                *heard.lock().unwrap() = status.teleop;
-            })
-            .background()
-            .wait()
-            .unwrap();
-        let pose = Arc::new(Mutex::new(None));
-        let heard = Arc::clone(&pose);
-        session
-            .declare_subscriber(Topic::Pose.key(&robot))
-            .callback(move |sample| {
-                let bytes = sample.payload().to_bytes();
-                let (_, pose) = wire::decode::<Pose>(&bytes).unwrap();
-                *heard.lock().unwrap() = Some(pose);
-            })
-            .background()
-            .wait()
-            .unwrap();
-        Self {
-            status,
-            pose,
-            _session: session,
-        }
-    }
-
-    /// Waits until the robot is as wanted.
-    fn sees(&self, what: &str, is_so: impl Fn(&TeleopStatus) -> bool) -> TeleopStatus {
-        let started = Monotonic::now();
-        loop {
-            let status = self.status.lock().unwrap().clone();
-            if let Some(status) = status.as_ref().filter(|status| is_so(status)) {
-                return status.clone();
-            }
-            assert!(started.elapsed() < PATIENCE, "not {what}: {status:?}");
-            sleep(Duration::from_millis(10));
-        }
-    }
-
-    /// Where it is: x and y in `odom`, metres, and its heading, radians.
-    fn place(&self) -> ([f64; 2], f64) {
-        let pose = self.pose.lock().unwrap().expect("a pose");
-        let [x, y, _] = pose.position_m;
-        let [qx, qy, qz, qw] = pose.quaternion_xyzw.map(f64::from);
-        let [sine, cosine] = [2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz)];
-        let yaw = nalgebra::UnitComplex::from_cos_sin_unchecked(cosine, sine).angle();
-        ([x, y], yaw)
-    }
-
-    fn is_still(&self, what: &str) {
-        let status = self.sees("told", |_| true);
-        assert_ne!(status.state, TeleopState::Driving, "{what}: {status:?}");
-        let applied = status.applied;
-        assert!(
-            applied.linear_mps.abs() < 1e-6 && applied.angular_radps.abs() < 1e-6,
-            "{what}: {status:?}"
-        );
-    }
-}
-
-fn connected(endpoint: &str) -> Session {
-    let started = Monotonic::now();
-    loop {
-        let mut config = Config::default();
-        for (key, value) in [
-            ("mode", "\"client\"".to_owned()),
-            ("connect/endpoints", format!("[{endpoint:?}]")),
-            ("scouting/multicast/enabled", "false".to_owned()),
-        ] {
-            config.insert_json5(key, &value).unwrap();
-        }
-        match zenoh::open(config).wait() {
-            Ok(session) => return session,
-            Err(why) => assert!(started.elapsed() < PATIENCE, "{why}"),
-        }
-        sleep(Duration::from_millis(50));
-    }
-}
+use super::witness::{PATIENCE, Witness};
 
 /// A robot, a window that shows it, and somebody who watches both.
 struct Scene {
@@ -210,51 +108,14 @@ impl Scene {
         })
     }
 
-    /// Asks until the robot grants the lease: the window may not have heard of the robot yet.
     fn take_lease(&self) {
-        for _attempt in 0..30 {
-            let started = Monotonic::now();
-            while started.elapsed() < Duration::from_millis(1500) {
-                let status = self.witness.status.lock().unwrap().clone();
-                let holder = status.and_then(|status| status.lease.holder);
-                if holder.is_some_and(|holder| holder.as_str() == "anna") {
-                    return;
-                }
-                sleep(Duration::from_millis(10));
-            }
-            // Ctrl+G. Where the lease is held already, it is given back.
-            self.screen.press_with_control(Key::G);
-        }
-        self.screen.picture(&pictures("no_lease.png"));
-        panic!(
-            "the robot grants no lease; see {}",
-            pictures("no_lease.png").display()
-        );
+        take_lease(&self.screen, &self.witness);
     }
 
-    /// Holds a key until the vehicle turns. A machine that is busy with other tests may hang in the middle of a press,
-    /// which then does not count: so it is let go and pressed anew, as anybody would.
     fn turns_left(&self, key: Key) -> TeleopStatus {
-        for _attempt in 0..10 {
-            sleep(NEUTRAL);
-            self.screen.press(key);
-            let started = Monotonic::now();
-            while started.elapsed() < Duration::from_secs(2) {
-                let status = self.witness.status.lock().unwrap().clone();
-                let turning = status.filter(|status| {
-                    status.state == TeleopState::Driving && status.applied.angular_radps > 0.3
-                });
-                if let Some(turning) = turning {
-                    return turning;
-                }
-                sleep(Duration::from_millis(5));
-            }
-            self.screen.release(key);
-        }
-        panic!(
-            "it does not turn: {:?}",
-            self.witness.status.lock().unwrap()
-        );
+        holds(&self.screen, &self.witness, key, |status| {
+            status.applied.angular_radps > 0.3
+        })
     }
 
     fn stands(&self) -> TeleopStatus {
@@ -262,11 +123,6 @@ impl Scene {
             matches!(status.state, TeleopState::Held | TeleopState::Idle)
         })
     }
-}
-
-/// Pictures are kept for people to look at.
-fn pictures(name: &str) -> PathBuf {
-    std::env::temp_dir().join(format!("foreshore_{name}"))
 }
 
 #[test]
@@ -424,7 +280,7 @@ fn figures_of_a_key_on_a_window() {
         let pressed = Monotonic::now();
         scene.screen.press(Key::A);
         while pressed.elapsed() < Duration::from_secs(2) {
-            let status = scene.witness.status.lock().unwrap().clone();
+            let status = scene.witness.now();
             if status.is_some_and(|status| status.state == TeleopState::Driving) {
                 took_ms.push(pressed.elapsed().as_secs_f64() * 1e3);
                 break;

@@ -2,12 +2,20 @@
 
 pub(crate) mod processes;
 
+#[cfg(target_os = "linux")]
+mod controls;
 mod cost;
+#[cfg(target_os = "linux")]
+mod day;
 mod drive_script;
 #[cfg(target_os = "linux")]
 mod drive_window;
+#[cfg(target_os = "linux")]
+mod driver;
 mod driving;
 mod garbage;
+#[cfg(target_os = "linux")]
+mod idle;
 mod link_loss;
 mod live_map;
 mod python_client;
@@ -17,3 +25,5 @@ mod screen;
 mod sensors;
 mod shaped;
 mod window;
+#[cfg(target_os = "linux")]
+mod witness;

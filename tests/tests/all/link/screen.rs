@@ -10,8 +10,8 @@ use robot_edge::clock::Monotonic;
 use x11rb::connection::Connection as _;
 use x11rb::protocol::xproto::{
     AtomEnum, BUTTON_PRESS_EVENT, BUTTON_RELEASE_EVENT, ClientMessageEvent, ConnectionExt as _,
-    EventMask, InputFocus, KEY_PRESS_EVENT, KEY_RELEASE_EVENT, MOTION_NOTIFY_EVENT, MapState,
-    Window,
+    EventMask, ImageFormat, InputFocus, KEY_PRESS_EVENT, KEY_RELEASE_EVENT, MOTION_NOTIFY_EVENT,
+    MapState, Window,
 };
 use x11rb::protocol::xtest::ConnectionExt as _;
 use x11rb::rust_connection::RustConnection;
@@ -19,16 +19,40 @@ use x11rb::rust_connection::RustConnection;
 /// A window takes this long to appear at most.
 const PATIENCE: Duration = Duration::from_mins(1);
 
+/// Between two keys of a hand that is quick.
+const STROKE: Duration = Duration::from_millis(20);
+
 /// A key by its place on the keyboard: Linux' number for it, and 8.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Key {
-    Control = 37,
+    Escape = 9,
+    Digit5 = 14,
+    Equals = 21,
+    Q = 24,
     W = 25,
+    E = 26,
+    O = 32,
+    P = 33,
+    Enter = 36,
+    Control = 37,
     A = 38,
     G = 42,
-    Left = 113,
+    L = 46,
+    Shift = 50,
+    V = 55,
+    M = 58,
+    Alt = 64,
     Space = 65,
+    Left = 113,
 }
+
+/// The rows of a keyboard of the United States, which a virtual screen has, and where each begins.
+const ROWS: [(u8, &str); 4] = [
+    (10, "1234567890-="),
+    (24, "qwertyuiop[]"),
+    (38, "asdfghjkl;"),
+    (52, "zxcvbnm,./"),
+];
 
 /// A virtual screen.
 pub(crate) struct Screen {
@@ -120,23 +144,80 @@ impl Screen {
         self.fake(KEY_RELEASE_EVENT, key as u8, [0, 0]);
     }
 
-    /// A key is pressed and let go while Ctrl is held.
-    pub(crate) fn press_with_control(&self, key: Key) {
-        self.press(Key::Control);
+    /// A key goes down and up.
+    pub(crate) fn tap(&self, key: Key) {
         self.press(key);
         self.release(key);
-        self.release(Key::Control);
+    }
+
+    /// A key is pressed and let go while another is held.
+    pub(crate) fn tap_with(&self, held: Key, key: Key) {
+        self.press(held);
+        sleep(STROKE);
+        self.tap(key);
+        sleep(STROKE);
+        self.release(held);
+    }
+
+    /// Types small letters, digits and what paths and addresses are made of.
+    pub(crate) fn write(&self, text: &str) {
+        for letter in text.chars() {
+            let (letter, is_shifted) = match letter {
+                ':' => (';', true),
+                '_' => ('-', true),
+                'A'..='Z' => (letter.to_ascii_lowercase(), true),
+                _ => (letter, false),
+            };
+            let mut rows = ROWS.iter();
+            let code = rows.find_map(|(first, row)| Some(first + row.find(letter)? as u8));
+            let code = code.unwrap_or_else(|| panic!("no key for {letter:?}"));
+            if is_shifted {
+                self.press(Key::Shift);
+            }
+            self.fake(KEY_PRESS_EVENT, code, [0, 0]);
+            self.fake(KEY_RELEASE_EVENT, code, [0, 0]);
+            if is_shifted {
+                self.release(Key::Shift);
+            }
+            sleep(STROKE);
+        }
+    }
+
+    /// Moves the pointer, pixels from the upper left corner.
+    pub(crate) fn point(&self, at: [i16; 2]) {
+        self.fake(MOTION_NOTIFY_EVENT, 0, at);
     }
 
     /// Points and clicks, pixels from the upper left corner.
-    #[allow(dead_code, reason = "tests of what has no key need it")]
     pub(crate) fn click(&self, at: [i16; 2]) {
-        self.fake(MOTION_NOTIFY_EVENT, 0, at);
+        self.point(at);
         // A button is seen under the pointer a frame before it is pressed.
         sleep(Duration::from_millis(200));
         self.fake(BUTTON_PRESS_EVENT, 1, at);
         sleep(Duration::from_millis(50));
         self.fake(BUTTON_RELEASE_EVENT, 1, at);
+    }
+
+    /// The colours of the screen: width, height, and red, green and blue of each pixel, row by row.
+    pub(crate) fn pixels(&self) -> ([u16; 2], Vec<[u8; 3]>) {
+        let size = self.x.get_geometry(self.root).unwrap().reply().unwrap();
+        let image = self
+            .x
+            .get_image(
+                ImageFormat::Z_PIXMAP,
+                self.root,
+                0,
+                0,
+                size.width,
+                size.height,
+                u32::MAX,
+            )
+            .unwrap()
+            .reply()
+            .unwrap();
+        // Blue first, and a byte that says nothing.
+        let pixels = image.data.chunks_exact(4).map(|p| [p[2], p[1], p[0]]);
+        ([size.width, size.height], pixels.collect())
     }
 
     /// Asks a window to close, as its cross does.

@@ -1,0 +1,100 @@
+//! What a screen reader is told of a console's window, as it writes it to a file: where every control is, and what it says.
+
+use std::fs;
+use std::path::PathBuf;
+use std::thread::sleep;
+use std::time::Duration;
+
+use robot_edge::clock::Monotonic;
+
+/// Longer than anything that is waited for takes on a machine that is busy with other tests.
+const PATIENCE: Duration = Duration::from_mins(1);
+
+/// A control.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Control {
+    pub(crate) role: String,
+    /// Left, top, right and bottom, pixels.
+    pub(crate) edges: [i16; 4],
+    /// What it says: its label, or else its value.
+    pub(crate) words: String,
+}
+
+impl Control {
+    pub(crate) fn middle(&self) -> [i16; 2] {
+        let [left, top, right, bottom] = self.edges;
+        [left.midpoint(right), top.midpoint(bottom)]
+    }
+}
+
+/// The file that they are in.
+pub(crate) struct Controls(pub(crate) PathBuf);
+
+impl Controls {
+    /// All that there are at the moment; none before the first frame.
+    pub(crate) fn all(&self) -> Vec<Control> {
+        let text = fs::read_to_string(&self.0).unwrap_or_default();
+        let rows = text.lines().map(|line| line.split('\t').collect());
+        // A run of text is a part of a control that is listed too.
+        rows.filter(|fields: &Vec<&str>| fields[0] != "TextRun")
+            .map(|fields| {
+                let edge = |at: usize| fields[at].parse().unwrap();
+                Control {
+                    role: fields[0].to_owned(),
+                    edges: [edge(1), edge(2), edge(3), edge(4)],
+                    words: if fields[5].is_empty() {
+                        fields[6]
+                    } else {
+                        fields[5]
+                    }
+                    .to_owned(),
+                }
+            })
+            .collect()
+    }
+
+    /// Waits until something is found in them.
+    pub(crate) fn wait_for<T>(&self, what: &str, find: impl Fn(&[Control]) -> Option<T>) -> T {
+        let started = Monotonic::now();
+        loop {
+            let all = self.all();
+            if let Some(found) = find(&all) {
+                return found;
+            }
+            if started.elapsed() > PATIENCE {
+                let said: Vec<_> = all
+                    .iter()
+                    .map(|control| format!("{}: {}", control.role, control.words))
+                    .collect();
+                panic!("not seen: {what}. What is there:\n{}", said.join("\n"));
+            }
+            sleep(Duration::from_millis(10));
+        }
+    }
+
+    /// Waits for a control that begins so.
+    pub(crate) fn beginning(&self, words: &str) -> Control {
+        self.wait_for(words, |all| {
+            let mut all = all.iter();
+            all.find(|control| control.words.starts_with(words))
+                .cloned()
+        })
+    }
+
+    /// Waits until nothing begins so any more.
+    pub(crate) fn without(&self, words: &str) {
+        self.wait_for(&format!("the end of {words:?}"), |all| {
+            let is_there = all.iter().any(|control| control.words.starts_with(words));
+            (!is_there).then_some(())
+        });
+    }
+
+    /// Waits for a control of this role that says just that.
+    pub(crate) fn named(&self, role: &str, words: &str) -> Control {
+        self.wait_for(&format!("{role} {words}"), |all| {
+            let mut all = all.iter();
+            all.find(|control| control.role == role && control.words == words)
+                .cloned()
+        })
+    }
+}

@@ -1,0 +1,54 @@
+//! What a window costs that shows a robot which stands still. Measures.
+
+use std::thread::sleep;
+use std::time::Duration;
+
+use robot_edge::clock::Monotonic;
+use tempfile::tempdir;
+
+use super::controls::Controls;
+use super::processes::{Running, free_port, program};
+use super::screen::Screen;
+
+const MEASURED: Duration = Duration::from_secs(30);
+
+/// Processor time over the wall time in which it was used, per cent of a core.
+fn load(running: &Running) -> f64 {
+    let (before_s, started) = (running.processor_s(), Monotonic::now());
+    sleep(MEASURED);
+    100.0 * (running.processor_s() - before_s) / started.elapsed().as_secs_f64()
+}
+
+#[test]
+#[ignore = "two minutes: measures, and wants the machine for itself"]
+fn a_window_beside_a_robot_that_stands_costs_little() {
+    let Some(screen) = Screen::open() else { return };
+    for world in ["rooms", "yard"] {
+        let port = free_port();
+        let endpoint = format!("tcp/127.0.0.1:{port}");
+        let mut command = program("robot-edge");
+        command.args(["simulate", world, "--stay", "--quiet", "--robot", "scout"]);
+        let _edge = Running::start(command.args(["--listen", &endpoint]), "edge");
+        let home = tempdir().unwrap();
+        let controls = Controls(home.path().join("controls"));
+        let console = || {
+            let mut command = program("operator-console");
+            screen.show(&mut command);
+            command.args(["--robot", "scout", "--connect", &endpoint, "--config"]);
+            command.arg(home.path().join("console.json"));
+            command
+        };
+        // Once to know that it shows what it should; to write the names of all controls costs, too.
+        let named = Running::start(console().arg("--controls").arg(&controls.0), "the window");
+        controls.beginning("In step");
+        sleep(Duration::from_secs(5));
+        let with_names = load(&named);
+        drop(named);
+        let console = Running::start(&mut console(), "the window");
+        sleep(Duration::from_secs(8));
+        let alone = load(&console);
+        println!(
+            "{world}: {alone:.1} % of a core; with every control's name written to a file {with_names:.1} %"
+        );
+    }
+}
