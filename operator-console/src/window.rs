@@ -76,6 +76,8 @@ pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
             vsync: false,
             ..eframe::egui_glow::GlowConfiguration::default()
         },
+        // There is no gradient to smooth, and without a GPU every pixel would pay for it.
+        dithering: false,
         ..eframe::NativeOptions::default()
     };
     let hands = Rc::new(Hands::default());

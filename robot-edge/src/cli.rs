@@ -172,6 +172,9 @@ pub struct Simulate {
     /// Times as fast as real time, or `max`
     #[arg(long, value_name = "1|max", default_value = "1", value_parser = str::parse::<Rate>)]
     pub rate: Rate,
+    /// Let operators drive it at any rate: for hours of driving in minutes. Its world goes faster than their reactions
+    #[arg(long, hide = true)]
+    pub drive_at_any_rate: bool,
     /// How it is driven.
     #[command(flatten)]
     pub driving: DrivingOptions,

@@ -8,8 +8,6 @@ use crate::shortcuts::Action;
 /// Draws it; what the operator asks for.
 pub(super) fn first_run_ui(ui: &mut Ui, robots: &RobotsData) -> Option<Action> {
     let mut asked = None;
-    ui.painter()
-        .rect_filled(ui.max_rect(), 0.0, ui.visuals().panel_fill);
     let width = ui.available_width().min(520.0);
     ui.add_space((0.25 * ui.available_height()).min(180.0));
     ui.with_layout(Layout::top_down(Align::Center), |ui| {

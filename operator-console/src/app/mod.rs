@@ -18,7 +18,7 @@ use std::path::PathBuf;
 use std::rc::Rc;
 use std::time::Duration;
 
-use eframe::egui::{Context, Ui};
+use eframe::egui::{Context, Ui, Visuals};
 use protocol::keys::RobotId;
 use protocol::tile::BootId;
 use robot_edge::clock::{Monotonic, seconds_since_1970};
@@ -184,11 +184,16 @@ impl eframe::App for ConsoleApp {
         }
         if self.keeper.is_some() {
             // What the last frame changed is looked at although nothing else happens.
-            ctx.request_repaint_after(2 * KEEP_PERIOD);
+            ctx.request_repaint_after(3 * KEEP_PERIOD);
         }
         if let Some(screenshot) = &mut self.screenshot {
             screenshot.step(ctx, now);
         }
+    }
+
+    /// Panels lie on this, and need not be filled again.
+    fn clear_color(&self, visuals: &Visuals) -> [f32; 4] {
+        visuals.panel_fill.to_normalized_gamma_f32()
     }
 
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {

@@ -34,8 +34,8 @@ const NARROW: f32 = 1000.0;
 const LOW: f32 = 640.0;
 /// Ages of commands are looked at while somebody drives.
 const DRIVING_PERIOD: Duration = Duration::from_millis(100);
-/// Ages on the screen are at most this much behind.
-const AGES_PERIOD: Duration = Duration::from_secs(1);
+/// Ages on the screen are at most this much behind. What comes once a second anyway comes before.
+const AGES_PERIOD: Duration = Duration::from_millis(1200);
 
 /// What the screen remembers between frames.
 #[derive(Default)]
@@ -207,7 +207,7 @@ impl Screen {
         actions: &mut Vec<Action>,
         commands: &mut Vec<Command>,
     ) {
-        let frame = Frame::side_top_panel(ui.style()).inner_margin(Margin::symmetric(8, 4));
+        let frame = Frame::new().inner_margin(Margin::symmetric(8, 4));
         Panel::top("bar")
             .frame(frame)
             .resizable(false)

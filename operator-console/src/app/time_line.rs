@@ -23,7 +23,7 @@ pub(super) fn playback_ui(
     if !matches!(sight.state, ReplayState::Paused | ReplayState::Ended) || !sight.is_settled {
         ui.ctx().request_repaint_after(PLAYBACK_PERIOD);
     }
-    let frame = Frame::side_top_panel(ui.style()).inner_margin(Margin::symmetric(12, 6));
+    let frame = Frame::new().inner_margin(Margin::symmetric(12, 6));
     let panel = Panel::bottom("timeline").frame(frame).resizable(false);
     let shown = panel.show(ui, |ui| timeline_ui(ui, &data));
     let by_key = || asked_for(ui, &sight).filter(|_| !was_typing);

@@ -37,6 +37,10 @@ const TICK: Duration = Duration::from_millis(20);
 const LINK_PERIOD: Duration = Duration::from_secs(1);
 /// Between two calls of `wake`.
 const WAKE_PERIOD: Duration = Duration::from_millis(33);
+/// The same for tiles and sweeps of a robot of which nothing else is new: it stands, and they come all the time.
+const CALM_PERIOD: Duration = Duration::from_millis(800);
+/// A robot of which nothing was new for so long is calm.
+const CALM_AFTER: Duration = Duration::from_secs(2);
 
 /// A robot that is watched. Dropping it ends that.
 pub struct RobotSession {
@@ -148,8 +152,8 @@ fn run(
     is_closing: &AtomicBool,
     wake: impl Fn(),
 ) {
-    let mut seen = None;
-    let mut woken = Monotonic::default();
+    let (mut seen, mut seen_surveys) = (None, 0);
+    let (mut woken, mut stirred) = (Monotonic::default(), Monotonic::default());
     let mut next_tick = Monotonic::now();
     let mut looked_at_links = Monotonic::default();
     while !is_closing.load(Ordering::Relaxed) {
@@ -180,6 +184,7 @@ fn run(
             // Silence comes without a message, and is to be seen at once.
             guard.connection().state(now),
         ));
+        let surveys = guard.surveys();
         drop(guard);
         for outgoing in outgoing {
             connections.send(outgoing);
@@ -188,8 +193,14 @@ fn run(
             looked_at_links = now;
             connections.look_at_links();
         }
-        if changes != seen && now.since(woken) >= WAKE_PERIOD {
-            (seen, woken) = (changes, now);
+        if changes != seen {
+            stirred = now;
+        }
+        let is_calm = now.since(stirred) >= CALM_AFTER;
+        let period = if is_calm { CALM_PERIOD } else { WAKE_PERIOD };
+        let is_new = changes != seen || surveys != seen_surveys;
+        if is_new && now.since(woken) >= period {
+            (seen, seen_surveys, woken) = (changes, surveys, now);
             wake();
         }
         next_tick = now + TICK;

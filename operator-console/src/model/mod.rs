@@ -84,8 +84,10 @@ pub struct ConsoleModel {
     told_view: Option<Monotonic>,
     requests: u64,
     seq: u64,
-    /// Counts changes that somebody may want to draw.
+    /// Counts changes that somebody may want to draw at once.
     changes: u64,
+    /// Counts what the sensors of a vehicle bring all the time, whatever it does.
+    surveys: u64,
 }
 
 impl ConsoleModel {
@@ -119,6 +121,7 @@ impl ConsoleModel {
             requests: 0,
             seq: 0,
             changes: 0,
+            surveys: 0,
         })
     }
 
@@ -255,9 +258,15 @@ impl ConsoleModel {
         self.ended_seq.is_some_and(|ended| self.head_seq > ended)
     }
 
-    /// Rises with every change that can be seen: who draws need not draw again while it stands still.
+    /// Rises with every change that is to be seen at once.
     pub const fn changes(&self) -> u64 {
         self.changes
+    }
+
+    /// Rises with tiles and sweeps that were pushed, which come all the time. Who draws need not draw again while this
+    /// and [`Self::changes`] stand still.
+    pub const fn surveys(&self) -> u64 {
+        self.surveys
     }
 
     /// Draws this way of the vehicle instead of the poses that arrived: oldest first, metres in `odom`.

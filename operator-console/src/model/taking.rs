@@ -107,7 +107,7 @@ impl ConsoleModel {
                 let (header, band): (_, TileBand) = decode(payload)?;
                 self.map.take_band(tile, header.boot, &band, None, now)?;
                 self.quality.heard(Stream::Tiles, now);
-                self.changes += 1;
+                self.surveys += 1;
             }
             Topic::Shores => self.take_shores(payload, None, now)?,
             Topic::Scan => {
@@ -116,7 +116,7 @@ impl ConsoleModel {
                 // One that was on its way when nobody wanted any more would stay for ever.
                 if self.wants_scan {
                     self.scans.take(scan, header.robot_time_ns, now)?;
-                    self.changes += 1;
+                    self.surveys += 1;
                 }
             }
             Topic::Alive

@@ -28,8 +28,6 @@ impl Behavior<PanelId> for Docking<'_> {
         if panel.fills_its_place() {
             (self.draw)(ui, panel);
         } else {
-            ui.painter()
-                .rect_filled(place, 0.0, ui.visuals().panel_fill);
             Frame::new()
                 .inner_margin(Margin::symmetric(10, 8))
                 .show(ui, |ui| {

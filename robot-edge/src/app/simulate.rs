@@ -39,7 +39,8 @@ pub(super) fn simulate(
     let config = config::load(vehicle, &options.overrides())?;
     let network = NetworkPlan::new(&options.network, options.robot.as_ref(), &config)?;
     let is_in_real_time = matches!(command.rate, Rate::Times(rate) if (rate - 1.0).abs() < 1e-9);
-    let motors = (network.is_some() && is_in_real_time).then(SimulatedMotors::default);
+    let can_be_driven = is_in_real_time || command.drive_at_any_rate;
+    let motors = (network.is_some() && can_be_driven).then(SimulatedMotors::default);
     if motors.is_none() && command.driving.drive_log.is_some() {
         return Err(UsageError(
             "--drive-log: a simulated vehicle is driven at --rate 1, over a network".to_owned(),

@@ -151,7 +151,7 @@ fn looping_ui(ui: &mut Ui, data: &TimelineData) -> Option<PlaybackCommand> {
 }
 
 fn close_ui(ui: &mut Ui) -> Option<PlaybackCommand> {
-    ui.button("Close")
+    ui.button("Close recording")
         .on_hover_text("Close the recording and look for robots")
         .clicked()
         .then_some(PlaybackCommand::Close)

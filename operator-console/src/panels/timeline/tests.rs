@@ -153,7 +153,7 @@ fn every_control_has_a_name_and_does_what_it_says() {
         ("+1 s", step(1.0)),
         ("+10 s", step(10.0)),
         ("Loop", PlaybackCommand::SetLooping(true)),
-        ("Close", PlaybackCommand::Close),
+        ("Close recording", PlaybackCommand::Close),
     ] {
         let mut harness = harness(data(&sight()));
         harness.get_by_label(label).click();
@@ -261,7 +261,7 @@ fn why_it_cannot_be_shown_stands_there_instead() {
     harness.get_by_label("rooms.mcap cannot be shown");
     harness.get_by_label(why);
     assert!(harness.query_by_label("Pause").is_none());
-    harness.get_by_label("Close").click();
+    harness.get_by_label("Close recording").click();
     harness.run();
     assert_eq!(harness.state().commands, [PlaybackCommand::Close]);
 }

@@ -103,11 +103,6 @@ impl Desk {
         self.controls.beginning(wanted)
     }
 
-    /// As a hand does between two things: what was done is drawn meanwhile.
-    pub(super) fn rests(&self) {
-        sleep(Duration::from_millis(400));
-    }
-
     /// The map.
     pub(super) fn map(&self) -> Control {
         self.controls.wait_for("the map", |all| {
@@ -141,4 +136,9 @@ impl Desk {
         assert_eq!(found.len(), 1, "{end}: {found:?}");
         found.remove(0)
     }
+}
+
+/// As a hand does between two things: what was done is drawn meanwhile.
+pub(super) fn rest() {
+    sleep(Duration::from_millis(400));
 }

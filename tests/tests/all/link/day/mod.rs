@@ -19,7 +19,7 @@ use super::driver::{holds, take_lease};
 use super::processes::{Running, free_port, program};
 use super::screen::Key;
 use super::witness::Witness;
-use desk::Desk;
+use desk::{Desk, rest};
 use probe::{Reading, place_m, readings};
 use raster::Raster;
 
@@ -75,7 +75,7 @@ fn finds_the_robot(desk: &Desk, relay: &Relay) {
     desk.picture("01_open");
     desk.until_seen("Remembered addresses", || {
         desk.screen.tap_with(Key::Control, Key::L);
-        desk.rests();
+        rest();
         desk.screen.write(&relay.endpoint());
         desk.screen.tap(Key::Enter);
     });
@@ -167,7 +167,7 @@ fn reads_at(desk: &Desk, at: [i16; 2]) -> [f64; 2] {
     let first = desk.controls.wait_for("another place", |all| {
         place_m(all).filter(|place_m| Some(*place_m) != before)
     });
-    desk.rests();
+    rest();
     assert_eq!(place_m(&desk.controls.all()), Some(first), "the map moves");
     first
 }
@@ -175,7 +175,7 @@ fn reads_at(desk: &Desk, at: [i16; 2]) -> [f64; 2] {
 fn measures(desk: &Desk) {
     // The whole map grows while one looks; the vehicle stands.
     desk.screen.tap(Key::V);
-    desk.rests();
+    rest();
     let [left, top, right, bottom] = desk.map().edges;
     let corner = [left + (right - left) / 4, top + (bottom - top) / 3];
     let other = [right - (right - left) / 4, bottom - (bottom - top) / 3];
@@ -194,7 +194,7 @@ fn measures(desk: &Desk) {
     desk.screen.tap(Key::M);
     for y_m in WALLS_M {
         desk.screen.click(place([12.0, y_m]));
-        desk.rests();
+        rest();
     }
     let label = desk.controls.beginning("Map, measured: ").words;
     desk.picture("05_measured");
@@ -270,7 +270,7 @@ fn stops_recording(desk: &Desk, folder: &Path) -> PathBuf {
 /// Where the recording is, seconds, and how long.
 fn position_s(all: &[Control]) -> Option<[f64; 2]> {
     let clock_s = |words: &str| {
-        let mut parts = words.split(':').map(|part| part.parse::<f64>());
+        let mut parts = words.split(':').map(str::parse::<f64>);
         parts.try_fold(0.0, |sum, part| Some(60.0 * sum + part.ok()?))
     };
     all.iter().find_map(|control| {
@@ -284,7 +284,7 @@ fn position_s(all: &[Control]) -> Option<[f64; 2]> {
 fn scrubs(desk: &Desk, recording: &Path) {
     desk.screen.tap_with(Key::Control, Key::O);
     desk.controls.beginning("MCAP, ROS 1 bag");
-    desk.rests();
+    rest();
     desk.screen.write(recording.to_str().unwrap());
     desk.screen.tap(Key::Enter);
     let [_, length_s] = desk.controls.wait_for("a time line", position_s);
@@ -314,7 +314,7 @@ fn probes(desk: &Desk) -> Vec<([f64; 2], Vec<Reading>)> {
     desk.controls.beginning("Trespassable");
     desk.screen.tap(Key::V);
     desk.screen.tap(Key::Equals);
-    desk.rests();
+    rest();
     let [_, top, _, bottom] = desk.map().edges;
     let [middle, _] = desk.map().middle();
     let places = (1..PROBES).flat_map(|row| (0..PROBES).map(move |column| (column, row)));
@@ -371,14 +371,14 @@ fn exports(desk: &Desk, read: &[([f64; 2], Vec<Reading>)]) {
 
 /// Puts the window in another order, ends the day, and finds it so the next morning.
 fn comes_back(desk: &mut Desk, relay: &Relay) {
-    desk.until_seen("Live", || desk.click("Button", "Close"));
+    desk.until_seen("Live", || desk.click("Button", "Close recording"));
     desk.controls.beginning("In step");
     desk.screen.tap_with(Key::Control, Key::Equals);
     desk.until_seen("Reset layout", || desk.click("Button", "View"));
     desk.click("CheckBox", "Events");
     desk.controls.without("Reset layout");
     desk.controls.without("Events");
-    desk.rests();
+    rest();
     desk.picture("10_another_layout");
     let evening = desk.map().edges;
     desk.screen.tap_with(Key::Control, Key::Q);
@@ -390,13 +390,13 @@ fn comes_back(desk: &mut Desk, relay: &Relay) {
     // The layer that was shown last, too.
     desk.controls.beginning("Trespassable");
     desk.controls.without("Events");
-    desk.rests();
+    rest();
     desk.picture("11_the_next_day");
     assert_eq!(desk.map().edges, evening);
     desk.until_seen("Scale: ", || desk.click("Button", "View"));
     desk.controls.beginning("Scale: 110 %");
     desk.screen.tap(Key::Escape);
-    desk.rests();
+    rest();
     desk.screen.tap_with(Key::Control, Key::Q);
     desk.ends();
 }

@@ -50,12 +50,12 @@ impl Reading {
     pub(super) fn says(&self, exported: f32) -> bool {
         if self.value == "unknown" {
             let is_class = !self.layer.classes().is_empty();
-            return exported.is_nan() || (is_class && exported == 0.0);
+            return exported.is_nan() || (is_class && exported.to_bits() == 0);
         }
         match self.layer.quantisation() {
-            Quantisation::Classes(classes) => classes
-                .iter()
-                .any(|class| class.name == self.value && f32::from(class.value) == exported),
+            Quantisation::Classes(classes) => classes.iter().any(|class| {
+                class.name == self.value && f32::from(class.value).to_bits() == exported.to_bits()
+            }),
             Quantisation::Linear { .. } => {
                 let words = self.value.split(' ').next().unwrap_or_default();
                 let decimals = words.split_once('.').map_or(0, |(_, after)| after.len());
