@@ -35,7 +35,9 @@ pub fn sheet_ui(ctx: &Context, is_open: &mut bool) {
                             ui.vertical(|ui| {
                                 ui.spacing_mut().item_spacing.x = 8.0;
                                 ui.set_width(COLUMN);
-                                blocks.iter().for_each(|block| block.show(ui));
+                                for block in blocks {
+                                    block.show(ui);
+                                }
                             });
                         }
                     });

@@ -847,6 +847,30 @@ fn an_export_is_chosen_part_by_part() {
 }
 
 #[test]
+fn all_plots_of_the_link_are_in_sight_at_first() {
+    let window = Rig::live().window();
+    let mut seen: Vec<egui::Rect> = Vec::new();
+    for title in [
+        "Round trip, ms",
+        "Poses lost, %",
+        "Received, kbit/s",
+        "Age, s",
+    ] {
+        let rect = window.get_by_label_contains(title).rect();
+        assert!(
+            rect.right() <= 1280.0 && rect.bottom() <= 800.0,
+            "{title} {rect}"
+        );
+        assert!(
+            rect.width() > 150.0 && rect.height() > 50.0,
+            "{title} {rect}"
+        );
+        assert!(seen.iter().all(|other| !other.intersects(rect)), "{title}");
+        seen.push(rect);
+    }
+}
+
+#[test]
 fn the_layout_is_kept_and_found_again() {
     let mut window = Rig::live().window();
     window.get_by_label("Events").click();

@@ -2,7 +2,10 @@
 
 use std::f32::consts::GOLDEN_RATIO;
 
-use eframe::egui::{Align2, Color32, Pos2, Rect, Shape, Stroke, TextStyle, Ui, pos2, vec2};
+use eframe::egui::accesskit::Role;
+use eframe::egui::{
+    Align2, Color32, Pos2, Rect, Shape, Stroke, TextStyle, Ui, WidgetInfo, pos2, vec2,
+};
 use egui_plot::{Line, LineStyle, Plot, PlotPoints};
 
 use super::LinkPlot;
@@ -83,9 +86,23 @@ fn plot_ui(ui: &mut Ui, data: &LinkPlot, width: f32, height: f32) {
         }
     });
     key_ui(ui, data, shown.response.rect);
+    let words = in_words(data);
+    shown
+        .response
+        .widget_info(|| WidgetInfo::labeled(Role::Image, true, &words));
     shown
         .response
         .on_hover_text("The last 5 minutes: a line a minute, now on the right");
+}
+
+/// What can be told of it without seeing it: what it is of, and the newest values.
+fn in_words(data: &LinkPlot) -> String {
+    let newest = data.lines.iter().filter_map(|(name, segments)| {
+        let [_, value] = segments.last()?.last()?;
+        Some(format!("{name} {value:.1}"))
+    });
+    let newest = newest.collect::<Vec<_>>().join(", ");
+    format!("{}: {newest}", data.title)
 }
 
 /// Title and, where there are several lines, what each of them is: a legend would cover a plot that is low.
@@ -154,5 +171,27 @@ const fn colors(dark: bool) -> [Color32; 4] {
             rgb(0x00, 0x74, 0x55),
             rgb(0x8e, 0x24, 0x6a),
         ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_plot_can_be_told_in_words() {
+        let data = LinkPlot {
+            title: "Age, s",
+            least: 2.0,
+            lines: vec![
+                (
+                    "Position",
+                    vec![vec![[-3.0, 0.5]], vec![[-1.0, 0.04], [0.0, 0.06]]],
+                ),
+                ("State", Vec::new()),
+                ("Map tiles", vec![vec![[-2.0, 1.25]]]),
+            ],
+        };
+        assert_eq!(in_words(&data), "Age, s: Position 0.1, Map tiles 1.2");
     }
 }
