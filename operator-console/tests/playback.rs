@@ -172,12 +172,7 @@ fn a_scrubbed_recording_shows_the_map_of_a_replay_up_to_there() {
     for (index, &grey) in pixels.iter().enumerate().step_by(7) {
         let (column, row) = ((index % width) as f64, (index / width) as f64);
         let point_m = [left + 0.1 * (column + 0.5), top - 0.1 * (row + 0.5)];
-        let probe = ProbeData::new(
-            model.map(),
-            &LayerStack::default(),
-            point_m,
-            Monotonic::now(),
-        );
+        let probe = ProbeData::new(&model, &LayerStack::default(), point_m, Monotonic::now());
         let mut cells = probe.cells.iter();
         let occupancy = cells.find(|cell| cell.layer == LayerId::Occupancy);
         let p = occupancy.and_then(|cell| cell.value);

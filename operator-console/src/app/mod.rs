@@ -36,6 +36,7 @@ use crate::panels::robots::RobotsData;
 use crate::playback::{OpenDialog, Playback, is_recording};
 use crate::settings::{Keeper, Settings};
 use crate::teleop_input::InputEvent;
+use crate::theme;
 
 use choice::RobotChoice;
 use export_job::ExportJob;
@@ -198,13 +199,11 @@ impl eframe::App for ConsoleApp {
 
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
         let now = Monotonic::now();
-        // Enter ends typing, in the frame in which letters may have been typed, too.
-        let was_typing = ui.ctx().text_edit_focused() || self.open_dialog.is_open();
         let dropped_or_typed = self.open_dialog.show(ui.ctx()).map(Command::Open);
         let wound = self
             .playback
             .as_mut()
-            .and_then(|playback| playback_ui(ui, playback, was_typing));
+            .and_then(|playback| playback_ui(ui, playback));
         let seen = self.seen();
         let problem = self.problem.clone().or_else(|| self.discovery.problem());
         let export = self.export.as_ref().map(ExportJob::progress);
@@ -241,7 +240,11 @@ impl eframe::App for ConsoleApp {
                     model: &mut model,
                     link: &link,
                     helm: helm.as_ref(),
-                    color: self.settings.robots.of(&found.robot),
+                    color: match &self.playback {
+                        // It is given no colour of its own, to be remembered.
+                        Some(_) => theme::VEHICLE,
+                        None => self.settings.robots.of(&found.robot),
+                    },
                 });
                 let commands = self.screen.show(ui, around, robot, now);
                 let map_view = self.screen.map_view();

@@ -109,8 +109,12 @@ impl ConsoleApp {
             Command::Acknowledge(alarm) => self.alerts.acknowledge(&alarm),
             Command::AcknowledgeAll => self.alerts.acknowledge_all(),
             Command::Screenshot => {
-                let robot = self.shown.as_ref().map(|(found, _)| &found.robot);
-                let path = pictures::screenshot_path(robot);
+                let recording = self.playback.as_ref().map(Playback::file_name);
+                let shown = self
+                    .shown
+                    .as_ref()
+                    .map(|(found, _)| pictures::name_for_files(&found.robot, recording.as_deref()));
+                let path = pictures::screenshot_path(shown.as_deref());
                 let outcome = Outcome::default();
                 screenshot::take(&self.ctx, path.clone(), Outcome::clone(&outcome));
                 self.pictures.push((path, outcome));

@@ -8,6 +8,9 @@ use etcetera::BaseStrategy as _;
 use protocol::keys::RobotId;
 use robot_edge::clock::wall_clock_label;
 
+/// Characters that files take over of another's name, at most.
+const MAX_NAME: usize = 50;
+
 /// The folder for pictures; where the system names none, `Pictures` in the home folder.
 fn pictures() -> Option<PathBuf> {
     user_folder("XDG_PICTURES_DIR", "Pictures")
@@ -18,13 +21,23 @@ pub(super) fn documents() -> Option<PathBuf> {
     user_folder("XDG_DOCUMENTS_DIR", "Documents")
 }
 
-/// Where a screenshot goes that is taken now. The name has the date, to the second, and the robot.
-pub(super) fn screenshot_path(robot: Option<&RobotId>) -> PathBuf {
+/// Where a screenshot goes that is taken now. The name has the date, to the second, and what is shown.
+pub(super) fn screenshot_path(shown: Option<&str>) -> PathBuf {
     let label = wall_clock_label().replace(':', "-").replace('Z', "");
-    let robot = robot.map(|robot| format!("-{robot}")).unwrap_or_default();
+    let shown = shown.map(|shown| format!("-{shown}")).unwrap_or_default();
     pictures()
         .unwrap_or_default()
-        .join(format!("foreshore{robot}-{label}.png"))
+        .join(format!("foreshore{shown}-{label}.png"))
+}
+
+/// What files are named after: the robot, or the recording without the ending of its file.
+pub(super) fn name_for_files(robot: &RobotId, recording: Option<&str>) -> String {
+    let Some(stem) = recording.and_then(|file| Path::new(file).file_stem()) else {
+        return robot.to_string();
+    };
+    let stem = stem.to_string_lossy();
+    // Date and ending have to fit into a name of 255 bytes as well.
+    stem.chars().take(MAX_NAME).collect()
 }
 
 /// Shows a folder in the system's own program for that.
@@ -67,4 +80,27 @@ fn user_folder(name: &str, usual: &str) -> Option<PathBuf> {
         })
     });
     Some(named.unwrap_or_else(|| home.join(usual)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_named_after_what_is_shown() {
+        let robot = "recording-0a1b2c".parse().unwrap();
+        let check = |recording, expected: &str| {
+            assert_eq!(name_for_files(&robot, recording), expected);
+        };
+        check(None, "recording-0a1b2c");
+        check(Some("rooms.mcap"), "rooms");
+        check(Some("a day in May.2.bag"), "a day in May.2");
+        check(Some(".log"), ".log");
+        let long = "ü".repeat(200) + ".log";
+        assert_eq!(name_for_files(&robot, Some(&long)), "ü".repeat(MAX_NAME));
+        let path = screenshot_path(Some("rooms"));
+        let name = path.file_name().unwrap().to_str().unwrap();
+        assert!(name.starts_with("foreshore-rooms-2"), "{name}");
+        assert_eq!(path.extension().unwrap(), "png");
+    }
 }

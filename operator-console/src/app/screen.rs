@@ -24,7 +24,7 @@ use crate::panels::events::EventFilter;
 use crate::panels::robots::{AddressEntry, RobotsData};
 use crate::panels::top_bar::{TopBarData, right_bar_ui, robot_bar_ui};
 use crate::settings::{Appearance, Settings};
-use crate::shortcuts::{Action, pressed};
+use crate::shortcuts::{Action, KeyScene, pressed};
 use crate::workspace::{PanelId, Workspace};
 
 use contents::{Panels, fits};
@@ -47,6 +47,8 @@ pub struct Screen {
     driving: DrivingEntry,
     filter: EventFilter,
     dialogs: Dialogs,
+    /// Whether text was typed when the last frame ended.
+    was_typing: bool,
 }
 
 /// What is shown of one robot.
@@ -171,7 +173,12 @@ impl Screen {
             helm,
             now,
         };
-        let mut actions = pressed(ui.ctx(), is_driving);
+        let keys = KeyScene {
+            is_driving,
+            has_recording: robot.is_some_and(|(_, link)| link.recording.is_some()),
+            was_typing: self.was_typing,
+        };
+        let mut actions = pressed(ui.ctx(), keys);
         let mut commands = Vec::new();
         self.bar_ui(ui, scene, bar.as_ref(), &mut actions, &mut commands);
         CentralPanel::no_frame().show(ui, |ui| {
@@ -196,6 +203,7 @@ impl Screen {
         for action in actions {
             commands.extend(self.act(ui.ctx(), action, scene));
         }
+        self.was_typing = ui.ctx().text_edit_focused();
         commands
     }
 

@@ -6,17 +6,13 @@ use eframe::egui::{Frame, Margin, Panel, Ui};
 use robot_edge::replay_control::ReplayState;
 
 use crate::panels::timeline::{TimelineData, timeline_ui};
-use crate::playback::{Playback, PlaybackCommand, asked_for};
+use crate::playback::{Playback, PlaybackCommand};
 
 /// The position of a recording is at most this much behind.
 const PLAYBACK_PERIOD: Duration = Duration::from_millis(50);
 
-/// The time line, and what its keys and controls ask for.
-pub(super) fn playback_ui(
-    ui: &mut Ui,
-    playback: &mut Playback,
-    was_typing: bool,
-) -> Option<PlaybackCommand> {
+/// The time line, and what its controls ask for.
+pub(super) fn playback_ui(ui: &mut Ui, playback: &mut Playback) -> Option<PlaybackCommand> {
     let name = playback.file_name();
     let sight = playback.sight();
     let data = TimelineData::new(&name, &sight, playback.failure());
@@ -25,7 +21,5 @@ pub(super) fn playback_ui(
     }
     let frame = Frame::new().inner_margin(Margin::symmetric(12, 6));
     let panel = Panel::bottom("timeline").frame(frame).resizable(false);
-    let shown = panel.show(ui, |ui| timeline_ui(ui, &data));
-    let by_key = || asked_for(ui, &sight).filter(|_| !was_typing);
-    shown.inner.or_else(by_key)
+    panel.show(ui, |ui| timeline_ui(ui, &data)).inner
 }

@@ -27,7 +27,10 @@ impl ConsoleApp {
             for (_alarm, text) in self.alerts.look(&model, &news, now) {
                 notes.push((Severity::Alarm, "alert", text));
             }
-            notes.extend(self.watch.look(&model, session.transport(), now));
+            // The link to a recording leaves this program as little as the recording does.
+            if self.playback.is_none() {
+                notes.extend(self.watch.look(&model, session.transport(), now));
+            }
         }
         if let Some(export) = &self.export {
             notes.extend(self.watch.look_at_export(&export.progress()));

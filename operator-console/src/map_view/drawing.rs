@@ -18,6 +18,7 @@ use super::overlays::shores::ShoreMarks;
 use super::overlays::stopping::{self, Motion};
 use super::overlays::vehicle::VehicleMark;
 use super::overlays::{self, grid, robots, sensors, trail};
+use super::probe_card::CardPlace;
 use super::toolbar::{self, ToolbarData};
 use super::{CARD_MARGIN, Leg, MapView, Overlay, ProbeData, Ruler, probe, probe_card, ruler};
 use crate::command::Look;
@@ -28,8 +29,14 @@ use crate::theme;
 
 /// From the lower edge to what stands over the scale bar, points.
 const OVER_SCALE_BAR: f32 = 60.0;
+/// A map that is smaller has neither cards nor legends: they would hide it. Width and height, points.
+const LEAST_FOR_CARDS: [f32; 2] = [200.0, 160.0];
 /// Legends on the map are this wide, points, where the map is not narrow.
 const LEGEND_WIDTH: f32 = 220.0;
+
+fn legend_id() -> Id {
+    Id::unique("map legend")
+}
 
 impl MapView {
     /// Draws the map and lets the operator move it; what the buttons on it ask for.
@@ -79,16 +86,19 @@ impl MapView {
             ink,
             paper,
         );
-        self.probe_ui(ui, &painter, &response, model, now);
-        if self.look.has(Overlay::Legend) {
-            self.legend_ui(ui, model);
+        if screen.width() >= LEAST_FOR_CARDS[0] && screen.height() >= LEAST_FOR_CARDS[1] {
+            self.probe_ui(ui, &painter, &response, model, now);
+            if self.look.has(Overlay::Legend) {
+                self.legend_ui(ui, model);
+            }
         }
-        let from_compass = self.compass_ui(ui, model);
-        let from_buttons = self.buttons_ui(ui);
+        let (from_buttons, bottom) = self.buttons_ui(ui);
+        let from_compass = self.compass_ui(ui, model, bottom);
         from_compass.or(from_buttons)
     }
 
-    fn buttons_ui(&self, ui: &mut Ui) -> Option<Look> {
+    /// What the buttons ask for, and where they end.
+    fn buttons_ui(&self, ui: &mut Ui) -> (Option<Look>, f32) {
         let top_right = UiBuilder::new()
             .max_rect(self.screen.shrink(CARD_MARGIN))
             .layout(Layout::top_down(Align::Max));
@@ -98,16 +108,16 @@ impl MapView {
             has_grid: self.look.has(Overlay::Grid),
             is_measuring: self.ruler.is_some(),
         };
-        ui.scope_builder(top_right, |ui| toolbar::toolbar_ui(ui, data))
-            .inner
+        let buttons = ui.scope_builder(top_right, |ui| toolbar::toolbar_ui(ui, data));
+        (buttons.inner, buttons.response.rect.bottom())
     }
 
-    fn compass_ui(&self, ui: &Ui, model: &ConsoleModel) -> Option<Look> {
+    fn compass_ui(&self, ui: &Ui, model: &ConsoleModel, top: f32) -> Option<Look> {
         if !self.look.has(Overlay::Compass) {
             return None;
         }
-        let corner = self.screen.right_top() + vec2(-CARD_MARGIN, 2.0 * CARD_MARGIN);
-        let at = pos2(corner.x - compass::SIZE, corner.y + toolbar::HEIGHT);
+        let right = self.screen.right() - CARD_MARGIN;
+        let at = pos2(right - compass::SIZE, top + CARD_MARGIN);
         let data = CompassData {
             north: self.camera.direction(FRAC_PI_2),
             is_on_earth: model.shores().is_some_and(|shores| shores.datum.is_some()),
@@ -127,7 +137,7 @@ impl MapView {
             return;
         }
         let width = LEGEND_WIDTH.min(0.45 * self.screen.width());
-        Area::new(Id::unique("map legend"))
+        Area::new(legend_id())
             .fixed_pos(self.screen.right_bottom() - vec2(CARD_MARGIN, CARD_MARGIN))
             .pivot(Align2::RIGHT_BOTTOM)
             .constrain_to(self.screen)
@@ -163,16 +173,20 @@ impl MapView {
         if let Some(pinned_m) = self.pinned_m {
             probe_card::paint_pin(painter, self.camera.to_screen(self.screen, pinned_m));
         }
-        let data = ProbeData::new(model.map(), self.stack(), point_m, now);
+        let data = ProbeData::new(model, self.stack(), point_m, now);
         let is_pinned = self.pinned_m.is_some();
+        let legend = self.look.has(Overlay::Legend).then(legend_id);
+        let legend = legend.and_then(|id| ui.ctx().memory(|memory| memory.area_rect(id)));
+        let bar = self.screen.bottom() - OVER_SCALE_BAR;
+        let place = CardPlace::new(self.screen, bar, legend);
         let card = Area::new(Id::unique("map probe"))
-            .fixed_pos(self.screen.left_bottom() + vec2(CARD_MARGIN, -OVER_SCALE_BAR))
+            .fixed_pos(place.corner)
             .pivot(Align2::LEFT_BOTTOM)
             .constrain_to(self.screen)
             .order(Order::Background)
             .interactable(is_pinned)
             .show(ui.ctx(), |ui| {
-                probe_card::probe_card_ui(ui, &data, is_pinned)
+                probe_card::probe_card_ui(ui, &data, is_pinned, place.width)
             });
         if card.inner {
             self.pinned_m = None;

@@ -16,6 +16,7 @@ mod navigation;
 mod overlays;
 mod probe;
 mod probe_card;
+mod probe_source;
 mod quads;
 mod ruler;
 mod stack;
@@ -279,7 +280,7 @@ impl MapView {
         let at = ctx.pointer_latest_pos()?;
         self.screen.contains(at).then(|| {
             let point_m = self.camera.to_odom(self.screen, at);
-            ProbeData::new(model.map(), self.stack(), point_m, now)
+            ProbeData::new(model, self.stack(), point_m, now)
         })
     }
 }

@@ -8,8 +8,9 @@ use protocol::tile_store::StoredTile;
 use robot_edge::clock::Monotonic;
 
 use super::chunks::TILE_CELLS;
+use super::probe_source;
 use super::stack::LayerStack;
-use crate::model::MapSync;
+use crate::model::{ConsoleModel, MapSync};
 use crate::panels::wording::{age, count, signed};
 
 /// One point of the map.
@@ -34,17 +35,26 @@ pub struct ProbedCell {
     pub age: Option<Duration>,
     /// The revision of the tile around it.
     pub revision: Option<u64>,
+    /// The sensors that it comes from, and when each measured last; `None` where the robot names none.
+    pub source: Option<String>,
 }
 
 impl ProbeData {
     /// Reads the map at a point.
-    pub fn new(map: &MapSync, stack: &LayerStack, point_m: [f64; 2], now: Monotonic) -> Self {
+    pub fn new(
+        model: &ConsoleModel,
+        stack: &LayerStack,
+        point_m: [f64; 2],
+        now: Monotonic,
+    ) -> Self {
+        let map = model.map();
         let held = stack.layers().iter().rev();
         let cells = held.filter_map(|held| {
             let cell_m = map.store().cell_m(held.layer)?;
             let cell = ProbedCell::new(map, held.layer, cell_m, point_m, now);
             let cell = ProbedCell {
                 is_shown: held.is_shown,
+                source: probe_source::source(model, held.layer, now),
                 ..cell
             };
             (cell.is_shown || cell.value.is_some()).then_some(cell)
@@ -93,6 +103,7 @@ impl ProbedCell {
             value: value_at(map, layer, point_m),
             age: changed_at.map(|at| now.since(at)),
             revision: stored.map(StoredTile::revision),
+            source: None,
         }
     }
 
@@ -133,7 +144,7 @@ impl ProbedCell {
         format!("{name} {}", self.text())
     }
 
-    /// How old it is, and which tile and stage of the mapping it comes from.
+    /// How old it is, and what it comes from: sensors, else the stage of the mapping; and which revision of its tile.
     pub fn origin(&self) -> String {
         let stage = match self.layer {
             LayerId::Occupancy => "laser, log-odds",
@@ -145,7 +156,7 @@ impl ProbedCell {
         };
         let parts = [
             self.age.map(|since| format!("{} old", age(since))),
-            Some(stage.to_owned()),
+            Some(self.source.clone().unwrap_or_else(|| stage.to_owned())),
             self.revision
                 .map(|revision| format!("revision {}", count(revision))),
             (!self.is_shown).then(|| "hidden".to_owned()),

@@ -22,59 +22,126 @@ pub struct ToolbarData {
     pub is_measuring: bool,
 }
 
+/// Narrower maps have a menu instead of most buttons, points.
+const NARROW: f32 = 460.0;
+
 /// Draws the bar.
 pub(super) fn toolbar_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
-    let mut look = None;
-    Frame::new()
+    let is_narrow = ui.available_width() < NARROW;
+    let bar = Frame::new()
         .fill(theme::card(ui.visuals()))
         .corner_radius(4.0)
-        .inner_margin(4.0)
-        .show(ui, |ui| {
-            ui.horizontal(|ui| {
-                ui.spacing_mut().item_spacing.x = 4.0;
-                let is_following = data.sight == Sight::Vehicle;
-                let is_robot_up = data.orientation == Orientation::RobotUp;
-                // Laid out from the right in a right-aligned corner, so the last comes first.
-                for (label, hint, is_on, asks) in [
-                    (
-                        "Whole map",
-                        "Keep the whole map in sight (F)",
-                        data.sight == Sight::Whole,
-                        Look::Whole,
-                    ),
-                    (
-                        "Follow",
-                        "Keep the vehicle in the middle (V)",
-                        is_following,
-                        Look::Follow(!is_following),
-                    ),
-                    (
-                        "Robot up",
-                        "Turn the map with the robot, or north up (N)",
-                        is_robot_up,
-                        Look::Up(data.orientation.other()),
-                    ),
-                    (
-                        "Grid",
-                        "A grid of round metres (G)",
-                        data.has_grid,
-                        Look::Draw(Overlay::Grid, !data.has_grid),
-                    ),
-                    (
-                        "Measure",
-                        "Measure by clicks; Esc ends (M)",
-                        data.is_measuring,
-                        Look::Measure(!data.is_measuring),
-                    ),
-                    ("−", "Farther (−)", false, Look::Out),
-                    ("+", "Closer (+)", false, Look::In),
-                ] {
-                    let button = Button::selectable(is_on, label).min_size([26.0, 26.0].into());
-                    if ui.add(button).on_hover_text(hint).clicked() {
-                        look = Some(asks);
-                    }
-                }
-            });
-        });
+        .inner_margin(4.0);
+    let shown = bar.show(ui, |ui| {
+        // Laid out from the right in a right-aligned corner, so the last comes first.
+        ui.horizontal(|ui| {
+            ui.spacing_mut().item_spacing.x = 4.0;
+            let look = if is_narrow {
+                let menu = ui.menu_button("Look", |ui| entries_ui(ui, data));
+                menu.inner.flatten()
+            } else {
+                entries_ui(ui, data)
+            };
+            let farther = entry_ui(ui, &("−", "Farther (−)", false, Look::Out));
+            let closer = entry_ui(ui, &("+", "Closer (+)", false, Look::In));
+            look.or(farther).or(closer)
+        })
+        .inner
+    });
+    shown.inner
+}
+
+/// What stands on a button, what it does, whether that is so, and what it asks for.
+type Entry = (&'static str, &'static str, bool, Look);
+
+fn entries_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
+    let is_following = data.sight == Sight::Vehicle;
+    let is_robot_up = data.orientation == Orientation::RobotUp;
+    let entries: [Entry; 5] = [
+        (
+            "Whole map",
+            "Keep the whole map in sight (F)",
+            data.sight == Sight::Whole,
+            Look::Whole,
+        ),
+        (
+            "Follow",
+            "Keep the vehicle in the middle (V)",
+            is_following,
+            Look::Follow(!is_following),
+        ),
+        (
+            "Robot up",
+            "Turn the map with the robot, or north up (N)",
+            is_robot_up,
+            Look::Up(data.orientation.other()),
+        ),
+        (
+            "Grid",
+            "A grid of round metres (G)",
+            data.has_grid,
+            Look::Draw(Overlay::Grid, !data.has_grid),
+        ),
+        (
+            "Measure",
+            "Measure by clicks; Esc ends (M)",
+            data.is_measuring,
+            Look::Measure(!data.is_measuring),
+        ),
+    ];
+    let mut look = None;
+    for entry in &entries {
+        look = look.or(entry_ui(ui, entry));
+    }
     look
+}
+
+fn entry_ui(ui: &mut Ui, (label, hint, is_on, asks): &Entry) -> Option<Look> {
+    let button = Button::selectable(*is_on, *label).min_size([26.0, 26.0].into());
+    let button = ui.add(button).on_hover_text(*hint);
+    button.clicked().then_some(*asks)
+}
+
+#[cfg(test)]
+mod tests {
+    use eframe::egui::vec2;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+
+    #[test]
+    fn everything_can_be_asked_for_on_a_wide_map_and_on_a_narrow_one() {
+        for width in [700.0, 250.0] {
+            let data = ToolbarData {
+                sight: Sight::Whole,
+                orientation: Orientation::NorthUp,
+                has_grid: false,
+                is_measuring: false,
+            };
+            let mut window = Harness::builder()
+                .with_size(vec2(width, 300.0))
+                .build_ui_state(
+                    move |ui, asked: &mut Vec<Look>| asked.extend(toolbar_ui(ui, data)),
+                    Vec::new(),
+                );
+            window.run_steps(2);
+            for (label, look) in [
+                ("Measure", Look::Measure(true)),
+                ("Grid", Look::Draw(Overlay::Grid, true)),
+                ("+", Look::In),
+            ] {
+                if width < NARROW && label != "+" {
+                    window.get_by_label("Look").click();
+                    window.run_steps(2);
+                }
+                let button = window.get_by_label(label);
+                assert!(button.rect().right() <= width, "{label} at {width}");
+                button.click();
+                window.run_steps(2);
+                let asked = std::mem::take(window.state_mut());
+                assert_eq!(asked, [look], "at {width}");
+            }
+        }
+    }
 }

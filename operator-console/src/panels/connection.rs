@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use eframe::egui::{RichText, Ui};
+use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
 use super::rows::{Row, row, rows_ui};
@@ -26,6 +27,13 @@ pub struct LinkSight {
     pub recording: Option<String>,
     /// By what way messages about driving go; none while that is not known.
     pub transport: Option<Transport>,
+}
+
+impl LinkSight {
+    /// What is shown, by name: the file of a recording, else the robot.
+    pub fn name_of(&self, robot: &RobotId) -> String {
+        self.recording.clone().unwrap_or_else(|| robot.to_string())
+    }
 }
 
 /// What the panel shows.
@@ -178,5 +186,8 @@ mod tests {
         let advice = data.advice.unwrap();
         assert!(!advice.contains("nobody"), "{advice}");
         assert_eq!(data.rows, []);
+        assert_eq!(link.name_of(model.robot()), "rooms.mcap");
+        let robot = LinkSight::default().name_of(model.robot());
+        assert_eq!(robot, "recording-1");
     }
 }

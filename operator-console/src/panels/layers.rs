@@ -1,5 +1,7 @@
 //! The layers as they lie one over the other: which are drawn, how opaque, in which colours, and how old they are.
 
+mod dragging;
+
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
     Button, Color32, ComboBox, RichText, Sense, Shape, Slider, Stroke, Ui, WidgetInfo, vec2,
@@ -7,11 +9,16 @@ use eframe::egui::{
 use protocol::layer::{LayerId, Scheme};
 use robot_edge::clock::Monotonic;
 
+use dragging::{drop_ui, grip_ui};
+
 use super::stale::StaleData;
 use super::wording::{age, count};
 use crate::map_view::{LayerCommand, MapView};
 use crate::model::{ConsoleModel, LayerStep};
 use crate::theme::Tone;
+
+/// Narrower panels have the name of a layer and its place in two lines, points.
+const NARROW: f32 = 210.0;
 
 /// What the panel shows.
 #[derive(Clone, Debug, PartialEq)]
@@ -143,12 +150,14 @@ pub const fn scheme_name(scheme: Scheme) -> &'static str {
 /// Draws the panel.
 pub fn layers_ui(ui: &mut Ui, data: &LayersData) -> Option<LayerCommand> {
     let mut command = None;
+    let mut places = Vec::with_capacity(data.rows.len());
     for row in &data.rows {
-        ui.push_id(row.layer.name(), |ui| {
+        let shown = ui.push_id(row.layer.name(), |ui| {
             ui.spacing_mut().item_spacing.y = 2.0;
-            let asked = ui.horizontal(|ui| head_ui(ui, row)).inner;
+            let asked = head_ui(ui, row);
             let asked = asked.or_else(|| {
-                let shown = row.is_shown.then(|| ui.horizontal(|ui| colors_ui(ui, row)));
+                let colors = |ui: &mut Ui| colors_ui(ui, row);
+                let shown = row.is_shown.then(|| ui.horizontal_wrapped(colors));
                 shown.and_then(|shown| shown.inner)
             });
             let color = match (row.is_shown, row.tone) {
@@ -160,43 +169,58 @@ pub fn layers_ui(ui: &mut Ui, data: &LayersData) -> Option<LayerCommand> {
             ui.label(RichText::new(&row.state).small().color(color));
             command = command.or(asked);
         });
+        places.push((row.layer, shown.response.rect));
         ui.add_space(4.0);
     }
+    command = command.or(drop_ui(ui, &places));
     if let Some(note) = &data.note {
         ui.label(note);
     }
     command
 }
 
-/// Name, whether it is drawn, and its place.
+/// Name, whether it is drawn, and its place: in two lines where the panel is narrow.
 fn head_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
+    if ui.available_width() < NARROW {
+        let shown = ui.horizontal(|ui| shown_ui(ui, row)).inner;
+        return shown.or(ui.horizontal(|ui| place_ui(ui, row)).inner);
+    }
+    ui.horizontal(|ui| {
+        let shown = shown_ui(ui, row);
+        shown.or(place_ui(ui, row))
+    })
+    .inner
+}
+
+fn shown_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
     let (layer, name) = (row.layer, layer_name(row.layer));
-    let mut command = None;
+    grip_ui(ui, layer, name);
     let mut is_shown = row.is_shown;
     let check = ui.checkbox(&mut is_shown, name);
-    if check
+    check
         .on_hover_text("Draw this layer and receive it")
         .changed()
-    {
-        command = Some(LayerCommand::Show(layer, is_shown));
-    }
-    ui.with_layout(
-        eframe::egui::Layout::right_to_left(eframe::egui::Align::Center),
-        |ui| {
-            ui.spacing_mut().item_spacing.x = 2.0;
-            if let Some(under) = step_ui(ui, row.under, false, name) {
-                command = Some(LayerCommand::Below(layer, under));
-            }
-            if let Some(over) = step_ui(ui, row.over, true, name) {
-                command = Some(LayerCommand::Above(layer, over));
-            }
-            let only = ui.add(Button::new(RichText::new("Only").small()).frame(false));
-            only.widget_info(|| WidgetInfo::labeled(Role::Button, true, format!("Only {name}")));
-            if only.on_hover_text("Hide all other layers").clicked() {
-                command = Some(LayerCommand::Only(layer));
-            }
-        },
-    );
+        .then_some(LayerCommand::Show(layer, is_shown))
+}
+
+fn place_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
+    let (layer, name) = (row.layer, layer_name(row.layer));
+    let mut command = None;
+    let right = eframe::egui::Layout::right_to_left(eframe::egui::Align::Center);
+    ui.with_layout(right, |ui| {
+        ui.spacing_mut().item_spacing.x = 2.0;
+        if let Some(under) = step_ui(ui, row.under, false, name) {
+            command = Some(LayerCommand::Below(layer, under));
+        }
+        if let Some(over) = step_ui(ui, row.over, true, name) {
+            command = Some(LayerCommand::Above(layer, over));
+        }
+        let only = ui.add(Button::new(RichText::new("Only").small()).frame(false));
+        only.widget_info(|| WidgetInfo::labeled(Role::Button, true, format!("Only {name}")));
+        if only.on_hover_text("Hide all other layers").clicked() {
+            command = Some(LayerCommand::Only(layer));
+        }
+    });
     command
 }
 

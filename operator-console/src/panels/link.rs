@@ -1,7 +1,8 @@
 //! The link: how it is, what it carries, and both over the last minutes.
 
-use eframe::egui::{Align2, Color32, RichText, TextStyle, Ui, vec2};
-use egui_plot::{Corner, Legend, Line, LineStyle, Plot, PlotPoints};
+mod plots;
+
+use eframe::egui::{RichText, Ui};
 use robot_edge::clock::Monotonic;
 
 use super::connection::{ConnectionData, LinkSight, connection_ui};
@@ -11,10 +12,10 @@ use crate::link::Transport;
 use crate::model::{ConsoleModel, LinkSample, Stream};
 use crate::theme::Tone;
 
+use plots::plots_ui;
+
 /// Samples that lie farther apart are not joined, seconds.
 const GAP_S: f64 = 1.3;
-/// What plots reach back, seconds.
-const SPAN_S: f64 = 300.0;
 
 /// What the panel shows.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,10 +24,12 @@ pub struct LinkData {
     pub connection: ConnectionData,
     /// By what way messages come.
     pub transport: Option<(Tone, String)>,
+    /// Said instead of all that follows where there is no link.
+    pub note: Option<String>,
     /// Ages of the streams, loss.
     pub streams: Vec<Row>,
     /// Round trip, loss, rate, ages.
-    pub plots: [LinkPlot; 4],
+    pub plots: Vec<LinkPlot>,
 }
 
 /// Something over the last minutes.
@@ -46,6 +49,18 @@ pub type Segments = Vec<Vec<[f64; 2]>>;
 impl LinkData {
     /// The link at `now`.
     pub fn new(model: &ConsoleModel, link: &LinkSight, now: Monotonic) -> Self {
+        if let Some(recording) = &link.recording {
+            return Self {
+                connection: ConnectionData::new(model, link, now),
+                transport: None,
+                note: Some(format!(
+                    "{recording} is mapped in this program: a recording has no link, and so nothing is late or lost. How \
+                     fast it plays is said on the time line."
+                )),
+                streams: Vec::new(),
+                plots: Vec::new(),
+            };
+        }
         let quality = model.link_quality();
         let samples = quality.samples();
         let of = |value: &dyn Fn(&LinkSample) -> Option<f64>| segments(samples.iter(), value, now);
@@ -87,8 +102,9 @@ impl LinkData {
         Self {
             connection: ConnectionData::new(model, link, now),
             transport: link.transport.map(transport_words),
+            note: None,
             streams,
-            plots: [
+            plots: vec![
                 plot("Round trip, ms", 20.0, vec![("Round trip", of(&trip_ms))]),
                 plot("Poses lost, %", 10.0, vec![("Poses lost", of(&lost))]),
                 plot("Received, kbit/s", 50.0, vec![("Received", of(&kbps))]),
@@ -150,15 +166,22 @@ fn segments<'a>(
 }
 
 /// Width of the figures beside the plots, points.
-const FIGURES: f32 = 240.0;
-/// Least height of a plot, points.
-const PLOT: f32 = 68.0;
+const FIGURES: f32 = 210.0;
+/// All plots stand in one row where each is at least so wide, points.
+const WIDE_PLOT: f32 = 200.0;
 
 /// Draws the panel: plots beside the figures where there is room, else below them.
 pub fn link_ui(ui: &mut Ui, data: &LinkData) {
+    if let Some(note) = &data.note {
+        connection_ui(ui, &data.connection);
+        ui.label(note);
+        return;
+    }
+    // What can be seen without scrolling. Beside the figures, the row is as high as they are.
+    let height = ui.available_height();
     if ui.available_width() < 1.8 * FIGURES {
         figures_ui(ui, data);
-        plots_ui(ui, data, 1);
+        plots_ui(ui, &data.plots, 1, height);
         return;
     }
     ui.horizontal_top(|ui| {
@@ -166,7 +189,10 @@ pub fn link_ui(ui: &mut Ui, data: &LinkData) {
             ui.set_width(FIGURES);
             figures_ui(ui, data);
         });
-        ui.vertical(|ui| plots_ui(ui, data, 2));
+        ui.vertical(|ui| {
+            let is_wide = ui.available_width() >= 4.0 * WIDE_PLOT;
+            plots_ui(ui, &data.plots, if is_wide { 4 } else { 2 }, height);
+        });
     });
 }
 
@@ -176,112 +202,6 @@ fn figures_ui(ui: &mut Ui, data: &LinkData) {
         ui.label(RichText::new(words).small().color(tone.color(ui.visuals())));
     }
     rows_ui(ui, "streams", &data.streams);
-}
-
-fn plots_ui(ui: &mut Ui, data: &LinkData, columns: usize) {
-    let rows = data.plots.len() / columns;
-    let gap = ui.spacing().item_spacing;
-    let share =
-        |all: f32, gap: f32, count: usize| (all - gap * (count as f32 - 1.0)) / count as f32;
-    let size = vec2(
-        share(ui.available_width(), gap.x, columns),
-        share(ui.available_height(), gap.y, rows).max(PLOT),
-    );
-    for row in data.plots.chunks(columns) {
-        ui.horizontal(|ui| {
-            for plot in row {
-                ui.allocate_ui(size, |ui| plot_ui(ui, plot, size.x, size.y));
-            }
-        });
-    }
-}
-
-fn plot_ui(ui: &mut Ui, data: &LinkPlot, width: f32, height: f32) {
-    let highest = data
-        .lines
-        .iter()
-        .flat_map(|(_, segments)| segments.iter().flatten())
-        .fold(data.least, |highest, [_, value]| highest.max(*value));
-    let mut plot = Plot::new(data.title)
-        .width(width)
-        .height(height)
-        .allow_drag(false)
-        .allow_zoom(false)
-        .allow_scroll(false)
-        .allow_boxed_zoom(false)
-        .allow_double_click_reset(false)
-        .show_x(false)
-        .include_x(-SPAN_S)
-        .include_x(0.0)
-        .include_y(0.0)
-        .include_y(highest * 1.05)
-        .set_margin_fraction(vec2(0.0, 0.0))
-        .x_grid_spacer(|_input| {
-            (-5..=0)
-                .map(|minutes| egui_plot::GridMark {
-                    value: f64::from(minutes) * 60.0,
-                    step_size: 60.0,
-                })
-                .collect()
-        })
-        .show_axes([false, true])
-        .y_axis_min_width(34.0);
-    if data.lines.len() > 1 {
-        plot = plot.legend(Legend::default().position(Corner::LeftBottom));
-    }
-    let dark = ui.visuals().dark_mode;
-    let shown = plot.show(ui, |plot| {
-        let styles = colors(dark).into_iter().zip(STYLES);
-        for ((name, segments), (color, style)) in data.lines.iter().zip(styles) {
-            for segment in segments {
-                let points = PlotPoints::from(segment.clone());
-                plot.line(
-                    Line::new(*name, points)
-                        .color(color)
-                        .width(1.5)
-                        .style(style),
-                );
-            }
-        }
-    });
-    let place = shown.response.rect;
-    ui.painter().text(
-        place.left_top() + vec2(6.0, 3.0),
-        Align2::LEFT_TOP,
-        data.title,
-        TextStyle::Small.resolve(ui.style()),
-        ui.visuals().text_color(),
-    );
-    shown
-        .response
-        .on_hover_text("The last 5 minutes: a line a minute, now on the right");
-}
-
-/// No line is told by its colour alone.
-const STYLES: [LineStyle; 4] = [
-    LineStyle::Solid,
-    LineStyle::Dashed { length: 8.0 },
-    LineStyle::Dotted { spacing: 4.0 },
-    LineStyle::Dashed { length: 3.0 },
-];
-
-const fn colors(dark: bool) -> [Color32; 4] {
-    let rgb = Color32::from_rgb;
-    if dark {
-        [
-            rgb(0x56, 0xb4, 0xe9),
-            rgb(0xe6, 0x9f, 0x00),
-            rgb(0x2f, 0xc4, 0x97),
-            rgb(0xcc, 0x79, 0xa7),
-        ]
-    } else {
-        [
-            rgb(0x00, 0x5d, 0x92),
-            rgb(0xa8, 0x48, 0x00),
-            rgb(0x00, 0x74, 0x55),
-            rgb(0x8e, 0x24, 0x6a),
-        ]
-    }
 }
 
 #[cfg(test)]

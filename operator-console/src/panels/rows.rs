@@ -2,20 +2,50 @@
 
 use eframe::egui::{Grid, Label, RichText, Ui};
 
+use crate::theme::Tone;
+
 /// A name and its value.
 pub(super) type Row = (String, String);
 
+/// The column of the names, points, and what it has at most of a panel that is narrow.
+const NAMES: f32 = 96.0;
+const NAMES_SHARE: f32 = 0.4;
+
 /// Draws rows; `id` tells the columns of one panel from another's.
 pub(super) fn rows_ui(ui: &mut Ui, id: &str, rows: &[Row]) {
+    grid_ui(ui, id, rows.iter().map(|row| (Tone::Good, row)));
+}
+
+/// Draws rows of which some want to be looked at.
+pub(super) fn toned_rows_ui(ui: &mut Ui, id: &str, rows: &[(Tone, Row)]) {
+    grid_ui(ui, id, rows.iter().map(|(tone, row)| (*tone, row)));
+}
+
+fn grid_ui<'a>(ui: &mut Ui, id: &str, rows: impl Iterator<Item = (Tone, &'a Row)>) {
+    let names = NAMES.min(NAMES_SHARE * ui.available_width());
     Grid::new(id)
         .num_columns(2)
-        .min_col_width(96.0)
+        .min_col_width(names)
         .min_row_height(18.0)
         .spacing([12.0, 4.0])
         .show(ui, |ui| {
-            for (name, value) in rows {
-                ui.label(RichText::new(name).color(ui.visuals().weak_text_color()));
-                ui.add(Label::new(value).truncate()).on_hover_text(value);
+            for (tone, (name, value)) in rows {
+                let name = RichText::new(name).color(ui.visuals().weak_text_color());
+                if names < NAMES {
+                    ui.scope(|ui| {
+                        ui.set_max_width(names);
+                        ui.add(Label::new(name).wrap());
+                    });
+                } else {
+                    ui.label(name);
+                }
+                let value = RichText::new(value);
+                let value = match tone {
+                    Tone::Warning => value.color(tone.color(ui.visuals())),
+                    Tone::Good | Tone::Waiting => value,
+                };
+                // What is too long for its line has another: nothing is cut off.
+                ui.add(Label::new(value).wrap());
                 ui.end_row();
             }
         });
@@ -24,4 +54,28 @@ pub(super) fn rows_ui(ui: &mut Ui, id: &str, rows: &[Row]) {
 /// A row.
 pub(super) fn row(name: &str, value: impl Into<String>) -> Row {
     (name.to_owned(), value.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use eframe::egui::vec2;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+
+    #[test]
+    fn a_long_value_has_more_lines_and_stays_within_the_panel() {
+        const WIDTH: f32 = 280.0;
+        let long = "Sees nothing new: nothing moves, and that is said at length";
+        let rows = [row("Guard", long), row("Keys", "Ready")];
+        let mut window = Harness::builder()
+            .with_size(vec2(WIDTH, 200.0))
+            .build_ui(move |ui| rows_ui(ui, "rows", &rows));
+        window.run_steps(3);
+        let [long, short] = [long, "Ready"].map(|value| window.get_by_label(value).rect());
+        assert!(long.right() <= WIDTH, "{long}");
+        assert!(long.height() > 1.8 * short.height(), "{long} {short}");
+        assert!(short.top() >= long.bottom(), "{long} {short}");
+    }
 }

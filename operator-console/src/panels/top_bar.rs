@@ -12,16 +12,23 @@ use crate::helm::{HelmSight, Intent};
 use crate::model::{ConsoleModel, LinkState};
 use crate::theme::{self, Tone, state_ui};
 
+/// Longer names are cut off, points: what follows matters more.
+const NAME: f32 = 220.0;
+/// The name has at most this share of its part of the bar.
+const NAME_SHARE: f32 = 0.35;
+/// Bars that are narrower leave out what can be missed, points.
+const NARROW: f32 = 330.0;
+
 /// What the bar shows of a robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TopBarData {
-    /// Its name.
-    pub robot: String,
-    /// Its own colour.
-    pub color: Color32,
+    /// Its name; of a recording, the file's.
+    pub name: String,
+    /// Its own colour; a recording has none.
+    pub color: Option<Color32>,
     /// How the link is.
     pub link: (Tone, String),
-    /// How old the newest data is; none before the first.
+    /// How old the newest data is; none before the first, and of a recording, where it says nothing.
     pub age: Option<String>,
     /// Whether the map is the robot's.
     pub map: (Tone, String),
@@ -42,7 +49,8 @@ impl TopBarData {
     ) -> Self {
         let connection = ConnectionData::new(model, link, now);
         let driving = helm.and_then(|helm| DrivingData::new(model, helm, now));
-        let old = model.connection().age(now);
+        let is_recording = link.recording.is_some();
+        let old = model.connection().age(now).filter(|_| !is_recording);
         // Live data is some milliseconds old: figures that flicker say less than this.
         let age = old.map(|old| match model.connection().state(now) {
             LinkState::Live if old.as_millis() < 200 => "< 0.2 s old".to_owned(),
@@ -51,8 +59,8 @@ impl TopBarData {
             }
         });
         Self {
-            robot: model.robot().to_string(),
-            color,
+            name: link.name_of(model.robot()),
+            color: (!is_recording).then_some(color),
             link: (connection.tone, connection.state),
             age,
             map: (connection.map_tone, connection.map),
@@ -64,8 +72,15 @@ impl TopBarData {
 
 /// Draws the robot's part of the bar, from the left.
 pub fn robot_bar_ui(ui: &mut Ui, data: &TopBarData) {
-    swatch_ui(ui, data.color);
-    ui.label(RichText::new(&data.robot).strong());
+    if let Some(color) = data.color {
+        swatch_ui(ui, color);
+    }
+    ui.scope(|ui| {
+        ui.set_max_width((NAME_SHARE * ui.available_width()).min(NAME));
+        let name = RichText::new(&data.name).strong();
+        ui.add(Label::new(name).truncate())
+            .on_hover_text(&data.name);
+    });
     state_ui(ui, data.link.0, &data.link.1, 15.0);
     if let Some(age) = &data.age {
         ui.label(age)
@@ -103,8 +118,11 @@ pub fn right_bar_ui(
         } else {
             Button::new(text).frame(false)
         };
-        let button = ui.add(button);
-        asked.shows_alerts = button.on_hover_text("Show the alerts").clicked();
+        // Where there is little room, it is for what the link is like.
+        if unseen > 0 || ui.available_width() >= NARROW {
+            let button = ui.add(button);
+            asked.shows_alerts = button.on_hover_text("Show the alerts").clicked();
+        }
         ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
             // What does not fit is cut off, and moves nothing.
             ui.set_clip_rect(ui.max_rect().intersect(ui.clip_rect()));

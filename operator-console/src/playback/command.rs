@@ -1,8 +1,7 @@
-//! What can be asked of a recording, and the keys that ask for it.
+//! What can be asked of a recording.
 
-use eframe::egui::{Event, Key, Modifiers, Ui};
 use robot_edge::pacer::Rate;
-use robot_edge::replay_control::{ReplaySight, ReplayState};
+use robot_edge::replay_control::{ReplayControl, ReplaySight, ReplayState};
 use robot_edge::robot_time::RobotDuration;
 
 /// Speeds to choose from, slowest first.
@@ -23,10 +22,18 @@ pub enum PlaybackCommand {
     Play,
     /// Stand still.
     Pause,
+    /// Pause what plays, play what stands still.
+    PlayOrPause,
     /// Go on at this rate.
     SetRate(Rate),
+    /// Go on at the next lower rate, if there is one.
+    Slower,
+    /// Go on at the next higher rate, if there is one.
+    Faster,
     /// Begin anew at the end, or do not.
     SetLooping(bool),
+    /// Begin anew at the end where it did not, or the other way round.
+    ToggleLooping,
     /// Show this time of the data, from the first scan.
     Seek(RobotDuration),
     /// Show a time so much later, or earlier where negative.
@@ -36,22 +43,34 @@ pub enum PlaybackCommand {
 }
 
 impl PlaybackCommand {
-    /// Pause what plays, play what stands still.
-    pub(crate) fn toggle(sight: &ReplaySight, is_paused: bool) -> Self {
-        match sight.state {
-            ReplayState::Ended => Self::Play,
-            ReplayState::Opening
-            | ReplayState::Playing
-            | ReplayState::Paused
-            | ReplayState::Seeking { .. } => {
-                if is_paused {
-                    Self::Play
+    /// Does it; whether the recording stays open.
+    pub(super) fn give(self, control: &ReplayControl) -> bool {
+        match self {
+            Self::Play => control.play(),
+            Self::Pause => control.pause(),
+            Self::PlayOrPause => {
+                if is_going(&control.sight()) {
+                    control.pause();
                 } else {
-                    Self::Pause
+                    control.play();
                 }
             }
+            Self::SetRate(rate) => control.set_rate(rate),
+            Self::Slower => control.set_rate(neighbour(control.sight().rate, false)),
+            Self::Faster => control.set_rate(neighbour(control.sight().rate, true)),
+            Self::SetLooping(is_looping) => control.set_looping(is_looping),
+            Self::ToggleLooping => control.set_looping(!control.sight().is_looping),
+            Self::Seek(to) => control.seek(to),
+            Self::Step(by) => control.step(by),
+            Self::Close => return false,
         }
+        true
     }
+}
+
+/// Whether it is not to stand still.
+pub fn is_going(sight: &ReplaySight) -> bool {
+    !sight.is_paused && sight.state != ReplayState::Ended
 }
 
 /// The speed before or behind this one.
@@ -69,109 +88,41 @@ fn neighbour(rate: Rate, is_faster: bool) -> Rate {
     next.unwrap_or(rate)
 }
 
-/// What the keys ask for that were pressed since the last frame: nothing while text is typed.
-pub fn asked_for(ui: &Ui, sight: &ReplaySight) -> Option<PlaybackCommand> {
-    if ui.ctx().text_edit_focused() {
-        return None;
-    }
-    ui.input(|input| {
-        input.events.iter().rev().find_map(|event| {
-            let Event::Key {
-                key,
-                physical_key,
-                pressed: true,
-                repeat,
-                modifiers,
-            } = event
-            else {
-                return None;
-            };
-            let keys = [Some(*key), *physical_key];
-            by_key(keys, *repeat, *modifiers, sight)
-        })
-    })
-}
-
-/// `keys`: by what is printed on it, and by its place, which is what counts with Shift.
-fn by_key(
-    keys: [Option<Key>; 2],
-    is_repeated: bool,
-    modifiers: Modifiers,
-    sight: &ReplaySight,
-) -> Option<PlaybackCommand> {
-    if modifiers.any() && !modifiers.shift_only() {
-        return None;
-    }
-    let is = |key: Key| keys.contains(&Some(key));
-    let step_s = if modifiers.shift { 10 } else { 1 };
-    let step = |sign: i64| PlaybackCommand::Step(RobotDuration::from_millis(sign * step_s * 1000));
-    if is(Key::Comma) {
-        return Some(step(-1));
-    }
-    if is(Key::Period) {
-        return Some(step(1));
-    }
-    if modifiers.shift || is_repeated {
-        return None;
-    }
-    match keys[0] {
-        Some(Key::P) => Some(PlaybackCommand::toggle(sight, sight.is_paused)),
-        Some(Key::L) => Some(PlaybackCommand::SetLooping(!sight.is_looping)),
-        Some(Key::OpenBracket) => Some(PlaybackCommand::SetRate(neighbour(sight.rate, false))),
-        Some(Key::CloseBracket) => Some(PlaybackCommand::SetRate(neighbour(sight.rate, true))),
-        Some(_) | None => None,
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use robot_edge::replay_control::ReplayControl;
-
     use super::*;
 
-    fn press(key: Key, modifiers: Modifiers, sight: &ReplaySight) -> Option<PlaybackCommand> {
-        by_key([Some(key), Some(key)], false, modifiers, sight)
-    }
-
     #[test]
-    fn keys_play_pause_step_and_pace() {
+    fn one_wish_plays_and_pauses_and_plays_what_has_ended() {
         let control = ReplayControl::new(Rate::Times(1.0));
-        let sight = control.sight();
-        let step = |s: i64| Some(PlaybackCommand::Step(RobotDuration::from_millis(1000 * s)));
-        for (key, modifiers, expected) in [
-            (Key::P, Modifiers::NONE, Some(PlaybackCommand::Pause)),
-            (Key::P, Modifiers::SHIFT, None),
-            (Key::P, Modifiers::CTRL, None),
-            (Key::Comma, Modifiers::NONE, step(-1)),
-            (Key::Period, Modifiers::NONE, step(1)),
-            (Key::Comma, Modifiers::SHIFT, step(-10)),
-            (Key::Period, Modifiers::SHIFT, step(10)),
-            (Key::Period, Modifiers::CTRL, None),
-            (
-                Key::L,
-                Modifiers::NONE,
-                Some(PlaybackCommand::SetLooping(true)),
-            ),
-            (
-                Key::CloseBracket,
-                Modifiers::NONE,
-                Some(PlaybackCommand::SetRate(Rate::Times(2.0))),
-            ),
-            (Key::Space, Modifiers::NONE, None),
-        ] {
-            assert_eq!(press(key, modifiers, &sight), expected, "{key:?}");
+        for is_paused in [true, false, true] {
+            assert!(PlaybackCommand::PlayOrPause.give(&control));
+            assert_eq!(control.sight().is_paused, is_paused);
         }
-        control.pause();
-        let pressed = press(Key::P, Modifiers::NONE, &control.sight());
-        assert_eq!(pressed, Some(PlaybackCommand::Play));
+        let ended = ReplaySight {
+            state: ReplayState::Ended,
+            is_paused: false,
+            ..control.sight()
+        };
+        assert!(!is_going(&ended), "it is played from the beginning");
     }
 
     #[test]
-    fn shift_may_change_what_a_key_is_called() {
-        let sight = ReplayControl::new(Rate::Max).sight();
-        let keys = [Some(Key::Semicolon), Some(Key::Comma)];
-        let back = PlaybackCommand::Step(RobotDuration::from_millis(-10_000));
-        assert_eq!(by_key(keys, false, Modifiers::SHIFT, &sight), Some(back));
+    fn rates_and_loop_go_on_from_what_they_are() {
+        let control = ReplayControl::new(Rate::Times(1.0));
+        for (command, rate) in [
+            (PlaybackCommand::Faster, 2.0),
+            (PlaybackCommand::Faster, 5.0),
+            (PlaybackCommand::Slower, 2.0),
+        ] {
+            assert!(command.give(&control));
+            assert_eq!(control.sight().rate, Rate::Times(rate));
+        }
+        for is_looping in [true, false] {
+            assert!(PlaybackCommand::ToggleLooping.give(&control));
+            assert_eq!(control.sight().is_looping, is_looping);
+        }
+        assert!(!PlaybackCommand::Close.give(&control));
     }
 
     #[test]

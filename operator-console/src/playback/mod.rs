@@ -25,7 +25,7 @@ use crate::demo::free_endpoint;
 use crate::link::FoundRobot;
 use crate::model::ConsoleModel;
 
-pub use command::{PlaybackCommand, RATES, asked_for};
+pub use command::{PlaybackCommand, RATES, is_going};
 pub use open_dialog::OpenDialog;
 
 /// How the robots begin that are recordings.
@@ -112,16 +112,7 @@ impl Playback {
 
     /// Does what was asked for; whether it stays open.
     pub fn obey(&self, command: PlaybackCommand) -> bool {
-        match command {
-            PlaybackCommand::Play => self.control.play(),
-            PlaybackCommand::Pause => self.control.pause(),
-            PlaybackCommand::SetRate(rate) => self.control.set_rate(rate),
-            PlaybackCommand::SetLooping(is_looping) => self.control.set_looping(is_looping),
-            PlaybackCommand::Seek(to) => self.control.seek(to),
-            PlaybackCommand::Step(by) => self.control.step(by),
-            PlaybackCommand::Close => return false,
-        }
-        true
+        command.give(&self.control)
     }
 
     /// Why nothing more comes, in words.

@@ -11,6 +11,9 @@ use eframe::egui::{
 
 use super::path_completion::{common_beginning, completions};
 
+/// What the dialog has above and below the list of paths, points.
+const OTHERS: f32 = 200.0;
+
 /// The dialog, where it is open.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct OpenDialog {
@@ -36,11 +39,6 @@ impl OpenDialog {
         self.path = path;
         self.open();
         self.problem = Some(why);
-    }
-
-    /// Whether it is open.
-    pub const fn is_open(&self) -> bool {
-        self.is_open
     }
 
     /// A recording was opened.
@@ -137,7 +135,8 @@ impl OpenDialog {
 
     fn offered_ui(&self, ui: &mut Ui) -> Option<String> {
         let mut chosen = None;
-        ScrollArea::vertical().max_height(220.0).show(ui, |ui| {
+        let height = (ui.ctx().content_rect().height() - OTHERS).clamp(60.0, 220.0);
+        ScrollArea::vertical().max_height(height).show(ui, |ui| {
             for path in &self.offered {
                 if ui.selectable_label(false, path).clicked() {
                     chosen = Some(path.clone());
@@ -159,8 +158,10 @@ fn put_cursor_at_end(ui: &Ui, field: Id, text: &str) {
 #[cfg(test)]
 mod tests {
     use std::fs;
+    use std::path::Path;
+    use std::sync::Arc;
 
-    use eframe::egui::vec2;
+    use eframe::egui::{DroppedFile, vec2};
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
 
@@ -221,6 +222,35 @@ mod tests {
             harness.state().opened,
             [PathBuf::from(format!("{typed}ms.mcap"))]
         );
+    }
+
+    #[derive(Debug)]
+    struct Dropped(PathBuf);
+
+    impl DroppedFile for Dropped {
+        fn path(&self) -> &Path {
+            &self.0
+        }
+
+        fn bytes(&self) -> Result<Vec<u8>, String> {
+            Err("nobody reads it here".to_owned())
+        }
+    }
+
+    #[test]
+    fn a_recording_that_is_dropped_on_the_window_is_opened() {
+        for is_open in [false, true] {
+            let mut dialog = OpenDialog::default();
+            if is_open {
+                dialog.open();
+            }
+            let mut harness = harness(dialog);
+            harness.run_steps(2);
+            let file = Dropped(PathBuf::from("rooms.mcap"));
+            harness.input_mut().dropped_files.push(Arc::new(file));
+            harness.run_steps(2);
+            assert_eq!(harness.state().opened, [PathBuf::from("rooms.mcap")]);
+        }
     }
 
     #[test]

@@ -1,63 +1,55 @@
 //! Keys that were pressed, as actions.
 
-use eframe::egui::{Context, Event, Key, Modifiers};
+use eframe::egui::{Context, Event, Key, KeyboardShortcut, Modifiers};
 
-use super::{Action, bindings, fits};
+use super::{Action, Binding, Group, bindings, fits};
+
+/// What decides which keys count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct KeyScene {
+    /// This operator drives, and arrows do.
+    pub is_driving: bool,
+    /// A recording is open, which can be wound and paced.
+    pub has_recording: bool,
+    /// Text was typed when the last frame ended. What ends typing may come in one frame with letters before it.
+    pub was_typing: bool,
+}
 
 /// The actions whose keys were pressed since the last frame. Nobody behind sees those keys any more.
 ///
 /// While text is typed, plain keys are text. While this operator drives, arrows drive, and a widget that has the
 /// keyboard may need them itself.
-pub fn pressed(ctx: &Context, is_driving: bool) -> Vec<Action> {
-    let is_typing = ctx.text_edit_focused();
+pub fn pressed(ctx: &Context, scene: KeyScene) -> Vec<Action> {
+    let is_typing = scene.was_typing || ctx.text_edit_focused();
     let is_on_widget = ctx.memory(|memory| memory.focused().is_some());
     let mut actions = Vec::new();
     ctx.input_mut(|input| {
         input.events.retain(|event| {
             let Event::Key {
                 key,
+                physical_key,
                 pressed: true,
+                repeat,
                 modifiers,
-                ..
             } = event
             else {
                 return true;
             };
-            let Some(action) = action_of(*key, *modifiers) else {
+            let Some(binding) = meant(*key, *physical_key, *modifiers) else {
                 return true;
             };
-            let is_free = match action {
-                Action::Pan(_) => !is_driving && !is_on_widget,
+            let action = binding.action;
+            let is_free = match (action, binding.group) {
+                (Action::Pan(_), _) => !scene.is_driving && !is_on_widget,
                 // A dialog that is open takes it; else it leaves a text field.
-                Action::CloseDialog => true,
-                Action::Layer(_)
-                | Action::WholeMap
-                | Action::Follow
-                | Action::Turn
-                | Action::Grid
-                | Action::Legend
-                | Action::Measure
-                | Action::ZoomIn
-                | Action::ZoomOut
-                | Action::Robot(_)
-                | Action::TypeAddress
-                | Action::Lease
-                | Action::AcknowledgeAll
-                | Action::Screenshot
-                | Action::Export
-                | Action::OpenRecording
-                | Action::Quit
-                | Action::NextPanel
-                | Action::PreviousPanel
-                | Action::ResetLayout
-                | Action::NextTheme
-                | Action::ScaleUp
-                | Action::ScaleDown
-                | Action::ScaleReset
-                | Action::ShortcutSheet
-                | Action::About => !is_typing || !is_text(*key, *modifiers),
+                (Action::CloseDialog, _) => true,
+                (_, Group::Recording) if !scene.has_recording => false,
+                (
+                    _,
+                    Group::Map | Group::Robots | Group::Recording | Group::Files | Group::Window,
+                ) => !is_typing || !is_text(*key, *modifiers),
             };
-            if is_free {
+            if is_free && (!repeat || action.repeats()) {
                 actions.push(action);
             }
             !is_free || action == Action::CloseDialog
@@ -66,10 +58,23 @@ pub fn pressed(ctx: &Context, is_driving: bool) -> Vec<Action> {
     actions
 }
 
-fn action_of(key: Key, held: Modifiers) -> Option<Action> {
-    let mut bindings = bindings().iter();
-    let is_it = |binding: &&super::Binding| binding.keys.iter().any(|keys| fits(*keys, key, held));
-    bindings.find(is_it).map(|binding| binding.action)
+/// What is printed on a key counts; where that means nothing, its place may.
+fn meant(key: Key, place: Option<Key>, held: Modifiers) -> Option<&'static Binding> {
+    let find = |is_it: &dyn Fn(KeyboardShortcut) -> bool| {
+        let mut bindings = bindings().iter();
+        bindings.find(|binding| binding.keys.iter().any(|keys| is_it(*keys)))
+    };
+    let printed = find(&|keys| fits(keys, key, held));
+    printed.or_else(|| {
+        let place = place?;
+        find(&|keys| has_place(keys) && fits(keys, place, held))
+    })
+}
+
+/// Comma and period are side by side, and it is for that that they step. What Shift makes of them differs between
+/// keyboards.
+const fn has_place(keys: KeyboardShortcut) -> bool {
+    matches!(keys.logical_key, Key::Comma | Key::Period)
 }
 
 /// Whether the key writes something.

@@ -3,105 +3,17 @@
 //! Keys that drive are not in it. Where they are on the keyboard counts, whatever is printed on them, and they go to the
 //! helm before the window sees them (`input_loop`): W A S D, arrows, 1 to 5 and the space bar.
 
+mod action;
 mod handler;
 mod sheet;
 mod table;
 
 use eframe::egui::{Key, KeyboardShortcut, Modifiers};
-use protocol::layer::LayerId;
 
-pub use handler::pressed;
+pub use action::{Action, Edge};
+pub use handler::{KeyScene, pressed};
 pub use sheet::sheet_ui;
 pub use table::{Binding, Group, bindings};
-
-/// Something that can be asked for by a key, and mostly from a menu as well.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Action {
-    /// Show or hide a layer.
-    Layer(LayerId),
-    /// Keep the whole map in sight.
-    WholeMap,
-    /// Keep the vehicle in the middle, or no longer.
-    Follow,
-    /// North up, or robot up.
-    Turn,
-    /// A grid over the map, or none.
-    Grid,
-    /// Legends on the map, or none.
-    Legend,
-    /// Let clicks measure, or end that.
-    Measure,
-    /// Closer.
-    ZoomIn,
-    /// Farther.
-    ZoomOut,
-    /// Look at what lies beyond an edge of the map view.
-    Pan(Edge),
-    /// Show the robot of this number in the list, from 1.
-    Robot(u8),
-    /// Type the address of a robot.
-    TypeAddress,
-    /// Ask for the lease, or give it back.
-    Lease,
-    /// Acknowledge every alert.
-    AcknowledgeAll,
-    /// Save a picture of the window.
-    Screenshot,
-    /// Write the maps to files.
-    Export,
-    /// Open a recording.
-    OpenRecording,
-    /// End the program.
-    Quit,
-    /// Go to the next panel.
-    NextPanel,
-    /// Go to the panel before.
-    PreviousPanel,
-    /// Put all panels back where they were at first.
-    ResetLayout,
-    /// Light, dark, as the system.
-    NextTheme,
-    /// Everything larger.
-    ScaleUp,
-    /// Everything smaller.
-    ScaleDown,
-    /// Everything as large as the system says.
-    ScaleReset,
-    /// The list of all keys.
-    ShortcutSheet,
-    /// Which program this is.
-    About,
-    /// Close what lies over the window.
-    CloseDialog,
-}
-
-/// An edge of the map view.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Edge {
-    /// What is above comes into sight.
-    Top,
-    /// What is on the left.
-    Left,
-    /// What is below.
-    Bottom,
-    /// What is on the right.
-    Right,
-}
-
-impl Action {
-    /// What it does, as menus and the sheet say it.
-    pub fn words(self) -> &'static str {
-        table::of(self).map_or("", |binding| binding.words)
-    }
-
-    /// Its first key in words, for menus and tooltips; empty where it has none.
-    pub fn keys(self) -> String {
-        table::of(self)
-            .and_then(|binding| binding.keys.first())
-            .map(|keys| words(*keys))
-            .unwrap_or_default()
-    }
-}
 
 /// A combination of keys as the operator reads it.
 pub fn words(keys: KeyboardShortcut) -> String {
@@ -129,6 +41,8 @@ pub fn words(keys: KeyboardShortcut) -> String {
         (Key::Minus, "−"),
         (Key::Escape, "Esc"),
         (Key::Questionmark, "?"),
+        (Key::OpenBracket, "["),
+        (Key::CloseBracket, "]"),
     ];
     let named = named.into_iter().find(|(key, _)| *key == logical_key);
     words.push_str(named.map_or(logical_key.name(), |(_, name)| name));

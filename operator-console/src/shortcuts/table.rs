@@ -32,6 +32,8 @@ pub enum Group {
     Map,
     /// Robots and what happens to them.
     Robots,
+    /// The recording that is open, if one is.
+    Recording,
     /// In and out.
     Files,
     /// The window itself.
@@ -53,13 +55,20 @@ pub struct Binding {
 
 impl Group {
     /// All of them, in the order of the sheet.
-    pub const ALL: [Self; 4] = [Self::Map, Self::Robots, Self::Files, Self::Window];
+    pub const ALL: [Self; 5] = [
+        Self::Map,
+        Self::Robots,
+        Self::Recording,
+        Self::Files,
+        Self::Window,
+    ];
 
     /// Its heading.
     pub const fn title(self) -> &'static str {
         match self {
             Self::Map => "Map",
             Self::Robots => "Robots",
+            Self::Recording => "Recording, while one is open",
             Self::Files => "Files",
             Self::Window => "Window",
         }
@@ -69,11 +78,11 @@ impl Group {
 /// Every action that has a name.
 pub fn bindings() -> &'static [Binding] {
     static TABLE: LazyLock<Vec<Binding>> =
-        LazyLock::new(|| [layers(), map(), robots(), files(), window()].concat());
+        LazyLock::new(|| [layers(), map(), robots(), recording(), files(), window()].concat());
     &TABLE
 }
 
-pub(super) fn of(action: Action) -> Option<&'static Binding> {
+pub(super) fn binding_of(action: Action) -> Option<&'static Binding> {
     bindings().iter().find(|binding| binding.action == action)
 }
 
@@ -164,6 +173,22 @@ fn robots() -> Vec<Binding> {
         ],
     ));
     bindings
+}
+
+fn recording() -> Vec<Binding> {
+    rows(
+        Group::Recording,
+        &[
+            (Action::PlayOrPause, "Play or pause", &[(PLAIN, Key::P)]),
+            (Action::StepBack, "1 second back", &[(PLAIN, Key::Comma)]),
+            (Action::StepOn, "1 second on", &[(PLAIN, Key::Period)]),
+            (Action::LeapBack, "10 seconds back", &[(SHIFT, Key::Comma)]),
+            (Action::LeapOn, "10 seconds on", &[(SHIFT, Key::Period)]),
+            (Action::Slower, "Slower", &[(PLAIN, Key::OpenBracket)]),
+            (Action::Faster, "Faster", &[(PLAIN, Key::CloseBracket)]),
+            (Action::Loop, "At the end, begin anew", &[(PLAIN, Key::R)]),
+        ],
+    )
 }
 
 fn files() -> Vec<Binding> {

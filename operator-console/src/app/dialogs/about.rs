@@ -1,6 +1,6 @@
 //! Which program this is.
 
-use eframe::egui::{Context, Window};
+use eframe::egui::{Align2, Context, Window};
 
 /// Draws it; `is_open` becomes false where it is closed.
 pub(super) fn about_ui(ctx: &Context, is_open: &mut bool) {
@@ -8,6 +8,8 @@ pub(super) fn about_ui(ctx: &Context, is_open: &mut bool) {
         .open(is_open)
         .collapsible(false)
         .resizable(false)
+        .pivot(Align2::CENTER_CENTER)
+        .default_pos(ctx.content_rect().center())
         .show(ctx, |ui| {
             ui.strong(concat!("Foreshore ", env!("CARGO_PKG_VERSION")));
             ui.label("Shows what a robot or a boat maps, and drives it, over a bad link.");

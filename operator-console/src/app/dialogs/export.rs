@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use eframe::egui::{Button, Context, ProgressBar, RichText, TextEdit, Window};
+use eframe::egui::{Align2, Button, Context, ProgressBar, RichText, TextEdit, Window};
 use robot_edge::clock::wall_clock_label;
 
 use crate::app::export_job::ExportProgress;
@@ -14,6 +14,11 @@ use crate::model::ConsoleModel;
 use crate::panels::layers::layer_name;
 use crate::theme::{Tone, state_ui};
 
+/// Of the dialog, where the window is not narrower, points.
+const WIDTH: f32 = 460.0;
+/// What its frame takes of that.
+const MARGIN: f32 = 40.0;
+
 /// What is chosen.
 pub(super) struct ExportDialog {
     folder: String,
@@ -22,10 +27,11 @@ pub(super) struct ExportDialog {
 }
 
 impl ExportDialog {
-    /// All that there is of the robot, to a folder named after it.
-    pub(super) fn new(model: &ConsoleModel) -> Self {
+    /// All that there is of the robot, to a folder named after it, or after the recording that it is.
+    pub(super) fn new(model: &ConsoleModel, recording: Option<&str>) -> Self {
         let label = wall_clock_label().replace([':', 'T'], "-").replace('Z', "");
-        let name = format!("foreshore-{}-{label}", model.robot());
+        let shown = pictures::name_for_files(model.robot(), recording);
+        let name = format!("foreshore-{shown}-{label}");
         let folder = pictures::documents().map_or_else(|| name.clone().into(), |at| at.join(&name));
         Self {
             folder: folder.display().to_string(),
@@ -47,14 +53,17 @@ impl ExportDialog {
             .open(is_open)
             .collapsible(false)
             .resizable(false)
-            .default_width(460.0)
+            .pivot(Align2::CENTER_CENTER)
+            .default_pos(ctx.content_rect().center())
+            .vscroll(true)
             .show(ctx, |ui| {
+                ui.set_width(WIDTH.min(ctx.content_rect().width() - MARGIN));
                 let is_running = progress.is_some_and(|progress| progress.ended.is_none());
                 ui.add_enabled_ui(!is_running, |ui| {
                     let label = ui.label("Folder");
                     let field = TextEdit::singleline(&mut self.folder)
                         .char_limit(4096)
-                        .desired_width(440.0);
+                        .desired_width(f32::INFINITY);
                     let field = ui.add(field).labelled_by(label.id);
                     if !self.has_keyboard {
                         field.request_focus();
@@ -100,7 +109,7 @@ impl ExportDialog {
         let mut is_chosen = is_there && self.parts.contains(&part);
         let words = part_words(part);
         ui.add_enabled_ui(is_there, |ui| {
-            ui.horizontal(|ui| {
+            ui.horizontal_wrapped(|ui| {
                 if ui.checkbox(&mut is_chosen, words).clicked() {
                     if is_chosen {
                         self.parts.insert(part);

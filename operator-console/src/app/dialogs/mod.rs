@@ -29,8 +29,10 @@ impl Dialogs {
         self.is_about_open = true;
     }
 
-    pub(super) fn show_export(&mut self, model: &ConsoleModel) {
-        self.export.get_or_insert_with(|| ExportDialog::new(model));
+    /// `recording`: the name of the file, where that is what is shown.
+    pub(super) fn show_export(&mut self, model: &ConsoleModel, recording: Option<&str>) {
+        self.export
+            .get_or_insert_with(|| ExportDialog::new(model, recording));
     }
 
     /// Closes the one in front; whether there was one.

@@ -2,11 +2,13 @@
 
 use eframe::egui::Context;
 use protocol::message::LeaseRequest;
+use robot_edge::robot_time::RobotDuration;
 
 use crate::command::{Command, Look};
 use crate::helm::Intent;
 use crate::map_view::{LayerCommand, Overlay, Sight};
 use crate::panels::driving::LeaseFace;
+use crate::playback::PlaybackCommand;
 use crate::settings::Appearance;
 use crate::shortcuts::{Action, Edge};
 use crate::workspace::PanelId;
@@ -75,13 +77,21 @@ impl Screen {
             Action::AcknowledgeAll => return Some(Command::AcknowledgeAll),
             Action::Screenshot => return Some(Command::Screenshot),
             Action::Quit => return Some(Command::Quit),
+            Action::PlayOrPause => return Some(Command::Playback(PlaybackCommand::PlayOrPause)),
+            Action::StepBack => return Some(stepped(-1)),
+            Action::StepOn => return Some(stepped(1)),
+            Action::LeapBack => return Some(stepped(-10)),
+            Action::LeapOn => return Some(stepped(10)),
+            Action::Slower => return Some(Command::Playback(PlaybackCommand::Slower)),
+            Action::Faster => return Some(Command::Playback(PlaybackCommand::Faster)),
+            Action::Loop => return Some(Command::Playback(PlaybackCommand::ToggleLooping)),
             Action::TypeAddress => {
                 self.workspace.set_wanted(PanelId::Robots, true);
                 self.address.focus();
             }
             Action::Export => {
-                if let Some((model, _)) = scene.robot {
-                    self.dialogs.show_export(model);
+                if let Some((model, link)) = scene.robot {
+                    self.dialogs.show_export(model, link.recording.as_deref());
                 }
             }
             Action::OpenRecording => return Some(Command::AskForRecording),
@@ -117,4 +127,10 @@ impl Screen {
         let is_drawn = self.map_view.look_state().has(overlay);
         Command::Look(Look::Draw(overlay, !is_drawn))
     }
+}
+
+const fn stepped(by_s: i64) -> Command {
+    Command::Playback(PlaybackCommand::Step(RobotDuration::from_millis(
+        1000 * by_s,
+    )))
 }

@@ -1,7 +1,7 @@
 use std::time::Duration;
 
 use eframe::egui::accesskit::Role;
-use eframe::egui::{Color32, Key, Modifiers, Vec2, vec2};
+use eframe::egui::{self, Color32, Key, Modifiers, Vec2, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT as _, Queryable};
 use protocol::keys::{RobotId, Topic};
@@ -14,6 +14,7 @@ use protocol::tile::codec::Encoder;
 use protocol::tile::{BootId, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 use protocol::wire::{self, Header};
+use robot_edge::robot_time::RobotDuration;
 use serde::Serialize;
 
 use super::*;
@@ -22,6 +23,7 @@ use crate::export::ExportPart;
 use crate::link::{FoundRobot, Sighting};
 use crate::map_view::{LayerCommand, Orientation, Overlay, ShoreMark, Sight};
 use crate::model::{Incoming, LinkState, ModelSettings, Outgoing, RequestId};
+use crate::playback::PlaybackCommand;
 
 const BOOT: BootId = BootId([9; 16]);
 const LAYER: LayerId = LayerId::Occupancy;
@@ -489,6 +491,50 @@ fn buttons_keys_and_hands_move_the_map() {
 }
 
 #[test]
+fn a_recording_has_keys_a_name_and_no_link() {
+    let mut rig = Rig::live();
+    rig.link.recording = Some("rooms.mcap".to_owned());
+    let mut window = rig.window();
+    check(
+        &window,
+        &["rooms.mcap", "a recording has no link"],
+        &["scout-1", "Round trip", "0.0 s old"],
+    );
+    let step = |s: i64| PlaybackCommand::Step(RobotDuration::from_millis(1000 * s));
+    for (modifiers, key, asked) in [
+        (Modifiers::NONE, Key::P, PlaybackCommand::PlayOrPause),
+        (Modifiers::NONE, Key::Comma, step(-1)),
+        (Modifiers::NONE, Key::Period, step(1)),
+        (Modifiers::SHIFT, Key::Comma, step(-10)),
+        (Modifiers::SHIFT, Key::Period, step(10)),
+        (Modifiers::NONE, Key::OpenBracket, PlaybackCommand::Slower),
+        (Modifiers::NONE, Key::CloseBracket, PlaybackCommand::Faster),
+        (Modifiers::NONE, Key::R, PlaybackCommand::ToggleLooping),
+    ] {
+        window.key_press_modifiers(modifiers, key);
+        window.run_steps(1);
+        let commands = std::mem::take(&mut window.state_mut().commands);
+        assert_eq!(commands, [Command::Playback(asked)], "{key:?}");
+    }
+    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+    window.run_steps(4);
+    let folder = window.get_by_role_and_label(Role::TextInput, "Folder");
+    assert!(folder.value().unwrap().contains("foreshore-rooms-2"));
+    // The keyboard is left in a frame in which text may have been typed before.
+    let press = |key| egui::Event::Key {
+        key,
+        physical_key: None,
+        pressed: true,
+        repeat: false,
+        modifiers: Modifiers::NONE,
+    };
+    let pressed = [Key::P, Key::Escape, Key::R].map(press);
+    window.input_mut().events.extend(pressed);
+    window.run_steps(4);
+    assert_eq!(window.state().commands, []);
+}
+
+#[test]
 fn the_map_says_what_is_under_the_pointer() {
     let mut rig = Rig::live();
     let key = rig.put(0, 0, 226);
@@ -798,6 +844,30 @@ fn an_export_is_chosen_part_by_part() {
     };
     let parts = [LAYER, LayerId::Elevation].map(ExportPart::Layer);
     assert_eq!(wish.parts, parts.into());
+}
+
+#[test]
+fn all_plots_of_the_link_are_in_sight_at_first() {
+    let window = Rig::live().window();
+    let mut seen: Vec<egui::Rect> = Vec::new();
+    for title in [
+        "Round trip, ms",
+        "Poses lost, %",
+        "Received, kbit/s",
+        "Age, s",
+    ] {
+        let rect = window.get_by_label_contains(title).rect();
+        assert!(
+            rect.right() <= 1280.0 && rect.bottom() <= 800.0,
+            "{title} {rect}"
+        );
+        assert!(
+            rect.width() > 150.0 && rect.height() > 50.0,
+            "{title} {rect}"
+        );
+        assert!(seen.iter().all(|other| !other.intersects(rect)), "{title}");
+        seen.push(rect);
+    }
 }
 
 #[test]

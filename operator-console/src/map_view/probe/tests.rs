@@ -145,7 +145,7 @@ fn a_probed_value_is_the_exports() {
                     (first_x as f64 + column as f64 + 0.3) * CELL_M,
                     (first_y as f64 + row as f64 + 0.9) * CELL_M,
                 ];
-                let probe = ProbeData::new(model.map(), &stack, point_m, at(3_000));
+                let probe = ProbeData::new(&model, &stack, point_m, at(3_000));
                 let cell = probe.cells.iter().find(|cell| cell.layer == layer);
                 let value = cell.and_then(|cell| cell.value);
                 // Row 0 of a GeoTIFF is the greatest y.
@@ -170,7 +170,7 @@ fn shown_layers_are_always_read_and_hidden_ones_where_they_are_known() {
     let mut stack = LayerStack::default();
     stack.obey(LayerCommand::Only(LayerId::Elevation));
     let layers = |point_m| {
-        let probe = ProbeData::new(model.map(), &stack, point_m, at(5_000));
+        let probe = ProbeData::new(&model, &stack, point_m, at(5_000));
         let cells = probe.cells.into_iter();
         cells
             .map(|cell| (cell.layer, cell.is_shown, cell.value.is_some()))
@@ -188,7 +188,7 @@ fn shown_layers_are_always_read_and_hidden_ones_where_they_are_known() {
     for (layer, _, is_known) in hidden {
         assert!(is_known, "{layer}");
     }
-    let far = ProbeData::new(model.map(), &stack, [f64::MAX, 0.0], at(5_000));
+    let far = ProbeData::new(&model, &stack, [f64::MAX, 0.0], at(5_000));
     assert!(far.cells.iter().all(|cell| cell.value.is_none()));
 }
 
@@ -214,6 +214,7 @@ fn cell(layer: LayerId, number: f32) -> ProbedCell {
         value: quantisation.decode(quantisation.encode(number)),
         age: Some(Duration::from_millis(3_240)),
         revision: Some(1_234),
+        source: None,
     }
 }
 
@@ -254,6 +255,14 @@ fn the_line_says_where_what_and_when() {
     assert_eq!(
         probe.cells[1].origin(),
         "3.2 s old, voxels, slope around, revision 1\u{2009}234, hidden"
+    );
+    let measured = ProbedCell {
+        source: Some("laser 0.2 s ago".to_owned()),
+        ..cell(LayerId::Cost, 0.5)
+    };
+    assert_eq!(
+        measured.origin(),
+        "3.2 s old, laser 0.2 s ago, revision 1\u{2009}234"
     );
     let nothing = ProbeData {
         cells: Vec::new(),

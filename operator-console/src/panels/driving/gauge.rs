@@ -1,6 +1,6 @@
 //! A speed as a bar from its middle: filled as far as it is applied, marked where it is asked for.
 
-use eframe::egui::{Align2, FontId, Rect, Sense, Stroke, TextStyle, Ui, pos2, vec2};
+use eframe::egui::{Align, Align2, FontId, Layout, Rect, Sense, Stroke, TextStyle, Ui, pos2, vec2};
 
 use super::data::Gauge;
 use crate::panels::wording::signed;
@@ -8,6 +8,8 @@ use crate::theme::Tone;
 
 const BAR_HEIGHT: f32 = 14.0;
 const MARK: f32 = 3.0;
+/// Narrower panels have the figures below the name, points.
+const LEAST: f32 = 200.0;
 
 /// Draws the gauge and, above it, its figures.
 pub(super) fn gauge_ui(ui: &mut Ui, gauge: &Gauge) {
@@ -18,13 +20,15 @@ pub(super) fn gauge_ui(ui: &mut Ui, gauge: &Gauge) {
         signed(f64::from(gauge.requested), 2),
         gauge.unit
     );
-    ui.horizontal(|ui| {
+    if ui.available_width() < LEAST {
         ui.colored_label(weak, gauge.name);
-        ui.with_layout(
-            eframe::egui::Layout::right_to_left(eframe::egui::Align::Center),
-            |ui| ui.label(figures),
-        );
-    });
+        ui.label(figures);
+    } else {
+        ui.horizontal(|ui| {
+            ui.colored_label(weak, gauge.name);
+            ui.with_layout(Layout::right_to_left(Align::Center), |ui| ui.label(figures));
+        });
+    }
     let small = TextStyle::Small.resolve(ui.style());
     let height = BAR_HEIGHT + small.size + 4.0;
     let (rect, _) = ui.allocate_exact_size(vec2(ui.available_width(), height), Sense::hover());

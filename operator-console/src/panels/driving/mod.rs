@@ -6,7 +6,7 @@ mod gauge;
 pub mod words;
 
 use eframe::egui::{
-    Align, Button, CollapsingHeader, Color32, DragValue, Grid, Label, Layout, RichText, ScrollArea,
+    Align, Button, CollapsingHeader, Color32, DragValue, Label, Layout, RichText, ScrollArea,
     Stroke, Ui, vec2,
 };
 use protocol::keys::OperatorId;
@@ -14,7 +14,7 @@ use protocol::message::{LeaseRequest, Setting, Settings};
 
 pub use data::{DrivingData, EStopFace, Gauge, LeaseFace};
 
-use super::rows::rows_ui;
+use super::rows::{rows_ui, toned_rows_ui};
 use crate::command::Command;
 use crate::helm::Intent;
 use crate::shortcuts::Action;
@@ -22,6 +22,12 @@ use crate::teleop_input::SpeedStep;
 use crate::theme::{self, state_ui};
 
 const ESTOP_HEIGHT: f32 = 56.0;
+/// Its words stand in one line, or two, however narrow the panel is: their size is this share of its width.
+const ESTOP_TEXT_SHARE: f32 = 0.08;
+/// The same of the headline.
+const HEADLINE_SHARE: f32 = 0.09;
+/// Narrower panels have names above what they name, points.
+const NARROW: f32 = 250.0;
 /// What the robot takes for a budget, kbit/s.
 const BUDGET_KBPS: std::ops::RangeInclusive<u32> = 1..=1_000_000;
 
@@ -45,7 +51,8 @@ pub fn driving_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> 
 fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<Intent> {
     let mut intent = None;
     ui.add_space(6.0);
-    state_ui(ui, data.tone, &data.headline, 24.0);
+    let headline = (HEADLINE_SHARE * ui.available_width()).clamp(14.0, 24.0);
+    state_ui(ui, data.tone, &data.headline, headline);
     // Always there, for the same reason.
     let advice = RichText::new(data.advice.as_deref().unwrap_or(" ")).small();
     ui.add(Label::new(advice).wrap());
@@ -68,7 +75,7 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
     let warning = theme::Tone::Warning.color(ui.visuals());
     ui.label(RichText::new(clamp).small().color(warning));
     ui.separator();
-    toned_rows_ui(ui, data);
+    toned_rows_ui(ui, "driving", &data.rows);
     ui.separator();
     rows_ui(ui, "driving link", &data.link);
     if let Some(settings) = data.settings {
@@ -88,8 +95,9 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
 
 fn estop_ui(ui: &mut Ui, face: &EStopFace) -> Option<Intent> {
     let [fill, ink] = theme::DANGER;
+    let text_size = (ESTOP_TEXT_SHARE * ui.available_width()).clamp(11.0, 18.0);
     let big = |words: &str, fill: Color32, ink: Color32| {
-        let text = RichText::new(words).size(18.0).strong().color(ink);
+        let text = RichText::new(words).size(text_size).strong().color(ink);
         Button::new(text)
             .fill(fill)
             .stroke(Stroke::new(2.0, ink))
@@ -212,43 +220,37 @@ fn question_ui(ui: &mut Ui, who: &OperatorId) -> Option<Intent> {
 }
 
 fn step_ui(ui: &mut Ui, step: SpeedStep) -> Option<Intent> {
-    let mut chosen = None;
-    ui.horizontal(|ui| {
-        ui.colored_label(ui.visuals().weak_text_color(), "Keys drive at");
-        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            ui.spacing_mut().item_spacing.x = 3.0;
-            let steps: Vec<_> = SpeedStep::all().collect();
-            for of in steps.into_iter().rev() {
-                let words = format!("{:.0} %", 100.0 * of.share());
-                let text = RichText::new(of.number().to_string());
-                let button = Button::selectable(of == step, text).min_size(vec2(26.0, 24.0));
-                if ui.add(button).on_hover_text(words).clicked() {
-                    chosen = Some(Intent::Step(of));
-                }
-            }
-        });
+    let weak = ui.visuals().weak_text_color();
+    if ui.available_width() < NARROW {
+        ui.colored_label(weak, "Keys drive at");
+        return ui.horizontal(|ui| steps_ui(ui, step)).inner;
+    }
+    let row = ui.horizontal(|ui| {
+        ui.colored_label(weak, "Keys drive at");
+        steps_ui(ui, step)
     });
-    chosen
+    row.inner
 }
 
-fn toned_rows_ui(ui: &mut Ui, data: &DrivingData) {
-    Grid::new("driving")
-        .num_columns(2)
-        .min_col_width(96.0)
-        .min_row_height(18.0)
-        .spacing([12.0, 4.0])
-        .show(ui, |ui| {
-            for (tone, (name, value)) in &data.rows {
-                ui.label(RichText::new(name).color(ui.visuals().weak_text_color()));
-                let text = RichText::new(value);
-                let text = match tone {
-                    theme::Tone::Warning => text.color(tone.color(ui.visuals())),
-                    theme::Tone::Good | theme::Tone::Waiting => text,
-                };
-                ui.add(Label::new(text).truncate()).on_hover_text(value);
-                ui.end_row();
+fn steps_ui(ui: &mut Ui, step: SpeedStep) -> Option<Intent> {
+    let mut chosen = None;
+    ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+        ui.spacing_mut().item_spacing.x = 3.0;
+        // As wide as there is room for.
+        let count = f32::from(SpeedStep::COUNT);
+        let width = ((ui.available_width() + 3.0) / count - 3.0).clamp(16.0, 26.0);
+        ui.spacing_mut().button_padding.x = 4.0;
+        let steps: Vec<_> = SpeedStep::all().collect();
+        for of in steps.into_iter().rev() {
+            let words = format!("{:.0} %", 100.0 * of.share());
+            let text = RichText::new(of.number().to_string());
+            let button = Button::selectable(of == step, text).min_size(vec2(width, 24.0));
+            if ui.add(button).on_hover_text(words).clicked() {
+                chosen = Some(Intent::Step(of));
             }
-        });
+        }
+    });
+    chosen
 }
 
 fn settings_ui(ui: &mut Ui, settings: Settings, entry: &mut DrivingEntry) -> Option<Intent> {

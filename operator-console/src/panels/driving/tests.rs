@@ -367,11 +367,11 @@ fn the_guard_and_the_last_stop_are_always_seen() {
     for (guard, tone, words) in [
         (Guard::Off, Tone::Warning, "Off"),
         (Guard::Silent, Tone::Warning, "Silent: nothing moves"),
-        (Guard::On(limits), Tone::Good, "On, ahead 0.25 m/s at most"),
+        (Guard::On(limits), Tone::Good, "On, ahead ≤ 0.25 m/s"),
         (
             Guard::Blind(limits),
             Tone::Warning,
-            "Blind, ahead 0.25 m/s at most",
+            "Blind, ahead ≤ 0.25 m/s",
         ),
         (
             Guard::Stale,

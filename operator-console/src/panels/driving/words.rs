@@ -71,7 +71,7 @@ pub fn guard(guard: Guard) -> (Tone, String) {
 
 fn ahead(limits: GuardLimits) -> String {
     if limits.forward_mps.is_finite() {
-        format!(", ahead {:.2} m/s at most", limits.forward_mps)
+        format!(", ahead ≤ {:.2} m/s", limits.forward_mps)
     } else {
         String::new()
     }

@@ -1,5 +1,6 @@
 use std::time::Duration;
 
+use eframe::egui::{Pos2, pos2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 
@@ -79,6 +80,36 @@ fn every_control_has_a_name_and_asks_for_what_it_says() {
     window.run_steps(2);
     let scheme = LayerCommand::Scheme(LayerId::Obstacle, Scheme::GreenRed);
     assert_eq!(window.state().asked, [scheme]);
+}
+
+#[test]
+fn a_layer_is_dragged_under_another() {
+    let mut window = window();
+    window.run_steps(2);
+    let grip = |window: &Harness<'_, Window>, name: &str| {
+        window.get_by_label(&format!("Drag {name}")).rect().center()
+    };
+    let [top, low] = ["Obstacles", "Elevation"].map(|name| grip(&window, name));
+    let drag = |window: &mut Harness<'static, Window>, from: Pos2, to: Pos2| {
+        window.drag_at(from);
+        window.run_steps(1);
+        for part in [0.3, 0.7, 1.0] {
+            window.hover_at(from.lerp(to, part));
+            window.run_steps(1);
+        }
+        window.drop_at(to);
+        window.run_steps(2);
+        std::mem::take(&mut window.state_mut().asked)
+    };
+    let below = low + vec2(0.0, 60.0);
+    let under = LayerCommand::Below(LayerId::Obstacle, LayerId::Elevation);
+    assert_eq!(drag(&mut window, top, below), [under]);
+    let above = top - vec2(0.0, 8.0);
+    let over = LayerCommand::Above(LayerId::Elevation, LayerId::Obstacle);
+    assert_eq!(drag(&mut window, low, above), [over]);
+    assert_eq!(drag(&mut window, low, below), [], "it is there already");
+    let elsewhere = pos2(low.x, -20.0);
+    assert_eq!(drag(&mut window, low, elsewhere), [], "not in the list");
 }
 
 #[test]

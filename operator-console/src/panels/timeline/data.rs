@@ -4,6 +4,7 @@ use robot_edge::pacer::Rate;
 use robot_edge::replay_control::{Mark, ReplaySight, ReplayState};
 use robot_edge::robot_time::RobotDuration;
 
+use crate::playback::is_going;
 use crate::theme::Tone;
 
 /// A rate that is reached by less than this share is said.
@@ -70,7 +71,7 @@ impl TimelineData {
             tone,
             state,
             is_opening: sight.state == ReplayState::Opening,
-            is_going: !sight.is_paused && sight.state != ReplayState::Ended,
+            is_going: is_going(sight),
             position_s: sight.position.as_secs_f64(),
             position: clock(sight.position),
             target_s: target.map(RobotDuration::as_secs_f64),

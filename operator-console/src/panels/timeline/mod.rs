@@ -7,6 +7,7 @@ use eframe::egui::{Align, Button, ComboBox, Layout, RichText, Ui, vec2};
 use robot_edge::robot_time::RobotDuration;
 
 use crate::playback::{PlaybackCommand, RATES};
+use crate::shortcuts::Action;
 use crate::theme::{Tone, state_ui};
 
 pub use data::{TimelineData, TimelineMark};
@@ -83,37 +84,38 @@ fn state_and_close_ui(ui: &mut Ui, data: &TimelineData) -> Option<PlaybackComman
 }
 
 fn transport_ui(ui: &mut Ui, data: &TimelineData) -> Option<PlaybackCommand> {
-    let mut command = None;
-    let step = |s: i64| PlaybackCommand::Step(RobotDuration::from_millis(1000 * s));
-    ui.add_enabled_ui(!data.is_opening, |ui| {
-        for (words, tip, by_s) in [
-            ("−10 s", "10 seconds back (Shift+comma)", -10),
-            ("−1 s", "1 second back (comma)", -1),
-        ] {
-            if ui.button(words).on_hover_text(tip).clicked() {
-                command = Some(step(by_s));
-            }
-        }
-        let (words, wish) = if data.is_going {
-            ("Pause", PlaybackCommand::Pause)
-        } else {
-            ("Play", PlaybackCommand::Play)
-        };
-        let size = vec2(PLAY_WIDTH, ui.spacing().interact_size.y);
-        let play = Button::new(RichText::new(words).strong()).min_size(size);
-        if ui.add(play).on_hover_text(format!("{words} (P)")).clicked() {
-            command = Some(wish);
-        }
-        for (words, tip, by_s) in [
-            ("+1 s", "1 second on (period)", 1),
-            ("+10 s", "10 seconds on (Shift+period)", 10),
-        ] {
-            if ui.button(words).on_hover_text(tip).clicked() {
-                command = Some(step(by_s));
-            }
-        }
+    let row = ui.add_enabled_ui(!data.is_opening, |ui| {
+        let back = step_ui(ui, "−10 s", Action::LeapBack, -10);
+        let back = back.or(step_ui(ui, "−1 s", Action::StepBack, -1));
+        let played = back.or(play_ui(ui, data.is_going));
+        let on = played.or(step_ui(ui, "+1 s", Action::StepOn, 1));
+        on.or(step_ui(ui, "+10 s", Action::LeapOn, 10))
     });
-    command
+    row.inner
+}
+
+fn step_ui(ui: &mut Ui, label: &str, action: Action, by_s: i64) -> Option<PlaybackCommand> {
+    let step = ui.button(label).on_hover_text(tip(action));
+    let by = RobotDuration::from_millis(1000 * by_s);
+    step.clicked().then_some(PlaybackCommand::Step(by))
+}
+
+fn play_ui(ui: &mut Ui, is_going: bool) -> Option<PlaybackCommand> {
+    let (words, wish) = if is_going {
+        ("Pause", PlaybackCommand::Pause)
+    } else {
+        ("Play", PlaybackCommand::Play)
+    };
+    let size = vec2(PLAY_WIDTH, ui.spacing().interact_size.y);
+    let play = Button::new(RichText::new(words).strong()).min_size(size);
+    let hint = format!("{words} ({})", Action::PlayOrPause.keys());
+    let play = ui.add(play).on_hover_text(hint);
+    play.clicked().then_some(wish)
+}
+
+/// What it does, and its keys.
+fn tip(action: Action) -> String {
+    format!("{} ({})", action.words(), action.keys())
 }
 
 fn position_ui(ui: &mut Ui, data: &TimelineData) {
@@ -135,17 +137,19 @@ fn rate_ui(ui: &mut Ui, data: &TimelineData) -> Option<PlaybackCommand> {
                 ui.selectable_value(&mut chosen, rate, rate_words(rate));
             }
         });
-    combo
-        .response
-        .on_hover_text("Slower ([) and faster (]); max is as fast as it can be mapped");
+    combo.response.on_hover_text(format!(
+        "{}, {}; max is as fast as it can be mapped",
+        tip(Action::Slower),
+        tip(Action::Faster)
+    ));
     (chosen != data.rate).then_some(PlaybackCommand::SetRate(chosen))
 }
 
 fn looping_ui(ui: &mut Ui, data: &TimelineData) -> Option<PlaybackCommand> {
     let mut is_looping = data.is_looping;
-    let tip = "At the end, begin anew (L)";
-    let loops = ui.checkbox(&mut is_looping, "Loop").on_hover_text(tip);
+    let loops = ui.checkbox(&mut is_looping, "Loop");
     loops
+        .on_hover_text(tip(Action::Loop))
         .changed()
         .then_some(PlaybackCommand::SetLooping(is_looping))
 }
