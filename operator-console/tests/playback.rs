@@ -262,3 +262,36 @@ fn a_damaged_recording_is_refused_in_words() {
         "{why}"
     );
 }
+
+/// How long it takes from a click on the time line until the console holds the map of that time. Measures.
+#[test]
+#[ignore = "half a minute: measures"]
+fn winding_takes_so_long() {
+    let mut rig = Rig::open(&rooms(), Rate::Times(1.0));
+    rig.ask(PlaybackCommand::Pause);
+    rig.wait("known in length", |sight, _| sight.length.is_some());
+    let mut took: Vec<(bool, Duration)> = Vec::new();
+    // A fixed walk to and fro over the whole length: 47 has no divisor in common with the seconds it goes over.
+    let mut at_s = 0;
+    for step in 1..=40 {
+        let to_s = step * 47 % 110;
+        let (to, clicked) = (seconds(to_s), Monotonic::now());
+        rig.ask(PlaybackCommand::Seek(to));
+        rig.wait("wound", |sight, model| {
+            sight.is_settled && sight.position == to && model.holds_what_was_announced()
+        });
+        took.push((to_s > at_s, clicked.elapsed()));
+        at_s = to_s;
+    }
+    for is_forward in [true, false] {
+        let mut times: Vec<_> = took
+            .iter()
+            .filter(|(forward, _)| *forward == is_forward)
+            .map(|(_, time)| time.as_millis())
+            .collect();
+        times.sort_unstable();
+        let (middle, last) = (times[times.len() / 2], times[times.len() - 1]);
+        let way = if is_forward { "on" } else { "back" };
+        println!("{} times {way}: median {middle} ms, most {last} ms", times.len());
+    }
+}

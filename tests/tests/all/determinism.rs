@@ -112,6 +112,7 @@ fn digest_of_simulate(seed: u64, setting: &str) -> String {
             world: "rooms".to_owned(),
             seed,
             duration_s: Some(DURATION_S),
+            drive_at_any_rate: false,
             rate: Rate::Max,
             driving: DrivingOptions::default(),
             mapping: MappingOptions {

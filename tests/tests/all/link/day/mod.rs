@@ -335,7 +335,8 @@ fn probes(desk: &Desk) -> Vec<([f64; 2], Vec<Reading>)> {
             read.push((point_m, readings(&desk.controls.all())));
         }
     }
-    desk.screen.click(desk.map().middle());
+    let [x, y] = desk.map().middle();
+    desk.screen.click([x + 60, y]);
     desk.controls.named("Button", "Unpin");
     desk.picture("08_recording");
     desk.screen.tap(Key::Escape);
