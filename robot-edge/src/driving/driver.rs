@@ -78,6 +78,8 @@ impl Driver {
         board: Arc<Board>,
         now: Monotonic,
     ) -> Self {
+        // Those of a list are known before any of them has said a word.
+        board.show_names(operators.names());
         Self {
             robot,
             rules,
