@@ -1,6 +1,7 @@
 //! A console watches a robot over QUIC and TLS.
 
 use std::collections::BTreeSet;
+use std::fs;
 use std::net::UdpSocket;
 use std::time::Duration;
 
@@ -36,6 +37,36 @@ fn a_console_with_keys_gets_the_map_by_quic_and_tls() {
     edge.signal("INT");
     edge.ends_well();
     assert_same_maps(&fleet.scratch("edge"), &fleet.scratch("console"));
+}
+
+/// The console itself drives, on a list that nobody has touched since the vehicle started.
+#[test]
+fn a_console_with_keys_drives_under_its_own_name() {
+    let fleet = Fleet::new();
+    let endpoint = format!("quic/127.0.0.1:{}", free_port());
+    let mut edge = program("robot-edge");
+    edge.args([
+        "simulate", "rooms", "--quiet", "--stay", "--listen", &endpoint,
+    ]);
+    let _edge = Running::start(edge.arg("--keys").arg(fleet.vehicle()), "edge");
+    let script = fleet.scratch("drive.txt");
+    let steps = "\
+0.0 lease request
+0.0 await lease
+0.5 press left
+0.5 await driving
+1.5 release left
+1.5 await held
+2.0 lease release
+2.0 await idle
+";
+    fs::write(&script, steps).unwrap();
+    let mut console = program("operator-console");
+    console.args(["--headless", "--connect", &endpoint]);
+    console.arg("--keys").arg(fleet.person("anna"));
+    console.args(["drive", "--script"]).arg(&script);
+    let said = Running::start(&mut console, "console").ends_well();
+    assert!(said.contains(" Driving, lease of anna"), "{said}");
 }
 
 fn open(side: Side, fleet: &Fleet, endpoint: String) -> Session {
