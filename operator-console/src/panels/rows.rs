@@ -9,7 +9,7 @@ pub(super) type Row = (String, String);
 
 /// The column of the names, points, and what it has at most of a panel that is narrow.
 const NAMES: f32 = 96.0;
-const NAMES_SHARE: f32 = 0.4;
+const NAMES_SHARE: f32 = 0.46;
 
 /// Draws rows; `id` tells the columns of one panel from another's.
 pub(super) fn rows_ui(ui: &mut Ui, id: &str, rows: &[Row]) {

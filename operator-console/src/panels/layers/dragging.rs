@@ -12,6 +12,9 @@ const EDGE: f32 = 24.0;
 /// How fast, points per second.
 const SCROLLING: f32 = 300.0;
 
+/// The line that shows the place is so far from the row beside it, points.
+const BESIDE: f32 = 3.0;
+
 /// What is dragged: nothing else in the window is taken for a layer.
 struct Dragged(LayerId);
 
@@ -51,8 +54,8 @@ pub(super) fn drop_ui(ui: &Ui, places: &[(LayerId, Rect)]) -> Option<LayerComman
     let command = moved(dragged, &layers, gap)?;
     let y = match (gap.checked_sub(1), places.get(gap)) {
         (Some(over), Some((_, under))) => 0.5 * (places[over].1.bottom() + under.top()),
-        (None, Some((_, under))) => under.top(),
-        (Some(over), None) => places[over].1.bottom(),
+        (None, Some((_, under))) => under.top() - BESIDE,
+        (Some(over), None) => places[over].1.bottom() + BESIDE,
         (None, None) => return None,
     };
     let rows = places.iter().map(|(_, at)| *at);
