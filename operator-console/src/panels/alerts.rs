@@ -7,7 +7,7 @@ use super::wording::age;
 use crate::alerts::{Alarm, Alerts};
 use crate::command::Command;
 use crate::shortcuts::Action;
-use crate::theme::{Tone, state_ui};
+use crate::theme::{Tone, long_state_ui};
 
 /// What the panel shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -78,20 +78,21 @@ pub fn alerts_ui(ui: &mut Ui, data: &AlertsData) -> Option<Command> {
     });
     for line in &data.lines {
         ui.separator();
-        ui.horizontal(|ui| {
+        // The button first: words give way to it, not it to words.
+        ui.with_layout(Layout::right_to_left(Align::Min), |ui| {
             let tone = match (line.is_active, line.is_acknowledged) {
                 (_, false) => Tone::Warning,
                 (true, true) => Tone::Waiting,
                 (false, true) => Tone::Good,
             };
-            state_ui(ui, tone, &line.text, 15.0);
-            ui.label(RichText::new(&line.detail).small().weak());
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                if line.is_acknowledged {
-                    ui.weak("Acknowledged");
-                } else if ui.button("Acknowledge").clicked() {
-                    command = Some(Command::Acknowledge(line.alarm.clone()));
-                }
+            if line.is_acknowledged {
+                ui.weak("Acknowledged");
+            } else if ui.button("Acknowledge").clicked() {
+                command = Some(Command::Acknowledge(line.alarm.clone()));
+            }
+            ui.with_layout(Layout::top_down(Align::Min), |ui| {
+                long_state_ui(ui, tone, &line.text, 15.0);
+                ui.label(RichText::new(&line.detail).small().weak());
             });
         });
     }
