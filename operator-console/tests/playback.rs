@@ -292,6 +292,9 @@ fn winding_takes_so_long() {
         times.sort_unstable();
         let (middle, last) = (times[times.len() / 2], times[times.len() - 1]);
         let way = if is_forward { "on" } else { "back" };
-        println!("{} times {way}: median {middle} ms, most {last} ms", times.len());
+        println!(
+            "{} times {way}: median {middle} ms, most {last} ms",
+            times.len()
+        );
     }
 }
