@@ -26,8 +26,8 @@ pub fn signed(number: f64, decimals: usize) -> String {
 
 /// A direction, degrees clockwise from north, as a compass has it: three digits.
 pub fn bearing(deg: f64) -> String {
-    // 359.7° is north.
-    let whole = deg.round().rem_euclid(360.0);
+    // 359.7° is north, and so is −0.3°, without a sign.
+    let whole = deg.round().rem_euclid(360.0).abs();
     format!("{whole:03.0}°")
 }
 
