@@ -98,3 +98,40 @@ pub fn alerts_ui(ui: &mut Ui, data: &AlertsData) -> Option<Command> {
     }
     command
 }
+
+#[cfg(test)]
+mod tests {
+    use eframe::egui::vec2;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+
+    #[test]
+    fn in_a_narrow_panel_words_give_way_to_the_button() {
+        const WIDTH: f32 = 240.0;
+        let data = AlertsData {
+            lines: vec![AlertLine {
+                alarm: Alarm::EStop,
+                text: "laser: Silent. Nothing comes from it. Look at its power and its cable."
+                    .to_owned(),
+                detail: "12 s ago, 2 times, still so".to_owned(),
+                is_active: true,
+                is_acknowledged: false,
+            }],
+            unseen: 1,
+        };
+        let words = data.lines[0].text.clone();
+        let mut window = Harness::builder()
+            .with_size(vec2(WIDTH, 300.0))
+            .build_ui(move |ui| {
+                alerts_ui(ui, &data);
+            });
+        window.run_steps(2);
+        let button = window.get_by_label("Acknowledge").rect();
+        let words = window.get_by_label(&words).rect();
+        assert!(button.right() <= WIDTH, "{button}");
+        assert!(words.right() <= button.left(), "{words} {button}");
+        assert!(words.bottom() < 200.0, "{words}");
+    }
+}
