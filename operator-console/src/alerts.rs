@@ -3,7 +3,7 @@
 //! An alert is there while its reason lasts, and after that until it is acknowledged. The same reason again is the same
 //! alert, once more.
 
-use protocol::message::{Event, FaultReason, RecordingState, TeleopState};
+use protocol::message::{Event, FaultReason, RecordingState, SensorFault, TeleopState};
 use robot_edge::clock::Monotonic;
 
 use crate::model::{ConsoleModel, LinkState};
@@ -34,8 +34,10 @@ pub enum Alarm {
 pub struct Alert {
     /// What it is about.
     pub alarm: Alarm,
-    /// The same in words, as it was last.
+    /// The same in words: what is so, or what was so last, where its reason is gone.
     pub text: String,
+    /// What it is to say when its reason is gone.
+    past: String,
     /// When it began last.
     pub since: Monotonic,
     /// How often it has begun.
@@ -92,15 +94,21 @@ impl Alerts {
         let reasons = reasons(model, now);
         let mut begun = Vec::new();
         for alert in &mut self.alerts {
-            alert.is_active &= reasons.iter().any(|(alarm, _)| *alarm == alert.alarm);
+            let lasts = reasons.iter().any(|reason| reason.alarm == alert.alarm);
+            if alert.is_active && !lasts {
+                alert.is_active = false;
+                alert.text.clone_from(&alert.past);
+            }
         }
-        for (alarm, text) in reasons {
-            let known = self.alerts.iter_mut().find(|alert| alert.alarm == alarm);
+        for reason in reasons {
+            let mut alerts = self.alerts.iter_mut();
+            let known = alerts.find(|alert| alert.alarm == reason.alarm);
             if let Some(alert) = known.filter(|alert| alert.is_active) {
-                alert.text = text;
+                alert.text = reason.text;
+                alert.past = reason.past;
             } else {
-                self.begin(alarm.clone(), text.clone(), true, now);
-                begun.push((alarm, text));
+                begun.push((reason.alarm.clone(), reason.text.clone()));
+                self.begin(reason, true, now);
             }
         }
         for event in news {
@@ -108,15 +116,17 @@ impl Alerts {
                 "pose_jump" => Alarm::PositionJump,
                 _ => continue,
             };
-            self.begin(alarm.clone(), event.message.clone(), false, now);
-            begun.push((alarm, event.message.clone()));
+            begun.push((alarm.clone(), event.message.clone()));
+            let (text, past) = (event.message.clone(), event.message.clone());
+            self.begin(Reason { alarm, text, past }, false, now);
         }
         self.forget_what_is_over();
         begun
     }
 
     /// It is the newest, and nobody has seen it. `lasts`: its reason is there until a look says that it is not.
-    fn begin(&mut self, alarm: Alarm, text: String, lasts: bool, now: Monotonic) {
+    fn begin(&mut self, reason: Reason, lasts: bool, now: Monotonic) {
+        let Reason { alarm, text, past } = reason;
         let known = self.alerts.iter().position(|alert| alert.alarm == alarm);
         let times = known.map_or(0, |at| self.alerts.remove(at).times);
         if self.alerts.len() >= MAX_ALERTS {
@@ -125,6 +135,7 @@ impl Alerts {
         self.alerts.push(Alert {
             alarm,
             text,
+            past,
             since: now,
             times: times.saturating_add(1),
             is_active: lasts,
@@ -138,27 +149,46 @@ impl Alerts {
     }
 }
 
+/// Something to be alarmed about.
+struct Reason {
+    alarm: Alarm,
+    /// While it lasts.
+    text: String,
+    /// When it is over.
+    past: String,
+}
+
 /// What there is to be alarmed about at the moment.
-fn reasons(model: &ConsoleModel, now: Monotonic) -> Vec<(Alarm, String)> {
+fn reasons(model: &ConsoleModel, now: Monotonic) -> Vec<Reason> {
     let mut reasons = Vec::new();
     if model.connection().state(now) == LinkState::Silent {
-        let text = format!("Nothing is heard of {}", model.robot());
-        reasons.push((Alarm::LinkLost, text));
+        reasons.push(Reason {
+            alarm: Alarm::LinkLost,
+            text: format!("Nothing is heard of {}", model.robot()),
+            past: format!("Nothing was heard of {} for a while", model.robot()),
+        });
     }
     let Some((status, _)) = model.status() else {
         return reasons;
     };
     if let Some(teleop) = &status.teleop {
         if let Some(estop) = teleop.estop {
-            let text = format!("Emergency stop {} is in force", estop.number);
-            reasons.push((Alarm::EStop, text));
+            reasons.push(Reason {
+                alarm: Alarm::EStop,
+                text: format!("Emergency stop {} is in force", estop.number),
+                past: format!("Emergency stop {} was in force", estop.number),
+            });
         }
         if let TeleopState::Fault(why) = teleop.state {
-            let why = match why {
-                FaultReason::SelfTest => "the self-test failed",
-                FaultReason::Actuator => "the motors do not obey",
+            let [is, was] = match why {
+                FaultReason::SelfTest => ["the self-test failed"; 2],
+                FaultReason::Actuator => ["the motors do not obey", "the motors did not obey"],
             };
-            reasons.push((Alarm::Fault, format!("The vehicle is at fault: {why}")));
+            reasons.push(Reason {
+                alarm: Alarm::Fault,
+                text: format!("The vehicle is at fault: {is}"),
+                past: format!("The vehicle was at fault: {was}"),
+            });
         }
     }
     for sensor in model.sensor_statuses() {
@@ -166,31 +196,47 @@ fn reasons(model: &ConsoleModel, now: Monotonic) -> Vec<(Alarm, String)> {
             let described = model.sensors().iter();
             let kind = described.clone().find(|info| info.name == sensor.name);
             let (_, state, advice) = fault_words(fault, kind.map(|info| info.kind));
-            let text = format!("{}: {state}. {advice}", sensor.name);
-            reasons.push((Alarm::Sensor(sensor.name.clone()), text));
+            reasons.push(Reason {
+                alarm: Alarm::Sensor(sensor.name.clone()),
+                text: format!("{}: {state}. {advice}", sensor.name),
+                past: format!("{}: {}", sensor.name, past_fault(fault)),
+            });
         }
     }
     let ended = model.recording().map(|recording| recording.state);
     let why = match ended {
-        Some(RecordingState::StoppedDiskLow) => Some("the disk is nearly full"),
-        Some(RecordingState::Failed) => Some("it cannot be written"),
+        Some(RecordingState::StoppedDiskLow) => {
+            Some(["the disk is nearly full", "the disk was nearly full"])
+        }
+        Some(RecordingState::Failed) => Some(["it cannot be written", "it could not be written"]),
         Some(RecordingState::Stopped | RecordingState::Recording) | None => None,
     };
-    if let Some(why) = why {
-        reasons.push((
-            Alarm::Recording,
-            format!("The robot records no more: {why}"),
-        ));
+    if let Some([is, was]) = why {
+        reasons.push(Reason {
+            alarm: Alarm::Recording,
+            text: format!("The robot records no more: {is}"),
+            past: format!("A recording of the robot had ended: {was}"),
+        });
     }
     reasons
+}
+
+/// What was wrong with a sensor that is well again.
+const fn past_fault(fault: SensorFault) -> &'static str {
+    match fault {
+        SensorFault::Silent => "nothing came from it",
+        SensorFault::Clock => "its stamps leapt",
+        SensorFault::AllInvalid => "none of its measurements was valid",
+        SensorFault::Slow => "less than half of its measurements came",
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
     use protocol::message::{
-        Arming, CommandCounters, EStopStatus, Guard, LeaseStatus, SensorFault, SensorStatus,
-        Settings, Severity, Status, TeleopStatus, Velocity,
+        Arming, CommandCounters, EStopStatus, Guard, LeaseStatus, SensorStatus, Settings, Severity,
+        Status, TeleopStatus, Velocity,
     };
     use protocol::tile::BootId;
     use protocol::wire::{self, Header};
@@ -309,6 +355,14 @@ mod tests {
             (alerts.unseen(), listed(&alerts)),
             (1, vec![(Alarm::EStop, 2, false)])
         );
+        let texts: Vec<_> = alerts.iter().map(|alert| alert.text.as_str()).collect();
+        assert_eq!(texts, ["Emergency stop 4 was in force"]);
+        says(&mut model, None, Some(5), at(80));
+        alerts.look(&model, &[], at(80));
+        let texts: Vec<_> = alerts.iter().map(|alert| alert.text.as_str()).collect();
+        assert_eq!(texts, ["Emergency stop 5 is in force"]);
+        says(&mut model, None, None, at(90));
+        alerts.look(&model, &[], at(90));
         alerts.acknowledge_all();
         assert_eq!(alerts.iter().count(), 0);
     }

@@ -18,7 +18,7 @@ use robot_edge::link::{random_id, zenoh_config_file};
 use crate::export::{export_all, write_voxels};
 use crate::link::RobotSession;
 use crate::milestones::{Milestones, VISIBLE_M};
-use crate::model::{ConsoleModel, FetchedVoxels, ModelSettings, VoxelsProgress};
+use crate::model::{ConsoleModel, FetchedVoxels, LinkState, ModelSettings, VoxelsProgress};
 use crate::target::Target;
 
 /// Between two looks at the model.
@@ -64,6 +64,7 @@ pub fn run(
         zenoh_config: settings.zenoh_config.clone(),
         credentials: settings.credentials.clone(),
         timeout: settings.timeout,
+        quiet: settings.quiet,
     };
     let robot = target.find(&is_interrupted)?;
     let discovered = Monotonic::now();
@@ -86,11 +87,16 @@ pub fn run(
 
     session.model().set_unfinished(true);
     let mut milestones = Milestones::new(discovered);
+    let mut unanswered = target.unanswered();
     let mut was_in_step = false;
     let watched = watch(settings, &is_interrupted, started, || {
         let mut model = session.model();
         look_around_the_vehicle(&mut model);
-        let is_in_step = model.is_in_step(Monotonic::now());
+        let now = Monotonic::now();
+        if model.connection().state(now) == LinkState::Waiting {
+            unanswered.complain(now);
+        }
+        let is_in_step = model.is_in_step(now);
         milestones.look(&model, is_in_step);
         if is_in_step != was_in_step {
             tracing::info!(is_in_step, "step");

@@ -59,6 +59,7 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
             credentials,
             script: drive.script.clone(),
             timeout: cli.timeout,
+            quiet: cli.quiet,
         };
         let interrupt = interrupt_flag()?;
         let ended = script::run(&settings, || interrupt.load(Ordering::Relaxed), out);
@@ -89,6 +90,7 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
     let settings = WindowSettings {
         connect,
         robot,
+        is_demo: demo.is_some(),
         identity,
         zenoh_config: zenoh_config_file(cli.zenoh_config.clone()),
         credentials,

@@ -29,6 +29,8 @@ pub struct WindowSettings {
     pub connect: Vec<String>,
     /// The robot to show; without it, the only one that is found.
     pub robot: Option<RobotId>,
+    /// Whether that robot is simulated by this program.
+    pub is_demo: bool,
     /// Who drives.
     pub identity: Identity,
     /// A Zenoh configuration to lay ours over.
@@ -102,6 +104,7 @@ pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
             AppSettings {
                 connect: settings.connect,
                 robot: settings.robot,
+                is_demo: settings.is_demo,
                 zenoh_config: settings.zenoh_config,
                 credentials: settings.credentials,
                 session,

@@ -6,6 +6,7 @@ use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
 use crate::link::FoundRobot;
+use crate::panels::robots::Sought;
 
 /// Robots that are there answer within this of each other; before, one alone may be the first of several.
 const SETTLED_AFTER: Duration = Duration::from_millis(600);
@@ -15,19 +16,26 @@ const SETTLED_AFTER: Duration = Duration::from_millis(600);
 pub(super) struct RobotChoice {
     /// The robot that the command line asks for.
     named: Option<RobotId>,
+    /// Whether that one is this program's own.
+    is_demo: bool,
     first_found: Option<Monotonic>,
 }
 
 impl RobotChoice {
-    pub(super) const fn new(named: Option<RobotId>) -> Self {
+    pub(super) const fn new(named: Option<RobotId>, is_demo: bool) -> Self {
         Self {
             named,
+            is_demo,
             first_found: None,
         }
     }
 
-    pub(super) const fn named(&self) -> Option<&RobotId> {
-        self.named.as_ref()
+    pub(super) const fn sought(&self) -> Sought<'_> {
+        match &self.named {
+            Some(_) if self.is_demo => Sought::Demo,
+            Some(named) => Sought::Named(named),
+            None => Sought::Any,
+        }
     }
 
     /// The robot to connect to now, if none is shown: the named one, or the only one.
@@ -87,7 +95,7 @@ mod tests {
 
     #[test]
     fn the_named_robot_is_chosen_at_once_and_no_other() {
-        let mut choice = RobotChoice::new(Some("b".parse().unwrap()));
+        let mut choice = RobotChoice::new(Some("b".parse().unwrap()), false);
         let robots = [found("a"), found("b")];
         assert_eq!(choice.choose(&robots[..1], at(5_000)), None);
         assert_eq!(choice.choose(&robots, at(5_000)), Some(&robots[1]));

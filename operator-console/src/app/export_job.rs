@@ -9,7 +9,9 @@ use std::time::Duration;
 
 use robot_edge::clock::Monotonic;
 
+use super::watch::Note;
 use crate::command::ExportWish;
+use crate::event_log::Severity;
 use crate::export::{ExportPart, Snapshot};
 use crate::link::ModelHandle;
 use crate::model::VoxelsProgress;
@@ -38,6 +40,8 @@ const PATIENCE: Duration = Duration::from_mins(1);
 pub(super) struct ExportJob {
     progress: Arc<Mutex<ExportProgress>>,
     is_cancelled: Arc<AtomicBool>,
+    /// Whether its end was taken, whichever robot is shown by then.
+    is_told: bool,
 }
 
 impl ExportJob {
@@ -67,12 +71,26 @@ impl ExportJob {
         Self {
             progress,
             is_cancelled,
+            is_told: false,
         }
     }
 
     /// How far it is.
     pub(super) fn progress(&self) -> ExportProgress {
         lock(&self.progress).clone()
+    }
+
+    /// How it ended, once.
+    pub(super) fn take_end(&mut self) -> Option<Note> {
+        if self.is_told {
+            return None;
+        }
+        let ended = lock(&self.progress).ended.clone()?;
+        self.is_told = true;
+        Some(match ended {
+            Ok(words) => (Severity::Note, "export", words),
+            Err(why) => (Severity::Warning, "export", why),
+        })
     }
 
     /// No part is begun any more.
@@ -162,4 +180,24 @@ fn fetch_voxels(model: &ModelHandle, is_cancelled: &AtomicBool) -> Result<(), St
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_end_of_an_export_is_told_once() {
+        let progress = Arc::new(Mutex::new(ExportProgress::default()));
+        let mut job = ExportJob {
+            progress: Arc::clone(&progress),
+            is_cancelled: Arc::default(),
+            is_told: false,
+        };
+        assert_eq!(job.take_end(), None);
+        lock(&progress).ended = Some(Ok("3 files are in maps".to_owned()));
+        let note = (Severity::Note, "export", "3 files are in maps".to_owned());
+        assert_eq!(job.take_end(), Some(note));
+        assert_eq!(job.take_end(), None);
+    }
 }

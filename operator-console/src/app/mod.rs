@@ -59,6 +59,8 @@ pub struct AppSettings {
     pub connect: Vec<String>,
     /// The robot to show.
     pub robot: Option<RobotId>,
+    /// Whether that robot is simulated by this program.
+    pub is_demo: bool,
     /// A Zenoh configuration to lay ours over.
     pub zenoh_config: Option<PathBuf>,
     /// Who the operator is, where the link is secured.
@@ -141,7 +143,7 @@ impl ConsoleApp {
             credentials: settings.credentials,
             session_id: settings.session,
             discovery,
-            choice: RobotChoice::new(settings.robot),
+            choice: RobotChoice::new(settings.robot, settings.is_demo),
             shown: None,
             problem: None,
             screen: Screen::of(&settings.settings),
@@ -212,7 +214,7 @@ impl eframe::App for ConsoleApp {
             let link = session.model().connection().state(now);
             (&found.robot, link)
         });
-        let mut robots = RobotsData::new(&seen, current, self.choice.named(), problem, now);
+        let mut robots = RobotsData::new(&seen, current, self.choice.sought(), problem, now);
         robots.addresses.clone_from(&self.settings.addresses);
         let around = Around {
             robots: &robots,

@@ -124,7 +124,6 @@ impl ConsoleApp {
                     let ctx = self.ctx.clone();
                     let wake = move || ctx.request_repaint_after(Duration::from_millis(1));
                     self.export = Some(ExportJob::start(wish, session.handle(), wake));
-                    self.watch.export_began();
                 }
             }
             Command::CancelExport => {

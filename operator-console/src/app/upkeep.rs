@@ -11,6 +11,7 @@ use crate::playback::is_recording;
 use crate::settings::{Keeper, WindowPlace};
 
 use super::ConsoleApp;
+use super::export_job::ExportJob;
 
 impl ConsoleApp {
     pub(super) fn note(&mut self, severity: Severity, kind: &str, text: impl Into<String>) {
@@ -32,9 +33,7 @@ impl ConsoleApp {
                 notes.extend(self.watch.look(&model, session.transport(), now));
             }
         }
-        if let Some(export) = &self.export {
-            notes.extend(self.watch.look_at_export(&export.progress()));
-        }
+        notes.extend(self.export.as_mut().and_then(ExportJob::take_end));
         self.pictures.retain(|(path, outcome)| {
             let mut outcome = outcome.lock().unwrap_or_else(PoisonError::into_inner);
             let Some(outcome) = outcome.take() else {

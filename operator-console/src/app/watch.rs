@@ -1,8 +1,7 @@
-//! What this console notices by itself, once each: the link comes, goes and takes another way; an export ends.
+//! What this console notices by itself, once each: the link comes, goes and takes another way.
 
 use robot_edge::clock::Monotonic;
 
-use super::export_job::ExportProgress;
 use crate::event_log::Severity;
 use crate::link::Transport;
 use crate::model::{ConsoleModel, LinkState};
@@ -14,7 +13,6 @@ pub(super) struct Watch {
     link: Option<LinkState>,
     lost: Option<Monotonic>,
     transport: Option<Transport>,
-    export_is_told: bool,
 }
 
 /// Something to note: how much it matters, its kind, and what it is.
@@ -58,21 +56,6 @@ impl Watch {
             notes.extend(transport.and_then(transport_note));
         }
         notes
-    }
-
-    /// Another export has begun.
-    pub(super) const fn export_began(&mut self) {
-        self.export_is_told = false;
-    }
-
-    /// Looks at the last export.
-    pub(super) fn look_at_export(&mut self, progress: &ExportProgress) -> Option<Note> {
-        let ended = progress.ended.as_ref().filter(|_| !self.export_is_told)?;
-        self.export_is_told = true;
-        Some(match ended {
-            Ok(words) => (Severity::Note, "export", words.clone()),
-            Err(why) => (Severity::Warning, "export", why.clone()),
-        })
     }
 }
 
@@ -147,18 +130,5 @@ mod tests {
             look(&model, None, 9_000),
             ["scout is heard again after 6.0 s"]
         );
-    }
-
-    #[test]
-    fn the_end_of_an_export_is_noted_once() {
-        let mut watch = Watch::default();
-        let mut progress = ExportProgress::default();
-        assert_eq!(watch.look_at_export(&progress), None);
-        progress.ended = Some(Ok("3 files are in maps".to_owned()));
-        let note = (Severity::Note, "export", "3 files are in maps".to_owned());
-        assert_eq!(watch.look_at_export(&progress), Some(note));
-        assert_eq!(watch.look_at_export(&progress), None);
-        watch.export_began();
-        assert!(watch.look_at_export(&progress).is_some());
     }
 }

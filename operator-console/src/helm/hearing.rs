@@ -73,7 +73,8 @@ impl Helm {
             Some(LeaseChange::Lost) => {
                 self.lease = Lease::None;
                 self.lose(Loss::Lease, now);
-                self.warn(now, Note::LeaseLost);
+                let note = self.why_lost(&status);
+                self.warn(now, note);
             }
             None => {}
         }
@@ -102,6 +103,17 @@ impl Helm {
             TeleopState::Driving | TeleopState::Stopping(_) => {}
         }
         self.status = Some(status);
+    }
+
+    /// Why a status tells that this console has no lease any more.
+    fn why_lost(&self, status: &TeleopStatus) -> Note {
+        let was_stopped = self.status.as_ref().is_some_and(|was| was.estop.is_some());
+        let is_reset = was_stopped && status.estop.is_none() && status.lease.holder.is_none();
+        if is_reset {
+            Note::ResetEndedDriving
+        } else {
+            Note::LeaseLost
+        }
     }
 
     fn hear_answer(&mut self, request: RequestNumber, answer: Answer, now: Monotonic) {
@@ -147,10 +159,14 @@ impl Helm {
             (Asked::Lease(_) | Asked::Reset(_) | Asked::Set(_), _) => {}
         }
         let note = Note::Answered(asked, answer);
+        let is_of_reset = matches!(self.notice, Some((_, Note::ResetEndedDriving)));
         if matches!(answer, Answer::Refused(_)) {
             self.warn(now, note);
         } else {
-            self.notice = None;
+            // A status may overtake the answer to a reset: what it ended is still to be read.
+            if !(is_of_reset && matches!(note, Note::Answered(Asked::Reset(_), _))) {
+                self.notice = None;
+            }
             self.note(now, note);
         }
     }

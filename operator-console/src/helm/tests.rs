@@ -573,6 +573,49 @@ fn what_the_operator_did_not_expect_is_shown_for_a_while() {
     assert_eq!(rig.helm.sight(at(rig.ms)).notice, Some(Note::LeaseLost));
 }
 
+#[test]
+fn who_is_let_go_by_a_reset_hears_why() {
+    let stopped = |status: &mut TeleopStatus| {
+        status.state = TeleopState::EStop;
+        status.estop = Some(EStopStatus {
+            number: 3,
+            is_stored: true,
+        });
+    };
+    let idle = |status: &mut TeleopStatus| {
+        status.state = TeleopState::Idle;
+        status.lease.holder = None;
+    };
+    for answer_is_first in [true, false] {
+        let mut rig = Rig::held();
+        rig.status(stopped);
+        rig.helm.want(Intent::Reset(3), at(rig.ms));
+        rig.run(20);
+        if answer_is_first {
+            rig.answer(Answer::Done);
+            rig.status(idle);
+        } else {
+            rig.status(idle);
+            rig.answer(Answer::Done);
+        }
+        let sight = rig.helm.sight(at(rig.ms));
+        assert_eq!(sight.lease, Lease::None);
+        assert_eq!(sight.notice, Some(Note::ResetEndedDriving));
+        rig.ask(LeaseRequest::Request);
+        rig.run(20);
+        rig.answer(Answer::Granted(5));
+        assert_eq!(rig.helm.sight(at(rig.ms)).notice, None);
+    }
+    // Somebody else drives by now: that is another loss.
+    let mut rig = Rig::held();
+    rig.status(stopped);
+    rig.status(|status| {
+        status.lease.epoch = 5;
+        status.lease.holder = Some("bert".parse().unwrap());
+    });
+    assert_eq!(rig.helm.sight(at(rig.ms)).notice, Some(Note::LeaseLost));
+}
+
 /// Whoever owns the loop owns the clock, the network and the window; so a script's commands are a window's.
 #[test]
 fn helm_and_hands_are_pure() {

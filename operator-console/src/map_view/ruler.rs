@@ -1,6 +1,6 @@
 //! Measuring on the map: how far it is along a line of points, in which direction, and how much higher. Pure.
 
-use crate::panels::wording::signed;
+use crate::panels::wording::{bearing, signed};
 
 /// Points of a line at most.
 pub(super) const MAX_POINTS: usize = 100;
@@ -67,11 +67,7 @@ impl Ruler {
 impl Leg {
     /// In words.
     pub fn label(&self) -> String {
-        // 359.7° is north.
-        let bearing = self.bearing_deg.map(|deg| {
-            let whole = deg.round().rem_euclid(360.0);
-            format!("{whole:03.0}°")
-        });
+        let bearing = self.bearing_deg.map(bearing);
         let rise = self.rise_m.map(|rise_m| {
             let sign = if rise_m > 0.0 { "+" } else { "" };
             format!("height {sign}{} m", signed(rise_m, 2))

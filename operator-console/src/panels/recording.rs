@@ -166,6 +166,7 @@ fn refusal(note: &Note) -> Option<String> {
         | Note::NotSent(..)
         | Note::LeaseGained(_)
         | Note::LeaseLost
+        | Note::ResetEndedDriving
         | Note::EStopPressed
         | Note::EStopAcknowledged(_)
         | Note::EStopRefused(_)

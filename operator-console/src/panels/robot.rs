@@ -5,7 +5,7 @@ use robot_edge::clock::Monotonic;
 
 use super::rows::{Row, row, rows_ui};
 use super::stale::is_position_old;
-use super::wording::{age, count, signed};
+use super::wording::{age, bearing, count, signed};
 use crate::model::{ConsoleModel, LinkState};
 
 /// What the panel shows.
@@ -61,14 +61,24 @@ fn pose_rows(model: &ConsoleModel) -> Vec<Row> {
         .heading_rad()
         .unwrap_or_default()
         .to_degrees();
+    let knows_north = model.shores().is_some_and(|shores| shores.datum.is_some());
     let speed = signed(f64::from(pose.speed_mps), 2);
     let turning = signed(f64::from(pose.turn_rate_radps).to_degrees(), 0);
     vec![
         row("Position", format!("x {x}  y {y} m")),
         row("Height", format!("{z} m")),
-        row("Heading", format!("{}°", signed(heading_deg, 0))),
+        row("Heading", heading(heading_deg, knows_north)),
         row("Speed", format!("{speed} m/s, turning {turning}°/s")),
     ]
+}
+
+/// `angle_deg`: counter-clockwise from x of `odom`, which points east where north is known.
+fn heading(angle_deg: f64, knows_north: bool) -> String {
+    if knows_north {
+        bearing(90.0 - angle_deg)
+    } else {
+        format!("{}° from x, left is plus", signed(angle_deg, 0))
+    }
 }
 
 /// Draws the panel.
@@ -80,4 +90,23 @@ pub fn robot_ui(ui: &mut Ui, data: &RobotData) {
         ui.label("Nothing is known of it yet.");
     }
     rows_ui(ui, "robot", &data.rows);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_heading_is_the_compasss_where_north_is_known() {
+        for (angle_deg, on_earth, on_map) in [
+            (90.0, "000°", "90° from x, left is plus"),
+            (1.2, "089°", "1° from x, left is plus"),
+            (-90.0, "180°", "−90° from x, left is plus"),
+            (179.9, "270°", "180° from x, left is plus"),
+            (90.3, "000°", "90° from x, left is plus"),
+        ] {
+            assert_eq!(heading(angle_deg, true), on_earth);
+            assert_eq!(heading(angle_deg, false), on_map);
+        }
+    }
 }

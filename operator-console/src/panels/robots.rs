@@ -25,10 +25,23 @@ pub struct RobotsData {
     pub current: Option<RobotId>,
     /// What to do where nothing is shown: it stands where the map would be.
     pub advice: Option<String>,
+    /// Whether this program's own robot is about to be there: nobody need do anything.
+    pub is_starting: bool,
     /// Why none can be found.
     pub problem: Option<String>,
     /// Addresses that are remembered.
     pub addresses: Vec<String>,
+}
+
+/// Which robot is waited for while none is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sought<'a> {
+    /// Whichever there is.
+    Any,
+    /// The one that the command line asks for.
+    Named(&'a RobotId),
+    /// The one that this program simulates.
+    Demo,
 }
 
 /// One robot.
@@ -48,12 +61,11 @@ pub struct RobotLine {
 pub type Seen = (Sighting, Color32);
 
 impl RobotsData {
-    /// `current`: the robot that is shown, and how its link is, which is newer than what was seen of it before. `named`:
-    /// the robot that the command line asks for.
+    /// `current`: the robot that is shown, and how its link is, which is newer than what was seen of it before.
     pub fn new(
         seen: &[Seen],
         current: Option<(&RobotId, LinkState)>,
-        named: Option<&RobotId>,
+        sought: Sought<'_>,
         problem: Option<String>,
         now: Monotonic,
     ) -> Self {
@@ -74,20 +86,21 @@ impl RobotsData {
             .collect();
         found.sort_by(|a, b| a.found.cmp(&b.found));
         found.dedup_by(|a, b| a.found == b.found);
-        let advice = match (current, named) {
-            (Some(_), _) => None,
-            (None, Some(named)) => Some(format!(
+        let advice = match (current, sought) {
+            (Some(_), _) | (None, Sought::Demo) => None,
+            (None, Sought::Named(named)) => Some(format!(
                 "Looking for {named}. Start it, or type its address."
             )),
-            (None, None) if found.is_empty() => {
+            (None, Sought::Any) if found.is_empty() => {
                 Some("No robot found on this network yet.".to_owned())
             }
-            (None, None) => Some("Choose one on the left.".to_owned()),
+            (None, Sought::Any) => Some("Choose one on the left.".to_owned()),
         };
         Self {
             found,
             current: current.map(|(robot, _)| robot.clone()),
             advice,
+            is_starting: current.is_none() && sought == Sought::Demo,
             problem,
             addresses: Vec::new(),
         }
@@ -317,19 +330,23 @@ mod tests {
     #[test]
     fn the_advice_says_what_to_do() {
         let named = "boat".parse().unwrap();
-        let advice = |seen: &[Seen], named| {
-            RobotsData::new(seen, None, named, None, NOW)
+        let advice = |seen: &[Seen], sought| {
+            RobotsData::new(seen, None, sought, None, NOW)
                 .advice
                 .unwrap_or_default()
         };
-        assert_eq!(advice(&[], None), "No robot found on this network yet.");
+        assert_eq!(
+            advice(&[], Sought::Any),
+            "No robot found on this network yet."
+        );
         let (a, b) = (seen("a", 0, None), seen("b", 0, None));
         assert_eq!(
-            advice(&[a.clone(), b.clone()], None),
+            advice(&[a.clone(), b.clone()], Sought::Any),
             "Choose one on the left."
         );
-        assert!(advice(std::slice::from_ref(&a), Some(&named)).contains("Looking for boat"));
-        let data = RobotsData::new(&[b.clone(), a, b], None, None, None, NOW);
+        let waiting = advice(std::slice::from_ref(&a), Sought::Named(&named));
+        assert!(waiting.contains("Looking for boat"));
+        let data = RobotsData::new(&[b.clone(), a, b], None, Sought::Any, None, NOW);
         let names: Vec<_> = data
             .found
             .iter()
@@ -354,7 +371,7 @@ mod tests {
         ];
         let current = "e".parse().unwrap();
         let current = Some((&current, LinkState::Silent));
-        let data = RobotsData::new(&fleet, current, None, None, NOW);
+        let data = RobotsData::new(&fleet, current, Sought::Any, None, NOW);
         let states: Vec<_> = data
             .found
             .iter()

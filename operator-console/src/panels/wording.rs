@@ -24,6 +24,13 @@ pub fn signed(number: f64, decimals: usize) -> String {
     }
 }
 
+/// A direction, degrees clockwise from north, as a compass has it: three digits.
+pub fn bearing(deg: f64) -> String {
+    // 359.7° is north, and so is −0.3°, without a sign.
+    let whole = deg.round().rem_euclid(360.0).abs();
+    format!("{whole:03.0}°")
+}
+
 /// A count in groups of three digits.
 pub fn count(number: u64) -> String {
     let digits = number.to_string();

@@ -23,7 +23,7 @@ use crate::cockpit::Cockpit;
 use crate::helm::Intent;
 use crate::identity::Identity;
 use crate::link::RobotSession;
-use crate::model::ModelSettings;
+use crate::model::{LinkState, ModelSettings};
 use crate::panels::driving::words::note as note_in_words;
 use crate::target::Target;
 use crate::teleop_input::InputEvent;
@@ -52,6 +52,8 @@ pub struct Drive {
     pub script: PathBuf,
     /// How long to wait for the robot.
     pub timeout: Duration,
+    /// Say nothing but what the script does.
+    pub quiet: bool,
 }
 
 /// Drives, and tells what happens. Ends with [`Exit::Failed`] where something was refused, not answered, or awaited in
@@ -71,6 +73,7 @@ pub fn run(
         zenoh_config: settings.zenoh_config.clone(),
         credentials: settings.credentials.clone(),
         timeout: settings.timeout,
+        quiet: settings.quiet,
     };
     let found = target.find(&is_interrupted)?;
     let model = ModelSettings {
@@ -92,7 +95,7 @@ pub fn run(
     let mut cockpit = Cockpit::new(found.robot, settings.identity.clone(), link)?;
     // A terminal does not tell whether somebody is there; a script is.
     cockpit.apply(InputEvent::Focus(true));
-    let limits = limits(&session, settings.timeout, &is_interrupted)?;
+    let limits = limits(&session, &target, &is_interrupted)?;
     cockpit.set_limits(limits);
 
     let mut play = Play {
@@ -130,10 +133,11 @@ fn load(path: &Path) -> anyhow::Result<Vec<Step>> {
 /// What the robot can do, as soon as it tells and can be driven.
 fn limits(
     session: &RobotSession,
-    timeout: Duration,
+    target: &Target,
     is_interrupted: &impl Fn() -> bool,
 ) -> anyhow::Result<[f32; 2]> {
-    let deadline = Monotonic::now() + timeout;
+    let deadline = Monotonic::now() + target.timeout;
+    let mut unanswered = target.unanswered();
     loop {
         {
             let model = session.model();
@@ -142,7 +146,11 @@ fn limits(
             if let Some(info) = model.info().filter(|_| is_drivable) {
                 return Ok(info.limits);
             }
-            if deadline.since(Monotonic::now()).is_zero() {
+            let now = Monotonic::now();
+            if model.connection().state(now) == LinkState::Waiting {
+                unanswered.complain(now);
+            }
+            if deadline.since(now).is_zero() {
                 let why = match (session.problem(), model.info()) {
                     (Some(problem), _) => problem,
                     (None, None) => "it says nothing".to_owned(),

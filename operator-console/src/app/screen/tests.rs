@@ -23,6 +23,7 @@ use crate::export::ExportPart;
 use crate::link::{FoundRobot, Sighting};
 use crate::map_view::{LayerCommand, Orientation, Overlay, ShoreMark, Sight};
 use crate::model::{Incoming, LinkState, ModelSettings, Outgoing, RequestId};
+use crate::panels::robots::Sought;
 use crate::playback::PlaybackCommand;
 
 const BOOT: BootId = BootId([9; 16]);
@@ -62,7 +63,7 @@ impl Rig {
             model: None,
             link: LinkSight::default(),
             helm: None,
-            robots: RobotsData::new(&[], None, None, None, at(1_000)),
+            robots: RobotsData::new(&[], None, Sought::Any, None, at(1_000)),
             log: EventLog::default(),
             alerts: Alerts::default(),
             now: at(1_000),
@@ -82,7 +83,13 @@ impl Rig {
         };
         Self {
             model: Some(ConsoleModel::new(settings).unwrap()),
-            robots: RobotsData::new(&[], Some((&name(), LinkState::Live)), None, None, at(1_000)),
+            robots: RobotsData::new(
+                &[],
+                Some((&name(), LinkState::Live)),
+                Sought::Any,
+                None,
+                at(1_000),
+            ),
             ..Self::new()
         }
     }
@@ -285,6 +292,17 @@ fn without_a_robot_the_screen_says_how_to_get_one() {
             "Open recording…",
         ],
         &["Live", "In step", "Whole map"],
+    );
+}
+
+#[test]
+fn a_demonstration_that_starts_asks_for_nothing() {
+    let mut rig = Rig::new();
+    rig.robots = RobotsData::new(&[], None, Sought::Demo, None, at(1_000));
+    check(
+        &rig.window(),
+        &["Starting the demo…"],
+        &["Looking for", "To begin", "--demo"],
     );
 }
 
@@ -572,7 +590,7 @@ fn the_operator_chooses_robots_addresses_and_layers() {
     rig.robots = RobotsData::new(
         &[seen("scout-1"), seen("boat-7")],
         Some((&name(), LinkState::Live)),
-        None,
+        Sought::Any,
         None,
         at(1_000),
     );

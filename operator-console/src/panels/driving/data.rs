@@ -20,6 +20,8 @@ const POSE_LATE: Duration = Duration::from_millis(600);
 const STATUS_LATE: Duration = Duration::from_millis(1800);
 /// A vehicle that is slower than this stands, m/s and rad/s.
 const MOVING: f32 = 0.05;
+/// Wind and current seldom carry a boat that is faster than this, m/s.
+const DRIFTING: f32 = 0.5;
 
 /// What the panel shows.
 #[derive(Clone, Debug, PartialEq)]
@@ -219,16 +221,14 @@ fn heard(
     helm: &HelmSight,
     moves: Option<f32>,
 ) -> (Tone, String, Option<String>) {
-    // Told zero, and moving all the same: pushed, driven by something else, or braking.
-    let moves_untold = moves.filter(|_| {
-        matches!(
-            teleop.state,
-            TeleopState::SafeBoot
-                | TeleopState::Idle
-                | TeleopState::Held
-                | TeleopState::EStop
-                | TeleopState::Fault(_)
-        ) && !teleop.is_drifting
+    // Told zero, and moving all the same: pushed, driven by something else, or braking. A boat without thrust is slow, or
+    // was driven a moment ago.
+    let moves_untold = moves.filter(|speed_mps| match teleop.state {
+        TeleopState::Idle => !teleop.is_drifting || speed_mps.abs() > DRIFTING,
+        TeleopState::SafeBoot | TeleopState::Held | TeleopState::EStop | TeleopState::Fault(_) => {
+            !teleop.is_drifting
+        }
+        TeleopState::Driving | TeleopState::Stopping(_) => false,
     });
     if let Some(speed_mps) = moves_untold {
         let headline = match teleop.state {
@@ -243,7 +243,13 @@ fn heard(
         // A simulated tour does, and whatever else drives besides operators.
         if teleop.state == TeleopState::Idle {
             let advice = format!("Nobody drives it from here: {speed} m/s");
-            return (Tone::Waiting, headline, Some(advice));
+            // Whether that is a program or a strong current, only the water knows.
+            let tone = if teleop.is_drifting {
+                Tone::Warning
+            } else {
+                Tone::Waiting
+            };
+            return (tone, headline, Some(advice));
         }
         let advice = format!("It is told to stand, and moves: {speed} m/s");
         return (Tone::Warning, headline, Some(advice));
@@ -281,11 +287,11 @@ fn heard(
         {
             Some("Let go of all keys, then press anew".to_owned())
         }
-        (TeleopState::Idle | TeleopState::Held, _) if teleop.is_drifting => {
-            Some("No thrust: wind and current move it".to_owned())
-        }
         (TeleopState::Held | TeleopState::Driving, _) if is_mine && !helm.is_ready => {
             Some("Click into this window to drive".to_owned())
+        }
+        (TeleopState::Idle | TeleopState::Held, _) if teleop.is_drifting => {
+            Some("No thrust: wind and current move it".to_owned())
         }
         (TeleopState::Held | TeleopState::Driving, _) if is_mine => {
             Some("W A S D or arrows drive while held".to_owned())
@@ -310,7 +316,7 @@ fn estop_face(teleop: &TeleopStatus, helm: &HelmSight) -> EStopFace {
             number: estop.number,
             is_stored: estop.is_stored,
         },
-        (EStopSight::Refused(why), None) => EStopFace::Refused(why.to_string()),
+        (EStopSight::Refused(why), None) => EStopFace::Refused(words::refusal(why)),
         (EStopSight::Quiet, None) => EStopFace::Ready,
     }
 }

@@ -58,12 +58,18 @@ pub(super) fn rows(
         rows.push((tone, row("Last stop", words::stop(stop))));
     }
     if helm.lease.held().is_some() {
-        let tone = match teleop.arming {
-            Arming::Locked => Tone::Warning,
-            Arming::Neutral => Tone::Waiting,
-            Arming::Pressed => Tone::Good,
+        // The vehicle would obey, and hears nothing: the keyboard is another window's, or a field's.
+        let is_elsewhere = !helm.is_ready && helm.ignored.is_none();
+        let told = words::arming(teleop.arming);
+        let (tone, words) = match teleop.arming {
+            Arming::Locked | Arming::Neutral if is_elsewhere => {
+                (Tone::Warning, "Click into this window")
+            }
+            Arming::Locked => (Tone::Warning, told),
+            Arming::Neutral => (Tone::Waiting, told),
+            Arming::Pressed => (Tone::Good, told),
         };
-        rows.push((tone, row("Keys", words::arming(teleop.arming))));
+        rows.push((tone, row("Keys", words)));
     }
     let stops = teleop.counters.involuntary_stops;
     if stops > 0 {

@@ -338,6 +338,37 @@ fn a_vehicle_that_moves_untold_does_not_stand() {
     boat.velocity = [0.2, 0.0];
     assert_eq!(boat.data().headline, "Drifting");
     assert_eq!(boat.data().tone, Tone::Warning);
+    // No usual current does that.
+    boat.velocity = [1.5, 0.0];
+    let data = boat.data();
+    assert_eq!(
+        (data.headline.as_str(), data.tone),
+        ("Moving by itself", Tone::Warning)
+    );
+    let advice = "Nobody drives it from here: 1.50 m/s";
+    assert_eq!(data.advice.as_deref(), Some(advice));
+    // Who let go at speed goes on for a while.
+    boat.teleop.state = TeleopState::Held;
+    assert_eq!(boat.data().headline, "Drifting");
+}
+
+#[test]
+fn keys_that_go_elsewhere_are_not_said_to_be_ready() {
+    for is_boat in [false, true] {
+        let mut rig = Rig::driving();
+        rig.teleop.state = TeleopState::Held;
+        rig.teleop.arming = Arming::Neutral;
+        rig.teleop.is_drifting = is_boat;
+        rig.helm.wish = Wish::NEUTRAL;
+        rig.velocity = [0.0; 2];
+        let ready = Some((Tone::Waiting, "Ready".to_owned()));
+        assert_eq!(rig.row("Keys"), ready);
+        rig.helm.is_ready = false;
+        let advice = Some("Click into this window to drive".to_owned());
+        assert_eq!(rig.data().advice, advice, "on water: {is_boat}");
+        let elsewhere = Some((Tone::Warning, "Click into this window".to_owned()));
+        assert_eq!(rig.row("Keys"), elsewhere);
+    }
 }
 
 #[test]
@@ -425,8 +456,19 @@ fn what_was_not_expected_is_said() {
     for (note, says) in [
         (Note::LeaseLost, "Lease lost"),
         (
+            Note::ResetEndedDriving,
+            "The reset ended driving: press Drive anew",
+        ),
+        (
             Note::Answered(Asked::Reset(3), Answer::Refused(Refusal::Role)),
             "Reset of emergency stop 3 refused: the sender's role does not allow it",
+        ),
+        (
+            Note::Answered(
+                Asked::Lease(LeaseRequest::Request),
+                Answer::Refused(Refusal::Signature),
+            ),
+            "Lease request refused: your name and key are not on this vehicle's list of operators",
         ),
         (
             Note::NotAnswered(Asked::Lease(LeaseRequest::Request)),

@@ -1,8 +1,8 @@
 //! States and reasons of driving as the operator reads them.
 
 use protocol::message::{
-    Answer, Arming, Clamp, FaultReason, Guard, GuardLimits, LeaseEnd, LeaseRequest, Setting,
-    StopReason, TeleopState,
+    Answer, Arming, Clamp, FaultReason, Guard, GuardLimits, LeaseEnd, LeaseRequest, Refusal,
+    Setting, StopReason, TeleopState,
 };
 
 use crate::helm::{Asked, Note, WhyNot};
@@ -102,11 +102,41 @@ pub const fn arming(arming: Arming) -> &'static str {
     }
 }
 
+/// Why the vehicle does not do it.
+pub fn refusal(why: Refusal) -> String {
+    match why {
+        // It tells strangers no more. Who is struck off, or has got another key, is one.
+        Refusal::Signature | Refusal::UnknownOperator => {
+            "your name and key are not on this vehicle's list of operators".to_owned()
+        }
+        Refusal::Malformed
+        | Refusal::TooMany
+        | Refusal::Role
+        | Refusal::OtherBoot
+        | Refusal::UnknownToken
+        | Refusal::WrongNonce
+        | Refusal::TooOld
+        | Refusal::NotHolder
+        | Refusal::OtherEpoch
+        | Refusal::OldSequence
+        | Refusal::NotFinite
+        | Refusal::NotReady
+        | Refusal::Busy
+        | Refusal::NotWaiting
+        | Refusal::NoEStop
+        | Refusal::OtherEStop
+        | Refusal::EStopNotStored
+        | Refusal::EStopSince
+        | Refusal::OutOfRange
+        | Refusal::Unavailable => why.to_string(),
+    }
+}
+
 /// A note, and whether it says that something was not done.
 pub fn note(note: &Note) -> (String, bool) {
     match note {
         Note::Answered(what, Answer::Refused(why)) => {
-            (format!("{} refused: {why}", asked(what)), true)
+            (format!("{} refused: {}", asked(what), refusal(*why)), true)
         }
         Note::Answered(what, answer) => (format!("{}: {}", asked(what), outcome(*answer)), false),
         Note::NotAnswered(what) => (format!("{}: no answer", asked(what)), true),
@@ -119,9 +149,13 @@ pub fn note(note: &Note) -> (String, bool) {
         }
         Note::LeaseGained(epoch) => (format!("lease held, grant {epoch}"), false),
         Note::LeaseLost => ("lease lost".to_owned(), false),
+        Note::ResetEndedDriving => (
+            "the reset ended driving: press Drive anew".to_owned(),
+            false,
+        ),
         Note::EStopPressed => ("emergency stop pressed".to_owned(), false),
         Note::EStopAcknowledged(number) => (format!("emergency stop {number} acknowledged"), false),
-        Note::EStopRefused(why) => (format!("emergency stop refused: {why}"), true),
+        Note::EStopRefused(why) => (format!("emergency stop refused: {}", refusal(*why)), true),
         Note::Lost(why) => (format!("keys count no more: {}", loss(*why)), false),
     }
 }
@@ -146,7 +180,7 @@ fn outcome(answer: Answer) -> String {
         Answer::Granted(epoch) => format!("granted, grant {epoch}"),
         Answer::Waiting => "waiting".to_owned(),
         Answer::EStopped(number) => format!("stopped, number {number}"),
-        Answer::Refused(why) => format!("refused: {why}"),
+        Answer::Refused(why) => format!("refused: {}", refusal(why)),
     }
 }
 
