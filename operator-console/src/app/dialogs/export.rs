@@ -3,7 +3,9 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use eframe::egui::{Align2, Button, Context, ProgressBar, RichText, TextEdit, Window};
+use eframe::egui::{
+    Align2, Button, Context, Key, ProgressBar, RichText, ScrollArea, TextEdit, Ui, Window, vec2,
+};
 use robot_edge::clock::wall_clock_label;
 
 use crate::app::export_job::ExportProgress;
@@ -18,6 +20,8 @@ use crate::theme::{Tone, state_ui};
 const WIDTH: f32 = 460.0;
 /// What its frame takes of that.
 const MARGIN: f32 = 40.0;
+/// What its title and frame take of its height.
+const TITLE: f32 = 80.0;
 
 /// What is chosen.
 pub(super) struct ExportDialog {
@@ -55,56 +59,67 @@ impl ExportDialog {
             .resizable(false)
             .pivot(Align2::CENTER_CENTER)
             .default_pos(ctx.content_rect().center())
-            .vscroll(true)
             .show(ctx, |ui| {
-                ui.set_width(WIDTH.min(ctx.content_rect().width() - MARGIN));
-                let is_running = progress.is_some_and(|progress| progress.ended.is_none());
-                ui.add_enabled_ui(!is_running, |ui| {
-                    let label = ui.label("Folder");
-                    let field = TextEdit::singleline(&mut self.folder)
-                        .char_limit(4096)
-                        .desired_width(f32::INFINITY);
-                    let field = ui.add(field).labelled_by(label.id);
-                    if !self.has_keyboard {
-                        field.request_focus();
-                        self.has_keyboard = true;
-                    }
-                    for part in ExportPart::all() {
-                        self.part_ui(ui, part, model);
-                    }
-                });
-                ui.horizontal(|ui| {
-                    let can_begin = !is_running
-                        && model.is_some()
-                        && !self.parts.is_empty()
-                        && !self.folder.trim().is_empty();
-                    let button = ui.add_enabled(can_begin, Button::new("Export"));
-                    if button
-                        .on_hover_text("Files of the same name are replaced")
-                        .clicked()
-                    {
-                        command = Some(Command::Export(ExportWish {
-                            folder: PathBuf::from(self.folder.trim()),
-                            parts: self.parts.clone(),
-                        }));
-                    }
-                    if is_running && ui.button("Cancel export").clicked() {
-                        command = Some(Command::CancelExport);
-                    }
-                });
-                if let Some(progress) = progress {
-                    command = command.take().or(progress_ui(ui, progress));
-                }
+                let room = ctx.content_rect().size() - vec2(MARGIN, TITLE);
+                ui.set_width(WIDTH.min(room.x));
+                // It grows with what it says, as far as the window goes.
+                let scrolled = ScrollArea::vertical()
+                    .max_height(room.y)
+                    .min_scrolled_height(room.y);
+                let shown = scrolled.show(ui, |ui| self.choice_ui(ui, model, progress));
+                command = shown.inner;
             });
         command
     }
 
-    fn part_ui(
+    fn choice_ui(
         &mut self,
-        ui: &mut eframe::egui::Ui,
-        part: ExportPart,
+        ui: &mut Ui,
         model: Option<&ConsoleModel>,
-    ) {
+        progress: Option<&ExportProgress>,
+    ) -> Option<Command> {
+        let mut command = None;
+        let is_running = progress.is_some_and(|progress| progress.ended.is_none());
+        let mut is_entered = false;
+        ui.add_enabled_ui(!is_running, |ui| {
+            let label = ui.label("Folder");
+            let field = TextEdit::singleline(&mut self.folder)
+                .char_limit(4096)
+                .desired_width(f32::INFINITY);
+            let field = ui.add(field).labelled_by(label.id);
+            if !self.has_keyboard {
+                field.request_focus();
+                self.has_keyboard = true;
+            }
+            is_entered = field.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
+            for part in ExportPart::all() {
+                self.part_ui(ui, part, model);
+            }
+        });
+        ui.horizontal(|ui| {
+            let can_begin = !is_running
+                && model.is_some()
+                && !self.parts.is_empty()
+                && !self.folder.trim().is_empty();
+            let button = ui.add_enabled(can_begin, Button::new("Export"));
+            let button = button.on_hover_text("Files of the same name are replaced (Enter)");
+            if can_begin && (button.clicked() || is_entered) {
+                command = Some(Command::Export(ExportWish {
+                    folder: PathBuf::from(self.folder.trim()),
+                    parts: self.parts.clone(),
+                }));
+            }
+            if is_running && ui.button("Cancel export").clicked() {
+                command = Some(Command::CancelExport);
+            }
+        });
+        if let Some(progress) = progress {
+            command = command.take().or(progress_ui(ui, progress));
+        }
+        command
+    }
+
+    fn part_ui(&mut self, ui: &mut Ui, part: ExportPart, model: Option<&ConsoleModel>) {
         let is_there = model.is_some_and(|model| part.is_in(model));
         let mut is_chosen = is_there && self.parts.contains(&part);
         let words = part_words(part);
@@ -132,7 +147,7 @@ fn part_words(part: ExportPart) -> &'static str {
     }
 }
 
-fn progress_ui(ui: &mut eframe::egui::Ui, progress: &ExportProgress) -> Option<Command> {
+fn progress_ui(ui: &mut Ui, progress: &ExportProgress) -> Option<Command> {
     let [done, all] = progress.parts;
     let share = done as f32 / all.max(1) as f32;
     match &progress.ended {
@@ -153,7 +168,7 @@ fn progress_ui(ui: &mut eframe::egui::Ui, progress: &ExportProgress) -> Option<C
     }
 }
 
-fn open_folder_ui(ui: &mut eframe::egui::Ui, folder: &Path) -> Option<Command> {
+fn open_folder_ui(ui: &mut Ui, folder: &Path) -> Option<Command> {
     ui.button("Open folder")
         .clicked()
         .then(|| Command::OpenFolder(folder.to_owned()))

@@ -346,7 +346,10 @@ fn probes(desk: &Desk) -> Vec<([f64; 2], Vec<Reading>)> {
 /// Exports what is shown, and holds it to what was read.
 fn exports(desk: &Desk, read: &[([f64; 2], Vec<Reading>)]) {
     desk.screen.tap_with(Key::Control, Key::E);
-    desk.click("Button", "Export");
+    desk.controls.named("Button", "Export");
+    rest();
+    // The keyboard is where the folder is.
+    desk.screen.tap(Key::Enter);
     desk.controls.named("Button", "Open folder");
     desk.picture("09_exported");
     let mut known = 0;
