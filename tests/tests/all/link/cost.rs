@@ -3,7 +3,6 @@
 use std::thread::sleep;
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
 use tempfile::tempdir;
 
 use super::processes::{Running, console, free_port, program, rooms};
@@ -22,27 +21,20 @@ fn edge(network: &[&str]) -> Running {
     Running::start(&mut command, "edge")
 }
 
-/// Processor time over the wall time in which it was used, per cent of a core.
-fn load(running: &Running) -> f64 {
-    let (before_s, started) = (running.processor_s(), Monotonic::now());
-    sleep(MEASURED);
-    100.0 * (running.processor_s() - before_s) / started.elapsed().as_secs_f64()
-}
-
 #[test]
 #[ignore = "two minutes: measures"]
 fn streaming_costs_the_vehicle_little_whatever_consoles_do() {
     let folder = tempdir().unwrap();
     let alone = edge(&["--no-network"]);
     sleep(Duration::from_secs(2));
-    let alone = load(&alone);
+    let alone = alone.load(MEASURED);
 
     let port = free_port();
     let listen = format!("tcp/127.0.0.1:{port}");
     let robot = edge(&["--listen", &listen]);
     let watching = console(port, "scout", &folder.path().join("a"));
     sleep(Duration::from_secs(2));
-    let watched = load(&robot);
+    let watched = robot.load(MEASURED);
     let console_load = watching.processor_s();
     drop((watching, robot));
     println!(
@@ -55,7 +47,7 @@ fn streaming_costs_the_vehicle_little_whatever_consoles_do() {
     let watching = console(port, "scout", &folder.path().join("c"));
     sleep(Duration::from_secs(2));
     frozen.signal("STOP");
-    let beside_frozen = load(&robot);
+    let beside_frozen = robot.load(MEASURED);
     println!("with a console and one that is stopped: {beside_frozen:.2} % of a core");
     let said = watching.ends_well();
     println!(

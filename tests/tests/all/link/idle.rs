@@ -4,7 +4,6 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use protocol::message::TeleopState;
-use robot_edge::clock::Monotonic;
 use tempfile::tempdir;
 
 use super::controls::Controls;
@@ -14,13 +13,6 @@ use super::screen::{Key, Screen};
 use super::witness::Witness;
 
 const MEASURED: Duration = Duration::from_secs(30);
-
-/// Processor time over the wall time in which it was used, per cent of a core.
-fn load(running: &Running) -> f64 {
-    let (before_s, started) = (running.processor_s(), Monotonic::now());
-    sleep(MEASURED);
-    100.0 * (running.processor_s() - before_s) / started.elapsed().as_secs_f64()
-}
 
 #[test]
 #[ignore = "two minutes: measures, and wants the machine for itself"]
@@ -53,11 +45,11 @@ fn a_window_beside_a_robot_that_stands_costs_little() {
         status.lease.holder.is_none() && status.state == TeleopState::Idle
     });
     sleep(Duration::from_secs(5));
-    let with_names = load(&named);
+    let with_names = named.load(MEASURED);
     drop(named);
     let console = Running::start(&mut console(), "the window");
     sleep(Duration::from_secs(8));
-    let alone = load(&console);
+    let alone = console.load(MEASURED);
     println!(
         "{alone:.1} % of a core; with every control's name written to a file {with_names:.1} %"
     );

@@ -97,6 +97,13 @@ impl Running {
         (ticks[0] + ticks[1]) / 100.0
     }
 
+    /// Processor time over the wall time in which it was used, per cent of a core.
+    pub(crate) fn load(&self, measured: Duration) -> f64 {
+        let (before_s, started) = (self.processor_s(), Monotonic::now());
+        std::thread::sleep(measured);
+        100.0 * (self.processor_s() - before_s) / started.elapsed().as_secs_f64()
+    }
+
     /// Whether a library of that name is loaded into it.
     pub(crate) fn has_loaded(&self, library: &str) -> bool {
         let maps = fs::read_to_string(format!("/proc/{}/maps", self.child.id())).unwrap();

@@ -8,6 +8,7 @@ use protocol::keys::{RobotId, Topic};
 use protocol::message::{Pose, Status, TeleopState, TeleopStatus};
 use protocol::wire;
 use robot_edge::clock::Monotonic;
+use serde::de::DeserializeOwned;
 use zenoh::{Config, Session, Wait as _};
 
 /// How long a robot may take to do what it is told; nothing is measured here.
@@ -24,30 +25,10 @@ impl Witness {
     pub(crate) fn of(robot: &str, endpoint: &str) -> Self {
         let robot: RobotId = robot.parse().unwrap();
         let session = connected(endpoint);
-        let status = Arc::new(Mutex::new(None));
-        let heard = Arc::clone(&status);
-        session
-            .declare_subscriber(Topic::Status.key(&robot))
-            .callback(move |sample| {
-                let bytes = sample.payload().to_bytes();
-                let (_, status) = wire::decode::<Status>(&bytes).unwrap();
-                *heard.lock().unwrap() = status.teleop;
-            })
-            .background()
-            .wait()
-            .unwrap();
-        let pose = Arc::new(Mutex::new(None));
-        let heard = Arc::clone(&pose);
-        session
-            .declare_subscriber(Topic::Pose.key(&robot))
-            .callback(move |sample| {
-                let bytes = sample.payload().to_bytes();
-                let (_, pose) = wire::decode::<Pose>(&bytes).unwrap();
-                *heard.lock().unwrap() = Some(pose);
-            })
-            .background()
-            .wait()
-            .unwrap();
+        let status = hear(&session, Topic::Status.key(&robot), |status: Status| {
+            status.teleop
+        });
+        let pose = hear(&session, Topic::Pose.key(&robot), Some::<Pose>);
         Self {
             status,
             pose,
@@ -92,6 +73,30 @@ impl Witness {
             "{what}: {status:?}"
         );
     }
+}
+
+/// What is made of the newest message with this key.
+fn hear<T, U>(
+    session: &Session,
+    key: String,
+    of: impl Fn(T) -> Option<U> + Send + Sync + 'static,
+) -> Arc<Mutex<Option<U>>>
+where
+    T: DeserializeOwned,
+    U: Send + 'static,
+{
+    let newest = Arc::new(Mutex::new(None));
+    let heard = Arc::clone(&newest);
+    session
+        .declare_subscriber(key)
+        .callback(move |sample| {
+            let (_, message) = wire::decode(&sample.payload().to_bytes()).unwrap();
+            *heard.lock().unwrap() = of(message);
+        })
+        .background()
+        .wait()
+        .unwrap();
+    newest
 }
 
 fn connected(endpoint: &str) -> Session {
