@@ -27,6 +27,17 @@ pub enum Alarm {
     Recording,
     /// The position is somewhere else all at once.
     PositionJump,
+    /// The robot's machine does not keep up with its sensors.
+    TooSlow,
+}
+
+/// Whose alerts they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Subject {
+    /// A robot at the other end of a link.
+    Robot,
+    /// A recording that this program maps. Its link cannot be lost: where it is silent it is wound, or its time line says why.
+    Recording,
 }
 
 /// Something that wants attention.
@@ -84,14 +95,16 @@ impl Alerts {
         self.forget_what_is_over();
     }
 
-    /// Looks at the robot, and at what it has told of since the last look. Those that have begun, in words.
+    /// Looks at the robot, or at the recording of one, and at what it has told of since the last look. Those that have
+    /// begun, in words.
     pub fn look(
         &mut self,
         model: &ConsoleModel,
+        subject: Subject,
         news: &[Event],
         now: Monotonic,
     ) -> Vec<(Alarm, String)> {
-        let reasons = reasons(model, now);
+        let reasons = reasons(model, subject, now);
         let mut begun = Vec::new();
         for alert in &mut self.alerts {
             let lasts = reasons.iter().any(|reason| reason.alarm == alert.alarm);
@@ -114,6 +127,7 @@ impl Alerts {
         for event in news {
             let alarm = match event.kind.as_str() {
                 "pose_jump" => Alarm::PositionJump,
+                "too_slow" => Alarm::TooSlow,
                 _ => continue,
             };
             begun.push((alarm.clone(), event.message.clone()));
@@ -159,9 +173,9 @@ struct Reason {
 }
 
 /// What there is to be alarmed about at the moment.
-fn reasons(model: &ConsoleModel, now: Monotonic) -> Vec<Reason> {
+fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) -> Vec<Reason> {
     let mut reasons = Vec::new();
-    if model.connection().state(now) == LinkState::Silent {
+    if subject == Subject::Robot && model.connection().state(now) == LinkState::Silent {
         reasons.push(Reason {
             alarm: Alarm::LinkLost,
             text: format!("Nothing is heard of {}", model.robot()),
@@ -325,31 +339,31 @@ mod tests {
         let mut model = model();
         let mut alerts = Alerts::default();
         says(&mut model, None, Some(3), at(0));
-        let begun = alerts.look(&model, &[], at(0));
+        let begun = alerts.look(&model, Subject::Robot, &[], at(0));
         let text = "Emergency stop 3 is in force".to_owned();
         assert_eq!(begun, [(Alarm::EStop, text)]);
-        assert_eq!(alerts.look(&model, &[], at(10)), []);
+        assert_eq!(alerts.look(&model, Subject::Robot, &[], at(10)), []);
         assert_eq!(
             (alerts.unseen(), listed(&alerts)),
             (1, vec![(Alarm::EStop, 1, true)])
         );
         alerts.acknowledge(&Alarm::EStop);
-        alerts.look(&model, &[], at(20));
+        alerts.look(&model, Subject::Robot, &[], at(20));
         assert_eq!(
             (alerts.unseen(), alerts.iter().count()),
             (0, 1),
             "it is in force"
         );
         says(&mut model, None, None, at(30));
-        alerts.look(&model, &[], at(30));
+        alerts.look(&model, Subject::Robot, &[], at(30));
         assert_eq!(alerts.iter().count(), 0);
 
         // What nobody has seen stays although it is over, and the same again counts.
         for now in [40, 60] {
             says(&mut model, None, Some(4), at(now));
-            assert_eq!(alerts.look(&model, &[], at(now)).len(), 1);
+            assert_eq!(alerts.look(&model, Subject::Robot, &[], at(now)).len(), 1);
             says(&mut model, None, None, at(now + 10));
-            alerts.look(&model, &[], at(now + 10));
+            alerts.look(&model, Subject::Robot, &[], at(now + 10));
         }
         assert_eq!(
             (alerts.unseen(), listed(&alerts)),
@@ -358,13 +372,23 @@ mod tests {
         let texts: Vec<_> = alerts.iter().map(|alert| alert.text.as_str()).collect();
         assert_eq!(texts, ["Emergency stop 4 was in force"]);
         says(&mut model, None, Some(5), at(80));
-        alerts.look(&model, &[], at(80));
+        alerts.look(&model, Subject::Robot, &[], at(80));
         let texts: Vec<_> = alerts.iter().map(|alert| alert.text.as_str()).collect();
         assert_eq!(texts, ["Emergency stop 5 is in force"]);
         says(&mut model, None, None, at(90));
-        alerts.look(&model, &[], at(90));
+        alerts.look(&model, Subject::Robot, &[], at(90));
         alerts.acknowledge_all();
         assert_eq!(alerts.iter().count(), 0);
+    }
+
+    #[test]
+    fn a_recording_that_is_wound_has_lost_no_link() {
+        let mut model = model();
+        says(&mut model, None, None, at(0));
+        let mut alerts = Alerts::default();
+        let later = at(60_000);
+        assert_eq!(alerts.look(&model, Subject::Recording, &[], later), []);
+        assert_eq!(alerts.look(&model, Subject::Robot, &[], later).len(), 1);
     }
 
     #[test]
@@ -372,7 +396,7 @@ mod tests {
         let mut model = model();
         let mut alerts = Alerts::default();
         says(&mut model, Some(SensorFault::Silent), None, at(3_000));
-        let begun = alerts.look(&model, &[], at(3_000));
+        let begun = alerts.look(&model, Subject::Robot, &[], at(3_000));
         let laser = Alarm::Sensor("laser".to_owned());
         assert_eq!(begun.len(), 1);
         assert_eq!(begun[0].0, laser);
@@ -383,8 +407,8 @@ mod tests {
             severity: Severity::Warning,
             message: "The pose jumped 3 m".to_owned(),
         };
-        alerts.look(&model, &[jump.clone(), jump], at(4_000));
-        alerts.look(&model, &[], at(9_000));
+        alerts.look(&model, Subject::Robot, &[jump.clone(), jump], at(4_000));
+        alerts.look(&model, Subject::Robot, &[], at(9_000));
         let mut alarms = listed(&alerts);
         alarms.sort();
         assert_eq!(

@@ -2,9 +2,8 @@
 
 use std::io;
 use std::net::TcpListener;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 
 use anyhow::{Context as _, anyhow};
@@ -14,17 +13,42 @@ use protocol::keys::RobotId;
 use robot_edge::cli::Cli;
 use robot_edge::simulation::World;
 
+use crate::locks::lock;
+use crate::playback::in_words;
+
 /// What the simulated robot is called.
 const NAME: &str = "demo";
+
 /// A simulated robot. Dropping it ends the simulation.
 pub struct Demo {
     /// Its name.
     pub robot: RobotId,
     /// Where it is.
     pub endpoint: String,
+    /// Why it ended, should it end by itself.
+    pub failure: DemoFailure,
     is_over: Arc<AtomicBool>,
-    failed: Receiver<anyhow::Error>,
     thread: Option<JoinHandle<()>>,
+}
+
+/// Why a simulation ended by itself: to be looked at while the window is open, and taken when it is closed.
+#[derive(Clone, Debug, Default)]
+pub struct DemoFailure(Arc<Mutex<Option<anyhow::Error>>>);
+
+impl DemoFailure {
+    /// In words, where it has ended.
+    pub fn words(&self) -> Option<String> {
+        lock(&self.0).as_ref().map(in_words)
+    }
+
+    /// As the program's own failure, where it has ended.
+    pub fn take(&self) -> Option<anyhow::Error> {
+        lock(&self.0).take()
+    }
+
+    fn set(&self, why: anyhow::Error) {
+        *lock(&self.0) = Some(why);
+    }
 }
 
 impl Demo {
@@ -53,31 +77,25 @@ impl Demo {
         }
         let cli = Cli::try_parse_from(words)?;
         let is_over = Arc::new(AtomicBool::new(false));
-        let (sender, failed) = sync_channel(1);
+        let failure = DemoFailure::default();
         let thread = thread::spawn({
-            let is_over = Arc::clone(&is_over);
+            let (is_over, failure) = (Arc::clone(&is_over), failure.clone());
             move || {
                 let ended = robot_edge::app::run_until(&cli, &is_over, &mut io::sink());
                 if let Err(why) = ended
                     && !is_over.load(Ordering::Relaxed)
                 {
-                    // The channel has room for the one failure there can be.
-                    drop(sender.try_send(why));
+                    failure.set(why);
                 }
             }
         });
         Ok(Self {
             robot: NAME.parse()?,
             endpoint,
+            failure,
             is_over,
-            failed,
             thread: Some(thread),
         })
-    }
-
-    /// Why there is no simulation any more.
-    pub fn failure(&self) -> Option<anyhow::Error> {
-        self.failed.try_recv().ok()
     }
 }
 
@@ -113,4 +131,21 @@ pub(crate) fn free_endpoint() -> anyhow::Result<String> {
         }
     }
     Err(anyhow!("no two neighbouring ports are free"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failure_is_looked_at_and_then_taken() {
+        let failure = DemoFailure::default();
+        assert_eq!(failure.words(), None);
+        failure
+            .clone()
+            .set(anyhow!("nobody listens").context("no link"));
+        assert_eq!(failure.words().as_deref(), Some("no link: nobody listens"));
+        assert!(failure.take().is_some());
+        assert!(failure.take().is_none());
+    }
 }

@@ -19,6 +19,7 @@ pub mod helm;
 pub mod identity;
 pub mod input_loop;
 pub mod link;
+mod locks;
 pub mod map_view;
 mod milestones;
 pub mod model;

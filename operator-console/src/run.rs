@@ -63,7 +63,7 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         };
         let interrupt = interrupt_flag()?;
         let ended = script::run(&settings, || interrupt.load(Ordering::Relaxed), out);
-        return match demo.as_ref().and_then(Demo::failure) {
+        return match demo.as_ref().and_then(|demo| demo.failure.take()) {
             Some(why) => Err(why),
             None => ended,
         };
@@ -82,7 +82,7 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         let interrupt = interrupt_flag()?;
         let ended = headless::run(&settings, || interrupt.load(Ordering::Relaxed), out);
         // Why the demo's robot is not there says more than that it is not.
-        return match demo.as_ref().and_then(Demo::failure) {
+        return match demo.as_ref().and_then(|demo| demo.failure.take()) {
             Some(why) => Err(why),
             None => ended,
         };
@@ -90,7 +90,7 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
     let settings = WindowSettings {
         connect,
         robot,
-        is_demo: demo.is_some(),
+        demo: demo.as_ref().map(|demo| demo.failure.clone()),
         identity,
         zenoh_config: zenoh_config_file(cli.zenoh_config.clone()),
         credentials,
@@ -102,7 +102,7 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         forgets_settings: cli.reset_settings,
     };
     let shown = window::run(settings);
-    match demo.as_ref().and_then(Demo::failure) {
+    match demo.as_ref().and_then(|demo| demo.failure.take()) {
         Some(why) => Err(why),
         None => shown.map(|()| Exit::Done),
     }

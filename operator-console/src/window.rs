@@ -16,6 +16,7 @@ use winit::event_loop::EventLoop;
 
 use crate::app::{AppSettings, ConsoleApp, Outcome, Screenshot, result_of};
 use crate::controls::ControlsFile;
+use crate::demo::DemoFailure;
 use crate::hands::Hands;
 use crate::identity::Identity;
 use crate::input_loop::InputLoop;
@@ -29,8 +30,8 @@ pub struct WindowSettings {
     pub connect: Vec<String>,
     /// The robot to show; without it, the only one that is found.
     pub robot: Option<RobotId>,
-    /// Whether that robot is simulated by this program.
-    pub is_demo: bool,
+    /// Why that robot is gone, where this program simulates it.
+    pub demo: Option<DemoFailure>,
     /// Who drives.
     pub identity: Identity,
     /// A Zenoh configuration to lay ours over.
@@ -104,7 +105,7 @@ pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
             AppSettings {
                 connect: settings.connect,
                 robot: settings.robot,
-                is_demo: settings.is_demo,
+                demo: settings.demo,
                 zenoh_config: settings.zenoh_config,
                 credentials: settings.credentials,
                 session,

@@ -19,6 +19,7 @@ pub fn severity(kind: &str) -> Severity {
         | "sensor_clock"
         | "sensor_invalid"
         | "pose_jump"
+        | "too_slow"
         | "voxels_evicted"
         | "involuntary_stop"
         | "guard_off"

@@ -26,6 +26,7 @@ pub mod events;
 pub mod exit;
 pub mod experiments;
 pub mod export;
+pub mod keeping_up;
 pub mod link;
 pub mod localization;
 pub mod mapping;

@@ -70,6 +70,7 @@ pub struct Pacer {
     rate: Rate,
     anchor: Option<Anchor>,
     skipped: Skipped,
+    late: Duration,
 }
 
 /// A stamp and the moment it was due; later stamps are due relative to it.
@@ -93,6 +94,7 @@ impl Pacer {
                 steps_back: 0,
                 lags: 0,
             },
+            late: Duration::ZERO,
         }
     }
 
@@ -123,6 +125,10 @@ impl Pacer {
         }
         anchor.latest = anchor.latest.max(stamp);
         let due = anchor.due + real_time(stamp.since(anchor.stamp), times);
+        // Stragglers are late by themselves.
+        if stamp == anchor.latest {
+            self.late = now.since(due);
+        }
         if now.since(due) > LONGEST_LAG && stamp == anchor.latest {
             self.skipped.lags += 1;
             *anchor = fresh;
@@ -133,6 +139,11 @@ impl Pacer {
     /// The clock of the data starts anew: its next stamp is due at once.
     pub const fn reset(&mut self) {
         self.anchor = None;
+    }
+
+    /// How late the newest data was when it was asked for; nothing where data is not paced.
+    pub const fn late(&self) -> Duration {
+        self.late
     }
 
     /// What was passed over so far.
@@ -208,10 +219,15 @@ mod tests {
             pacer.wait(at(100), Monotonic::from_nanos(400 * MS)),
             Duration::ZERO
         );
+        assert_eq!(pacer.late(), Duration::from_millis(300));
+        // A straggler says nothing of the machine.
+        pacer.wait(at(50), Monotonic::from_nanos(400 * MS));
+        assert_eq!(pacer.late(), Duration::from_millis(300));
         assert_eq!(
             pacer.wait(at(500), Monotonic::from_nanos(400 * MS)),
             Duration::from_millis(100)
         );
+        assert_eq!(pacer.late(), Duration::ZERO);
         // An hour late: the schedule starts anew.
         let later = 3_600_000 * MS;
         assert_eq!(

@@ -5,6 +5,7 @@ use std::time::Duration;
 use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
+use crate::demo::DemoFailure;
 use crate::link::FoundRobot;
 use crate::panels::robots::Sought;
 
@@ -16,26 +17,36 @@ const SETTLED_AFTER: Duration = Duration::from_millis(600);
 pub(super) struct RobotChoice {
     /// The robot that the command line asks for.
     named: Option<RobotId>,
-    /// Whether that one is this program's own.
-    is_demo: bool,
+    /// Why that one is gone, where it is this program's own.
+    demo: Option<DemoFailure>,
+    is_end_told: bool,
     first_found: Option<Monotonic>,
 }
 
 impl RobotChoice {
-    pub(super) const fn new(named: Option<RobotId>, is_demo: bool) -> Self {
+    pub(super) const fn new(named: Option<RobotId>, demo: Option<DemoFailure>) -> Self {
         Self {
             named,
-            is_demo,
+            demo,
+            is_end_told: false,
             first_found: None,
         }
     }
 
-    pub(super) const fn sought(&self) -> Sought<'_> {
-        match &self.named {
-            Some(_) if self.is_demo => Sought::Demo,
-            Some(named) => Sought::Named(named),
-            None => Sought::Any,
+    pub(super) fn sought(&self) -> Sought<'_> {
+        match (&self.named, &self.demo) {
+            (_, Some(failure)) => Sought::Demo {
+                failure: failure.words(),
+            },
+            (Some(named), None) => Sought::Named(named),
+            (None, None) => Sought::Any,
         }
+    }
+
+    /// Why this program's own robot is gone, once.
+    pub(super) fn take_end(&mut self) -> Option<String> {
+        let why = self.demo.as_ref()?.words()?;
+        (!std::mem::replace(&mut self.is_end_told, true)).then_some(why)
     }
 
     /// The robot to connect to now, if none is shown: the named one, or the only one.
@@ -95,7 +106,7 @@ mod tests {
 
     #[test]
     fn the_named_robot_is_chosen_at_once_and_no_other() {
-        let mut choice = RobotChoice::new(Some("b".parse().unwrap()), false);
+        let mut choice = RobotChoice::new(Some("b".parse().unwrap()), None);
         let robots = [found("a"), found("b")];
         assert_eq!(choice.choose(&robots[..1], at(5_000)), None);
         assert_eq!(choice.choose(&robots, at(5_000)), Some(&robots[1]));

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
@@ -14,6 +14,7 @@ use crate::command::ExportWish;
 use crate::event_log::Severity;
 use crate::export::{ExportPart, Snapshot};
 use crate::link::ModelHandle;
+use crate::locks::lock;
 use crate::model::VoxelsProgress;
 
 /// How far an export is.
@@ -176,10 +177,6 @@ fn fetch_voxels(model: &ModelHandle, is_cancelled: &AtomicBool) -> Result<(), St
         }
         thread::sleep(LOOK);
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

@@ -11,16 +11,9 @@ pub(super) fn first_run_ui(ui: &mut Ui, robots: &RobotsData) -> Option<Action> {
     let width = ui.available_width().min(520.0);
     ui.add_space((0.25 * ui.available_height()).min(180.0));
     ui.with_layout(Layout::top_down(Align::Center), |ui| {
-        let heading = if robots.is_starting {
-            "Starting the demo…"
-        } else if robots.found.is_empty() {
-            "Looking for robots"
-        } else {
-            "Robots were found"
-        };
-        ui.label(RichText::new(heading).size(24.0));
+        ui.label(RichText::new(robots.heading).size(24.0));
         ui.label(robots.advice.as_deref().unwrap_or_default());
-        if robots.is_starting || !robots.found.is_empty() {
+        if !robots.is_up_to_operator || !robots.found.is_empty() {
             return;
         }
         ui.add_space(12.0);

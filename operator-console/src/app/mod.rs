@@ -27,6 +27,7 @@ use robot_edge::pacer::Rate;
 
 use crate::alerts::Alerts;
 use crate::command::Command;
+use crate::demo::DemoFailure;
 use crate::event_log::{EventLog, Severity};
 use crate::hands::Hands;
 use crate::identity::Identity;
@@ -59,8 +60,8 @@ pub struct AppSettings {
     pub connect: Vec<String>,
     /// The robot to show.
     pub robot: Option<RobotId>,
-    /// Whether that robot is simulated by this program.
-    pub is_demo: bool,
+    /// Why that robot is gone, where this program simulates it.
+    pub demo: Option<DemoFailure>,
     /// A Zenoh configuration to lay ours over.
     pub zenoh_config: Option<PathBuf>,
     /// Who the operator is, where the link is secured.
@@ -143,7 +144,7 @@ impl ConsoleApp {
             credentials: settings.credentials,
             session_id: settings.session,
             discovery,
-            choice: RobotChoice::new(settings.robot, settings.is_demo),
+            choice: RobotChoice::new(settings.robot, settings.demo),
             shown: None,
             problem: None,
             screen: Screen::of(&settings.settings),
@@ -201,6 +202,7 @@ impl eframe::App for ConsoleApp {
 
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
         let now = Monotonic::now();
+        self.screen.begin_frame(ui.ctx());
         let dropped_or_typed = self.open_dialog.show(ui.ctx()).map(Command::Open);
         let wound = self
             .playback
@@ -256,7 +258,7 @@ impl eframe::App for ConsoleApp {
             }
             None => self.screen.show(ui, around, None, now),
         };
-        let is_typing = ui.ctx().text_edit_focused();
+        let is_typing = self.screen.is_typing(ui.ctx());
         self.hands.apply(InputEvent::Typing(is_typing));
         let of_recordings = wound
             .map(Command::Playback)

@@ -5,7 +5,7 @@ mod contents;
 
 use std::time::Duration;
 
-use eframe::egui::{CentralPanel, Color32, Frame, Margin, MenuBar, Panel, Ui};
+use eframe::egui::{CentralPanel, Color32, Context, Frame, Margin, MenuBar, Panel, Ui};
 use robot_edge::clock::Monotonic;
 
 use super::dialogs::Dialogs;
@@ -21,10 +21,11 @@ use crate::model::ConsoleModel;
 use crate::panels::connection::LinkSight;
 use crate::panels::driving::{DrivingData, DrivingEntry};
 use crate::panels::events::EventFilter;
+use crate::panels::notice::{NoticeData, notice_ui};
 use crate::panels::robots::{AddressEntry, RobotsData};
 use crate::panels::top_bar::{TopBarData, right_bar_ui, robot_bar_ui};
 use crate::settings::{Appearance, Settings};
-use crate::shortcuts::{Action, KeyScene, pressed};
+use crate::shortcuts::{Action, KeyScene, Pressed, TypeAhead, pressed};
 use crate::workspace::{PanelId, Workspace};
 
 use contents::{Panels, fits};
@@ -49,6 +50,7 @@ pub struct Screen {
     dialogs: Dialogs,
     /// Whether text was typed when the last frame ended.
     was_typing: bool,
+    type_ahead: TypeAhead,
 }
 
 /// What is shown of one robot.
@@ -131,6 +133,16 @@ impl Screen {
         &mut self.workspace
     }
 
+    /// Begins a frame, before anything of it is drawn.
+    pub fn begin_frame(&mut self, ctx: &Context) {
+        self.type_ahead.begin_frame(ctx);
+    }
+
+    /// Whether text is typed, or is about to be.
+    pub fn is_typing(&self, ctx: &Context) -> bool {
+        self.type_ahead.is_waiting() || ctx.text_edit_focused()
+    }
+
     /// Draws everything; what the operator asks for.
     pub fn show(
         &mut self,
@@ -178,7 +190,13 @@ impl Screen {
             has_recording: robot.is_some_and(|(_, link)| link.recording.is_some()),
             was_typing: self.was_typing,
         };
-        let mut actions = pressed(ui.ctx(), keys);
+        let Pressed {
+            mut actions,
+            typed_ahead,
+        } = pressed(ui.ctx(), keys);
+        if let Some(typed) = typed_ahead {
+            self.type_ahead.wait(ui.ctx(), typed);
+        }
         let mut commands = Vec::new();
         self.bar_ui(ui, scene, bar.as_ref(), &mut actions, &mut commands);
         CentralPanel::no_frame().show(ui, |ui| {
@@ -197,6 +215,9 @@ impl Screen {
                 &mut |ui, panel| panels.draw(ui, panel, scene, actions, commands),
             );
         });
+        if let Some(news) = NoticeData::new(around.log, now) {
+            notice_ui(ui.ctx(), &news);
+        }
         let model = robot.map(|(model, _)| model);
         let asked = self.dialogs.show(ui.ctx(), model, around.export);
         commands.extend(asked);

@@ -3,13 +3,15 @@
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use eframe::egui::{ColorImage, Context, ScreenshotCallback, ViewportCommand};
 use robot_edge::clock::Monotonic;
+
+use crate::locks::lock;
 
 /// A window that does not give its picture in this time never will.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -59,7 +61,7 @@ impl Screenshot {
         let callback = ScreenshotCallback::new(move |image| {
             let saved = save(&path, &image)
                 .with_context(|| format!("the picture was not saved to {}", path.display()));
-            *outcome.lock().unwrap_or_else(PoisonError::into_inner) = Some(saved);
+            *lock(&outcome) = Some(saved);
         });
         ctx.send_viewport_cmd(ViewportCommand::Screenshot(callback));
         ctx.request_repaint();
@@ -67,10 +69,7 @@ impl Screenshot {
 }
 
 fn settled(outcome: &Outcome) -> bool {
-    outcome
-        .lock()
-        .unwrap_or_else(PoisonError::into_inner)
-        .is_some()
+    lock(outcome).is_some()
 }
 
 /// What came of the picture once the window is gone.
@@ -78,11 +77,7 @@ fn settled(outcome: &Outcome) -> bool {
 /// # Errors
 /// Where there is none.
 pub fn result_of(outcome: &Outcome) -> anyhow::Result<()> {
-    let outcome = outcome
-        .lock()
-        .unwrap_or_else(PoisonError::into_inner)
-        .take();
-    outcome.unwrap_or_else(|| {
+    lock(outcome).take().unwrap_or_else(|| {
         Err(anyhow!(
             "no picture was taken: the window was closed before, or gave none"
         ))
@@ -99,7 +94,7 @@ pub(super) fn take(ctx: &Context, path: PathBuf, outcome: Outcome) {
                 .map_err(anyhow::Error::from)
                 .and_then(|()| save(&path, &image))
                 .with_context(|| format!("the screenshot was not saved to {}", path.display()));
-            *outcome.lock().unwrap_or_else(PoisonError::into_inner) = Some(saved);
+            *lock(&outcome) = Some(saved);
         });
     });
     ctx.send_viewport_cmd(ViewportCommand::Screenshot(callback));

@@ -1,11 +1,11 @@
 //! What goes on beside the frames: happenings are noted, alerts raised, settings kept.
 
-use std::sync::PoisonError;
-
 use eframe::egui::Context;
 use robot_edge::clock::{Monotonic, seconds_since_1970};
 
+use crate::alerts::Subject;
 use crate::event_log::Severity;
+use crate::locks::lock;
 use crate::panels::robots::Seen;
 use crate::playback::is_recording;
 use crate::settings::{Keeper, WindowPlace};
@@ -25,7 +25,11 @@ impl ConsoleApp {
         if let Some((_, session)) = &self.shown {
             let model = session.model();
             let news = self.log.hear(&model, now, seconds_since_1970());
-            for (_alarm, text) in self.alerts.look(&model, &news, now) {
+            let subject = match &self.playback {
+                Some(_) => Subject::Recording,
+                None => Subject::Robot,
+            };
+            for (_alarm, text) in self.alerts.look(&model, subject, &news, now) {
                 notes.push((Severity::Alarm, "alert", text));
             }
             // The link to a recording leaves this program as little as the recording does.
@@ -33,10 +37,13 @@ impl ConsoleApp {
                 notes.extend(self.watch.look(&model, session.transport(), now));
             }
         }
+        if let Some(why) = self.choice.take_end() {
+            let text = format!("The demo has ended: {why}");
+            notes.push((Severity::Alarm, "demo", text));
+        }
         notes.extend(self.export.as_mut().and_then(ExportJob::take_end));
         self.pictures.retain(|(path, outcome)| {
-            let mut outcome = outcome.lock().unwrap_or_else(PoisonError::into_inner);
-            let Some(outcome) = outcome.take() else {
+            let Some(outcome) = lock(outcome).take() else {
                 return true;
             };
             notes.push(match outcome {

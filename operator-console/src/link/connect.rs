@@ -21,8 +21,8 @@ use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
 use super::driving::{DrivingLink, Tap};
-use super::lock;
 use super::transport::Transport;
+use crate::locks::lock;
 use crate::model::{Incoming, Outgoing, RequestId};
 
 /// Questions and views that wait to be sent at most.

@@ -23,7 +23,7 @@ use zenoh::Wait;
 use zenoh::config::WhatAmI;
 use zenoh::sample::Sample;
 
-use super::lock;
+use crate::locks::lock;
 
 const SCOUT_TIME: Duration = Duration::from_millis(500);
 const ASK_TIMEOUT: Duration = Duration::from_secs(1);

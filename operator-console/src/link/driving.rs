@@ -17,8 +17,8 @@ use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::query::{ConsolidationMode, Reply};
 use zenoh::{Session, Wait};
 
-use super::lock;
 use crate::helm::{Heard, Newest, RequestNumber, SignedMessage};
+use crate::locks::lock;
 
 /// Commands that wait for Zenoh at most: what a loop makes in a third of a second. Beyond that the link hangs, and what
 /// is older than that the robot would refuse.

@@ -11,7 +11,7 @@ mod transport;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 use std::{io, mem};
@@ -19,6 +19,7 @@ use std::{io, mem};
 use robot_edge::clock::Monotonic;
 use robot_edge::link::sessions::Endpoints;
 
+use crate::locks::lock;
 use crate::model::{ConsoleModel, Incoming, ModelSettings};
 use connect::Connections;
 
@@ -138,11 +139,6 @@ impl Drop for RobotSession {
             tracing::error!("the link's thread failed");
         }
     }
-}
-
-/// A panic elsewhere must not take the link with it: the model holds together after every message.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn run(

@@ -32,6 +32,7 @@ const OVER_SCALE_BAR: f32 = 60.0;
 /// A map that is smaller has neither cards nor legends: they would hide it. Width and height, points.
 const LEAST_FOR_CARDS: [f32; 2] = [200.0, 160.0];
 /// Legends on the map are this wide, points, where the map is not narrow.
+const CARD_PADDING: f32 = 8.0;
 const LEGEND_WIDTH: f32 = 220.0;
 
 fn legend_id() -> Id {
@@ -137,8 +138,14 @@ impl MapView {
             return;
         }
         let width = LEGEND_WIDTH.min(0.45 * self.screen.width());
+        let beside_bar = self.screen.width() - width - 2.0 * CARD_PADDING - 3.0 * CARD_MARGIN;
+        let lift = if beside_bar < scale_bar::LONGEST_CARD {
+            OVER_SCALE_BAR
+        } else {
+            CARD_MARGIN
+        };
         Area::new(legend_id())
-            .fixed_pos(self.screen.right_bottom() - vec2(CARD_MARGIN, CARD_MARGIN))
+            .fixed_pos(self.screen.right_bottom() - vec2(CARD_MARGIN, lift))
             .pivot(Align2::RIGHT_BOTTOM)
             .constrain_to(self.screen)
             .order(Order::Background)
@@ -147,7 +154,7 @@ impl MapView {
                 Frame::new()
                     .fill(theme::card(ui.visuals()))
                     .corner_radius(4.0)
-                    .inner_margin(8.0)
+                    .inner_margin(CARD_PADDING)
                     .show(ui, |ui| {
                         ui.set_width(width);
                         legends_ui(ui, &data);

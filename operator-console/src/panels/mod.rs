@@ -9,6 +9,7 @@ pub mod layers;
 pub mod legend;
 pub mod link;
 pub mod losses;
+pub mod notice;
 pub mod recording;
 pub mod robot;
 pub mod robots;

@@ -2,8 +2,10 @@
 
 use std::time::Duration;
 
+use eframe::egui::text::{CCursor, CCursorRange};
+use eframe::egui::text_edit::TextEditState;
 use eframe::egui::{
-    Align, Button, CollapsingHeader, Color32, Key, Layout, RichText, Sense, TextEdit, Ui, vec2,
+    Align, Button, CollapsingHeader, Color32, Id, Key, Layout, RichText, Sense, TextEdit, Ui, vec2,
 };
 use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
@@ -25,8 +27,10 @@ pub struct RobotsData {
     pub current: Option<RobotId>,
     /// What to do where nothing is shown: it stands where the map would be.
     pub advice: Option<String>,
-    /// Whether this program's own robot is about to be there: nobody need do anything.
-    pub is_starting: bool,
+    /// What stands over the advice.
+    pub heading: &'static str,
+    /// Whether there is anything that the operator could do.
+    pub is_up_to_operator: bool,
     /// Why none can be found.
     pub problem: Option<String>,
     /// Addresses that are remembered.
@@ -34,14 +38,17 @@ pub struct RobotsData {
 }
 
 /// Which robot is waited for while none is shown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Sought<'a> {
     /// Whichever there is.
     Any,
     /// The one that the command line asks for.
     Named(&'a RobotId),
     /// The one that this program simulates.
-    Demo,
+    Demo {
+        /// Why it will not come, where its simulation has ended.
+        failure: Option<String>,
+    },
 }
 
 /// One robot.
@@ -86,8 +93,16 @@ impl RobotsData {
             .collect();
         found.sort_by(|a, b| a.found.cmp(&b.found));
         found.dedup_by(|a, b| a.found == b.found);
+        let heading = match &sought {
+            Sought::Demo { failure: None } => "Starting the demo…",
+            Sought::Demo { failure: Some(_) } => "The demo has ended",
+            Sought::Any | Sought::Named(_) if found.is_empty() => "Looking for robots",
+            Sought::Any | Sought::Named(_) => "Robots were found",
+        };
+        let is_up_to_operator = sought != Sought::Demo { failure: None };
         let advice = match (current, sought) {
-            (Some(_), _) | (None, Sought::Demo) => None,
+            (Some(_), _) => None,
+            (None, Sought::Demo { failure }) => failure,
             (None, Sought::Named(named)) => Some(format!(
                 "Looking for {named}. Start it, or type its address."
             )),
@@ -100,7 +115,8 @@ impl RobotsData {
             found,
             current: current.map(|(robot, _)| robot.clone()),
             advice,
-            is_starting: current.is_none() && sought == Sought::Demo,
+            heading,
+            is_up_to_operator,
             problem,
             addresses: Vec::new(),
         }
@@ -259,6 +275,8 @@ fn address_ui(ui: &mut Ui, entry: &mut AddressEntry) -> Option<Command> {
         let text = ui.add(text).labelled_by(label.id);
         if entry.wants_keyboard {
             text.request_focus();
+            // What is typed next takes the place of what was there.
+            select_all(ui, text.id, &entry.text);
             entry.wants_keyboard = false;
         }
         let keys = Action::TypeAddress.keys();
@@ -282,6 +300,13 @@ fn address_ui(ui: &mut Ui, entry: &mut AddressEntry) -> Option<Command> {
         );
     }
     command
+}
+
+fn select_all(ui: &Ui, field: Id, text: &str) {
+    let mut state = TextEditState::load(ui.ctx(), field).unwrap_or_default();
+    let all = CCursorRange::two(CCursor::default(), CCursor::new(text.chars().count()));
+    state.cursor.set_char_range(Some(all));
+    state.store(ui.ctx(), field);
 }
 
 #[cfg(test)]

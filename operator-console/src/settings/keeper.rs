@@ -1,10 +1,11 @@
 //! Writes settings in the background: the window's loop, which drives, never waits for a disk.
 
 use std::path::PathBuf;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use crate::locks::lock;
 use robot_edge::clock::Monotonic;
 
 use super::{Settings, file};
@@ -74,10 +75,6 @@ impl Drop for Keeper {
             tracing::error!("the thread that writes settings failed");
         }
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn run(shared: &Shared, path: &std::path::Path) {

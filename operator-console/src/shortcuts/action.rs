@@ -109,6 +109,11 @@ impl Action {
             .unwrap_or_default()
     }
 
+    /// Whether a text field is there afterwards, for what is typed next.
+    pub(super) const fn opens_text(self) -> bool {
+        matches!(self, Self::TypeAddress | Self::OpenRecording)
+    }
+
     /// Whether it is done again and again while its key is held.
     pub(super) const fn repeats(self) -> bool {
         matches!(

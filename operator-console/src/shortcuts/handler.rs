@@ -2,6 +2,7 @@
 
 use eframe::egui::{Context, Event, Key, KeyboardShortcut, Modifiers};
 
+use super::type_ahead::is_typed;
 use super::{Action, Binding, Group, bindings, fits};
 
 /// What decides which keys count.
@@ -15,16 +16,33 @@ pub struct KeyScene {
     pub was_typing: bool,
 }
 
-/// The actions whose keys were pressed since the last frame. Nobody behind sees those keys any more.
+/// What was pressed since the last frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Pressed {
+    /// The actions whose keys were pressed.
+    pub actions: Vec<Action>,
+    /// What was typed behind a key that opens a text field, where one was pressed.
+    pub typed_ahead: Option<Vec<Event>>,
+}
+
+/// The actions whose keys were pressed since the last frame. Nobody behind sees those keys any more, nor what is typed for
+/// a text field that they open.
 ///
 /// While text is typed, plain keys are text. While this operator drives, arrows drive, and a widget that has the
 /// keyboard may need them itself.
-pub fn pressed(ctx: &Context, scene: KeyScene) -> Vec<Action> {
+pub fn pressed(ctx: &Context, scene: KeyScene) -> Pressed {
     let is_typing = scene.was_typing || ctx.text_edit_focused();
     let is_on_widget = ctx.memory(|memory| memory.focused().is_some());
     let mut actions = Vec::new();
+    let mut typed_ahead: Option<Vec<Event>> = None;
     ctx.input_mut(|input| {
         input.events.retain(|event| {
+            if let Some(typed) = &mut typed_ahead
+                && is_typed(event)
+            {
+                typed.push(event.clone());
+                return false;
+            }
             let Event::Key {
                 key,
                 physical_key,
@@ -51,11 +69,17 @@ pub fn pressed(ctx: &Context, scene: KeyScene) -> Vec<Action> {
             };
             if is_free && (!repeat || action.repeats()) {
                 actions.push(action);
+                if action.opens_text() {
+                    typed_ahead = Some(Vec::new());
+                }
             }
             !is_free || action == Action::CloseDialog
         });
     });
-    actions
+    Pressed {
+        actions,
+        typed_ahead,
+    }
 }
 
 /// What is printed on a key counts; where that means nothing, its place may.

@@ -7,13 +7,15 @@ mod action;
 mod handler;
 mod sheet;
 mod table;
+mod type_ahead;
 
 use eframe::egui::{Key, KeyboardShortcut, Modifiers};
 
 pub use action::{Action, Edge};
-pub use handler::{KeyScene, pressed};
+pub use handler::{KeyScene, Pressed, pressed};
 pub use sheet::sheet_ui;
 pub use table::{Binding, Group, bindings};
+pub use type_ahead::TypeAhead;
 
 /// A combination of keys as the operator reads it.
 pub fn words(keys: KeyboardShortcut) -> String {

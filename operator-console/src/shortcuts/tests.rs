@@ -119,7 +119,7 @@ impl Frame {
             .with_size(vec2(300.0, 100.0))
             .build_ui_state(
                 move |ui, (actions, typed): &mut (Vec<Action>, String)| {
-                    actions.extend(pressed(ui.ctx(), self.scene));
+                    actions.extend(pressed(ui.ctx(), self.scene).actions);
                     let label = ui.label("Field");
                     let field = ui.text_edit_singleline(typed).labelled_by(label.id);
                     if self.has_field {

@@ -22,6 +22,8 @@ pub(super) struct Batch {
     pub(super) items: Vec<Item>,
     /// When the first of them was due.
     pub(super) came: Monotonic,
+    /// How late the source was by then; `None` where nothing says when data is due, or how late it is does not matter.
+    pub(super) late: Option<Duration>,
     /// The streams met since the last batch, whose numbers the items carry.
     pub(super) new_streams: Vec<Stream>,
     /// How far reading has come.
@@ -51,11 +53,12 @@ pub(super) fn feed(
     let mut hand = Hand {
         items: Vec::with_capacity(BATCH),
         came: Monotonic::now(),
+        late: None,
         over_at: Monotonic::now(),
         streams: 0,
         take: hand_over,
     };
-    let result = feed_all(source, &mut pacer, interrupt, &mut hand);
+    let result = feed_all(source, rate, &mut pacer, interrupt, &mut hand);
     // Whoever took items up to now takes the last ones too, or has its own reason not to.
     hand.over(source);
     SourceEnd {
@@ -68,6 +71,7 @@ pub(super) fn feed(
 
 fn feed_all(
     source: &mut dyn Source,
+    rate: Rate,
     pacer: &mut Pacer,
     interrupt: &AtomicBool,
     hand: &mut Hand<impl FnMut(Batch) -> bool>,
@@ -80,6 +84,9 @@ fn feed_all(
             Item::Due(Ordered::Measurement(measurement)) => {
                 let now = Monotonic::now();
                 let wait = pacer.wait(measurement.stamp, now);
+                if matches!(rate, Rate::Times(_)) {
+                    hand.late = hand.late.max(Some(pacer.late()));
+                }
                 // What is due already must not wait for what is not.
                 if !wait.is_zero() && !hand.over(source) {
                     return Ok(());
@@ -111,6 +118,7 @@ fn feed_all(
 struct Hand<F> {
     items: Vec<Item>,
     came: Monotonic,
+    late: Option<Duration>,
     /// When the last batch went.
     over_at: Monotonic,
     /// Streams that were handed over.
@@ -142,6 +150,7 @@ impl<F: FnMut(Batch) -> bool> Hand<F> {
         (self.take)(Batch {
             items: std::mem::replace(&mut self.items, Vec::with_capacity(BATCH)),
             came: self.came,
+            late: self.late.take(),
             new_streams,
             position: source.position(),
             lost: source.lost_total(),

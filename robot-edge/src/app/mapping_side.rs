@@ -1,6 +1,7 @@
 //! The pipeline's side of a run: takes batches, records, maps, shows progress.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use protocol::message::RecordingStatus;
 
@@ -14,6 +15,7 @@ use super::recorder::Recorder;
 use super::source::Item;
 use crate::clock::Monotonic;
 use crate::config::Config;
+use crate::keeping_up::{Change, KeepingUp};
 use crate::localization::placer::PlacerSettings;
 use crate::mapping::Mapper;
 use crate::mapping::posed_scan::PosedScan;
@@ -47,6 +49,7 @@ pub(super) struct MappingSide {
     pub(super) streams: Vec<Stream>,
     /// What happened on the way, for the summary.
     pub(super) events: EventLog,
+    pub(super) keeping_up: KeepingUp,
     /// Where a replay can be wound: what happens again is not told again.
     pub(super) marking: Option<Marking>,
 }
@@ -68,6 +71,7 @@ impl MappingSide {
             live.add_streams(&batch.new_streams);
         }
         self.streams.extend(batch.new_streams);
+        self.look_whether_it_keeps_up(batch.late, batch.came, &batch.items);
         for item in batch.items {
             match item {
                 Item::Due(ordered) => self.take_ordered(ordered, batch.came)?,
@@ -91,6 +95,36 @@ impl MappingSide {
         };
         self.progress.update(batch.position, &figures);
         Ok(())
+    }
+
+    /// Tells consoles where this machine does not keep up: whoever drives would see the past.
+    fn look_whether_it_keeps_up(
+        &mut self,
+        late: Option<Duration>,
+        came: Monotonic,
+        items: &[Item],
+    ) {
+        let now = Monotonic::now();
+        let live = items.iter().find_map(|item| match item {
+            // Of some nobody knows when they came.
+            Item::Came { taken, .. } => (*taken > Monotonic::default()).then(|| now.since(*taken)),
+            Item::Due(_) | Item::AtOnce(_) | Item::Aside(_) | Item::Pause => None,
+        });
+        let Some(late) = live.or_else(|| Some(late? + now.since(came))) else {
+            return;
+        };
+        let Some(network) = &self.network else { return };
+        match self.keeping_up.look(late, now) {
+            Some(Change::Behind(late)) => {
+                let late_s = late.as_secs_f64();
+                let message =
+                    format!("The robot's machine does not keep up: maps are {late_s:.1} s behind");
+                tracing::warn!(message);
+                network.tell("too_slow", &message);
+            }
+            Some(Change::Up) => network.tell("keeps_up", "The robot's machine keeps up again"),
+            None => {}
+        }
     }
 
     fn push(&mut self, measurement: Measurement) -> Result<(), PublishError> {

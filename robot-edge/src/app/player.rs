@@ -275,6 +275,8 @@ impl<'a> Player<'a> {
         self.side.take(Batch {
             items,
             came: self.came,
+            // The time line says how fast it goes.
+            late: None,
             new_streams,
             position: self.source.position(),
             lost: self.lost,

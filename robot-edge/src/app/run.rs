@@ -24,6 +24,7 @@ use super::writable;
 use crate::clock::Monotonic;
 use crate::config::Config;
 use crate::exit::{Exit, Interrupted};
+use crate::keeping_up::KeepingUp;
 use crate::link::random_id;
 use crate::localization::placer::PlacerSettings;
 use crate::pacer::Rate;
@@ -185,6 +186,7 @@ impl Run<'_> {
             started: Monotonic::now(),
             streams: Vec::new(),
             events: EventLog::default(),
+            keeping_up: KeepingUp::default(),
             marking: None,
         })
     }

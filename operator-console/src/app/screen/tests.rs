@@ -18,6 +18,7 @@ use robot_edge::robot_time::RobotDuration;
 use serde::Serialize;
 
 use super::*;
+use crate::alerts::Subject;
 use crate::command::Look;
 use crate::export::ExportPart;
 use crate::link::{FoundRobot, Sighting};
@@ -235,7 +236,7 @@ impl Rig {
                     }
                     if let Some(model) = &rig.model {
                         let news = rig.log.hear(model, rig.now, 0);
-                        rig.alerts.look(model, &news, rig.now);
+                        rig.alerts.look(model, Subject::Robot, &news, rig.now);
                     }
                     let robot = rig.model.as_mut().map(|model| RobotSight {
                         model,
@@ -249,6 +250,7 @@ impl Rig {
                         alerts: &rig.alerts,
                         export: None,
                     };
+                    rig.screen.begin_frame(ui.ctx());
                     let commands = rig.screen.show(ui, around, robot, rig.now);
                     rig.commands.extend(commands);
                 },
@@ -298,12 +300,51 @@ fn without_a_robot_the_screen_says_how_to_get_one() {
 #[test]
 fn a_demonstration_that_starts_asks_for_nothing() {
     let mut rig = Rig::new();
-    rig.robots = RobotsData::new(&[], None, Sought::Demo, None, at(1_000));
+    let robots = |failure| RobotsData::new(&[], None, Sought::Demo { failure }, None, at(1_000));
+    rig.robots = robots(None);
     check(
         &rig.window(),
         &["Starting the demo…"],
         &["Looking for", "To begin", "--demo"],
     );
+    let mut rig = Rig::new();
+    rig.robots = robots(Some("the port is taken".to_owned()));
+    check(
+        &rig.window(),
+        &["The demo has ended", "the port is taken", "To begin"],
+        &["Starting the demo…"],
+    );
+}
+
+#[test]
+fn an_address_that_is_typed_fast_is_taken_whole() {
+    let mut window = Rig::new().window();
+    for address in ["tcp/10.0.0.5:7447", "tcp/10.0.0.6:7447"] {
+        let enter = [true, false].map(|pressed| egui::Event::Key {
+            key: Key::Enter,
+            physical_key: None,
+            pressed,
+            repeat: false,
+            modifiers: Modifiers::NONE,
+        });
+        // All of it in one frame, as on a machine that takes its time.
+        window.key_press_modifiers(Modifiers::COMMAND, Key::L);
+        window.event(egui::Event::Text(address.to_owned()));
+        enter.into_iter().for_each(|event| window.event(event));
+        window.run_steps(6);
+        let commands = std::mem::take(&mut window.state_mut().commands);
+        assert_eq!(commands, [Command::AddAddress(address.to_owned())]);
+    }
+    // What was refused stays to be mended, and gives way to what is typed from the start.
+    for (typed, refused) in [("nowhere", true), ("tcp/boat:9", false)] {
+        window.key_press_modifiers(Modifiers::COMMAND, Key::L);
+        window.run_steps(4);
+        window.event(egui::Event::Text(typed.to_owned()));
+        window.key_press(Key::Enter);
+        window.run_steps(4);
+        let commands = std::mem::take(&mut window.state_mut().commands);
+        assert_eq!(commands.is_empty(), refused, "{commands:?}");
+    }
 }
 
 #[test]
@@ -827,18 +868,19 @@ fn keys_open_and_close_what_lies_over_the_window() {
     let asked = std::mem::take(&mut window.state_mut().commands);
     assert_eq!(asked, []);
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
-    window.key_press_modifiers(Modifiers::COMMAND, Key::O);
     window.key_press_modifiers(Modifiers::ALT, Key::Num2);
     window.key_press(Key::ArrowLeft);
+    // What is typed behind it would be for its dialog.
+    window.key_press_modifiers(Modifiers::COMMAND, Key::O);
     window.run_steps(2);
     let asked = std::mem::take(&mut window.state_mut().commands);
     assert_eq!(
         asked,
         [
             Command::Screenshot,
-            Command::AskForRecording,
             Command::Layer(LayerCommand::Show(LayerId::Elevation, false)),
-            Command::Look(Look::Beside([-0.1, 0.0]))
+            Command::Look(Look::Beside([-0.1, 0.0])),
+            Command::AskForRecording,
         ]
     );
 }

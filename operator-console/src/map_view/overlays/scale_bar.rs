@@ -7,6 +7,8 @@ use protocol::export::{length_label, round_length_m};
 const MAX_BAR: f64 = 160.0;
 const HEIGHT: f32 = 6.0;
 const PADDING: f32 = 8.0;
+/// The card under the longest bar, points.
+pub(in crate::map_view) const LONGEST_CARD: f32 = MAX_BAR as f32 + 2.0 * PADDING;
 
 /// A round length and how long it is on the screen.
 #[derive(Clone, Debug, PartialEq)]

@@ -74,8 +74,8 @@ fn finds_the_robot(desk: &Desk, relay: &Relay) {
     desk.controls.beginning(&format!("Looking for {ROBOT}"));
     desk.picture("01_open");
     desk.until_seen("Remembered addresses", || {
+        // What is typed before the field is there waits for it.
         desk.screen.tap_with(Key::Control, Key::L);
-        rest();
         desk.screen.write(&relay.endpoint());
         desk.screen.tap(Key::Enter);
     });
