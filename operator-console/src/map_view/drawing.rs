@@ -31,8 +31,9 @@ use crate::theme;
 const OVER_SCALE_BAR: f32 = 60.0;
 /// A map that is smaller has neither cards nor legends: they would hide it. Width and height, points.
 const LEAST_FOR_CARDS: [f32; 2] = [200.0, 160.0];
-/// Legends on the map are this wide, points, where the map is not narrow.
+/// Within the card of legends, points.
 const CARD_PADDING: f32 = 8.0;
+/// Legends on the map are this wide, points, where the map is not narrow.
 const LEGEND_WIDTH: f32 = 220.0;
 
 fn legend_id() -> Id {
@@ -80,10 +81,15 @@ impl MapView {
                 .map_or_else(|| "Map".to_owned(), |it| format!("Map, measured: {it}"));
             WidgetInfo::labeled(Role::Canvas, true, words)
         });
+        let legend = match self.look.has(Overlay::Legend) {
+            true => self.legend_width() + CARD_MARGIN,
+            false => 0.0,
+        };
+        let beside_legend = screen.width() - legend - 2.0 * CARD_MARGIN;
         scale_bar::paint(
             &painter,
             screen.left_bottom() + vec2(CARD_MARGIN, -CARD_MARGIN),
-            &ScaleBar::new(self.camera.points_per_m()),
+            &ScaleBar::new(self.camera.points_per_m(), beside_legend),
             ink,
             paper,
         );
@@ -128,6 +134,11 @@ impl MapView {
         compass::compass_ui(ui, rect, data).then(|| Look::Up(self.look.orientation.other()))
     }
 
+    /// Of its card, points.
+    fn legend_width(&self) -> f32 {
+        LEGEND_WIDTH.min(0.45 * self.screen.width()) + 2.0 * CARD_PADDING
+    }
+
     fn legend_ui(&self, ui: &Ui, model: &ConsoleModel) {
         let shown = MapLayers::shown(self.stack(), model.map().store());
         let palettes = shown.iter().rev();
@@ -137,15 +148,9 @@ impl MapView {
         if data.legends.is_empty() {
             return;
         }
-        let width = LEGEND_WIDTH.min(0.45 * self.screen.width());
-        let beside_bar = self.screen.width() - width - 2.0 * CARD_PADDING - 3.0 * CARD_MARGIN;
-        let lift = if beside_bar < scale_bar::LONGEST_CARD {
-            OVER_SCALE_BAR
-        } else {
-            CARD_MARGIN
-        };
+        let width = self.legend_width() - 2.0 * CARD_PADDING;
         Area::new(legend_id())
-            .fixed_pos(self.screen.right_bottom() - vec2(CARD_MARGIN, lift))
+            .fixed_pos(self.screen.right_bottom() - vec2(CARD_MARGIN, CARD_MARGIN))
             .pivot(Align2::RIGHT_BOTTOM)
             .constrain_to(self.screen)
             .order(Order::Background)

@@ -4,11 +4,11 @@ use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, StrokeK
 use protocol::export::{length_label, round_length_m};
 
 /// Longest bar, points.
-const MAX_BAR: f64 = 160.0;
+const MAX_BAR: f32 = 160.0;
+/// What is shorter is no help, points.
+const MIN_BAR: f32 = 48.0;
 const HEIGHT: f32 = 6.0;
 const PADDING: f32 = 8.0;
-/// The card under the longest bar, points.
-pub(in crate::map_view) const LONGEST_CARD: f32 = MAX_BAR as f32 + 2.0 * PADDING;
 
 /// A round length and how long it is on the screen.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,9 +19,10 @@ pub(in crate::map_view) struct ScaleBar {
 }
 
 impl ScaleBar {
-    /// The longest bar of 1, 2 or 5 times a power of ten metres that fits.
-    pub(in crate::map_view) fn new(points_per_m: f64) -> Self {
-        let length_m = round_length_m(MAX_BAR / points_per_m);
+    /// The longest bar of 1, 2 or 5 times a power of ten metres whose card fits into `room` points.
+    pub(in crate::map_view) fn new(points_per_m: f64, room: f32) -> Self {
+        let longest = (room - 2.0 * PADDING).clamp(MIN_BAR, MAX_BAR);
+        let length_m = round_length_m(f64::from(longest) / points_per_m);
         Self {
             label: length_label(length_m),
             length: (length_m * points_per_m) as f32,
@@ -69,9 +70,13 @@ mod tests {
             (0.05, "2 km", 100.0),
             (0.3, "500 m", 150.0),
         ] {
-            let bar = ScaleBar::new(points_per_m);
+            let bar = ScaleBar::new(points_per_m, 500.0);
             assert_eq!(bar.label, label, "{points_per_m}");
             assert!((bar.length - length).abs() < 1e-3, "{points_per_m}");
+        }
+        // Beside something else there is less room.
+        for (room, label) in [(176.0, "2 m"), (95.0, "1 m"), (10.0, "1 m")] {
+            assert_eq!(ScaleBar::new(40.0, room).label, label, "{room}");
         }
     }
 }
