@@ -81,9 +81,10 @@ impl MapView {
                 .map_or_else(|| "Map".to_owned(), |it| format!("Map, measured: {it}"));
             WidgetInfo::labeled(Role::Canvas, true, words)
         });
-        let legend = match self.look.has(Overlay::Legend) {
-            true => self.legend_width() + CARD_MARGIN,
-            false => 0.0,
+        let legend = if self.look.has(Overlay::Legend) {
+            self.legend_width() + CARD_MARGIN
+        } else {
+            0.0
         };
         let beside_legend = screen.width() - legend - 2.0 * CARD_MARGIN;
         scale_bar::paint(

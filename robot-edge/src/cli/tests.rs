@@ -1,4 +1,11 @@
+use std::path::PathBuf;
+
+use clap::CommandFactory as _;
+use clap_complete::Shell;
+
 use super::*;
+use crate::experiments::Experiment;
+use crate::pacer::Rate;
 
 fn parse(line: &str) -> Result<Command, clap::Error> {
     let arguments = std::iter::once("robot-edge").chain(line.split_whitespace());

@@ -1,0 +1,174 @@
+//! The commands that map, and their options.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use clap::builder::NonEmptyStringValueParser;
+use protocol::keys::RobotId;
+
+use crate::config::Override;
+use crate::pacer::Rate;
+use crate::ros::middleware::MAX_DOMAIN;
+
+/// `run`.
+#[derive(Clone, Debug, PartialEq, Args)]
+pub struct RunLive {
+    /// The ROS 2 system's Zenoh router or bridge
+    #[arg(long, value_name = "ENDPOINT", default_value = "tcp/localhost:7447", value_parser = NonEmptyStringValueParser::new())]
+    pub ros: String,
+    /// Its domain [default: what `ROS_DOMAIN_ID` says, or 0]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(..=i64::from(MAX_DOMAIN)))]
+    pub ros_domain: Option<u32>,
+    /// Look so long for the sensors, seconds
+    #[arg(long = "wait", value_name = "S", default_value = "10", value_parser = seconds_above_zero, allow_negative_numbers = true)]
+    pub wait_s: f64,
+    /// How it is driven.
+    #[command(flatten)]
+    pub driving: DrivingOptions,
+    /// Options of every command that maps.
+    #[command(flatten)]
+    pub mapping: MappingOptions,
+}
+
+/// `replay`.
+#[derive(Clone, Debug, PartialEq, Args)]
+pub struct Replay {
+    /// MCAP with ROS 2 messages, ROS 1 bag or CARMEN log
+    pub recording: PathBuf,
+    /// Times as fast as it was recorded, or `max`
+    #[arg(long, value_name = "1|2.5|max", default_value = "max", value_parser = str::parse::<Rate>)]
+    pub rate: Rate,
+    /// Begin again at the end, until interrupted
+    #[arg(long = "loop")]
+    pub repeat: bool,
+    /// Skip this much of the recording, seconds
+    #[arg(long = "start", value_name = "S", default_value = "0", value_parser = seconds_from_zero, allow_negative_numbers = true)]
+    pub start_s: f64,
+    /// Stop after this much of the recording, seconds
+    #[arg(long = "duration", value_name = "S", value_parser = seconds_above_zero, allow_negative_numbers = true)]
+    pub duration_s: Option<f64>,
+    /// Options of every command that maps.
+    #[command(flatten)]
+    pub mapping: MappingOptions,
+}
+
+/// `simulate`.
+#[derive(Clone, Debug, PartialEq, Args)]
+pub struct Simulate {
+    /// Name of a world, or a world file
+    #[arg(value_parser = NonEmptyStringValueParser::new())]
+    pub world: String,
+    /// What chance starts from: the same seed gives the same run
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Stop after this much simulated time, seconds
+    #[arg(long = "duration", value_name = "S", value_parser = seconds_above_zero, allow_negative_numbers = true)]
+    pub duration_s: Option<f64>,
+    /// Times as fast as real time, or `max`
+    #[arg(long, value_name = "1|max", default_value = "1", value_parser = str::parse::<Rate>)]
+    pub rate: Rate,
+    /// Let operators drive it at any rate: for hours of driving in minutes. Its world goes faster than their reactions
+    #[arg(long, hide = true)]
+    pub drive_at_any_rate: bool,
+    /// How it is driven.
+    #[command(flatten)]
+    pub driving: DrivingOptions,
+    /// Options of every command that maps.
+    #[command(flatten)]
+    pub mapping: MappingOptions,
+}
+
+/// How the vehicle is driven.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
+pub struct DrivingOptions {
+    /// Log every round of the loop that drives: what was asked, what the motors were told, and why
+    #[arg(long, value_name = "FILE.csv", conflicts_with = "no_network")]
+    pub drive_log: Option<PathBuf>,
+    /// Keep an emergency stop here, so that it outlives this program [default: of `run`, `$STATE_DIRECTORY`, or
+    /// `foreshore/ROBOT` in `$XDG_STATE_HOME` or `~/.local/state`; `simulate` forgets it at the end]
+    #[arg(long, value_name = "DIR", conflicts_with = "no_network")]
+    pub state: Option<PathBuf>,
+    /// Let operators start and stop recordings, which go here in files of a minute
+    #[arg(long, value_name = "DIR", conflicts_with = "no_network")]
+    pub recordings: Option<PathBuf>,
+}
+
+/// Options of every command that maps.
+#[derive(Clone, Debug, PartialEq, Args)]
+pub struct MappingOptions {
+    /// Vehicle: a preset (see `robot-edge vehicles`) or a configuration file
+    #[arg(long, value_name = "NAME|FILE", value_parser = NonEmptyStringValueParser::new())]
+    pub vehicle: Option<String>,
+    /// Override one setting: `mapping.occupancy.cell_m=0.05`; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = str::parse::<Override>)]
+    pub settings: Vec<Override>,
+    /// Topic of a sensor, where several fit: `laser=/scan`; may be repeated
+    #[arg(long = "topic", value_name = "ROLE=NAME", value_parser = Override::topic)]
+    pub topics: Vec<Override>,
+    /// Name of this robot: letters, digits, `_` and `-`
+    #[arg(long, value_name = "ID")]
+    pub robot: Option<RobotId>,
+    /// How consoles reach it.
+    #[command(flatten)]
+    pub network: NetworkOptions,
+    /// Write everything that comes in to a recording
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Write the maps at the end
+    #[arg(long, value_name = "DIR")]
+    pub export: Option<PathBuf>,
+    /// Write figures of the run at the end
+    #[arg(long, value_name = "FILE.json")]
+    pub summary: Option<PathBuf>,
+}
+
+/// How consoles reach the robot.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
+pub struct NetworkOptions {
+    /// Listen here for consoles: `quic/HOST:PORT` with --keys, `tcp/HOST:PORT` without, tiles at the next port
+    /// [default: this machine only, port 7447]; may be repeated
+    #[arg(long, value_name = "ENDPOINT")]
+    pub listen: Vec<String>,
+    /// Connect to a Zenoh router here; may be repeated
+    #[arg(long, value_name = "ENDPOINT")]
+    pub connect: Vec<String>,
+    /// Who this vehicle is and who may watch and drive it: its folder of `robot-edge keys`
+    #[arg(long, value_name = "DIR")]
+    pub keys: Option<PathBuf>,
+    /// Without keys, let anybody who reaches the listener watch and drive: nothing is encrypted, nobody proves who they
+    /// are
+    #[arg(long, conflicts_with = "keys")]
+    pub insecure: bool,
+    /// Zenoh configuration (JSON5) that ours is laid over [default: what `ZENOH_CONFIG` names]
+    #[arg(long, value_name = "FILE")]
+    pub zenoh_config: Option<PathBuf>,
+    /// Do not open the network
+    #[arg(long, conflicts_with_all = ["listen", "connect", "keys", "insecure", "zenoh_config", "stay"])]
+    pub no_network: bool,
+    /// Go on serving the map when the data has ended, until interrupted
+    #[arg(long)]
+    pub stay: bool,
+}
+
+impl MappingOptions {
+    /// Everything that overrides the vehicle's configuration, weakest first.
+    pub fn overrides(&self) -> Vec<Override> {
+        self.settings.iter().chain(&self.topics).cloned().collect()
+    }
+}
+
+fn seconds_from_zero(text: &str) -> Result<f64, String> {
+    finite(text)
+        .filter(|&secs| secs >= 0.0)
+        .ok_or_else(|| "seconds are a number, 0 or more".to_owned())
+}
+
+fn seconds_above_zero(text: &str) -> Result<f64, String> {
+    finite(text)
+        .filter(|&secs| secs > 0.0)
+        .ok_or_else(|| "seconds are a number above 0".to_owned())
+}
+
+fn finite(text: &str) -> Option<f64> {
+    text.parse().ok().filter(|number: &f64| number.is_finite())
+}
