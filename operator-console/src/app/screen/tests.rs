@@ -330,7 +330,9 @@ fn an_address_that_is_typed_fast_is_taken_whole() {
         // All of it in one frame, as on a machine that takes its time.
         window.key_press_modifiers(Modifiers::COMMAND, Key::L);
         window.event(egui::Event::Text(address.to_owned()));
-        enter.into_iter().for_each(|event| window.event(event));
+        for event in enter {
+            window.event(event);
+        }
         window.run_steps(6);
         let commands = std::mem::take(&mut window.state_mut().commands);
         assert_eq!(commands, [Command::AddAddress(address.to_owned())]);
