@@ -34,7 +34,7 @@ use crate::identity::Identity;
 use crate::link::{Discovery, FoundRobot, RobotSession};
 use crate::panels::connection::LinkSight;
 use crate::panels::robots::RobotsData;
-use crate::playback::{OpenDialog, Playback, is_recording};
+use crate::playback::{OpenDialog, Playback, drop_hint_ui, is_recording};
 use crate::settings::{Keeper, Settings};
 use crate::teleop_input::InputEvent;
 use crate::theme;
@@ -203,6 +203,7 @@ impl eframe::App for ConsoleApp {
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
         let now = Monotonic::now();
         self.screen.begin_frame(ui.ctx());
+        drop_hint_ui(ui.ctx());
         let dropped_or_typed = self.open_dialog.show(ui.ctx()).map(Command::Open);
         let wound = self
             .playback

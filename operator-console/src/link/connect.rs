@@ -8,10 +8,9 @@ use std::time::Duration;
 
 use protocol::keys::{self, RobotId, Topic};
 use protocol::wire::MAX_MESSAGE_BYTES;
-use robot_edge::clock::{self, Monotonic};
 use robot_edge::link::LinkError;
 use robot_edge::link::endpoints::Channel;
-use robot_edge::link::sessions::{self, Endpoints, RETRY_PERIOD, Side};
+use robot_edge::link::sessions::Endpoints;
 use zenoh::bytes::ZBytes;
 use zenoh::handlers::CallbackDrop;
 use zenoh::key_expr::KeyExpr;
@@ -21,6 +20,7 @@ use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
 use super::driving::{DrivingLink, Tap};
+use super::opening::{close, keep_open};
 use super::transport::Transport;
 use crate::locks::lock;
 use crate::model::{Incoming, Outgoing, RequestId};
@@ -37,7 +37,8 @@ pub(super) struct Connections {
     outgoing: SyncSender<Outgoing>,
 }
 
-struct State {
+/// What the sessions' threads share.
+pub(super) struct State {
     robot: RobotId,
     incoming: SyncSender<Incoming>,
     control: Mutex<Option<Session>>,
@@ -75,7 +76,7 @@ impl Connections {
         });
         for channel in [Channel::Control, Channel::Bulk] {
             let (state, endpoints) = (Arc::clone(&state), endpoints.clone());
-            thread::spawn(move || keep_opening(&state, channel, &endpoints));
+            thread::spawn(move || keep_open(&state, channel, &endpoints));
         }
         let (outgoing, to_send) = sync_channel(MAX_OUTGOING);
         thread::spawn({
@@ -140,25 +141,28 @@ impl Connections {
             lock(&self.state.bulk).take(),
         ];
         thread::spawn(move || {
-            for session in sessions.into_iter().flatten() {
-                if let Err(why) = session.close().wait() {
-                    tracing::debug!(%why, "a session did not close");
-                }
-            }
+            sessions.into_iter().flatten().for_each(close);
         });
     }
 }
 
 impl State {
-    fn session(&self, channel: Channel) -> &Mutex<Option<Session>> {
+    /// Where the session of `channel` is while it is open.
+    pub(super) fn session(&self, channel: Channel) -> &Mutex<Option<Session>> {
         match channel {
             Channel::Control => &self.control,
             Channel::Bulk => &self.bulk,
         }
     }
 
-    fn is_closing(&self) -> bool {
+    /// Whether no session is wanted any more.
+    pub(super) fn is_closing(&self) -> bool {
         self.is_closing.load(Ordering::Relaxed)
+    }
+
+    /// Says why a session cannot be opened, or that it is open.
+    pub(super) fn tell_problem(&self, problem: Option<String>) {
+        *lock(&self.problem) = problem;
     }
 
     fn hand_over(&self, incoming: Incoming) {
@@ -201,54 +205,15 @@ impl State {
     }
 }
 
-fn keep_opening(state: &Arc<State>, channel: Channel, endpoints: &Endpoints) {
-    while !state.is_closing() {
-        match sessions::open(Side::Console, channel, endpoints)
-            .and_then(|session| subscribe(state, channel, session))
-        {
-            Ok(session) => {
-                let mut slot = lock(state.session(channel));
-                // It may have been closed meanwhile, and nobody would close this one.
-                if state.is_closing() {
-                    drop(slot);
-                    if let Err(why) = session.close().wait() {
-                        tracing::debug!(%why, "a session did not close");
-                    }
-                    return;
-                }
-                *slot = Some(session);
-                drop(slot);
-                *lock(&state.problem) = None;
-                return;
-            }
-            Err(why) => {
-                tracing::debug!(%why, "not connected yet");
-                *lock(&state.problem) = Some(in_words(&why, endpoints));
-            }
-        }
-        clock::sleep_until(Monotonic::now() + RETRY_PERIOD, || state.is_closing());
-    }
-}
-
-fn in_words(why: &LinkError, endpoints: &Endpoints) -> String {
-    match why {
-        LinkError::Open { .. } => format!(
-            "nobody answers at {}; trying again",
-            endpoints.connect.join(", ")
-        ),
-        LinkError::Endpoint(_)
-        | LinkError::Protocol { .. }
-        | LinkError::Credentials(_)
-        | LinkError::Stranger { .. }
-        | LinkError::Config { .. }
-        | LinkError::Setting { .. }
-        | LinkError::Declare { .. }
-        | LinkError::NoRandomness(_)
-        | LinkError::Encoder(_) => why.to_string(),
-    }
-}
-
-fn subscribe(state: &Arc<State>, channel: Channel, session: Session) -> Result<Session, LinkError> {
+/// Has everything that comes by the session of `channel` handed over.
+///
+/// # Errors
+/// Where Zenoh refuses.
+pub(super) fn subscribe(
+    state: &Arc<State>,
+    channel: Channel,
+    session: Session,
+) -> Result<Session, LinkError> {
     let robot = &state.robot;
     let keys = match channel {
         Channel::Control => [Topic::Pose, Topic::Status, Topic::Event, Topic::MapHead]

@@ -7,6 +7,8 @@
 mod connect;
 mod discovery;
 mod driving;
+mod lost_link;
+mod opening;
 mod transport;
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -112,7 +114,8 @@ impl RobotSession {
         self.driving.take()
     }
 
-    /// Whether both sessions are open. They stay so, and reconnect by themselves, when the link is cut.
+    /// Whether both sessions are open. They reconnect by themselves when the link is cut; one that could go by another way
+    /// too is opened anew where that takes long.
     pub fn is_connected(&self) -> bool {
         self.connections.is_connected()
     }

@@ -32,7 +32,9 @@ impl ConsoleModel {
             None => self.take_pushed(topic, payload, now)?,
             Some(request) => self.take_reply(topic, payload, request, now)?,
         }
-        self.connection.heard(now);
+        if is_by_control(topic) {
+            self.connection.heard(now);
+        }
         Ok(())
     }
 
@@ -206,6 +208,28 @@ impl ConsoleModel {
             Some(boot) if boot != header.boot => Err(Refusal::OtherBoot),
             Some(_) | None => Ok(()),
         }
+    }
+}
+
+/// Whether it comes by the control session, as the vehicle's state does and what it is told. Tiles may go on coming by theirs
+/// while that one is lost: where one is QUIC and the other TLS, a network that swallows UDP cuts only the first.
+const fn is_by_control(topic: Topic) -> bool {
+    match topic {
+        Topic::Info
+        | Topic::Alive
+        | Topic::Pose
+        | Topic::Status
+        | Topic::Event
+        | Topic::MapHead
+        | Topic::Ping
+        | Topic::View
+        | Topic::Operator(_) => true,
+        Topic::Tile(_)
+        | Topic::Tiles(_)
+        | Topic::Digests(_)
+        | Topic::Shores
+        | Topic::Voxels
+        | Topic::Scan => false,
     }
 }
 

@@ -1,3 +1,5 @@
+use std::time::Duration;
+
 use protocol::keys::Topic;
 use protocol::message::{MAX_SENSORS, MapHead, Scan, View};
 use protocol::wire::{self, Header};
@@ -145,6 +147,24 @@ fn sweeps_are_taken_while_they_are_wanted_and_forgotten_with_their_robot() {
     say(&mut model, Topic::Scan, BootId([8; 16]), &scan(), 1_005);
     model.want_scan(false);
     assert_eq!(model.scans().count(), 0);
+}
+
+/// Poses and commands go by another session than sweeps and tiles, which may live longer.
+#[test]
+fn what_comes_beside_the_map_tells_that_the_link_lives() {
+    let mut model = model();
+    model.want_scan(true);
+    say(&mut model, Topic::Scan, BOOT, &scan(), 1_000);
+    assert_eq!(model.scans().count(), 1);
+    let connection = model.connection();
+    assert_eq!(connection.state(at(1_001)), LinkState::Waiting);
+    say(&mut model, Topic::Status, BOOT, &Status::default(), 2_000);
+    say(&mut model, Topic::Scan, BOOT, &scan(), 3_000);
+    assert_eq!(
+        model.connection().age(at(3_000)),
+        Some(Duration::from_secs(1))
+    );
+    assert_eq!(model.connection().state(at(3_600)), LinkState::Silent);
 }
 
 #[test]

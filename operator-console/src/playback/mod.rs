@@ -3,6 +3,7 @@
 //! The mapping code is the vehicle's own, and so is the way to the screen: a link, over this machine's own network.
 
 mod command;
+mod drop_hint;
 mod open_dialog;
 mod path_completion;
 
@@ -26,6 +27,7 @@ use crate::link::FoundRobot;
 use crate::model::ConsoleModel;
 
 pub use command::{PlaybackCommand, RATES, is_going};
+pub use drop_hint::drop_hint_ui;
 pub use open_dialog::OpenDialog;
 
 /// How the robots begin that are recordings.

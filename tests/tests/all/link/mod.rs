@@ -7,12 +7,16 @@ mod controls;
 mod cost;
 #[cfg(target_os = "linux")]
 mod day;
+#[cfg(target_os = "linux")]
+mod dragged;
 mod drive_script;
 #[cfg(target_os = "linux")]
 mod drive_window;
 #[cfg(target_os = "linux")]
 mod driver;
 mod driving;
+#[cfg(target_os = "linux")]
+mod drop_file;
 mod garbage;
 #[cfg(target_os = "linux")]
 mod idle;

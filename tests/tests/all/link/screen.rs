@@ -98,6 +98,13 @@ impl Screen {
         })
     }
 
+    /// Another connection to it, with events of its own, and the window behind all others.
+    pub(crate) fn connection(&self) -> (RustConnection, Window) {
+        let (x, screen) = x11rb::connect(Some(&self.display)).unwrap();
+        let root = x.setup().roots[screen].root;
+        (x, root)
+    }
+
     /// Lets a program open its window here.
     pub(crate) fn show(&self, command: &mut Command) {
         command

@@ -9,3 +9,5 @@ mod flood;
 mod matrix;
 mod secured_link;
 mod strangers;
+#[cfg(target_os = "linux")]
+mod udp_swallowed;

@@ -1,0 +1,127 @@
+//! How a session is opened, and opened again by another way.
+
+use std::sync::Arc;
+use std::thread;
+
+use robot_edge::clock::{self, Monotonic};
+use robot_edge::link::LinkError;
+use robot_edge::link::endpoints::{Channel, attempts};
+use robot_edge::link::sessions::{self, Endpoints, RETRY_PERIOD, Side};
+use zenoh::{Session, Wait as _};
+
+use super::connect::{State, subscribe};
+use super::lost_link::LostLink;
+use super::transport::Transport;
+use crate::locks::lock;
+
+/// Opens the session of `channel`, and again where its link is lost for good and it could go by another way.
+pub(super) fn keep_open(state: &Arc<State>, channel: Channel, endpoints: &Endpoints) {
+    let has_keys = endpoints.credentials.is_some();
+    let has_other_way =
+        attempts(channel, &endpoints.connect, has_keys).is_ok_and(|ways| ways.len() > 1);
+    let mut is_first = true;
+    while let Some(session) = open_in_the_end(state, channel, endpoints, is_first) {
+        is_first = false;
+        if !has_other_way || !is_lost_in_the_end(state, &session) {
+            return;
+        }
+        tracing::info!("the link is lost; it is opened anew, by whatever way answers");
+        let taken = lock(state.session(channel)).take();
+        taken.into_iter().for_each(close_aside);
+    }
+}
+
+/// Waits until the session has lost its link for good; false where it is not wanted any more.
+fn is_lost_in_the_end(state: &State, session: &Session) -> bool {
+    let mut lost = LostLink::default();
+    while !state.is_closing() {
+        let has_link = session.info().links().wait().next().is_some();
+        if lost.look(has_link, Monotonic::now()) {
+            return true;
+        }
+        clock::sleep_until(Monotonic::now() + RETRY_PERIOD, || state.is_closing());
+    }
+    false
+}
+
+/// Tries until the session is open; none where it is not wanted any more.
+fn open_in_the_end(
+    state: &Arc<State>,
+    channel: Channel,
+    endpoints: &Endpoints,
+    mut is_first: bool,
+) -> Option<Session> {
+    while !state.is_closing() {
+        match open(channel, endpoints, is_first)
+            .and_then(|session| subscribe(state, channel, session))
+        {
+            Ok(session) => {
+                let mut slot = lock(state.session(channel));
+                // It may have been closed meanwhile, and nobody would close this one.
+                if state.is_closing() {
+                    drop(slot);
+                    close(session);
+                    return None;
+                }
+                *slot = Some(session.clone());
+                drop(slot);
+                state.tell_problem(None);
+                return Some(session);
+            }
+            Err(why) => {
+                tracing::debug!(%why, "not connected yet");
+                state.tell_problem(Some(in_words(&why, endpoints)));
+            }
+        }
+        is_first = false;
+        clock::sleep_until(Monotonic::now() + RETRY_PERIOD, || state.is_closing());
+    }
+    None
+}
+
+/// Opens the session once. Where nobody answered before and it is TLS that does now, QUIC is asked once more: the robot, or
+/// the network, may have come between its question and that of TLS.
+fn open(channel: Channel, endpoints: &Endpoints, is_first: bool) -> Result<Session, LinkError> {
+    let session = sessions::open(Side::Console, channel, endpoints)?;
+    let is_second_best = Transport::of(&session, &endpoints.connect) == Some(Transport::TlsInstead);
+    if is_first || !is_second_best {
+        return Ok(session);
+    }
+    match sessions::open(Side::Console, channel, endpoints) {
+        Ok(again) => {
+            close_aside(session);
+            Ok(again)
+        }
+        Err(_lost_again) => Ok(session),
+    }
+}
+
+/// Closing may wait for the network, and nobody waits for it.
+fn close_aside(session: Session) {
+    thread::spawn(move || close(session));
+}
+
+/// Closes a session, and may wait for the network.
+pub(super) fn close(session: Session) {
+    if let Err(why) = session.close().wait() {
+        tracing::debug!(%why, "a session did not close");
+    }
+}
+
+fn in_words(why: &LinkError, endpoints: &Endpoints) -> String {
+    match why {
+        LinkError::Open { .. } => format!(
+            "nobody answers at {}; trying again",
+            endpoints.connect.join(", ")
+        ),
+        LinkError::Endpoint(_)
+        | LinkError::Protocol { .. }
+        | LinkError::Credentials(_)
+        | LinkError::Stranger { .. }
+        | LinkError::Config { .. }
+        | LinkError::Setting { .. }
+        | LinkError::Declare { .. }
+        | LinkError::NoRandomness(_)
+        | LinkError::Encoder(_) => why.to_string(),
+    }
+}

@@ -1,0 +1,72 @@
+//! Recordings are dropped on the window, as from a file manager.
+
+use std::fs;
+use std::path::Path;
+
+use tempfile::tempdir;
+
+use super::controls::Controls;
+use super::dragged::Dragged;
+use super::processes::{Running, free_port, program, rooms};
+use super::screen::Screen;
+
+#[test]
+fn a_recording_that_is_dropped_is_shown_and_what_is_none_is_refused() {
+    let Some(screen) = Screen::open() else {
+        return;
+    };
+    let folder = tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name);
+    // Names as people give them.
+    let (recording, notes) = (file("two rooms, 50 % of Größe.mcap"), file("my notes.txt"));
+    fs::copy(rooms(), &recording).unwrap();
+    fs::write(&notes, "these are notes").unwrap();
+    let controls = Controls(file("controls"));
+    let mut command = program("operator-console");
+    screen.show(&mut command);
+    command.arg("--config").arg(file("settings.json"));
+    command.arg("--controls").arg(&controls.0);
+    // Nobody is there.
+    command.arg("--connect");
+    command.arg(format!("tcp/127.0.0.1:{}", free_port()));
+    let mut console = Running::start(&mut command, "the window");
+    let Some(window) = screen.window("Foreshore", || !console.is_running()) else {
+        let (_, said) = console.end();
+        println!("skipped: no window can be opened on this machine: {said}");
+        return;
+    };
+    controls.beginning("Looking for robots");
+    let drag = |files: &[&Path]| Dragged::over(&screen, window, files);
+
+    let held = drag(&[&recording, &notes]);
+    controls.named(
+        "Label",
+        "Drop to open two rooms, 50 % of Größe.mcap, the first of 2 files",
+    );
+    held.take_away();
+    controls.without("Drop to open");
+    controls.without("Open a recording");
+
+    let held = drag(&[&notes]);
+    controls.named("Label", "Drop to open my notes.txt");
+    held.let_go();
+    controls.without("Drop to open");
+    controls.beginning("Open a recording");
+    let refusal = controls.beginning(&format!("{}: not a recording", notes.display()));
+    assert!(refusal.words.contains("these are notes"), "{refusal:?}");
+    assert!(refusal.words.contains("MCAP"), "{refusal:?}");
+
+    drag(&[&recording]).let_go();
+    controls.beginning("Position in the recording: ");
+    controls.without("Open a recording");
+    controls.named("Label", "two rooms, 50 % of Größe.mcap");
+    controls.named("Button", "Pause");
+    controls.beginning("In step");
+
+    // While one is shown, what is none changes nothing.
+    drag(&[&notes]).let_go();
+    controls.beginning(&format!("{}: not a recording", notes.display()));
+    controls.beginning("Position in the recording: ");
+    screen.close(window);
+    console.ends_well();
+}
