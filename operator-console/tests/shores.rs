@@ -100,6 +100,7 @@ fn empty_store(boot: BootId) -> TileStore {
 struct Rig {
     boot: BootId,
     seq: u64,
+    epoch: u32,
     model: ConsoleModel,
 }
 
@@ -108,6 +109,7 @@ impl Rig {
         let mut rig = Self {
             boot: BootId([7; 16]),
             seq: 0,
+            epoch: 0,
             model: ConsoleModel::new(settings()).unwrap(),
         };
         rig.announce(0);
@@ -146,7 +148,7 @@ impl Rig {
     fn announce(&mut self, ms: u64) {
         let head = LayerHead {
             layer: LayerId::Shore,
-            epoch: 0,
+            epoch: self.epoch,
             head_revision: 0,
             tiles: 0,
             root: empty_store(self.boot).root_digest(LayerId::Shore).unwrap(),
@@ -250,6 +252,54 @@ fn shores_of_another_run_are_forgotten_and_not_taken() {
     assert_eq!(newer_than, 0);
     rig.reply(request, Topic::Shores, &news(1, 300), 140);
     assert_eq!(rig.voxels(), Some(300));
+}
+
+#[test]
+fn docking_sites_keep_their_names_until_a_recording_is_wound_back() {
+    let told = |revision, places_m: [[f32; 2]; 2]| {
+        let mut shores = shores(100);
+        let [site] = shores.sites[..] else {
+            panic!("{shores:?}");
+        };
+        let at = |center_m| DockingSite { center_m, ..site };
+        shores.sites = places_m.map(at).to_vec();
+        ShoresNews {
+            revision,
+            shores: Some(shores),
+        }
+    };
+    let letters = |rig: &Rig| -> String {
+        let names = rig.model.site_names();
+        names.iter().map(ToString::to_string).collect()
+    };
+    let (ramp, bank) = ([4.0, -9.0], [4.0, 9.0]);
+    let mut rig = Rig::new();
+    rig.say(Topic::Shores, &told(1, [ramp, bank]), 100);
+    assert_eq!(letters(&rig), "AB");
+    let first = rig.model.site_names().to_vec();
+    rig.say(Topic::Shores, &told(2, [bank, ramp]), 200);
+    assert_eq!(letters(&rig), "BA");
+    let changes = rig.model.changes();
+    rig.announce(300);
+    assert_eq!(letters(&rig), "BA");
+    assert_eq!(rig.model.changes(), changes);
+    // The maps begin anew.
+    rig.epoch = 1;
+    rig.announce(400);
+    assert_eq!((rig.model.shores(), letters(&rig).as_str()), (None, ""));
+    assert!(rig.model.changes() > changes, "it is to be drawn");
+    let (request, newer_than) = rig.asked_shores(400).unwrap();
+    assert_eq!(
+        newer_than, 1,
+        "what came last may have been of the new maps"
+    );
+    rig.reply(request, Topic::Shores, &told(3, [bank, ramp]), 410);
+    assert_eq!(letters(&rig), "AB");
+    assert!(
+        first
+            .iter()
+            .all(|name| !rig.model.site_names().contains(name))
+    );
 }
 
 /// A control endpoint of this machine whose port and the next are free.

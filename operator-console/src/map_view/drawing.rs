@@ -67,11 +67,15 @@ impl MapView {
                 paper,
             );
         }
+        let vehicle_color = self.vehicle_color(is_position_old);
+        // Below the labels of shores, which nobody could read through the points of a scan.
+        self.paint_sensors(&painter, model, vehicle_color);
         if let Some(shores) = model.shores() {
-            let marks = ShoreMarks::new(shores, &self.camera, screen, self.marking.shown());
+            let named = (shores, model.site_names());
+            let marks = ShoreMarks::new(named, &self.camera, screen, self.marking.shown());
             marks.paint(&painter, ink, paper);
         }
-        self.paint_vehicle(&painter, model, is_position_old);
+        self.paint_vehicle(&painter, model, vehicle_color, is_position_old);
         let view = (&self.camera, screen);
         robots::paint(&painter, &self.surroundings.others, view, ink, paper);
         let measured = self.paint_ruler(&painter, model, response.hover_pos(), ink, paper);
@@ -254,15 +258,45 @@ impl MapView {
         (!legs.is_empty()).then(|| words.collect::<Vec<_>>().join("; "))
     }
 
-    fn paint_vehicle(&self, painter: &Painter, model: &ConsoleModel, is_old: bool) {
-        let lines = trail::lines(model.vehicle().trail(), &self.camera, self.screen);
-        let (vehicle, trail) = if is_old {
-            (theme::VEHICLE_STALE, theme::VEHICLE_STALE)
+    fn vehicle_color(&self, is_old: bool) -> Color32 {
+        if is_old {
+            theme::VEHICLE_STALE
         } else {
-            (
-                self.surroundings.color.unwrap_or(theme::VEHICLE),
-                theme::TRAIL,
-            )
+            self.surroundings.color.unwrap_or(theme::VEHICLE)
+        }
+    }
+
+    fn paint_sensors(&self, painter: &Painter, model: &ConsoleModel, vehicle: Color32) {
+        let Some((pose, _)) = model.vehicle().pose() else {
+            return;
+        };
+        if !self.look.has(Overlay::Sensors) {
+            return;
+        }
+        let view = (&self.camera, self.screen);
+        let [x_m, y_m, _] = pose.position_m;
+        let heading_rad = model.vehicle().heading_rad().unwrap_or_default();
+        for field in &self.surroundings.sensors {
+            let field_m = sensors::field_m(field, [x_m, y_m], heading_rad);
+            sensors::paint_field(painter, &field_m, view, vehicle);
+        }
+        if let Some(scan) = &self.surroundings.scan {
+            sensors::paint_scan(painter, scan, view, theme::SCAN);
+        }
+    }
+
+    fn paint_vehicle(
+        &self,
+        painter: &Painter,
+        model: &ConsoleModel,
+        vehicle: Color32,
+        is_old: bool,
+    ) {
+        let lines = trail::lines(model.vehicle().trail(), &self.camera, self.screen);
+        let trail = if is_old {
+            theme::VEHICLE_STALE
+        } else {
+            theme::TRAIL
         };
         trail::paint(painter, lines, trail, self.camera.points_per_m());
         let Some((pose, _)) = model.vehicle().pose() else {
@@ -272,15 +306,6 @@ impl MapView {
         let [x_m, y_m, _] = pose.position_m;
         let heading_rad = model.vehicle().heading_rad().unwrap_or_default();
         let footprint_m = model.info().map(|info| info.footprint_m);
-        if self.look.has(Overlay::Sensors) {
-            for field in &self.surroundings.sensors {
-                let field_m = sensors::field_m(field, [x_m, y_m], heading_rad);
-                sensors::paint_field(painter, &field_m, view, vehicle);
-            }
-            if let Some(scan) = &self.surroundings.scan {
-                sensors::paint_scan(painter, scan, view, theme::SCAN);
-            }
-        }
         if let (Some(stopping), Some(footprint_m), false) =
             (self.surroundings.stopping, footprint_m, is_old)
         {

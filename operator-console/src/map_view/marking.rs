@@ -1,12 +1,14 @@
 //! Which shore or docking site stands out on the map: what the hand is over in the list, else what it chose last.
 
+use crate::model::SiteName;
+
 /// One of what [`Shores`](protocol::message::Shores) tells of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ShoreMark {
     /// A shore, by number.
     Shore(u32),
-    /// A docking site, by rank from 1.
-    Site(u32),
+    /// A docking site, by the name that stays with its place.
+    Site(SiteName),
 }
 
 /// See the [module](self).

@@ -14,6 +14,7 @@ mod scans;
 mod sending;
 mod shores_sync;
 mod sight;
+mod site_names;
 mod soundness;
 mod taking;
 mod tile_intake;
@@ -36,6 +37,7 @@ pub use link_quality::{LinkQuality, LinkSample, Stream};
 pub use map_sync::{LayerStep, MapSync};
 pub use refusals::{Refusal, Refusals};
 pub use scans::LastScan;
+pub use site_names::{SiteName, SiteNames};
 pub use vehicle::Vehicle;
 pub use voxels_sync::{FetchedVoxels, VoxelsProgress};
 
@@ -160,6 +162,11 @@ impl ConsoleModel {
     /// Shores and docking sites, where the robot has told of them.
     pub const fn shores(&self) -> Option<&Shores> {
         self.shores.shores()
+    }
+
+    /// What the docking sites are called, in the order of [`Self::shores`]: the best first.
+    pub fn site_names(&self) -> &[SiteName] {
+        self.shores.site_names()
     }
 
     /// Whether there is more to fetch once the map is in step: a robot whose data has ended waits for that.

@@ -3,6 +3,8 @@
 //! Shores are pushed when they change. A push may be lost, and one from before this console joined was never
 //! heard, so it also asks, again and again, with the revision that it holds: the answer costs a few bytes where that
 //! is the present one.
+//!
+//! Where the robot's maps begin anew, so do the names of docking sites: the coordinates of before may mean other places.
 
 use std::time::Duration;
 
@@ -11,6 +13,7 @@ use robot_edge::clock::Monotonic;
 
 use super::incoming::RequestId;
 use super::refusals::Refusal;
+use super::site_names::{SiteName, SiteNames};
 
 /// Between an answer and the next question.
 const PERIOD: Duration = Duration::from_secs(2);
@@ -24,6 +27,11 @@ const LONGEST_BACK_OFF: Duration = Duration::from_secs(8);
 pub(super) struct ShoresSync {
     revision: u64,
     shores: Option<Shores>,
+    names: SiteNames,
+    /// The names of the docking sites of `shores`, in their order.
+    named: Vec<SiteName>,
+    /// The epoch of the maps that the shores are part of, once one was heard of.
+    epoch: Option<u32>,
     /// Number of the newest message that told of them; `None` before the first.
     told_seq: Option<u64>,
     asked: Option<(RequestId, Monotonic)>,
@@ -38,6 +46,11 @@ impl ShoresSync {
         self.shores.as_ref()
     }
 
+    /// What its docking sites are called, in their order.
+    pub(super) fn site_names(&self) -> &[SiteName] {
+        &self.named
+    }
+
     /// Whether the robot has said what there is; if its data ended with message `ended_seq`, after that.
     pub(super) fn is_told(&self, ended_seq: Option<u64>) -> bool {
         self.told_seq
@@ -46,7 +59,31 @@ impl ShoresSync {
 
     /// Another run of the robot began.
     pub(super) fn forget(&mut self) {
-        *self = Self::default();
+        self.begin_anew(0, None);
+    }
+
+    /// The robot's maps are of this epoch; whether that is a new one. Then what was told of those before is void, as their
+    /// tiles are: a recording was wound back, or the data's clock started anew.
+    pub(super) fn of_epoch(&mut self, epoch: u32) -> bool {
+        let before = self.epoch;
+        self.epoch = before.max(Some(epoch));
+        let is_new = before.is_some_and(|before| epoch > before);
+        if is_new {
+            // What is held may be of the new maps already: then this asks for it once more.
+            self.begin_anew(self.revision.saturating_sub(1), self.epoch);
+        }
+        is_new
+    }
+
+    fn begin_anew(&mut self, revision: u64, epoch: Option<u32>) {
+        let mut names = std::mem::take(&mut self.names);
+        names.begin_anew();
+        *self = Self {
+            revision,
+            names,
+            epoch,
+            ..Self::default()
+        };
     }
 
     /// Asks as soon as may be.
@@ -100,6 +137,8 @@ impl ShoresSync {
         self.told_seq = self.told_seq.max(Some(seq));
         if is_newer {
             self.revision = revision;
+            let sites = shores.as_ref().map_or(&[][..], |shores| &shores.sites);
+            self.named = self.names.name(sites);
             self.shores = shores;
         }
         Ok(is_newer)
@@ -120,6 +159,8 @@ impl ShoresSync {
 
 #[cfg(test)]
 mod tests {
+    use protocol::message::DockingSite;
+
     use super::*;
 
     const fn at(ms: u64) -> Monotonic {
@@ -191,6 +232,72 @@ mod tests {
         assert_eq!(sync.take(nothing(6), 4, None, at(0)), Ok(false));
         assert!(!sync.is_told(Some(1)));
         assert_eq!(sync.shores().map(|shores| shores.cell_m), Some(0.4));
+    }
+
+    /// With docking sites at these places, metres in x.
+    fn sites(revision: u64, places_m: &[f32]) -> ShoresNews {
+        let site = |x_m: &f32| DockingSite {
+            center_m: [*x_m, 0.0],
+            heading_rad: 0.0,
+            width_m: 4.0,
+            mean_cost: 0.2,
+        };
+        let sites = places_m.iter().map(site).collect();
+        ShoresNews {
+            revision,
+            shores: Some(Shores::gather(0.3, None, Vec::new(), sites)),
+        }
+    }
+
+    #[test]
+    fn docking_sites_are_called_as_before_whatever_their_rank() {
+        let mut sync = ShoresSync::default();
+        assert_eq!(sync.site_names(), []);
+        assert_eq!(sync.take(sites(1, &[0.0, 9.0]), 1, None, at(0)), Ok(true));
+        let first = sync.site_names().to_vec();
+        assert_eq!(sync.take(sites(2, &[9.3, 0.3]), 2, None, at(0)), Ok(true));
+        assert_eq!(sync.site_names(), [first[1], first[0]]);
+        // An answer that tells nothing new, and one that is refused, change no name.
+        assert_eq!(sync.take(nothing(2), 3, None, at(0)), Ok(false));
+        let old = sync.take(sites(1, &[0.0, 9.0]), 4, None, at(0));
+        assert_eq!(old, Err(Refusal::OldRevision));
+        assert_eq!(sync.site_names(), [first[1], first[0]]);
+        sync.forget();
+        assert_eq!(sync.site_names(), []);
+        assert_eq!(sync.take(sites(1, &[9.0]), 5, None, at(0)), Ok(true));
+        assert_eq!(sync.site_names()[0].to_string(), "A");
+        assert!(!first.contains(&sync.site_names()[0]), "of another run");
+    }
+
+    #[test]
+    fn shores_of_maps_that_began_anew_are_asked_for_again() {
+        let mut sync = ShoresSync::default();
+        assert!(!sync.of_epoch(3), "the first that is heard of");
+        assert_eq!(next(&mut sync, 0, 1), (0, 0));
+        let request = Some(RequestId(1));
+        assert_eq!(
+            sync.take(sites(7, &[0.0, 9.0]), 1, request, at(0)),
+            Ok(true)
+        );
+        let first = sync.site_names().to_vec();
+        assert!(!sync.of_epoch(3) && !sync.of_epoch(2));
+        assert_eq!(sync.site_names(), first);
+        assert!(sync.of_epoch(4));
+        assert_eq!((sync.shores(), sync.site_names()), (None, &[][..]));
+        assert!(!sync.is_told(None));
+        // The present list may have come before the announcement: it is taken once more, and none from before it.
+        assert_eq!(next(&mut sync, 100, 2), (100, 6));
+        let late = sync.take(sites(5, &[9.0]), 2, None, at(100));
+        assert_eq!(late, Err(Refusal::OldRevision));
+        let request = Some(RequestId(2));
+        assert_eq!(
+            sync.take(sites(7, &[9.0, 0.0]), 3, request, at(200)),
+            Ok(true)
+        );
+        assert!(sync.is_told(None) && !sync.of_epoch(4));
+        let anew: Vec<_> = sync.site_names().iter().map(SiteName::to_string).collect();
+        assert_eq!(anew, ["A", "B"]);
+        assert!(first.iter().all(|name| !sync.site_names().contains(name)));
     }
 
     #[test]

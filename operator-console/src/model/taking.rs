@@ -1,8 +1,10 @@
 //! What becomes of each message.
 
 use protocol::keys::Topic;
+use protocol::layer::LayerId;
 use protocol::message::{
-    Digests, Info, MapHead, Pong, Pose, Scan, ShoresNews, Status, TileBand, TilesReply, VoxelsReply,
+    Digests, Info, LayerHead, MapHead, Pong, Pose, Scan, ShoresNews, Status, TileBand, TilesReply,
+    VoxelsReply,
 };
 use protocol::wire::{self, Header, WireError};
 use robot_edge::clock::Monotonic;
@@ -88,6 +90,8 @@ impl ConsoleModel {
             Topic::MapHead => {
                 let (header, head): (_, MapHead) = decode(payload)?;
                 let seq = header.seq;
+                let of_shores = |layer: &&LayerHead| layer.layer == LayerId::Shore;
+                let epoch = head.layers.iter().find(of_shores).map(|head| head.epoch);
                 if self.map.take_head(head, header.boot, now)? {
                     self.vehicle.forget();
                     self.shores.forget();
@@ -101,6 +105,9 @@ impl ConsoleModel {
                     {
                         self.info = None;
                     }
+                }
+                if epoch.is_some_and(|epoch| self.shores.of_epoch(epoch)) {
+                    self.changes += 1;
                 }
                 self.quality.heard(Stream::MapHead, now);
                 self.head_seq = seq;

@@ -29,6 +29,10 @@ impl LegendsData {
     pub fn new(palettes: impl IntoIterator<Item = (Palette, bool)>) -> Self {
         let legend = |(palette, is_over): (Palette, bool)| {
             let mut legend = palette.legend();
+            if palette.layer() == LayerId::Shore {
+                // The map calls them so.
+                "shores 1, 2 …; docking sites A, B …".clone_into(&mut legend.title);
+            }
             // Free cells show what lies below.
             if is_over
                 && palette.layer() == LayerId::Obstacle

@@ -8,7 +8,7 @@ use protocol::shores::DOCKING_SITE_CODE;
 
 use super::wording::{count, signed};
 use crate::map_view::{MapView, ShoreMark};
-use crate::model::ConsoleModel;
+use crate::model::{ConsoleModel, SiteName};
 
 pub use list::shores_ui;
 
@@ -32,8 +32,8 @@ pub struct ShoresData {
 pub struct ShoreRow {
     /// Which.
     pub mark: ShoreMark,
-    /// Number of the shore, or rank of the site.
-    pub number: String,
+    /// Number of the shore, or letter of the site.
+    pub name: String,
     /// Colour, pattern and name of what it is.
     pub class: Swatch,
     /// Share of rigid voxels, or mean slope cost.
@@ -48,7 +48,7 @@ pub struct ShoreRow {
     pub sentence: String,
     /// Where it is in `odom`, metres.
     pub center_m: [f64; 2],
-    /// By number, share, size and distance, to sort by.
+    /// By number or rank, share, size and distance, to sort by.
     keys: [f64; 4],
 }
 
@@ -103,9 +103,9 @@ impl ShoresData {
             .map(|cluster| shore_row(cluster, vehicle_m))
             .collect();
         sort(&mut rows, SortBy::Distance);
-        let sites = shores.sites.iter().zip(1..);
-        let site_rows = sites.map(|(site, rank)| {
-            let row = site_row(site, rank, vehicle_m);
+        let sites = shores.sites.iter().zip(model.site_names()).zip(1..);
+        let site_rows = sites.map(|((site, name), rank)| {
+            let row = site_row(site, (*name, rank), vehicle_m);
             let reason = Some(reason(site, beam_m, shores));
             ShoreRow { reason, ..row }
         });
@@ -172,7 +172,7 @@ fn shore_row(cluster: &ShoreCluster, vehicle_m: Option<[f64; 2]>) -> ShoreRow {
             "Shore {number}, {}, {share} rigid, {size} voxels, {distance} away",
             class.label
         ),
-        number: number.to_string(),
+        name: number.to_string(),
         class,
         share,
         size,
@@ -181,13 +181,18 @@ fn shore_row(cluster: &ShoreCluster, vehicle_m: Option<[f64; 2]>) -> ShoreRow {
     }
 }
 
-fn site_row(site: &DockingSite, rank: u32, vehicle_m: Option<[f64; 2]>) -> ShoreRow {
+/// Its name stays with it; its rank, from 1, only sorts.
+fn site_row(
+    site: &DockingSite,
+    (name, rank): (SiteName, u32),
+    vehicle_m: Option<[f64; 2]>,
+) -> ShoreRow {
     let center_m = site.center_m.map(f64::from);
     let distance = distance(center_m, vehicle_m);
     let share = format!("{:.2}", site.mean_cost);
     let size = format!("{} m", signed(site.width_m.into(), 1));
     ShoreRow {
-        mark: ShoreMark::Site(rank),
+        mark: ShoreMark::Site(name),
         reason: None,
         keys: [
             f64::from(rank),
@@ -195,8 +200,8 @@ fn site_row(site: &DockingSite, rank: u32, vehicle_m: Option<[f64; 2]>) -> Shore
             f64::from(site.width_m),
             away_m(center_m, vehicle_m),
         ],
-        sentence: format!("Docking site {rank}, cost {share}, {size} wide, {distance} away"),
-        number: rank.to_string(),
+        sentence: format!("Docking site {name}, cost {share}, {size} wide, {distance} away"),
+        name: name.to_string(),
         class: class_swatch(DOCKING_SITE_CODE),
         share,
         size,

@@ -745,16 +745,19 @@ fn shores_are_listed_and_a_click_shows_where_they_are() {
             "Shores",
             "Shore 7, dense, 41 % rigid, 1\u{2009}200 voxels, 5.0 m away",
             "Shore 12, solid, 92 % rigid, 1\u{2009}200 voxels, 100 m away",
-            "Docking site 1, cost 0.20, 6.2 m wide, 12 m away",
-            "Docking site 2, cost 0.31, 6.2 m wide, 20 m away",
+            "Docking site A, cost 0.20, 6.2 m wide, 12 m away",
+            "Docking site B, cost 0.31, 6.2 m wide, 20 m away",
+            // On the map.
+            "Shores 1, 2 …; docking sites A, B …",
             "3 smaller shores are not listed.",
         ],
         &["worse docking sites", "Nothing was heard"],
     );
-    window.get_by_label_contains("Docking site 2").click();
+    window.get_by_label_contains("Docking site B").click();
     window.run_steps(2);
     let asked = std::mem::take(&mut window.state_mut().commands);
-    let mark = Look::Mark(ShoreMark::Site(2), [-19.0, -2.5]);
+    let second = window.state().model.as_ref().unwrap().site_names()[1];
+    let mark = Look::Mark(ShoreMark::Site(second), [-19.0, -2.5]);
     assert!(asked.contains(&Command::Look(mark)), "{asked:?}");
     let map_view = window.state_mut().screen.map_view_mut();
     map_view.look(mark);

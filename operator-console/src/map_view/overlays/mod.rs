@@ -1,5 +1,5 @@
 //! What is drawn on the map: grid, vehicle and where it would stop, where it was, what its sensors see, other robots,
-//! shores by number, docking sites, and measures.
+//! shores by number, docking sites by letter, and measures.
 
 pub(super) mod compass;
 pub(super) mod grid;

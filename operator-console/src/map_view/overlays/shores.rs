@@ -1,4 +1,4 @@
-//! Shores by number where they are, and docking sites with an arrow that points in.
+//! Shores by number where they are, and docking sites by letter, with an arrow that points in.
 
 use std::cmp::Reverse;
 
@@ -9,12 +9,14 @@ use protocol::message::Shores;
 
 use super::super::camera::Camera;
 use super::super::marking::ShoreMark;
+use crate::model::SiteName;
 use crate::theme;
 
 const FONT: f32 = 13.0;
 const PADDING: Vec2 = vec2(5.0, 2.0);
-/// Room for a label of so many characters, whatever the font makes of them.
-const CHARACTER: f32 = 8.0;
+/// Room for each figure and each capital letter of a label, whatever the font makes of them.
+const FIGURE: f32 = 8.0;
+const LETTER: f32 = 12.0;
 const LINE: f32 = 17.0;
 /// From the label of a docking site to the tip of its arrow, points.
 const ARROW: f32 = 30.0;
@@ -25,24 +27,25 @@ const HEAD: f32 = 9.0;
 pub(in crate::map_view) struct ShoreMarks {
     /// Numbers of shores and where, the largest shores first; those that would lie on one another are left out.
     pub(in crate::map_view) numbers: Vec<(String, Pos2)>,
-    /// Ranks of docking sites, where, and where to: the best first.
+    /// Letters of docking sites, where, and where to: the best first.
     pub(in crate::map_view) sites: Vec<(String, Pos2, Vec2)>,
     /// The outline of what stands out: of a shore its own, of a docking site its width and as far in.
     pub(in crate::map_view) outline: Vec<Pos2>,
 }
 
 impl ShoreMarks {
-    /// What `camera` sees of the shores, of which `marked` stands out.
+    /// What `camera` sees of the shores, of which `marked` stands out. The names are those of the docking sites, in
+    /// their order.
     pub(in crate::map_view) fn new(
-        shores: &Shores,
+        (shores, names): (&Shores, &[SiteName]),
         camera: &Camera,
         screen: Rect,
         marked: Option<ShoreMark>,
     ) -> Self {
         let mut taken: Vec<Rect> = Vec::new();
-        let mut place = |text: &str, center_m: [f32; 2]| {
+        let mut place = |text: &str, character: f32, center_m: [f32; 2]| {
             let at = camera.to_screen(screen, center_m.map(f64::from));
-            let size = vec2(text.len() as f32 * CHARACTER, LINE) + 2.0 * PADDING;
+            let size = vec2(text.len() as f32 * character, LINE) + 2.0 * PADDING;
             let rect = Rect::from_center_size(at, size);
             let is_free =
                 screen.intersects(rect) && taken.iter().all(|other| !other.intersects(rect));
@@ -51,28 +54,24 @@ impl ShoreMarks {
                 at
             })
         };
-        let sites = shores
-            .sites
-            .iter()
-            .zip(1..)
-            .filter_map(|(site, rank): (_, usize)| {
-                let text = rank.to_string();
-                let at = place(&text, site.center_m)?;
-                Some((text, at, camera.direction(f64::from(site.heading_rad))))
-            });
+        let sites = shores.sites.iter().zip(names).filter_map(|(site, name)| {
+            let text = name.to_string();
+            let at = place(&text, LETTER, site.center_m)?;
+            Some((text, at, camera.direction(f64::from(site.heading_rad))))
+        });
         let sites = sites.collect();
         let mut clusters: Vec<_> = shores.clusters.iter().collect();
         clusters.sort_by_key(|cluster| (Reverse(cluster.voxels), cluster.number));
         let numbers = clusters.into_iter().filter_map(|cluster| {
             let text = cluster.number.to_string();
-            let at = place(&text, cluster.center_m)?;
+            let at = place(&text, FIGURE, cluster.center_m)?;
             Some((text, at))
         });
         Self {
             numbers: numbers.collect(),
             sites,
             outline: marked
-                .map(|marked| outline_m(shores, marked))
+                .map(|marked| outline_m(shores, names, marked))
                 .unwrap_or_default()
                 .into_iter()
                 .map(|corner_m| camera.to_screen(screen, corner_m))
@@ -80,7 +79,7 @@ impl ShoreMarks {
         }
     }
 
-    /// Draws them: numbers on cards, ranks in inverse colours, so that neither is taken for the other.
+    /// Draws them: numbers on cards, letters in inverse colours, so that neither is taken for the other.
     pub(in crate::map_view) fn paint(&self, painter: &Painter, ink: Color32, paper: Color32) {
         if !self.outline.is_empty() {
             let halo = Stroke::new(6.0, Color32::WHITE);
@@ -101,7 +100,7 @@ impl ShoreMarks {
 }
 
 /// Corners of what is marked, metres in `odom`; none where it is gone.
-fn outline_m(shores: &Shores, marked: ShoreMark) -> Vec<[f64; 2]> {
+fn outline_m(shores: &Shores, names: &[SiteName], marked: ShoreMark) -> Vec<[f64; 2]> {
     match marked {
         ShoreMark::Shore(number) => {
             let shore = shores.clusters.iter().find(|shore| shore.number == number);
@@ -110,9 +109,9 @@ fn outline_m(shores: &Shores, marked: ShoreMark) -> Vec<[f64; 2]> {
                 |(x, y): &(i32, i32)| [*x, *y].map(|edge| f64::from(edge) * shores.cell_m);
             corners.unwrap_or_default().iter().map(corner_m).collect()
         }
-        ShoreMark::Site(rank) => {
-            let index = (rank as usize).checked_sub(1);
-            let Some(site) = index.and_then(|index| shores.sites.get(index)) else {
+        ShoreMark::Site(marked) => {
+            let mut named = shores.sites.iter().zip(names);
+            let Some((site, _)) = named.find(|(_, name)| **name == marked) else {
                 return Vec::new();
             };
             let [x, y] = site.center_m.map(f64::from);
@@ -158,6 +157,7 @@ mod tests {
     use protocol::message::{DockingSite, ShoreClass, ShoreCluster};
 
     use super::*;
+    use crate::model::SiteNames;
 
     fn cluster(number: u32, voxels: u32, center_m: [f32; 2]) -> ShoreCluster {
         ShoreCluster {
@@ -186,25 +186,66 @@ mod tests {
             width_m: 3.0,
             mean_cost: 0.2,
         };
-        let shores = Shores::gather(0.3, None, clusters, vec![site]);
+        // A, then B and C; A is gone.
+        let beside = |y_m| DockingSite {
+            center_m: [-1.0, y_m],
+            ..site
+        };
+        let mut names = SiteNames::default();
+        let gone = names.name(&[beside(30.0)])[0];
+        let shores = Shores::gather(0.3, None, clusters, vec![site, beside(-60.0)]);
+        let named = names.name(&shores.sites);
         let camera = Camera::default();
-        let marks = ShoreMarks::new(&shores, &camera, screen, Some(ShoreMark::Site(1)));
+        let marks_of = |mark| {
+            ShoreMarks::new(
+                (&shores, &named),
+                &camera,
+                screen,
+                Some(ShoreMark::Site(mark)),
+            )
+        };
+        let marks = marks_of(named[0]);
         let numbers: Vec<_> = marks
             .numbers
             .iter()
             .map(|(text, at)| (text.as_str(), [at.x.round(), at.y.round()]))
             .collect();
         assert_eq!(numbers, [("2", [244.0, 160.0]), ("3", [80.0, 120.0])]);
-        let [(rank, at, towards)] = &marks.sites[..] else {
+        let [(letter, at, towards)] = &marks.sites[..] else {
             panic!("{marks:?}");
         };
-        assert_eq!((rank.as_str(), *at), ("1", pos2(160.0, 280.0)));
+        assert_eq!((letter.as_str(), *at), ("B", pos2(160.0, 280.0)));
         assert!((*towards - vec2(0.0, -1.0)).length() < 1e-6, "up is north");
         assert_eq!(
             Rect::from_points(&marks.outline).size().round(),
             vec2(120.0, 120.0)
         );
-        let none = ShoreMarks::new(&shores, &camera, screen, Some(ShoreMark::Site(2)));
-        assert_eq!(none.outline, [], "there is no second site");
+        assert_eq!(marks_of(gone).outline, [], "it is not where another is now");
+    }
+
+    #[test]
+    fn what_is_marked_stands_out_whatever_its_rank() {
+        let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 400.0));
+        let site = |x_m, mean_cost| DockingSite {
+            center_m: [x_m, 0.0],
+            heading_rad: 0.0,
+            width_m: 2.0,
+            mean_cost,
+        };
+        let mut names = SiteNames::default();
+        let marked = ShoreMark::Site(names.name(&[site(-3.0, 0.2), site(3.0, 0.3)])[0]);
+        let sites = vec![site(3.0, 0.1), site(-3.0, 0.2)];
+        let named = names.name(&sites);
+        let shores = Shores::gather(0.3, None, Vec::new(), sites);
+        let marks = ShoreMarks::new((&shores, &named), &Camera::default(), screen, Some(marked));
+        let labels: Vec<_> = marks
+            .sites
+            .iter()
+            .map(|(text, at, _)| (text.as_str(), *at))
+            .collect();
+        let (left, right) = (pos2(80.0, 200.0), pos2(320.0, 200.0));
+        assert_eq!(labels, [("B", right), ("A", left)]);
+        let middle = Rect::from_points(&marks.outline).center();
+        assert!((middle - left).length() < 1e-3, "{middle:?}");
     }
 }

@@ -16,7 +16,7 @@ const ROW_HEIGHT: f32 = 24.0;
 const TALL_ROW_HEIGHT: f32 = 40.0;
 /// The lists scroll beyond this: eight rows.
 const LIST_HEIGHT: f32 = 192.0;
-/// Where the columns are, as shares of the width: number, class, share, size, distance. Numbers end there.
+/// Where the columns are, as shares of the width: name, class, share, size, distance. Numbers end there.
 const COLUMNS: [f32; 5] = [0.11, 0.14, 0.62, 0.81, 1.0];
 /// What each column but the class sorts by.
 const SORTS: [Option<SortBy>; 5] = [
@@ -26,6 +26,22 @@ const SORTS: [Option<SortBy>; 5] = [
     Some(SortBy::Size),
     Some(SortBy::Distance),
 ];
+
+/// What is listed, and how.
+struct List<'a> {
+    name: &'static str,
+    /// What its rows are called by.
+    called_by: &'static str,
+    why: &'static str,
+    titles: [&'static str; 5],
+    /// What the first column sorts by, in words.
+    first: &'static str,
+    usual: SortBy,
+    /// What is said of the usual order.
+    usually: &'static str,
+    rows: &'a [ShoreRow],
+    row_height: f32,
+}
 
 /// What a list asks for.
 #[derive(Default)]
@@ -40,52 +56,64 @@ pub fn shores_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
         ui.label(RichText::new(note).small());
     }
     let mut asked = Asked::default();
-    let titles = ["No.", "Class", "Rigid", "Voxels", "Away"];
-    list_ui(ui, ("shores", titles, SortBy::Distance), data, &mut asked);
-    let titles = ["Rank", "", "Cost", "Width", "Away"];
-    list_ui(
-        ui,
-        ("docking sites", titles, SortBy::Number),
-        data,
-        &mut asked,
-    );
+    let shores = List {
+        name: "shores",
+        called_by: "Shores, by number",
+        why: "The robot numbers its shores, and the map shows the numbers.",
+        titles: ["No.", "Class", "Rigid", "Voxels", "Away"],
+        first: "no.",
+        usual: SortBy::Distance,
+        usually: "the nearest first",
+        rows: &data.shores,
+        row_height: ROW_HEIGHT,
+    };
+    let sites = List {
+        name: "docking sites",
+        called_by: "Docking sites, by letter",
+        why: "A letter stays with its place, also on the map, whichever site is the best.",
+        titles: ["Site", "", "Cost", "Width", "Away"],
+        first: "rank",
+        usual: SortBy::Number,
+        usually: "the best first",
+        rows: &data.sites,
+        row_height: TALL_ROW_HEIGHT,
+    };
+    for list in [shores, sites] {
+        list_ui(ui, &list, data.marked, &mut asked);
+    }
     let is_other = asked.hovered != data.hovered;
     asked
         .clicked
         .or_else(|| is_other.then_some(Look::Hover(asked.hovered)))
 }
 
-fn list_ui(
-    ui: &mut Ui,
-    (name, titles, usual): (&str, [&str; 5], SortBy),
-    data: &ShoresData,
-    asked: &mut Asked,
-) {
-    let is_shores = name == "shores";
-    let mut rows = if is_shores { &data.shores } else { &data.sites }.clone();
-    if rows.is_empty() {
+fn list_ui(ui: &mut Ui, list: &List<'_>, marked: Option<ShoreMark>, asked: &mut Asked) {
+    if list.rows.is_empty() {
         return;
     }
-    let id = Id::unique(name).with("sorted by");
-    let mut by = ui.data(|data| data.get_temp(id)).unwrap_or(usual);
-    titles_ui(ui, name, titles, &mut by);
+    let mut rows = list.rows.to_vec();
+    let id = Id::unique(list.name).with("sorted by");
+    let mut by = ui.data(|data| data.get_temp(id)).unwrap_or(list.usual);
+    let heading = if by == list.usual {
+        format!("{}, {}", list.called_by, list.usually)
+    } else {
+        list.called_by.to_owned()
+    };
+    ui.label(RichText::new(heading).small())
+        .on_hover_text(list.why);
+    titles_ui(ui, list, &mut by);
     ui.data_mut(|data| data.insert_temp(id, by));
     sort(&mut rows, by);
-    let height = if is_shores {
-        ROW_HEIGHT
-    } else {
-        TALL_ROW_HEIGHT
-    };
     ui.scope(|ui| {
         ui.spacing_mut().item_spacing.y = 0.0;
         ScrollArea::vertical()
-            .id_salt(name)
+            .id_salt(list.name)
             .max_height(LIST_HEIGHT)
             .auto_shrink([false, true])
-            .show_rows(ui, height, rows.len(), |ui, shown| {
+            .show_rows(ui, list.row_height, rows.len(), |ui, shown| {
                 for row in &rows[shown] {
-                    let is_marked = data.marked == Some(row.mark);
-                    let response = row_ui(ui, row, height, is_marked);
+                    let is_marked = marked == Some(row.mark);
+                    let response = row_ui(ui, row, list.row_height, is_marked);
                     if response.hovered() {
                         asked.hovered = Some(row.mark);
                     }
@@ -98,15 +126,26 @@ fn list_ui(
 }
 
 /// The titles of the columns; those that are numbers sort.
-fn titles_ui(ui: &mut Ui, name: &str, titles: [&str; 5], by: &mut SortBy) {
+fn titles_ui(ui: &mut Ui, list: &List<'_>, by: &mut SortBy) {
+    let List {
+        name,
+        titles,
+        first,
+        ..
+    } = list;
     let (rect, _) = ui.allocate_exact_size(vec2(ui.available_width(), 18.0), Sense::hover());
-    paint_columns(ui, rect, titles, true);
+    paint_columns(ui, rect, *titles, true);
     for (column, sort) in SORTS.into_iter().enumerate() {
         let Some(sort) = sort else { continue };
         let right = column_x(rect, column);
         let left = (right - 0.17 * rect.width()).max(rect.left());
         let place = Rect::from_x_y_ranges(left..=right, rect.y_range());
-        let label = format!("Sort {name} by {}", titles[column].to_lowercase());
+        let label = match sort {
+            SortBy::Number => format!("Sort {name} by {first}"),
+            SortBy::Share | SortBy::Size | SortBy::Distance => {
+                format!("Sort {name} by {}", titles[column].to_lowercase())
+            }
+        };
         let response = ui.interact(place, ui.scope_id().with((name, column)), Sense::click());
         response.widget_info(|| WidgetInfo::labeled(Role::Button, true, &label));
         if *by == sort {
@@ -137,13 +176,13 @@ fn row_ui(ui: &mut Ui, row: &ShoreRow, height: f32, is_marked: bool) -> Response
     paint_swatch(ui, Rect::from_min_size(at, SWATCH), &row.class);
     let class = capitalised(&row.class.label);
     let ShoreRow {
-        number,
+        name,
         share,
         size,
         distance,
         ..
     } = row;
-    paint_columns(ui, line, [number, &class, share, size, distance], false);
+    paint_columns(ui, line, [name, &class, share, size, distance], false);
     if let Some(reason) = &row.reason {
         let mut font = FontSelection::Default.resolve(ui.style());
         font.size = 12.0;

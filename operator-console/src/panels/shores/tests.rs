@@ -5,6 +5,7 @@ use protocol::message::ShoreClass;
 
 use super::*;
 use crate::command::Look;
+use crate::model::SiteNames;
 
 fn cluster(number: u32, voxels: u32, center_m: [f32; 2]) -> ShoreCluster {
     ShoreCluster {
@@ -26,18 +27,34 @@ fn site() -> DockingSite {
     }
 }
 
+/// A, B and C for sites that are far from each other.
+fn names() -> Vec<SiteName> {
+    let far = |x_m| DockingSite {
+        center_m: [x_m, 0.0],
+        ..site()
+    };
+    SiteNames::default().name(&[far(0.0), far(100.0), far(200.0)])
+}
+
+/// The best docking site is called B, and another one A.
 fn data() -> ShoresData {
     let clusters = vec![cluster(1, 40, [30.0, 0.0]), cluster(2, 900, [8.0, 6.0])];
     let shores = Shores::gather(0.3, None, clusters, vec![site()]);
     let vehicle_m = Some([0.0, 0.0]);
     let rows = shores.clusters.iter();
-    let site = ShoreRow {
+    let best = ShoreRow {
         reason: Some(reason(&site(), Some(1.6), &shores)),
-        ..site_row(&site(), 1, vehicle_m)
+        ..site_row(&site(), (names()[1], 1), vehicle_m)
     };
+    let wider = DockingSite {
+        center_m: [0.0, 20.0],
+        width_m: 9.0,
+        ..site()
+    };
+    let wider = site_row(&wider, (names()[0], 2), vehicle_m);
     ShoresData {
         shores: rows.map(|cluster| shore_row(cluster, vehicle_m)).collect(),
-        sites: vec![site],
+        sites: vec![best, wider],
         notes: Vec::new(),
         marked: None,
         hovered: None,
@@ -88,13 +105,36 @@ fn a_row_marks_on_hover_and_shows_on_click() {
     window.run_steps(2);
     assert_eq!(window.state().1.last(), Some(&Look::Hover(None)));
     window.state_mut().0.hovered = None;
-    window.get_by_label_contains("Docking site 1").click();
+    window.get_by_label_contains("Docking site B").click();
     window.run_steps(2);
-    let shown = Look::Mark(ShoreMark::Site(1), [8.0, 0.0]);
+    let shown = Look::Mark(ShoreMark::Site(names()[1]), [8.0, 0.0]);
     assert!(window.state().1.contains(&shown));
     window.get_by_label("Sort shores by no.").click();
     window.run_steps(2);
     let first = window.get_by_label_contains("Shore 1, dense").rect();
     let second = window.get_by_label_contains("Shore 2, dense").rect();
     assert!(first.top() < second.top());
+}
+
+#[test]
+fn headings_say_what_numbers_and_letters_are_and_which_is_the_first() {
+    let mut window = Harness::builder()
+        .with_size(vec2(290.0, 300.0))
+        .build_ui_state(|ui, data| _ = shores_ui(ui, data), data());
+    let top = |window: &Harness<'_, ShoresData>, label| window.get_by_label(label).rect().top();
+    let (best, wider) = (
+        "Docking site B, cost 0.20, 4.0 m wide, 8.0 m away",
+        "Docking site A, cost 0.20, 9.0 m wide, 20 m away",
+    );
+    let heading = top(&window, "Docking sites, by letter, the best first");
+    assert!(top(&window, "Shores, by number, the nearest first") < heading);
+    assert!(heading < top(&window, best));
+    assert!(top(&window, best) < top(&window, wider), "by rank");
+    window.get_by_label("Sort docking sites by width").click();
+    window.run_steps(2);
+    assert!(top(&window, wider) < top(&window, best));
+    assert!(window.query_by_label("Docking sites, by letter").is_some());
+    window.get_by_label("Sort docking sites by rank").click();
+    window.run_steps(2);
+    assert!(top(&window, best) < top(&window, wider));
 }
