@@ -24,7 +24,8 @@ use protocol::message::DockingSite;
 /// Places that are remembered. Beyond it those that were not seen for the longest go; a message holds
 /// [`MAX_SITES`](protocol::shores::MAX_SITES), which is fewer.
 const MAX_PLACES: usize = 256;
-const LETTERS: u64 = 26;
+/// Without I and O, which look like figures: those are the names of shores.
+const LETTERS: &[u8] = b"ABCDEFGHJKLMNPQRSTUVWXYZ";
 
 /// What a docking site is called: the same for the same place, in one run of a robot and of this console.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,13 +37,14 @@ pub struct SiteName {
 }
 
 impl fmt::Display for SiteName {
-    /// A to Z, then AA, AB … ZZ, then AAA: as spreadsheets count columns.
+    /// A to Z without I and O, then AA, AB … ZZ, then AAA: as spreadsheets count columns.
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut letters = Vec::new();
         let mut rest = Some(self.index);
+        let count = LETTERS.len() as u64;
         while let Some(index) = rest {
-            letters.push(char::from(b'A' + (index % LETTERS) as u8));
-            rest = (index / LETTERS).checked_sub(1);
+            letters.push(char::from(LETTERS[(index % count) as usize]));
+            rest = (index / count).checked_sub(1);
         }
         formatter.pad(&letters.iter().rev().collect::<String>())
     }
