@@ -248,29 +248,10 @@ const fn past_fault(fault: SensorFault) -> &'static str {
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::{
-        Arming, CommandCounters, EStopStatus, Guard, LeaseStatus, SensorStatus, Settings, Severity,
-        Status, TeleopStatus, Velocity,
-    };
-    use protocol::tile::BootId;
-    use protocol::wire::{self, Header};
+    use protocol::message::{EStopStatus, SensorStatus, Severity, Status, TeleopStatus};
 
     use super::*;
-    use crate::model::{Incoming, ModelSettings};
-
-    const fn at(ms: u64) -> Monotonic {
-        Monotonic::from_nanos(ms * 1_000_000)
-    }
-
-    fn model() -> ConsoleModel {
-        ConsoleModel::new(ModelSettings {
-            robot: "scout".parse().unwrap(),
-            session: BootId([2; 16]),
-            store_mb: 1,
-            layers: [].into(),
-        })
-        .unwrap()
-    }
+    use crate::pretend::{self, at, scout, standing};
 
     fn says(
         model: &mut ConsoleModel,
@@ -279,28 +260,11 @@ mod tests {
         now: Monotonic,
     ) {
         let teleop = TeleopStatus {
-            state: TeleopState::Idle,
-            last_stop: None,
-            is_drifting: false,
-            lease: LeaseStatus::default(),
-            arming: Arming::Locked,
-            age_ms: None,
-            greatest_age_ms: None,
-            speed_allowed_mps: 0.4,
-            requested: Velocity::default(),
-            applied: Velocity::default(),
-            clamp: None,
-            guard: Guard::Off,
             estop: estop.map(|number| EStopStatus {
                 number,
                 is_stored: true,
             }),
-            counters: CommandCounters::default(),
-            settings: Settings {
-                budget_kbps: 256,
-                guard: false,
-                recording: false,
-            },
+            ..standing()
         };
         let laser = SensorStatus {
             name: "laser".to_owned(),
@@ -315,16 +279,7 @@ mod tests {
             teleop: Some(teleop),
             ..Status::default()
         };
-        let header = Header {
-            boot: BootId([1; 16]),
-            seq: 1,
-            robot_time_ns: 0,
-        };
-        let incoming = Incoming::Sample {
-            key: Topic::Status.key(model.robot()),
-            payload: wire::encode(&header, &status).unwrap(),
-        };
-        model.apply(incoming, now);
+        pretend::says(model, Topic::Status, &status, now);
     }
 
     fn listed(alerts: &Alerts) -> Vec<(Alarm, u32, bool)> {
@@ -336,7 +291,7 @@ mod tests {
 
     #[test]
     fn an_alert_lasts_until_its_reason_is_gone_and_somebody_has_seen_it() {
-        let mut model = model();
+        let mut model = scout();
         let mut alerts = Alerts::default();
         says(&mut model, None, Some(3), at(0));
         let begun = alerts.look(&model, Subject::Robot, &[], at(0));
@@ -383,7 +338,7 @@ mod tests {
 
     #[test]
     fn a_recording_that_is_wound_has_lost_no_link() {
-        let mut model = model();
+        let mut model = scout();
         says(&mut model, None, None, at(0));
         let mut alerts = Alerts::default();
         let later = at(60_000);
@@ -393,7 +348,7 @@ mod tests {
 
     #[test]
     fn silence_of_link_and_sensors_and_jumps_are_told() {
-        let mut model = model();
+        let mut model = scout();
         let mut alerts = Alerts::default();
         says(&mut model, Some(SensorFault::Silent), None, at(3_000));
         let begun = alerts.look(&model, Subject::Robot, &[], at(3_000));

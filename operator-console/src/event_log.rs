@@ -163,15 +163,9 @@ fn time_of_day(unix_s: u64) -> String {
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::tile::BootId;
-    use protocol::wire::{self, Header};
 
     use super::*;
-    use crate::model::{Incoming, ModelSettings};
-
-    const fn at(ms: u64) -> Monotonic {
-        Monotonic::from_nanos(ms * 1_000_000)
-    }
+    use crate::pretend::{self, at, scout};
 
     fn says(model: &mut ConsoleModel, kind: &str, now: Monotonic) {
         let severity = match kind {
@@ -184,31 +178,12 @@ mod tests {
             severity,
             message: format!("{kind} happened"),
         };
-        let header = Header {
-            boot: BootId([1; 16]),
-            seq: 1,
-            robot_time_ns: 0,
-        };
-        let incoming = Incoming::Sample {
-            key: Topic::Event.key(model.robot()),
-            payload: wire::encode(&header, &event).unwrap(),
-        };
-        model.apply(incoming, now);
-    }
-
-    fn model() -> ConsoleModel {
-        ConsoleModel::new(ModelSettings {
-            robot: "scout".parse().unwrap(),
-            session: BootId([2; 16]),
-            store_mb: 1,
-            layers: [].into(),
-        })
-        .unwrap()
+        pretend::says(model, Topic::Event, &event, now);
     }
 
     #[test]
     fn every_event_of_the_robot_is_noted_once() {
-        let mut model = model();
+        let mut model = scout();
         let mut log = EventLog::default();
         says(&mut model, "jump", at(1_000));
         says(&mut model, "ground", at(1_000));

@@ -25,6 +25,8 @@ mod milestones;
 pub mod model;
 pub mod panels;
 pub mod playback;
+#[cfg(test)]
+mod pretend;
 pub mod run;
 pub mod script;
 pub mod settings;

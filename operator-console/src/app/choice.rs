@@ -74,16 +74,13 @@ impl RobotChoice {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pretend::at;
 
     fn found(robot: &str) -> FoundRobot {
         FoundRobot {
             robot: robot.parse().unwrap(),
             endpoint: format!("tcp/{robot}:7447"),
         }
-    }
-
-    const fn at(ms: u64) -> Monotonic {
-        Monotonic::from_nanos(ms * 1_000_000)
     }
 
     #[test]

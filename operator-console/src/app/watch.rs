@@ -77,45 +77,20 @@ fn transport_note(transport: Transport) -> Option<Note> {
 mod tests {
     use protocol::keys::Topic;
     use protocol::message::Status;
-    use protocol::tile::BootId;
-    use protocol::wire::{self, Header};
 
     use super::*;
-    use crate::model::{Incoming, ModelSettings};
-
-    const fn at(ms: u64) -> Monotonic {
-        Monotonic::from_nanos(ms * 1_000_000)
-    }
-
-    fn says_something(model: &mut ConsoleModel, now: Monotonic) {
-        let header = Header {
-            boot: BootId([1; 16]),
-            seq: 1,
-            robot_time_ns: 0,
-        };
-        let incoming = Incoming::Sample {
-            key: Topic::Status.key(model.robot()),
-            payload: wire::encode(&header, &Status::default()).unwrap(),
-        };
-        model.apply(incoming, now);
-    }
+    use crate::pretend::{at, says, scout};
 
     #[test]
     fn the_link_is_noted_when_it_changes_and_not_else() {
-        let mut model = ConsoleModel::new(ModelSettings {
-            robot: "scout".parse().unwrap(),
-            session: BootId([2; 16]),
-            store_mb: 1,
-            layers: [].into(),
-        })
-        .unwrap();
+        let mut model = scout();
         let mut watch = Watch::default();
         let mut look = |model: &ConsoleModel, transport, ms| -> Vec<String> {
             let notes = watch.look(model, transport, at(ms));
             notes.into_iter().map(|(_, _, text)| text).collect()
         };
         assert_eq!(look(&model, None, 0), [""; 0]);
-        says_something(&mut model, at(1_000));
+        says(&mut model, Topic::Status, &Status::default(), at(1_000));
         assert_eq!(look(&model, None, 1_000), ["scout is heard"]);
         let [told] = &look(&model, Some(Transport::TlsInstead), 1_100)[..] else {
             panic!();
@@ -125,7 +100,7 @@ mod tests {
         assert_eq!(look(&model, Some(Transport::TlsInstead), 1_300), [""; 0]);
         let lost = look(&model, None, 3_000);
         assert_eq!(lost, ["scout is not heard any more, for 2.0 s"]);
-        says_something(&mut model, at(9_000));
+        says(&mut model, Topic::Status, &Status::default(), at(9_000));
         assert_eq!(
             look(&model, None, 9_000),
             ["scout is heard again after 6.0 s"]

@@ -105,10 +105,7 @@ impl Pending {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const fn at(ms: u64) -> Monotonic {
-        Monotonic::from_nanos(ms * 1_000_000)
-    }
+    use crate::pretend::at;
 
     #[test]
     fn it_is_sent_at_once_and_ten_times_a_second() {

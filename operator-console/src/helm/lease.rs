@@ -85,10 +85,7 @@ impl Lease {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const fn at(ms: u64) -> Monotonic {
-        Monotonic::from_nanos(ms * 1_000_000)
-    }
+    use crate::pretend::at;
 
     fn name(name: &str) -> OperatorId {
         name.parse().unwrap()

@@ -75,10 +75,7 @@ impl Pace {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const fn at(ms: u64) -> Monotonic {
-        Monotonic::from_nanos(ms * 1_000_000)
-    }
+    use crate::pretend::at;
 
     fn sent(changes: impl Fn(u64) -> bool, until_ms: u64) -> Vec<u64> {
         let mut pace = Pace::new(at(0));

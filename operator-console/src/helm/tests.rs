@@ -2,18 +2,13 @@
 
 use protocol::keys::OperatorTopic;
 use protocol::message::{
-    Answer, Drive, EStop, EStopStatus, LeaseStatus, Refusal, StopReason, TeleopState,
+    Answer, Arming, Drive, EStop, EStopStatus, LeaseStatus, Refusal, StopReason, TeleopState,
 };
 use protocol::signed::{Envelope, Route, Stamp};
 
 use super::*;
+use crate::pretend::{BOOT, at, standing};
 use crate::teleop_input::{DriveKey, SpeedStep};
-
-const BOOT: BootId = BootId([7; 16]);
-
-const fn at(ms: u64) -> Monotonic {
-    Monotonic::from_nanos(ms * 1_000_000)
-}
 
 /// What a robot reads of a message.
 #[derive(Clone, Debug, PartialEq)]
@@ -165,11 +160,8 @@ impl Rig {
 }
 
 fn status() -> TeleopStatus {
-    use protocol::message::{Arming, CommandCounters, Guard, Settings, Velocity};
     TeleopStatus {
         state: TeleopState::Held,
-        last_stop: None,
-        is_drifting: false,
         lease: LeaseStatus {
             epoch: 4,
             holder: Some("anna".parse().unwrap()),
@@ -177,20 +169,8 @@ fn status() -> TeleopStatus {
             waiting: None,
         },
         arming: Arming::Neutral,
-        age_ms: None,
-        greatest_age_ms: None,
         speed_allowed_mps: 1.0,
-        requested: Velocity::default(),
-        applied: Velocity::default(),
-        clamp: None,
-        guard: Guard::Off,
-        estop: None,
-        counters: CommandCounters::default(),
-        settings: Settings {
-            budget_kbps: 256,
-            guard: false,
-            recording: false,
-        },
+        ..standing()
     }
 }
 

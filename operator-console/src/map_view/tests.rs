@@ -4,8 +4,9 @@ use eframe::egui::{Event, Modifiers, pos2, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 
-use super::probe::tests::{at, model_of, store};
+use super::probe::tests::{model_of, store};
 use super::*;
+use crate::pretend::{BOOT, at};
 
 struct Rig {
     view: MapView,
@@ -147,7 +148,7 @@ fn a_look_is_kept_and_shows_something_of_any_robot() {
     assert_eq!(next.shown_layers(), [LayerId::Shore].into());
 
     // A robot that maps nothing but costs.
-    let mut costs = protocol::tile_store::TileStore::new(protocol::tile::BootId([5; 16]), 10);
+    let mut costs = protocol::tile_store::TileStore::new(BOOT, 10);
     costs
         .set_grid(protocol::tile_store::LayerGrid {
             layer: LayerId::Cost,

@@ -160,10 +160,7 @@ impl Connection {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const fn at(ms: u64) -> Monotonic {
-        Monotonic::from_nanos(ms * 1_000_000)
-    }
+    use crate::pretend::at;
 
     #[test]
     fn rates_are_those_of_the_last_seconds() {

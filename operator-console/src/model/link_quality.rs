@@ -160,10 +160,7 @@ mod tests {
     #![expect(clippy::float_cmp, reason = "whole numbers of poses in two seconds")]
 
     use super::*;
-
-    const fn at(ms: u64) -> Monotonic {
-        Monotonic::from_nanos(ms * 1_000_000)
-    }
+    use crate::pretend::at;
 
     fn after(comes: impl Fn(u64) -> bool) -> LinkQuality {
         let mut quality = LinkQuality::default();

@@ -162,10 +162,7 @@ mod tests {
     use protocol::message::DockingSite;
 
     use super::*;
-
-    const fn at(ms: u64) -> Monotonic {
-        Monotonic::from_nanos(ms * 1_000_000)
-    }
+    use crate::pretend::at;
 
     fn news(revision: u64, cell_m: f64) -> ShoresNews {
         ShoresNews {

@@ -98,11 +98,10 @@ fn teleop(teleop: &TeleopStatus) -> TeleopStatus {
 
 #[cfg(test)]
 mod tests {
-    use protocol::message::{
-        AgeToken, Arming, LeaseStatus, RecordingState, SensorFault, Settings, TeleopState, Velocity,
-    };
+    use protocol::message::{AgeToken, RecordingState, SensorFault, TeleopState};
 
     use super::*;
+    use crate::pretend::standing;
 
     fn pose() -> Pose {
         Pose {
@@ -134,35 +133,15 @@ mod tests {
                 lost: 0,
             }),
             teleop: Some(TeleopStatus {
-                state: TeleopState::Idle,
-                last_stop: None,
-                is_drifting: false,
-                lease: LeaseStatus {
-                    epoch: 0,
-                    holder: None,
-                    next: None,
-                    waiting: None,
-                },
-                arming: Arming::Locked,
                 age_ms: Some(30),
                 greatest_age_ms: Some(50),
-                speed_allowed_mps: 1.0,
-                requested: Velocity::default(),
-                applied: Velocity::default(),
-                clamp: None,
                 guard: Guard::On(GuardLimits {
                     forward_mps: 1.0,
                     reverse_mps: 1.0,
                     left_radps: 1.0,
                     right_radps: 1.0,
                 }),
-                estop: None,
-                counters: CommandCounters::default(),
-                settings: Settings {
-                    budget_kbps: 500,
-                    guard: true,
-                    recording: true,
-                },
+                ..standing()
             }),
             ..Status::default()
         }

@@ -6,26 +6,7 @@ use protocol::wire::{self, Header};
 use serde::Serialize;
 
 use super::*;
-
-const BOOT: BootId = BootId([7; 16]);
-
-const fn at(ms: u64) -> Monotonic {
-    Monotonic::from_nanos(ms * 1_000_000)
-}
-
-fn robot() -> RobotId {
-    "scout".parse().unwrap()
-}
-
-fn model() -> ConsoleModel {
-    let settings = ModelSettings {
-        robot: robot(),
-        session: BootId([1; 16]),
-        store_mb: 1,
-        layers: [].into(),
-    };
-    ConsoleModel::new(settings).unwrap()
-}
+use crate::pretend::{BOOT, answers, at, scout};
 
 fn say<T: Serialize>(model: &mut ConsoleModel, topic: Topic, boot: BootId, body: &T, ms: u64) {
     let header = Header {
@@ -34,28 +15,18 @@ fn say<T: Serialize>(model: &mut ConsoleModel, topic: Topic, boot: BootId, body:
         robot_time_ns: 99,
     };
     let sample = Incoming::Sample {
-        key: topic.key(&robot()),
+        key: topic.key(model.robot()),
         payload: wire::encode(&header, body).unwrap(),
     };
     model.apply(sample, at(ms));
 }
 
 fn answer_info(model: &mut ConsoleModel, info: &Info, ms: u64) {
-    let header = Header {
-        boot: BOOT,
-        seq: ms,
-        robot_time_ns: 0,
-    };
-    let reply = Incoming::Reply {
-        request: RequestId(1),
-        key: Topic::Info.key(&robot()),
-        payload: wire::encode(&header, info).unwrap(),
-    };
-    model.apply(reply, at(ms));
+    answers(model, RequestId(1), Topic::Info, info, at(ms));
 }
 
 fn asks_for_info(model: &mut ConsoleModel, ms: u64) -> bool {
-    let key_of_info = Topic::Info.key(&robot());
+    let key_of_info = Topic::Info.key(model.robot());
     let outgoing = model.outgoing(at(ms));
     let asks = |out: &Outgoing| matches!(out, Outgoing::Get { key, .. } if *key == key_of_info);
     outgoing.iter().any(asks)
@@ -78,7 +49,7 @@ fn scan() -> Scan {
 
 #[test]
 fn a_robot_that_knows_more_of_itself_is_asked_again() {
-    let mut model = model();
+    let mut model = scout();
     say(
         &mut model,
         Topic::MapHead,
@@ -114,7 +85,7 @@ fn sweeps_are_taken_while_they_are_wanted_and_forgotten_with_their_robot() {
         let (_, view): (_, View) = wire::decode(view.unwrap()).unwrap();
         view.wants_scan
     };
-    let mut model = model();
+    let mut model = scout();
     assert!(!wants(&mut model, 0));
     say(&mut model, Topic::Scan, BOOT, &scan(), 1);
     assert_eq!(model.scans().count(), 0);
@@ -169,7 +140,7 @@ fn what_comes_beside_the_map_tells_that_the_link_lives() {
 
 #[test]
 fn what_nobody_could_show_is_refused() {
-    let mut model = model();
+    let mut model = scout();
     let status = |sensors| Status {
         sensors,
         ..Status::default()

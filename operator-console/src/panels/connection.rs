@@ -163,18 +163,11 @@ pub fn connection_ui(ui: &mut Ui, data: &ConnectionData) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::ModelSettings;
-    use protocol::tile::BootId;
+    use crate::pretend::console;
 
     #[test]
     fn a_recording_is_never_called_live() {
-        let settings = ModelSettings {
-            robot: "recording-1".parse().unwrap(),
-            session: BootId([1; 16]),
-            store_mb: 10,
-            layers: [].into(),
-        };
-        let model = ConsoleModel::new(settings).unwrap();
+        let model = console("recording-1", &[]);
         let link = LinkSight {
             transport: None,
             recording: Some("rooms.mcap".to_owned()),

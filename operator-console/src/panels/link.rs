@@ -209,10 +209,7 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-
-    const fn at(ms: u64) -> Monotonic {
-        Monotonic::from_nanos(ms * 1_000_000)
-    }
+    use crate::pretend::at;
 
     #[test]
     fn what_was_not_measured_is_a_gap_and_no_line() {

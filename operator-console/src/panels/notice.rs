@@ -63,10 +63,7 @@ pub fn notice_ui(ctx: &Context, data: &NoticeData) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const fn at(ms: u64) -> Monotonic {
-        Monotonic::from_nanos(ms * 1_000_000)
-    }
+    use crate::pretend::at;
 
     #[test]
     fn what_was_saved_is_news_for_a_while_and_what_a_robot_says_is_not() {

@@ -11,9 +11,8 @@ use protocol::message::{
     ShoreClass, ShoreCluster, Shores, ShoresNews, Status, TileBand, TileSummary,
 };
 use protocol::tile::codec::Encoder;
-use protocol::tile::{BootId, TileCells, TileKey};
+use protocol::tile::{TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
-use protocol::wire::{self, Header};
 use robot_edge::robot_time::RobotDuration;
 use serde::Serialize;
 
@@ -23,19 +22,15 @@ use crate::command::Look;
 use crate::export::ExportPart;
 use crate::link::{FoundRobot, Sighting};
 use crate::map_view::{LayerCommand, Orientation, Overlay, ShoreMark, Sight};
-use crate::model::{Incoming, LinkState, ModelSettings, Outgoing, RequestId};
+use crate::model::{LinkState, Outgoing, RequestId};
 use crate::panels::robots::Sought;
 use crate::playback::PlaybackCommand;
+use crate::pretend::{BOOT, answers, at, console, says};
 
-const BOOT: BootId = BootId([9; 16]);
 const LAYER: LayerId = LayerId::Occupancy;
 
 fn name() -> RobotId {
     "scout-1".parse().unwrap()
-}
-
-const fn at(ms: u64) -> Monotonic {
-    Monotonic::from_nanos(ms * 1_000_000)
 }
 
 /// A robot whose map is `store`, and a console that hears what the test lets it hear.
@@ -76,14 +71,8 @@ impl Rig {
 
     /// A robot is chosen, and nothing is heard of it.
     fn with_robot() -> Self {
-        let settings = ModelSettings {
-            robot: name(),
-            session: BootId([1; 16]),
-            store_mb: 10,
-            layers: [LAYER].into(),
-        };
         Self {
-            model: Some(ConsoleModel::new(settings).unwrap()),
+            model: Some(console(name().as_str(), &[LAYER])),
             robots: RobotsData::new(
                 &[],
                 Some((&name(), LinkState::Live)),
@@ -191,26 +180,12 @@ impl Rig {
     }
 
     fn say<T: Serialize>(&mut self, topic: Topic, body: &T) {
-        let incoming = Incoming::Sample {
-            key: topic.key(&name()),
-            payload: payload(body),
-        };
-        self.apply(incoming);
+        says(self.model.as_mut().unwrap(), topic, body, self.now);
     }
 
     fn answer<T: Serialize>(&mut self, request: RequestId, topic: Topic, body: &T) {
-        let incoming = Incoming::Reply {
-            request,
-            key: topic.key(&name()),
-            payload: payload(body),
-        };
-        self.apply(incoming);
-    }
-
-    fn apply(&mut self, incoming: Incoming) {
-        let now = self.now;
         let model = self.model.as_mut().unwrap();
-        model.apply(incoming, now);
+        answers(model, request, topic, body, self.now);
     }
 
     /// What the console asks now.
@@ -259,15 +234,6 @@ impl Rig {
         harness.run_steps(4);
         harness
     }
-}
-
-fn payload<T: Serialize>(body: &T) -> Vec<u8> {
-    let header = Header {
-        boot: BOOT,
-        seq: 1,
-        robot_time_ns: 0,
-    };
-    wire::encode(&header, body).unwrap()
 }
 
 fn check(harness: &Harness<'_, Rig>, labels: &[&str], absent: &[&str]) {

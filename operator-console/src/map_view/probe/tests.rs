@@ -3,38 +3,21 @@ use std::fs::File;
 use protocol::keys::Topic;
 use protocol::message::{Info, LayerHead, LayerInfo, MapHead, TileBand};
 use protocol::mosaic::{MAX_RASTER_CELLS, Raster};
+use protocol::tile::TileCells;
 use protocol::tile::codec::Encoder;
-use protocol::tile::{BootId, TileCells};
 use protocol::tile_store::{LayerGrid, TileStore};
-use protocol::wire::{self, Header};
 use tiff::decoder::{Decoder, DecodingResult};
 
 use super::super::stack::LayerCommand;
 use super::*;
-use crate::model::{ConsoleModel, Incoming, ModelSettings, RequestId};
+use crate::model::{ConsoleModel, RequestId};
+use crate::pretend::{BOOT, answers, at, console, says};
 
-const BOOT: BootId = BootId([5; 16]);
 const CELL_M: f64 = 0.1;
-
-pub(in crate::map_view) const fn at(ms: u64) -> Monotonic {
-    Monotonic::from_nanos(ms * 1_000_000)
-}
 
 /// A console that has received `store` whole.
 pub(in crate::map_view) fn model_of(store: &TileStore) -> ConsoleModel {
-    let settings = ModelSettings {
-        robot: "scout".parse().unwrap(),
-        session: BootId([1; 16]),
-        store_mb: 10,
-        layers: LayerId::ALL.into(),
-    };
-    let mut model = ConsoleModel::new(settings).unwrap();
-    let robot = model.robot().clone();
-    let header = Header {
-        boot: BOOT,
-        seq: 1,
-        robot_time_ns: 0,
-    };
+    let mut model = console("scout", &LayerId::ALL);
     let grids: Vec<_> = store.grids().collect();
     let head = MapHead {
         layers: grids
@@ -62,18 +45,8 @@ pub(in crate::map_view) fn model_of(store: &TileStore) -> ConsoleModel {
             .collect(),
         ..Info::default()
     };
-    let push = |topic: Topic, payload| Incoming::Sample {
-        key: topic.key(&robot),
-        payload,
-    };
-    let encoded = wire::encode(&header, &head).unwrap();
-    model.apply(push(Topic::MapHead, encoded), at(1_000));
-    let reply = Incoming::Reply {
-        request: RequestId(1),
-        key: Topic::Info.key(&robot),
-        payload: wire::encode(&header, &info).unwrap(),
-    };
-    model.apply(reply, at(1_000));
+    says(&mut model, Topic::MapHead, &head, at(1_000));
+    answers(&mut model, RequestId(1), Topic::Info, &info, at(1_000));
     let mut encoder = Encoder::new().unwrap();
     for grid in grids {
         for (key, _) in store.tiles(grid.layer) {
@@ -85,8 +58,7 @@ pub(in crate::map_view) fn model_of(store: &TileStore) -> ConsoleModel {
                     digest: tile.digest,
                     rows,
                 };
-                let encoded = wire::encode(&header, &band).unwrap();
-                model.apply(push(Topic::Tile(key), encoded), at(2_000));
+                says(&mut model, Topic::Tile(key), &band, at(2_000));
             }
         }
     }

@@ -2,10 +2,7 @@ use robot_edge::robot_time::RobotTime;
 use robot_edge::streaming::voxel_snapshots::{VoxelSnapshot, VoxelSnapshots};
 
 use super::*;
-
-const fn at(ms: u64) -> Monotonic {
-    Monotonic::from_nanos(ms * 1_000_000)
-}
+use crate::pretend::at;
 
 /// Longer than a part when it is packed, because nothing in it repeats.
 fn long_file(seed: u32) -> PackedFile {

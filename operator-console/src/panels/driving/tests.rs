@@ -1,25 +1,19 @@
 use eframe::egui::vec2;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
-use protocol::keys::{RobotId, Topic};
+use protocol::keys::Topic;
 use protocol::message::{
-    Answer, Arming, Clamp, CommandCounters, EStopStatus, Guard, GuardLimits, Info, LeaseStatus,
-    Pose, Refusal, RefusedCount, Status, StopReason, TeleopState, TeleopStatus, Velocity,
+    Answer, Arming, Clamp, EStopStatus, Guard, GuardLimits, Info, Pose, Refusal, RefusedCount,
+    Status, StopReason, TeleopState, TeleopStatus,
 };
-use protocol::tile::BootId;
-use protocol::wire::{self, Header};
 use robot_edge::clock::Monotonic;
-use serde::Serialize;
 
 use super::*;
 use crate::helm::{Asked, EStopSight, HelmSight, Lease, Note};
-use crate::model::{ConsoleModel, Incoming, ModelSettings};
+use crate::model::{ConsoleModel, RequestId};
+use crate::pretend::{answers, at, helm_of_anna, says, scout, standing};
 use crate::teleop_input::{Loss, Wish};
 use crate::theme::Tone;
-
-const fn at(ms: u64) -> Monotonic {
-    Monotonic::from_nanos(ms * 1_000_000)
-}
 
 /// A robot that stands, and of which everything is told at 1 s.
 struct Rig {
@@ -31,43 +25,9 @@ struct Rig {
 
 impl Rig {
     fn new() -> Self {
-        let teleop = TeleopStatus {
-            state: TeleopState::Idle,
-            last_stop: None,
-            is_drifting: false,
-            lease: LeaseStatus::default(),
-            arming: Arming::Locked,
-            age_ms: None,
-            greatest_age_ms: None,
-            speed_allowed_mps: 0.38,
-            requested: Velocity::default(),
-            applied: Velocity::default(),
-            clamp: None,
-            guard: Guard::Off,
-            estop: None,
-            counters: CommandCounters::default(),
-            settings: Settings {
-                budget_kbps: 256,
-                guard: false,
-                recording: false,
-            },
-        };
-        let helm = HelmSight {
-            operator: "anna".parse().unwrap(),
-            lease: Lease::None,
-            step: SpeedStep::default(),
-            limits: [1.0, 1.5],
-            wish: Wish::NEUTRAL,
-            ignored: None,
-            is_ready: true,
-            token_age: None,
-            is_asking: false,
-            notice: None,
-            estop: EStopSight::Quiet,
-        };
         Self {
-            teleop,
-            helm,
+            teleop: standing(),
+            helm: helm_of_anna(),
             velocity: [0.0; 2],
             now: at(1_100),
         }
@@ -91,14 +51,7 @@ impl Rig {
     }
 
     fn model(&self) -> ConsoleModel {
-        let robot: RobotId = "scout".parse().unwrap();
-        let settings = ModelSettings {
-            robot: robot.clone(),
-            session: BootId([1; 16]),
-            store_mb: 1,
-            layers: [].into(),
-        };
-        let mut model = ConsoleModel::new(settings).unwrap();
+        let mut model = scout();
         let info = Info {
             vehicle: "rover".to_owned(),
             source: String::new(),
@@ -118,19 +71,10 @@ impl Rig {
             teleop: Some(self.teleop.clone()),
             ..Status::default()
         };
-        let info = Incoming::Reply {
-            request: crate::model::RequestId(0),
-            key: Topic::Info.key(&robot),
-            payload: payload(&info),
-        };
-        model.apply(info, at(1_000));
-        for (topic, payload) in [
-            (Topic::Pose, payload(&pose)),
-            (Topic::Status, payload(&status)),
-        ] {
-            let key = topic.key(&robot);
-            model.apply(Incoming::Sample { key, payload }, at(1_000));
-        }
+        let now = at(1_000);
+        answers(&mut model, RequestId(0), Topic::Info, &info, now);
+        says(&mut model, Topic::Pose, &pose, now);
+        says(&mut model, Topic::Status, &status, now);
         model
     }
 
@@ -163,15 +107,6 @@ impl Rig {
         window.run_steps(2);
         window.state().clone()
     }
-}
-
-fn payload<T: Serialize>(body: &T) -> Vec<u8> {
-    let header = Header {
-        boot: BootId([9; 16]),
-        seq: 1,
-        robot_time_ns: 0,
-    };
-    wire::encode(&header, body).unwrap()
 }
 
 fn lease(request: LeaseRequest) -> Command {

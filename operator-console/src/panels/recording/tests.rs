@@ -1,38 +1,13 @@
 use std::cell::RefCell;
 use std::rc::Rc;
-use std::time::Duration;
 
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
-use protocol::keys::{RobotId, Topic};
+use protocol::keys::Topic;
 use protocol::message::{Refusal, Status};
-use protocol::tile::BootId;
-use protocol::wire::{self, Header};
 
 use super::*;
-use crate::helm::{EStopSight, Lease};
-use crate::model::{Incoming, ModelSettings};
-use crate::teleop_input::{SpeedStep, Wish};
-
-const fn at(ms: u64) -> Monotonic {
-    Monotonic::from_nanos(ms * 1_000_000)
-}
-
-fn helm() -> HelmSight {
-    HelmSight {
-        operator: "anna".parse().unwrap(),
-        lease: Lease::None,
-        step: SpeedStep::default(),
-        limits: [1.0, 1.5],
-        wish: Wish::NEUTRAL,
-        ignored: None,
-        is_ready: true,
-        token_age: Some(Duration::from_millis(20)),
-        is_asking: false,
-        notice: None,
-        estop: EStopSight::Quiet,
-    }
-}
+use crate::pretend::{at, helm_of_anna, says, scout};
 
 fn recording(state: RecordingState) -> RecordingStatus {
     RecordingStatus {
@@ -48,28 +23,12 @@ fn recording(state: RecordingState) -> RecordingStatus {
 
 /// A robot that tells this of its recording at 1 s.
 fn model(recording: Option<RecordingStatus>) -> ConsoleModel {
-    let robot: RobotId = "scout".parse().unwrap();
-    let settings = ModelSettings {
-        robot: robot.clone(),
-        session: BootId([1; 16]),
-        store_mb: 1,
-        layers: [].into(),
-    };
-    let mut model = ConsoleModel::new(settings).unwrap();
+    let mut model = scout();
     let status = Status {
         recording,
         ..Status::default()
     };
-    let header = Header {
-        boot: BootId([7; 16]),
-        seq: 1,
-        robot_time_ns: 0,
-    };
-    let sample = Incoming::Sample {
-        key: Topic::Status.key(&robot),
-        payload: wire::encode(&header, &status).unwrap(),
-    };
-    model.apply(sample, at(1_000));
+    says(&mut model, Topic::Status, &status, at(1_000));
     model
 }
 
@@ -96,7 +55,10 @@ fn text(data: &RecordingData) -> String {
 #[test]
 fn a_recording_that_runs_says_how_long_and_how_large_it_is() {
     assert_eq!(
-        text(&data(Some(recording(RecordingState::Recording)), &helm())),
+        text(&data(
+            Some(recording(RecordingState::Recording)),
+            &helm_of_anna()
+        )),
         "Good Recording\n\
          [stop] \n\
          File: scout-2026-03-01T123456Z.mcap\n\
@@ -115,7 +77,7 @@ fn a_full_disk_and_what_was_lost_are_said() {
         free_bytes: None,
         ..recording(RecordingState::StoppedDiskLow)
     };
-    let text = text(&data(Some(full), &helm()));
+    let text = text(&data(Some(full), &helm_of_anna()));
     for words in [
         "Warning Stopped: disk nearly full\nThe robot keeps 1 GB and 5 % of its disk free.",
         "\n[start] \n",
@@ -131,7 +93,7 @@ fn a_full_disk_and_what_was_lost_are_said() {
 #[test]
 fn a_robot_that_does_not_record_says_how_it_would() {
     assert_eq!(
-        text(&data(None, &helm())),
+        text(&data(None, &helm_of_anna())),
         "Waiting This robot does not record\n\
          Start robot-edge with --recordings DIR to let operators record."
     );
@@ -139,7 +101,7 @@ fn a_robot_that_does_not_record_says_how_it_would() {
 
 #[test]
 fn a_refusal_is_said_in_words() {
-    let mut helm = helm();
+    let mut helm = helm_of_anna();
     let asked = Asked::Set(Setting::Recording(true));
     helm.notice = Some(Note::Answered(
         asked.clone(),
@@ -165,15 +127,15 @@ fn who_cannot_ask_is_told_why() {
             .unwrap()
             .blocked
     };
-    assert_eq!(blocked(Some(&helm()), 1_100), None);
+    assert_eq!(blocked(Some(&helm_of_anna()), 1_100), None);
     assert_eq!(blocked(None, 1_100), Some("Nobody here is its operator"));
     assert_eq!(
-        blocked(Some(&helm()), 9_000),
+        blocked(Some(&helm_of_anna()), 9_000),
         Some("The robot is not heard")
     );
     let asking = HelmSight {
         is_asking: true,
-        ..helm()
+        ..helm_of_anna()
     };
     assert_eq!(
         blocked(Some(&asking), 1_100),
@@ -188,7 +150,7 @@ fn the_button_asks_for_what_it_says() {
         (RecordingState::Failed, "Start recording", true),
         (RecordingState::Recording, "Stop recording", false),
     ] {
-        let data = data(Some(recording(state)), &helm());
+        let data = data(Some(recording(state)), &helm_of_anna());
         let asked = Rc::new(RefCell::new(Vec::new()));
         let heard = Rc::clone(&asked);
         let mut panel =

@@ -1,27 +1,12 @@
 use eframe::egui::vec2;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
-use protocol::keys::{RobotId, Topic};
+use protocol::keys::Topic;
 use protocol::message::{Info, Status};
-use protocol::tile::BootId;
-use protocol::wire::{self, Header};
-use serde::Serialize;
 
 use super::*;
-use crate::model::{Incoming, ModelSettings, RequestId};
-
-const fn at(ms: u64) -> Monotonic {
-    Monotonic::from_nanos(ms * 1_000_000)
-}
-
-fn payload<T: Serialize>(body: &T) -> Vec<u8> {
-    let header = Header {
-        boot: BootId([7; 16]),
-        seq: 1,
-        robot_time_ns: 0,
-    };
-    wire::encode(&header, body).unwrap()
-}
+use crate::model::RequestId;
+use crate::pretend::{answers, at, says, scout};
 
 fn info(name: &str, kind: SensorKind, rate_hz: Option<f32>) -> SensorInfo {
     SensorInfo {
@@ -46,14 +31,7 @@ fn status(name: &str, rate_hz: f32, fault: Option<SensorFault>) -> SensorStatus 
 
 /// A boat whose sensors have one fault each, told at 1 s.
 fn boat() -> ConsoleModel {
-    let robot: RobotId = "scout".parse().unwrap();
-    let settings = ModelSettings {
-        robot: robot.clone(),
-        session: BootId([1; 16]),
-        store_mb: 1,
-        layers: [].into(),
-    };
-    let mut model = ConsoleModel::new(settings).unwrap();
+    let mut model = scout();
     let described = Info {
         sensors: vec![
             info("laser", SensorKind::TiltingLaser, Some(5.0)),
@@ -82,17 +60,8 @@ fn boat() -> ConsoleModel {
         ],
         ..Status::default()
     };
-    let reply = Incoming::Reply {
-        request: RequestId(0),
-        key: Topic::Info.key(&robot),
-        payload: payload(&described),
-    };
-    model.apply(reply, at(1_000));
-    let sample = Incoming::Sample {
-        key: Topic::Status.key(&robot),
-        payload: payload(&told),
-    };
-    model.apply(sample, at(1_000));
+    answers(&mut model, RequestId(0), Topic::Info, &described, at(1_000));
+    says(&mut model, Topic::Status, &told, at(1_000));
     model
 }
 
@@ -139,14 +108,7 @@ fn what_was_good_before_the_link_fell_silent_is_not_called_good() {
 
 #[test]
 fn a_robot_that_told_nothing_is_said_to_have_told_nothing() {
-    let settings = ModelSettings {
-        robot: "scout".parse().unwrap(),
-        session: BootId([1; 16]),
-        store_mb: 1,
-        layers: [].into(),
-    };
-    let model = ConsoleModel::new(settings).unwrap();
-    let data = SensorsData::new(&model, at(1_000));
+    let data = SensorsData::new(&scout(), at(1_000));
     assert_eq!(text(&data), "Nothing is known of its sensors yet.");
 }
 

@@ -1,0 +1,119 @@
+//! The robot, the operator and the console that most unit tests pretend to have. A test that is about one of their
+//! values sets it itself.
+
+use std::time::Duration;
+
+use protocol::keys::Topic;
+use protocol::layer::LayerId;
+use protocol::message::{
+    Arming, CommandCounters, Guard, LeaseStatus, Settings, TeleopState, TeleopStatus, Velocity,
+};
+use protocol::tile::BootId;
+use protocol::wire::{self, Header};
+use robot_edge::clock::Monotonic;
+use serde::Serialize;
+
+use crate::helm::{EStopSight, HelmSight, Lease};
+use crate::model::{ConsoleModel, Incoming, ModelSettings, RequestId};
+use crate::teleop_input::{SpeedStep, Wish};
+
+/// The run of the robot.
+pub(crate) const BOOT: BootId = BootId([7; 16]);
+
+/// So many milliseconds after the clock began.
+pub(crate) const fn at(ms: u64) -> Monotonic {
+    Monotonic::from_nanos(ms * 1_000_000)
+}
+
+/// A console that has heard nothing of the robot of this name, and wants these layers.
+pub(crate) fn console(robot: &str, layers: &[LayerId]) -> ConsoleModel {
+    ConsoleModel::new(ModelSettings {
+        robot: robot.parse().unwrap(),
+        session: BootId([1; 16]),
+        store_mb: 10,
+        layers: layers.iter().copied().collect(),
+    })
+    .unwrap()
+}
+
+/// A console that has heard nothing of `scout`, and wants no map of it.
+pub(crate) fn scout() -> ConsoleModel {
+    console("scout", &[])
+}
+
+/// The robot publishes this, and the console hears it at `now`.
+pub(crate) fn says<T: Serialize>(model: &mut ConsoleModel, topic: Topic, body: &T, now: Monotonic) {
+    let sample = Incoming::Sample {
+        key: topic.key(model.robot()),
+        payload: payload(body),
+    };
+    model.apply(sample, now);
+}
+
+/// The robot answers a question with this, and the console hears it at `now`.
+pub(crate) fn answers<T: Serialize>(
+    model: &mut ConsoleModel,
+    request: RequestId,
+    topic: Topic,
+    body: &T,
+    now: Monotonic,
+) {
+    let reply = Incoming::Reply {
+        request,
+        key: topic.key(model.robot()),
+        payload: payload(body),
+    };
+    model.apply(reply, now);
+}
+
+/// Every message is the first of its run.
+fn payload<T: Serialize>(body: &T) -> Vec<u8> {
+    let header = Header {
+        boot: BOOT,
+        seq: 1,
+        robot_time_ns: 0,
+    };
+    wire::encode(&header, body).unwrap()
+}
+
+/// A robot that stands, and that nobody drives.
+pub(crate) fn standing() -> TeleopStatus {
+    TeleopStatus {
+        state: TeleopState::Idle,
+        last_stop: None,
+        is_drifting: false,
+        lease: LeaseStatus::default(),
+        arming: Arming::Locked,
+        age_ms: None,
+        greatest_age_ms: None,
+        speed_allowed_mps: 0.38,
+        requested: Velocity::default(),
+        applied: Velocity::default(),
+        clamp: None,
+        guard: Guard::Off,
+        estop: None,
+        counters: CommandCounters::default(),
+        settings: Settings {
+            budget_kbps: 256,
+            guard: false,
+            recording: false,
+        },
+    }
+}
+
+/// The helm of `anna`, who could drive and does nothing.
+pub(crate) fn helm_of_anna() -> HelmSight {
+    HelmSight {
+        operator: "anna".parse().unwrap(),
+        lease: Lease::None,
+        step: SpeedStep::default(),
+        limits: [1.0, 1.5],
+        wish: Wish::NEUTRAL,
+        ignored: None,
+        is_ready: true,
+        token_age: Some(Duration::from_millis(20)),
+        is_asking: false,
+        notice: None,
+        estop: EStopSight::Quiet,
+    }
+}
