@@ -141,7 +141,7 @@ impl Connections {
             lock(&self.state.bulk).take(),
         ];
         thread::spawn(move || {
-            sessions.into_iter().flatten().for_each(close);
+            sessions.iter().flatten().for_each(close);
         });
     }
 }

@@ -23,6 +23,7 @@ use zenoh::Wait;
 use zenoh::config::WhatAmI;
 use zenoh::sample::Sample;
 
+use super::opening::close;
 use crate::locks::lock;
 
 const SCOUT_TIME: Duration = Duration::from_millis(500);
@@ -325,9 +326,7 @@ fn robots_at(state: &State, address: &str) -> Result<Round, LinkError> {
             *state = Some(said);
         }
     }
-    if let Err(why) = session.close().wait() {
-        tracing::debug!(%why, "a session did not close");
-    }
+    close(&session);
     Ok(robots)
 }
 

@@ -60,7 +60,7 @@ fn open_in_the_end(
                 // It may have been closed meanwhile, and nobody would close this one.
                 if state.is_closing() {
                     drop(slot);
-                    close(session);
+                    close(&session);
                     return None;
                 }
                 *slot = Some(session.clone());
@@ -98,11 +98,11 @@ fn open(channel: Channel, endpoints: &Endpoints, is_first: bool) -> Result<Sessi
 
 /// Closing may wait for the network, and nobody waits for it.
 fn close_aside(session: Session) {
-    thread::spawn(move || close(session));
+    thread::spawn(move || close(&session));
 }
 
 /// Closes a session, and may wait for the network.
-pub(super) fn close(session: Session) {
+pub(super) fn close(session: &Session) {
     if let Err(why) = session.close().wait() {
         tracing::debug!(%why, "a session did not close");
     }

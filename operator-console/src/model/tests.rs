@@ -123,7 +123,7 @@ fn sweeps_are_taken_while_they_are_wanted_and_forgotten_with_their_robot() {
 /// Poses and commands go by another session than sweeps and tiles, which may live longer.
 #[test]
 fn what_comes_beside_the_map_tells_that_the_link_lives() {
-    let mut model = model();
+    let mut model = scout();
     model.want_scan(true);
     say(&mut model, Topic::Scan, BOOT, &scan(), 1_000);
     assert_eq!(model.scans().count(), 1);
