@@ -1,7 +1,7 @@
 //! Letters for docking sites, which stay with their places. Pure: lists in, names out.
 //!
 //! The robot tells of docking sites as a list, the best first, and the ranks change while it learns. Who points at a
-//! site, or marks it, means a place: so each site gets a letter (A, B … Z, AA, AB …) when it is first heard of, and
+//! site, or marks it, means a place: so each site gets a letter (A, B … Z, AA, AB …, without I and O) when it is first heard of, and
 //! what is where a site was known is that site.
 //!
 //! **The rule.** A site and a place can be one where their middles are no farther apart than half of the greater of both

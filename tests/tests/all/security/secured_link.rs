@@ -17,6 +17,18 @@ use crate::link::processes::{Running, assert_same_maps, free_port, program, room
 
 use crate::fleet::Fleet;
 
+/// A script that asks for the lease, turns for a second and gives the lease back.
+pub(super) const TURNS: &str = "\
+0.0 lease request
+0.0 await lease
+0.5 press left
+0.5 await driving
+1.5 release left
+1.5 await held
+2.0 lease release
+2.0 await idle
+";
+
 #[test]
 fn a_console_with_keys_gets_the_map_by_quic_and_tls() {
     let fleet = Fleet::new();
@@ -50,17 +62,7 @@ fn a_console_with_keys_drives_under_its_own_name() {
     ]);
     let _edge = Running::start(edge.arg("--keys").arg(fleet.vehicle()), "edge");
     let script = fleet.scratch("drive.txt");
-    let steps = "\
-0.0 lease request
-0.0 await lease
-0.5 press left
-0.5 await driving
-1.5 release left
-1.5 await held
-2.0 lease release
-2.0 await idle
-";
-    fs::write(&script, steps).unwrap();
+    fs::write(&script, TURNS).unwrap();
     let mut console = program("operator-console");
     console.args(["--headless", "--connect", &endpoint]);
     console.arg("--keys").arg(fleet.person("anna"));

@@ -17,6 +17,7 @@ use robot_edge::clock::Monotonic;
 use robot_edge::credentials::Credentials;
 use robot_edge::link::sessions::Endpoints;
 
+use super::secured_link::TURNS;
 use crate::fleet::Fleet;
 use crate::link::processes::{Running, free_port, program};
 
@@ -130,17 +131,7 @@ fn goes_by(session: &RobotSession, transport: Transport) -> bool {
 fn a_console_drives_by_tls_and_says_so() {
     let network = Networked::without_udp();
     let script = network.fleet.scratch("drive.txt");
-    let steps = "\
-0.0 lease request
-0.0 await lease
-0.5 press left
-0.5 await driving
-1.5 release left
-1.5 await held
-2.0 lease release
-2.0 await idle
-";
-    fs::write(&script, steps).unwrap();
+    fs::write(&script, TURNS).unwrap();
     let mut console = network.console("anna");
     console.args(["--headless", "drive", "--script"]);
     let started = Monotonic::now();
