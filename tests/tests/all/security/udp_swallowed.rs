@@ -25,7 +25,7 @@ use crate::link::processes::{Running, free_port, program};
 const PATIENCE: Duration = Duration::from_mins(1);
 /// The head start of QUIC, twice where the robot has to be looked for first, and a machine that is busy with other tests.
 const UP_WITHIN: Duration = Duration::from_secs(6);
-/// From the last datagram to the first message by another way. Nothing is given up before 4 s of silence.
+/// From the first silence to the first message by another way. Nothing is given up before 4 s of silence.
 const OVER_WITHIN: Duration = Duration::from_secs(15);
 
 /// A robot with keys, and the network between it and its operators.
