@@ -40,9 +40,8 @@ const TICK: Duration = Duration::from_millis(20);
 const LINK_PERIOD: Duration = Duration::from_secs(1);
 /// Between two calls of `wake`.
 const WAKE_PERIOD: Duration = Duration::from_millis(33);
-/// The same for tiles and sweeps of a robot of which nothing else is new: it stands, and they come all the time.
-const CALM_PERIOD: Duration = Duration::from_millis(800);
-/// A robot of which nothing was new for so long is calm.
+/// A robot of which nothing was new for so long is calm: the tiles and sweeps that it pushes all the time are seen with the next
+/// frame that ages ask for.
 const CALM_AFTER: Duration = Duration::from_secs(2);
 
 /// A robot that is watched. Dropping it ends that.
@@ -196,9 +195,8 @@ fn run(
             stirred = now;
         }
         let is_calm = now.since(stirred) >= CALM_AFTER;
-        let period = if is_calm { CALM_PERIOD } else { WAKE_PERIOD };
-        let is_new = changes != seen || surveys != seen_surveys;
-        if is_new && now.since(woken) >= period {
+        let is_new = changes != seen || (!is_calm && surveys != seen_surveys);
+        if is_new && now.since(woken) >= WAKE_PERIOD {
             (seen, seen_surveys, woken) = (changes, surveys, now);
             wake();
         }
