@@ -50,7 +50,7 @@ impl fmt::Display for SiteName {
     }
 }
 
-/// The places that have names. See the [module](self).
+/// The places that have names.
 #[derive(Clone, Debug, Default)]
 pub struct SiteNames {
     places: Vec<Place>,

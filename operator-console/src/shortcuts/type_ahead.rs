@@ -8,7 +8,7 @@ use eframe::egui::{Context, Event, ImeEvent};
 /// A field that does not have the keyboard so many frames later never will.
 const PATIENCE_FRAMES: u32 = 10;
 
-/// See the [module](self).
+/// What waits for a text field that is about to open.
 #[derive(Clone, Debug, Default)]
 pub struct TypeAhead {
     waiting: Option<Waiting>,
