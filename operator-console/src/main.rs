@@ -12,9 +12,10 @@ use tracing_subscriber::EnvFilter;
 fn main() -> ExitCode {
     let cli = Cli::parse();
     let level = match (cli.quiet, cli.verbose) {
-        (true, _) => "error",
+        // A session that is closed complains of what still comes for it: whoever quits need not read that.
+        (true, _) => "error,zenoh::api::session=off",
         // Zenoh warns of settings that are meant.
-        (false, 0) => "warn,zenoh=error",
+        (false, 0) => "warn,zenoh=error,zenoh::api::session=off",
         (false, 1) => "info,zenoh=warn",
         (false, 2) => "debug",
         (false, _) => "trace",
