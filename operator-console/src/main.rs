@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use clap::Parser as _;
 use operator_console::cli::Cli;
+use operator_console::link::LOG_FILTER;
 use operator_console::run::run;
 use robot_edge::exit::{Exit, Interrupted};
 use tracing_subscriber::EnvFilter;
@@ -12,13 +13,11 @@ use tracing_subscriber::EnvFilter;
 fn main() -> ExitCode {
     let cli = Cli::parse();
     let level = match (cli.quiet, cli.verbose) {
-        // A session that is closed complains of what still comes for it: whoever quits need not read that.
-        (true, _) => "error,zenoh::api::session=off",
-        // Zenoh warns of settings that are meant.
-        (false, 0) => "warn,zenoh=error,zenoh::api::session=off",
-        (false, 1) => "info,zenoh=warn",
-        (false, 2) => "debug",
-        (false, _) => "trace",
+        (true, _) => format!("error,{LOG_FILTER}"),
+        (false, 0) => format!("warn,{LOG_FILTER}"),
+        (false, 1) => "info,zenoh=warn".to_owned(),
+        (false, 2) => "debug".to_owned(),
+        (false, _) => "trace".to_owned(),
     };
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(level));
     tracing_subscriber::fmt()

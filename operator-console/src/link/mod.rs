@@ -29,6 +29,11 @@ pub use discovery::{Discovery, FleetState, FoundRobot, Sighting};
 pub use driving::DrivingLink;
 pub use transport::Transport;
 
+/// What of Zenoh's own log is for operators, in the syntax of `tracing_subscriber::EnvFilter`: errors, not
+/// warnings of settings that are meant; and nothing of what still comes for a session that is being closed, of
+/// which it complains to whoever quits.
+pub const LOG_FILTER: &str = "zenoh=error,zenoh::api::session=off";
+
 /// Messages that wait for the model at most; what comes beyond is dropped and counted, and what of it mattered
 /// is asked for again.
 const MAX_WAITING: usize = 4096;
@@ -40,8 +45,8 @@ const TICK: Duration = Duration::from_millis(20);
 const LINK_PERIOD: Duration = Duration::from_secs(1);
 /// Between two calls of `wake`.
 const WAKE_PERIOD: Duration = Duration::from_millis(33);
-/// A robot of which nothing was new for so long is calm: the tiles and sweeps that it pushes all the time are seen with the next
-/// frame that ages ask for.
+/// A robot of which nothing was new for so long is calm: the tiles and sweeps that it pushes all the time are
+/// seen with the next frame that ages ask for.
 const CALM_AFTER: Duration = Duration::from_secs(2);
 
 /// A robot that is watched. Dropping it ends that.
