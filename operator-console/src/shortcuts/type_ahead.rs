@@ -25,6 +25,12 @@ impl TypeAhead {
     pub fn wait(&mut self, ctx: &Context, typed: Vec<Event>) {
         let waiting = self.waiting.get_or_insert_default();
         waiting.typed.extend(typed);
+        // It is not for a field that had the keyboard until now.
+        ctx.memory_mut(|memory| {
+            if let Some(before) = memory.focused() {
+                memory.surrender_focus(before);
+            }
+        });
         ctx.request_repaint();
     }
 
@@ -84,6 +90,9 @@ mod tests {
         opens_in: Option<u32>,
         has_field: bool,
         text: String,
+        /// A field that is always there, and at first has the keyboard where it is wanted to.
+        other: String,
+        is_other_first: bool,
         actions: Vec<Action>,
     }
 
@@ -105,6 +114,10 @@ mod tests {
                     self.has_field = self.opens_in.is_some();
                 }
                 self.actions.extend(actions);
+                let other = ui.add(TextEdit::singleline(&mut self.other));
+                if std::mem::take(&mut self.is_other_first) {
+                    other.request_focus();
+                }
                 if self.has_field {
                     let field = ui.add(TextEdit::singleline(&mut self.text));
                     match self.opens_in {
@@ -161,6 +174,23 @@ mod tests {
             assert_eq!(window.actions, [Action::TypeAddress]);
             assert!(!window.type_ahead.is_waiting());
         }
+    }
+
+    #[test]
+    fn nothing_goes_into_the_field_that_had_the_keyboard() {
+        let mut window = Window {
+            opens_in: Some(2),
+            is_other_first: true,
+            ..Window::default()
+        };
+        window.frame(&[]);
+        window.frame(&typed("a"));
+        let open = key(Key::L, Modifiers::COMMAND);
+        window.frame(&[vec![open], typed("b")].concat());
+        for _later in 0..6 {
+            window.frame(&[]);
+        }
+        assert_eq!((window.other.as_str(), window.text.as_str()), ("a", "b"));
     }
 
     #[test]
