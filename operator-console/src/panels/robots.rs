@@ -1,16 +1,12 @@
-//! The robots on the network, and a box for an address where none is found.
+//! The robots on the network, and below them a box for an address where none is found.
 
 use std::time::Duration;
 
-use eframe::egui::text::{CCursor, CCursorRange};
-use eframe::egui::text_edit::TextEditState;
-use eframe::egui::{
-    Align, Button, CollapsingHeader, Color32, Id, Key, Layout, RichText, Sense, TextEdit, Ui, vec2,
-};
+use eframe::egui::{Align, Color32, Layout, RichText, Sense, Ui, vec2};
 use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
-use robot_edge::link::endpoints::bulk_endpoint;
 
+use super::addresses::{AddressEntry, address_ui, addresses_ui};
 use super::wording::age;
 use crate::command::Command;
 use crate::link::{FleetState, FoundRobot, Sighting};
@@ -152,46 +148,6 @@ fn state_words(sighting: &Sighting, link: Option<LinkState>, now: Monotonic) -> 
     }
 }
 
-/// The address as it is being typed.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct AddressEntry {
-    text: String,
-    error: Option<String>,
-    wants_keyboard: bool,
-}
-
-impl AddressEntry {
-    /// The next text goes into it.
-    pub const fn focus(&mut self) {
-        self.wants_keyboard = true;
-    }
-
-    /// Takes the address if it is one; else says what it should be.
-    pub fn submit(&mut self) -> Option<Command> {
-        let address = self.text.trim().to_owned();
-        if address.is_empty() {
-            self.error = None;
-            return None;
-        }
-        // Who types a host and a port means TCP.
-        let address = if address.contains('/') {
-            address
-        } else {
-            format!("tcp/{address}")
-        };
-        match bulk_endpoint(&address) {
-            Ok(_bulk) => {
-                *self = Self::default();
-                Some(Command::AddAddress(address))
-            }
-            Err(why) => {
-                self.error = Some(why.to_string());
-                None
-            }
-        }
-    }
-}
-
 /// Draws the panel.
 pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Option<Command> {
     let mut command = None;
@@ -240,106 +196,9 @@ pub fn swatch_ui(ui: &mut Ui, color: Color32) {
     ui.painter().rect_filled(place, 3.0, color);
 }
 
-/// Addresses that are asked at every start, and may be forgotten.
-fn addresses_ui(ui: &mut Ui, addresses: &[String]) -> Option<Command> {
-    let mut command = None;
-    if addresses.is_empty() {
-        return None;
-    }
-    CollapsingHeader::new(format!("Remembered addresses ({})", addresses.len())).show(ui, |ui| {
-        for address in addresses.iter().rev() {
-            ui.horizontal(|ui| {
-                ui.label(RichText::new(address).small());
-                ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                    let forget = Button::new(RichText::new("Forget").small());
-                    let hint = format!("Ask {address} no longer, from the next start on");
-                    if ui.add(forget).on_hover_text(hint).clicked() {
-                        command = Some(Command::ForgetAddress(address.clone()));
-                    }
-                });
-            });
-        }
-    });
-    command
-}
-
-fn address_ui(ui: &mut Ui, entry: &mut AddressEntry) -> Option<Command> {
-    let mut command = None;
-    ui.horizontal(|ui| {
-        let label = ui.label("Address");
-        let width = (ui.available_width() - 56.0).max(60.0);
-        let text = TextEdit::singleline(&mut entry.text)
-            .hint_text("tcp/192.168.1.20:7447")
-            .char_limit(200)
-            .desired_width(width);
-        let text = ui.add(text).labelled_by(label.id);
-        if entry.wants_keyboard {
-            text.request_focus();
-            // What is typed next takes the place of what was there.
-            select_all(ui, text.id, &entry.text);
-            entry.wants_keyboard = false;
-        }
-        let keys = Action::TypeAddress.keys();
-        let text = text.on_hover_text(format!("Address of a robot or router ({keys})"));
-        if text.changed() {
-            entry.error = None;
-        }
-        let is_entered = text.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
-        let button = ui
-            .button("Add")
-            .on_hover_text("Ask this address for robots");
-        if is_entered || button.clicked() {
-            command = entry.submit();
-        }
-    });
-    if let Some(error) = &entry.error {
-        ui.label(
-            RichText::new(error)
-                .small()
-                .color(ui.visuals().warn_fg_color),
-        );
-    }
-    command
-}
-
-fn select_all(ui: &Ui, field: Id, text: &str) {
-    let mut state = TextEditState::load(ui.ctx(), field).unwrap_or_default();
-    let all = CCursorRange::two(CCursor::default(), CCursor::new(text.chars().count()));
-    state.cursor.set_char_range(Some(all));
-    state.store(ui.ctx(), field);
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn submit(text: &str) -> (Option<Command>, AddressEntry) {
-        let mut entry = AddressEntry {
-            text: text.to_owned(),
-            ..AddressEntry::default()
-        };
-        (entry.submit(), entry)
-    }
-
-    #[test]
-    fn an_address_is_taken_or_explained() {
-        for (typed, address) in [
-            ("tcp/10.0.0.5:7447", "tcp/10.0.0.5:7447"),
-            ("  tcp/boat:9 ", "tcp/boat:9"),
-            ("boat:7447", "tcp/boat:7447"),
-        ] {
-            let (command, entry) = submit(typed);
-            assert_eq!(command, Some(Command::AddAddress(address.to_owned())));
-            assert_eq!(entry, AddressEntry::default());
-        }
-        for typed in ["boat", "tcp/boat", "tcp/boat:0", "tcp/boat:65535"] {
-            let (command, entry) = submit(typed);
-            assert_eq!(command, None);
-            assert_eq!(entry.text, typed, "what was typed can be mended");
-            assert!(entry.error.unwrap().contains("for example tcp/"));
-        }
-        assert_eq!(submit("  ").1.error, None);
-    }
 
     const NOW: Monotonic = Monotonic::from_nanos(60_000_000_000);
 
