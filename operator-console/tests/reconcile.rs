@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::time::Duration;
 
-use operator_console::model::{ConsoleModel, Incoming, ModelSettings, Outgoing};
+use operator_console::model::{ConsoleModel, Incoming, ModelSettings, OpenSessions, Outgoing};
 use protocol::keys::{RobotId, Topic};
 use protocol::layer::LayerId;
 use protocol::message::{Info, LayerInfo};
@@ -258,7 +258,7 @@ impl Run {
             let (_, incoming) = self.link.on_the_way.remove(index).unwrap();
             self.model.apply(incoming, now);
         }
-        for outgoing in self.model.outgoing(now) {
+        for outgoing in self.model.outgoing(OpenSessions::BOTH, now) {
             let Outgoing::Get {
                 request,
                 key,

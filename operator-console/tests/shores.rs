@@ -11,7 +11,9 @@ use std::time::Duration;
 
 use operator_console::export::export_all as export;
 use operator_console::link::RobotSession;
-use operator_console::model::{ConsoleModel, Incoming, ModelSettings, Outgoing, RequestId};
+use operator_console::model::{
+    ConsoleModel, Incoming, ModelSettings, OpenSessions, Outgoing, RequestId,
+};
 use protocol::export::write_shores;
 use protocol::keys::{RobotId, Topic};
 use protocol::layer::LayerId;
@@ -158,7 +160,7 @@ impl Rig {
 
     /// The question for `topic` that the console asks now, and its payload.
     fn asked(&mut self, topic: &str, ms: u64) -> Option<(RequestId, Vec<u8>)> {
-        let outgoing = self.model.outgoing(at(ms));
+        let outgoing = self.model.outgoing(OpenSessions::BOTH, at(ms));
         outgoing.into_iter().find_map(|outgoing| match outgoing {
             Outgoing::Get {
                 request,

@@ -36,6 +36,7 @@ use crate::panels::connection::LinkSight;
 use crate::panels::robots::RobotsData;
 use crate::playback::{OpenDialog, Playback, drop_hint_ui, is_recording};
 use crate::settings::{Keeper, Settings};
+use crate::shortcuts::has_space_behind_text;
 use crate::teleop_input::InputEvent;
 use crate::theme;
 
@@ -202,6 +203,7 @@ impl eframe::App for ConsoleApp {
 
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
         let now = Monotonic::now();
+        let has_late_space = ui.input(|input| has_space_behind_text(&input.events));
         self.screen.begin_frame(ui.ctx());
         drop_hint_ui(ui.ctx());
         let dropped_or_typed = self.open_dialog.show(ui.ctx()).map(Command::Open);
@@ -260,6 +262,9 @@ impl eframe::App for ConsoleApp {
             None => self.screen.show(ui, around, None, now),
         };
         let is_typing = self.screen.is_typing(ui.ctx());
+        if has_late_space && !is_typing {
+            self.hands.apply(InputEvent::EStop);
+        }
         self.hands.apply(InputEvent::Typing(is_typing));
         let of_recordings = wound
             .map(Command::Playback)

@@ -6,6 +6,7 @@ use robot_edge::clock::{Monotonic, seconds_since_1970};
 use crate::alerts::Subject;
 use crate::event_log::Severity;
 use crate::locks::lock;
+use crate::panels::driving::words;
 use crate::panels::robots::Seen;
 use crate::playback::is_recording;
 use crate::settings::{Keeper, WindowPlace};
@@ -40,6 +41,13 @@ impl ConsoleApp {
         if let Some(why) = self.choice.take_end() {
             let text = format!("The demo has ended: {why}");
             notes.push((Severity::Alarm, "demo", text));
+        }
+        // What succeeded, and who drives, the robot tells everybody.
+        for note in self.hands.take_notes() {
+            let (text, is_failure) = words::note(&note);
+            if is_failure {
+                notes.push((Severity::Warning, "driving", text));
+            }
         }
         notes.extend(self.export.as_mut().and_then(ExportJob::take_end));
         self.pictures.retain(|(path, outcome)| {

@@ -99,6 +99,8 @@ pub enum Note {
     EStopAcknowledged(u64),
     /// The robot refuses to stop for this operator.
     EStopRefused(Refusal),
+    /// The emergency stop was pressed for a robot that cannot be driven: nothing there would hear it.
+    NothingToStop,
     /// What was held down counts no more.
     Lost(Loss),
 }

@@ -19,7 +19,7 @@ impl Helm {
                 self.is_of(boot, now);
                 match teleop {
                     Some(status) => self.hear_status(status, now),
-                    None => self.status = None,
+                    None => self.hear_of_no_driving(now),
                 }
             }
             Heard::Answer {
@@ -64,6 +64,14 @@ impl Helm {
             self.warn(now, Note::LeaseLost);
         }
         self.lose_lease(now);
+    }
+
+    /// It cannot be driven: who would be told to stop does not exist.
+    fn hear_of_no_driving(&mut self, now: Monotonic) {
+        self.status = None;
+        if self.estop.take().is_some() {
+            self.warn(now, Note::NothingToStop);
+        }
     }
 
     fn hear_status(&mut self, status: TeleopStatus, now: Monotonic) {

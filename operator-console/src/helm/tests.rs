@@ -628,3 +628,25 @@ fn helm_and_hands_are_pure() {
         assert!(seen >= 4, "{folder} has moved");
     }
 }
+
+#[test]
+fn a_stop_for_a_robot_that_nobody_can_drive_is_not_repeated_for_ever() {
+    let mut rig = Rig::new();
+    rig.helm.want(Intent::EStop, at(rig.ms));
+    rig.run(300);
+    assert!(
+        !rig.since().is_empty(),
+        "it is tried as long as nothing is known"
+    );
+    let heard = Heard::Status {
+        boot: rig.boot,
+        teleop: None,
+    };
+    rig.helm.hear(heard, at(rig.ms));
+    rig.since();
+    rig.run(1_000);
+    assert_eq!(rig.since(), []);
+    let sight = rig.helm.sight(at(rig.ms));
+    assert_eq!(sight.estop, EStopSight::Quiet);
+    assert_eq!(sight.notice, Some(Note::NothingToStop));
+}

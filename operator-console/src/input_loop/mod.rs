@@ -117,12 +117,13 @@ impl<'a> InputLoop<'a> {
             .modifiers
             .intersects(ModifiersState::CONTROL | ModifiersState::ALT | ModifiersState::SUPER);
         match key {
-            // Even while text is typed: nothing here has a space in it.
+            // While this operator drives, even where text is typed: nothing is more urgent. Else paths have spaces.
             HelmKey::EStop => {
-                if is_press {
+                let is_text = self.hands.is_typing() && !self.hands.is_driving();
+                if is_press && !is_text {
                     self.hands.apply(InputEvent::EStop);
                 }
-                true
+                !is_text
             }
             HelmKey::Drive(key) => {
                 self.hands.apply(match (is_down, is_press && is_plain) {

@@ -23,7 +23,7 @@ use super::driving::{DrivingLink, Tap};
 use super::opening::{close, keep_open};
 use super::transport::Transport;
 use crate::locks::lock;
-use crate::model::{Incoming, Outgoing, RequestId};
+use crate::model::{Incoming, OpenSessions, Outgoing, RequestId};
 
 /// Questions and views that wait to be sent at most.
 const MAX_OUTGOING: usize = 64;
@@ -43,7 +43,7 @@ pub(super) struct State {
     incoming: SyncSender<Incoming>,
     control: Mutex<Option<Session>>,
     bulk: Mutex<Option<Session>>,
-    problem: Mutex<Option<String>>,
+    problems: Mutex<Problems>,
     /// What the control session was to connect to, and by what way it does.
     asked: Vec<String>,
     transport: Mutex<Option<Transport>>,
@@ -51,6 +51,13 @@ pub(super) struct State {
     oversized: AtomicU64,
     is_closing: AtomicBool,
     tap: Arc<Tap>,
+}
+
+/// Why sessions are not open.
+#[derive(Default)]
+struct Problems {
+    control: Option<String>,
+    bulk: Option<String>,
 }
 
 impl Connections {
@@ -66,7 +73,7 @@ impl Connections {
             incoming,
             control: Mutex::default(),
             bulk: Mutex::default(),
-            problem: Mutex::default(),
+            problems: Mutex::default(),
             asked: endpoints.connect.clone(),
             transport: Mutex::default(),
             overrun: AtomicU64::new(0),
@@ -104,12 +111,17 @@ impl Connections {
         }
     }
 
-    pub(super) fn is_connected(&self) -> bool {
-        lock(&self.state.control).is_some() && lock(&self.state.bulk).is_some()
+    pub(super) fn open_sessions(&self) -> OpenSessions {
+        OpenSessions {
+            control: lock(&self.state.control).is_some(),
+            bulk: lock(&self.state.bulk).is_some(),
+        }
     }
 
+    /// Why a session is not open; that for control first.
     pub(super) fn problem(&self) -> Option<String> {
-        lock(&self.state.problem).clone()
+        let problems = lock(&self.state.problems);
+        problems.control.clone().or_else(|| problems.bulk.clone())
     }
 
     pub(super) fn transport(&self) -> Option<Transport> {
@@ -160,9 +172,13 @@ impl State {
         self.is_closing.load(Ordering::Relaxed)
     }
 
-    /// Says why a session cannot be opened, or that it is open.
-    pub(super) fn tell_problem(&self, problem: Option<String>) {
-        *lock(&self.problem) = problem;
+    /// Says why the session of `channel` cannot be opened, or that it is open.
+    pub(super) fn tell_problem(&self, channel: Channel, problem: Option<String>) {
+        let mut problems = lock(&self.problems);
+        match channel {
+            Channel::Control => problems.control = problem,
+            Channel::Bulk => problems.bulk = problem,
+        }
     }
 
     fn hand_over(&self, incoming: Incoming) {

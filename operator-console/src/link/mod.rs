@@ -118,10 +118,10 @@ impl RobotSession {
         self.driving.take()
     }
 
-    /// Whether both sessions are open. They reconnect by themselves when the link is cut; one that could go by another way
-    /// too is opened anew where that takes long.
+    /// Whether the session for control is open. It reconnects by itself when the link is cut; one that could go by
+    /// another way too is opened anew where that takes long.
     pub fn is_connected(&self) -> bool {
-        self.connections.is_connected()
+        self.connections.open_sessions().control
     }
 
     /// By what way messages about driving go; none while that is not known.
@@ -173,16 +173,12 @@ fn run(
         if let Some(lost) = connections.take_lost() {
             guard.apply(lost, now);
         }
-        let is_connected = connections.is_connected();
-        let outgoing = if is_connected {
-            guard.outgoing(now)
-        } else {
-            Vec::new()
-        };
+        let sessions = connections.open_sessions();
+        let outgoing = guard.outgoing(sessions, now);
         let changes = Some((
             guard.changes(),
             connections.answers_to_helm(),
-            is_connected,
+            sessions,
             connections.problem(),
             // Silence comes without a message, and is to be seen at once.
             guard.connection().state(now),

@@ -65,12 +65,12 @@ fn open_in_the_end(
                 }
                 *slot = Some(session.clone());
                 drop(slot);
-                state.tell_problem(None);
+                state.tell_problem(channel, None);
                 return Some(session);
             }
             Err(why) => {
                 tracing::debug!(%why, "not connected yet");
-                state.tell_problem(Some(in_words(&why, endpoints)));
+                state.tell_problem(channel, Some(in_words(&why, channel, endpoints)));
             }
         }
         is_first = false;
@@ -108,20 +108,27 @@ pub(super) fn close(session: &Session) {
     }
 }
 
-fn in_words(why: &LinkError, endpoints: &Endpoints) -> String {
-    match why {
-        LinkError::Open { .. } => format!(
+fn in_words(why: &LinkError, channel: Channel, asked: &Endpoints) -> String {
+    match (why, channel) {
+        // One way of several is the last that failed: what was asked is all of them.
+        (LinkError::Open { .. }, Channel::Control) => format!(
             "nobody answers at {}; trying again",
-            endpoints.connect.join(", ")
+            asked.connect.join(", ")
         ),
-        LinkError::Endpoint(_)
-        | LinkError::Protocol { .. }
-        | LinkError::Credentials(_)
-        | LinkError::Stranger { .. }
-        | LinkError::Config { .. }
-        | LinkError::Setting { .. }
-        | LinkError::Declare { .. }
-        | LinkError::NoRandomness(_)
-        | LinkError::Encoder(_) => why.to_string(),
+        (LinkError::Open { endpoints, .. }, Channel::Bulk) => {
+            format!("nobody answers at {endpoints}, where maps come from; trying again")
+        }
+        (
+            LinkError::Endpoint(_)
+            | LinkError::Protocol { .. }
+            | LinkError::Credentials(_)
+            | LinkError::Stranger { .. }
+            | LinkError::Config { .. }
+            | LinkError::Setting { .. }
+            | LinkError::Declare { .. }
+            | LinkError::NoRandomness(_)
+            | LinkError::Encoder(_),
+            Channel::Control | Channel::Bulk,
+        ) => why.to_string(),
     }
 }

@@ -39,6 +39,8 @@ pub struct Connection {
     is_steady: bool,
     round_trip: Option<Duration>,
     pings: VecDeque<(RequestId, Monotonic)>,
+    /// When that was asked which gave the round trip.
+    answered: Option<Monotonic>,
     last_ping: Option<Monotonic>,
     /// Arrivals within the window, in slices of a tenth of it.
     arrivals: VecDeque<(Monotonic, usize)>,
@@ -127,16 +129,22 @@ impl Connection {
         self.is_present = Some(is_present);
     }
 
-    /// Whether it is time to ask for a round trip.
-    pub(super) fn is_ping_due(&mut self, now: Monotonic) -> bool {
-        if self
-            .pings
-            .front()
-            .is_some_and(|(_, at)| now.since(*at) >= PING_TIMEOUT)
-        {
+    /// Waits no longer for answers that would be too late.
+    pub(super) fn expire_pings(&mut self, now: Monotonic) {
+        while let Some((_, at)) = self.pings.front().copied() {
+            if now.since(at) < PING_TIMEOUT {
+                break;
+            }
             self.pings.pop_front();
-            self.round_trip = None;
+            // One that was lost between others that were answered takes nothing from them.
+            if self.answered.is_none_or(|answered| answered < at) {
+                self.round_trip = None;
+            }
         }
+    }
+
+    /// Whether it is time to ask for a round trip.
+    pub(super) fn is_ping_due(&self, now: Monotonic) -> bool {
         self.last_ping.is_none_or(|at| now.since(at) >= PING_PERIOD)
     }
 
@@ -152,6 +160,7 @@ impl Connection {
         };
         if let Some((_, at)) = self.pings.remove(index) {
             self.round_trip = Some(now.since(at));
+            self.answered = Some(at);
         }
         true
     }
@@ -197,6 +206,20 @@ mod tests {
         assert_eq!(link.round_trip(), Some(Duration::from_millis(70)));
         link.pinged(RequestId(3), at(1_000));
         assert!(link.is_ping_due(at(6_000)));
+        link.expire_pings(at(6_000));
         assert_eq!(link.round_trip(), None, "nobody answers any more");
+    }
+
+    #[test]
+    fn one_ping_that_is_lost_takes_nothing_from_those_around_it() {
+        let mut link = Connection::default();
+        for (n, ms) in [(1, 0), (2, 1_000), (3, 2_000)] {
+            link.pinged(RequestId(n), at(ms));
+        }
+        assert!(link.ponged(RequestId(1), at(30)));
+        assert!(link.ponged(RequestId(3), at(2_050)));
+        link.expire_pings(at(6_500));
+        assert_eq!(link.round_trip(), Some(Duration::from_millis(50)));
+        assert_eq!(link.pings, []);
     }
 }

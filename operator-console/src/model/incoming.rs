@@ -39,6 +39,28 @@ pub enum Incoming {
     Presence(bool),
 }
 
+/// Which sessions are open: without one, nothing is asked over it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OpenSessions {
+    /// For what is small and must be early.
+    pub control: bool,
+    /// For maps.
+    pub bulk: bool,
+}
+
+impl OpenSessions {
+    /// As it is meant to be.
+    pub const BOTH: Self = Self {
+        control: true,
+        bulk: true,
+    };
+    /// Nothing is open.
+    pub const NONE: Self = Self {
+        control: false,
+        bulk: false,
+    };
+}
+
 /// What the model asks the link to do.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outgoing {

@@ -32,7 +32,7 @@ use protocol::tile::BootId;
 use robot_edge::clock::Monotonic;
 
 pub use connection::{Connection, LinkState, SILENT_AFTER, SLOWLY_SILENT_AFTER};
-pub use incoming::{Incoming, Outgoing, RequestId};
+pub use incoming::{Incoming, OpenSessions, Outgoing, RequestId};
 pub use link_quality::{LinkQuality, LinkSample, Stream};
 pub use map_sync::{LayerStep, MapSync};
 pub use refusals::{Refusal, Refusals};

@@ -9,7 +9,7 @@ use robot_edge::clock::Monotonic;
 use serde::Serialize;
 
 use super::ConsoleModel;
-use super::incoming::{Outgoing, RequestId};
+use super::incoming::{OpenSessions, Outgoing, RequestId};
 use super::map_sync::MapQuestion;
 
 const VIEW_PERIOD: Duration = Duration::from_millis(500);
@@ -17,8 +17,23 @@ const VIEW_PERIOD: Duration = Duration::from_millis(500);
 const INFO_PERIOD: Duration = Duration::from_millis(500);
 
 impl ConsoleModel {
-    /// What to send and to ask now.
-    pub fn outgoing(&mut self, now: Monotonic) -> Vec<Outgoing> {
+    /// What to send and to ask now, over sessions that are open. The link is measured whether they are or not.
+    pub fn outgoing(&mut self, sessions: OpenSessions, now: Monotonic) -> Vec<Outgoing> {
+        self.connection.expire_pings(now);
+        let round_trip = self.connection.round_trip();
+        self.quality
+            .sample(round_trip, self.connection.kbps(now), now);
+        let mut outgoing = Vec::new();
+        if sessions.control {
+            outgoing.extend(self.control_outgoing(now));
+        }
+        if sessions.bulk {
+            outgoing.extend(self.bulk_questions(now));
+        }
+        outgoing
+    }
+
+    fn control_outgoing(&mut self, now: Monotonic) -> Vec<Outgoing> {
         let mut outgoing = Vec::new();
         let robot = self.settings.robot.clone();
         if self.is_info_wanted(now) {
@@ -31,6 +46,29 @@ impl ConsoleModel {
                 is_bulk: false,
             });
         }
+        if self.told_view.is_none_or(|at| now.since(at) >= VIEW_PERIOD) {
+            self.told_view = Some(now);
+            let payload = self.message(&self.view());
+            outgoing.extend(payload.map(|payload| Outgoing::Put {
+                key: keys::view_of(&robot, &self.session_name()),
+                payload,
+            }));
+        }
+        if self.connection.is_ping_due(now) {
+            let request = self.number();
+            self.connection.pinged(request, now);
+            outgoing.push(Outgoing::Get {
+                request,
+                key: Topic::Ping.key(&robot),
+                payload: Vec::new(),
+                is_bulk: false,
+            });
+        }
+        outgoing
+    }
+
+    fn bulk_questions(&mut self, now: Monotonic) -> Vec<Outgoing> {
+        let mut outgoing = Vec::new();
         let questions = self.map.questions(now, || next(&mut self.requests));
         for (request, question) in questions {
             outgoing.extend(match question {
@@ -57,27 +95,6 @@ impl ConsoleModel {
                 voxels
                     .and_then(|(request, body)| self.bulk_question(Topic::Voxels, request, &body)),
             );
-        }
-        if self.told_view.is_none_or(|at| now.since(at) >= VIEW_PERIOD) {
-            self.told_view = Some(now);
-            let payload = self.message(&self.view());
-            outgoing.extend(payload.map(|payload| Outgoing::Put {
-                key: keys::view_of(&robot, &self.session_name()),
-                payload,
-            }));
-        }
-        let round_trip = self.connection.round_trip();
-        self.quality
-            .sample(round_trip, self.connection.kbps(now), now);
-        if self.connection.is_ping_due(now) {
-            let request = self.number();
-            self.connection.pinged(request, now);
-            outgoing.push(Outgoing::Get {
-                request,
-                key: Topic::Ping.key(&robot),
-                payload: Vec::new(),
-                is_bulk: false,
-            });
         }
         outgoing
     }

@@ -1,12 +1,12 @@
 use std::time::Duration;
 
 use protocol::keys::Topic;
-use protocol::message::{MAX_SENSORS, MapHead, Scan, View};
+use protocol::message::{MAX_SENSORS, MapHead, Pose, Scan, View};
 use protocol::wire::{self, Header};
 use serde::Serialize;
 
 use super::*;
-use crate::pretend::{BOOT, answers, at, scout};
+use crate::pretend::{BOOT, answers, at, says, scout};
 
 fn say<T: Serialize>(model: &mut ConsoleModel, topic: Topic, boot: BootId, body: &T, ms: u64) {
     let header = Header {
@@ -27,7 +27,7 @@ fn answer_info(model: &mut ConsoleModel, info: &Info, ms: u64) {
 
 fn asks_for_info(model: &mut ConsoleModel, ms: u64) -> bool {
     let key_of_info = Topic::Info.key(model.robot());
-    let outgoing = model.outgoing(at(ms));
+    let outgoing = model.outgoing(OpenSessions::BOTH, at(ms));
     let asks = |out: &Outgoing| matches!(out, Outgoing::Get { key, .. } if *key == key_of_info);
     outgoing.iter().any(asks)
 }
@@ -77,7 +77,7 @@ fn a_robot_that_knows_more_of_itself_is_asked_again() {
 #[test]
 fn sweeps_are_taken_while_they_are_wanted_and_forgotten_with_their_robot() {
     let wants = |model: &mut ConsoleModel, ms| {
-        let outgoing = model.outgoing(at(ms));
+        let outgoing = model.outgoing(OpenSessions::BOTH, at(ms));
         let view = outgoing.iter().find_map(|out| match out {
             Outgoing::Put { payload, .. } => Some(payload),
             Outgoing::Get { .. } => None,
@@ -168,4 +168,40 @@ fn what_nobody_could_show_is_refused() {
     answer_info(&mut model, &info, 4);
     assert!(model.info().is_none() && model.sensors().is_empty());
     assert_eq!(model.refusals().count(Refusal::Malformed), 3);
+}
+
+#[test]
+fn a_link_without_maps_is_used_for_the_rest_and_measured() {
+    let control = OpenSessions {
+        control: true,
+        bulk: false,
+    };
+    let mut model = scout();
+    let pose = Pose {
+        position_m: [1.0, -2.5, 0.0],
+        quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
+        speed_mps: 0.5,
+        turn_rate_radps: 0.0,
+        token: None,
+    };
+    says(&mut model, Topic::Pose, &pose, at(0));
+    let asked = model.outgoing(control, at(20));
+    let keys: Vec<_> = asked
+        .iter()
+        .map(|out| match out {
+            Outgoing::Get { key, .. } | Outgoing::Put { key, .. } => key.rsplit('/').next(),
+        })
+        .collect();
+    let view = RobotId::from_bytes([1; 16]).to_string();
+    assert_eq!(keys, [Some("info"), Some(&*view), Some("ping")]);
+
+    // Without any session nothing is asked, and the plots go on.
+    let before = model.link_quality().samples().len();
+    for n in 1..=20 {
+        assert_eq!(model.outgoing(OpenSessions::NONE, at(20 + 500 * n)), []);
+    }
+    let samples = model.link_quality().samples();
+    assert_eq!(samples.len(), before + 20);
+    let age = samples.back().unwrap().ages[Stream::Pose as usize];
+    assert_eq!(age, Some(Duration::from_millis(10_020)));
 }

@@ -19,9 +19,9 @@ const EQUAL_ENOUGH: Duration = Duration::from_secs(5);
 /// What is known of the sessions.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LinkSight {
-    /// Whether they are open.
+    /// Whether that for control is open.
     pub is_connected: bool,
-    /// Why not.
+    /// Why one of them is not.
     pub problem: Option<String>,
     /// The name of the file, where it is no robot but a recording that is replayed in this program.
     pub recording: Option<String>,
@@ -57,7 +57,11 @@ impl ConnectionData {
     /// The state at `now`.
     pub fn new(model: &ConsoleModel, link: &LinkSight, now: Monotonic) -> Self {
         let connection = model.connection();
-        let state = connection.state(now);
+        let state = match (connection.state(now), &link.recording) {
+            // It has no link to lose: why it ends, its time line says.
+            (LinkState::Silent, Some(_)) => LinkState::Live,
+            (state, _) => state,
+        };
         let robot = model.robot();
         let (tone, word, advice) = match state {
             // What comes out of a file is never live.
@@ -68,7 +72,13 @@ impl ConnectionData {
                 let advice = "The recording is looked through before it is mapped.";
                 (Tone::Waiting, "Opening".to_owned(), Some(advice.to_owned()))
             }
-            LinkState::Live => (Tone::Good, "Live".to_owned(), None),
+            LinkState::Live => {
+                let tone = match link.problem {
+                    Some(_) => Tone::Warning,
+                    None => Tone::Good,
+                };
+                (tone, "Live".to_owned(), link.problem.clone())
+            }
             LinkState::Waiting => {
                 let advice = match (&link.problem, link.is_connected) {
                     (Some(problem), _) => problem.clone(),
@@ -162,8 +172,11 @@ pub fn connection_ui(ui: &mut Ui, data: &ConnectionData) {
 
 #[cfg(test)]
 mod tests {
+    use protocol::keys::Topic;
+    use protocol::message::Status;
+
     use super::*;
-    use crate::pretend::console;
+    use crate::pretend::{at, console, says};
 
     #[test]
     fn a_recording_is_never_called_live() {
@@ -182,5 +195,24 @@ mod tests {
         assert_eq!(link.name_of(model.robot()), "rooms.mcap");
         let robot = LinkSight::default().name_of(model.robot());
         assert_eq!(robot, "recording-1");
+    }
+
+    #[test]
+    fn a_live_robot_whose_maps_cannot_come_says_why() {
+        let mut model = console("scout", &[]);
+        says(&mut model, Topic::Status, &Status::default(), at(1_000));
+        let of = |problem: Option<&str>| {
+            let link = LinkSight {
+                is_connected: true,
+                problem: problem.map(str::to_owned),
+                ..LinkSight::default()
+            };
+            let data = ConnectionData::new(&model, &link, at(1_100));
+            (data.tone, data.state, data.advice)
+        };
+        assert_eq!(of(None), (Tone::Good, "Live".to_owned(), None));
+        let why = "nobody answers at tcp/boat:7448, where maps come from; trying again";
+        let told = (Tone::Warning, "Live".to_owned(), Some(why.to_owned()));
+        assert_eq!(of(Some(why)), told);
     }
 }

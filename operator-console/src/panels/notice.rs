@@ -10,8 +10,8 @@ use crate::theme::Tone;
 
 /// Long enough to read a path, and to look for it among the events afterwards.
 const SHOWN_FOR: Duration = Duration::from_secs(5);
-/// What is done without a window of its own, which would say how it went.
-const KINDS: [&str; 3] = ["screenshot", "folder", "settings"];
+/// What is done without a panel in sight that would say how it went.
+const KINDS: [&str; 4] = ["screenshot", "folder", "settings", "driving"];
 /// Above the lower edge of the window, points.
 const ABOVE: f32 = 24.0;
 

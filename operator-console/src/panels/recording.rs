@@ -170,6 +170,7 @@ fn refusal(note: &Note) -> Option<String> {
         | Note::EStopPressed
         | Note::EStopAcknowledged(_)
         | Note::EStopRefused(_)
+        | Note::NothingToStop
         | Note::Lost(_) => None,
     }
 }

@@ -7,6 +7,7 @@ use robot_edge::clock::Monotonic;
 
 use super::wording::age;
 use crate::model::{ConsoleModel, LinkState};
+use crate::playback::is_recording;
 use crate::theme;
 
 /// The robot was heard, but is not heard now.
@@ -17,8 +18,11 @@ pub struct StaleData {
 }
 
 impl StaleData {
-    /// `None` while data is live, or none has ever come.
+    /// `None` while data is live, or none has ever come. A recording has no link to lose: why it ends, its time line says.
     pub fn new(model: &ConsoleModel, now: Monotonic) -> Option<Self> {
+        if is_recording(model.robot()) {
+            return None;
+        }
         let connection = model.connection();
         match connection.state(now) {
             LinkState::Waiting | LinkState::Live => None,
@@ -33,7 +37,7 @@ impl StaleData {
 pub fn is_position_old(model: &ConsoleModel, now: Monotonic) -> bool {
     let pose = model.vehicle().pose();
     let longest = model.connection().silent_after();
-    pose.is_some_and(|(_, at)| now.since(at) > longest)
+    !is_recording(model.robot()) && pose.is_some_and(|(_, at)| now.since(at) > longest)
 }
 
 /// Draws the warning, on a ground of [`theme::BANNER`]. A link that is lost is no pause: it counts on, and says that

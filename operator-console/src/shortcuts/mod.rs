@@ -5,6 +5,7 @@
 
 mod action;
 mod handler;
+mod late_stop;
 mod sheet;
 mod table;
 mod type_ahead;
@@ -13,6 +14,7 @@ use eframe::egui::{Key, KeyboardShortcut, Modifiers};
 
 pub use action::{Action, Edge};
 pub use handler::{KeyScene, Pressed, pressed};
+pub use late_stop::has_space_behind_text;
 pub use sheet::sheet_ui;
 pub use table::{Binding, Group, bindings};
 pub use type_ahead::TypeAhead;

@@ -22,7 +22,7 @@ use crate::command::Look;
 use crate::export::ExportPart;
 use crate::link::{FoundRobot, Sighting};
 use crate::map_view::{LayerCommand, Orientation, Overlay, ShoreMark, Sight};
-use crate::model::{LinkState, Outgoing, RequestId};
+use crate::model::{LinkState, OpenSessions, Outgoing, RequestId};
 use crate::panels::robots::Sought;
 use crate::playback::PlaybackCommand;
 use crate::pretend::{BOOT, answers, at, console, says};
@@ -191,7 +191,10 @@ impl Rig {
     /// What the console asks now.
     fn outgoing(&mut self) -> Vec<Outgoing> {
         let now = self.now;
-        self.model.as_mut().unwrap().outgoing(now)
+        self.model
+            .as_mut()
+            .unwrap()
+            .outgoing(OpenSessions::BOTH, now)
     }
 
     fn window(self) -> Harness<'static, Self> {

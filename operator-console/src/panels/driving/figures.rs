@@ -7,7 +7,7 @@ use robot_edge::clock::Monotonic;
 
 use super::words;
 use crate::helm::HelmSight;
-use crate::model::{ConsoleModel, Stream};
+use crate::model::{ConsoleModel, LinkState, Stream};
 use crate::panels::rows::{Row, row};
 use crate::panels::wording::{age, count};
 use crate::theme::Tone;
@@ -82,7 +82,8 @@ pub(super) fn rows(
 pub(super) fn link_rows(model: &ConsoleModel, now: Monotonic) -> Vec<Row> {
     let quality = model.link_quality();
     let none = || "–".to_owned();
-    let round_trip = model.connection().round_trip();
+    let is_live = model.connection().state(now) == LinkState::Live;
+    let round_trip = model.connection().round_trip().filter(|_| is_live);
     let round_trip = round_trip.map_or_else(none, |time| match time.as_millis() {
         0 => "< 1 ms".to_owned(),
         ms => format!("{ms} ms"),

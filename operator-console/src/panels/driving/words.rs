@@ -156,6 +156,10 @@ pub fn note(note: &Note) -> (String, bool) {
         Note::EStopPressed => ("emergency stop pressed".to_owned(), false),
         Note::EStopAcknowledged(number) => (format!("emergency stop {number} acknowledged"), false),
         Note::EStopRefused(why) => (format!("emergency stop refused: {}", refusal(*why)), true),
+        Note::NothingToStop => (
+            "nothing to stop: this robot is not driven over the network".to_owned(),
+            true,
+        ),
         Note::Lost(why) => (format!("keys count no more: {}", loss(*why)), false),
     }
 }
