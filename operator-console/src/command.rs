@@ -77,6 +77,10 @@ pub enum Look {
     Draw(Overlay, bool),
     /// Let clicks measure, or end that.
     Measure(bool),
+    /// Measure to what is in the middle, or read it.
+    Point,
+    /// As if the last point had not been pointed at.
+    TakeBack,
     /// Let a shore or docking site stand out, and put its middle (metres in `odom`) in the middle.
     Mark(ShoreMark, [f64; 2]),
     /// Let it stand out while the hand is over it in a list; `None`: it is no longer.

@@ -37,7 +37,6 @@ pub(super) fn surroundings(
         stopping,
         sensors: model.sensors().iter().filter_map(field).collect(),
         scan: scan(model, now),
-        others: Vec::new(),
         color,
     }
 }

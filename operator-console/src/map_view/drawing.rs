@@ -17,7 +17,7 @@ use super::overlays::scale_bar::{self, ScaleBar};
 use super::overlays::shores::ShoreMarks;
 use super::overlays::stopping::{self, Motion};
 use super::overlays::vehicle::VehicleMark;
-use super::overlays::{self, grid, robots, sensors, trail};
+use super::overlays::{self, grid, sensors, trail};
 use super::probe_card::CardPlace;
 use super::toolbar::{self, ToolbarData};
 use super::{CARD_MARGIN, Leg, MapView, Overlay, ProbeData, Ruler, probe, probe_card, ruler};
@@ -76,9 +76,11 @@ impl MapView {
             marks.paint(&painter, ink, paper);
         }
         self.paint_vehicle(&painter, model, vehicle_color, is_position_old);
-        let view = (&self.camera, screen);
-        robots::paint(&painter, &self.surroundings.others, view, ink, paper);
-        let measured = self.paint_ruler(&painter, model, response.hover_pos(), ink, paper);
+        let aim = self.aim(response.hover_pos());
+        let measured = self.paint_ruler(&painter, model, aim, ink, paper);
+        if self.is_aiming {
+            probe_card::paint_pin(&painter, screen.center());
+        }
         response.widget_info(|| {
             let words = measured
                 .as_ref()
@@ -181,10 +183,10 @@ impl MapView {
         model: &ConsoleModel,
         now: Monotonic,
     ) {
-        let under_pointer = response
-            .hover_pos()
+        let aimed_at = self
+            .aim(response.hover_pos())
             .map(|at| self.camera.to_odom(self.screen, at));
-        let Some(point_m) = self.pinned_m.or(under_pointer) else {
+        let Some(point_m) = self.pinned_m.or(aimed_at) else {
             return;
         };
         if let Some(pinned_m) = self.pinned_m {
@@ -239,13 +241,13 @@ impl MapView {
         &self,
         painter: &Painter,
         model: &ConsoleModel,
-        pointer: Option<Pos2>,
+        aim: Option<Pos2>,
         ink: Color32,
         paper: Color32,
     ) -> Option<String> {
         let ruler = self.ruler.as_ref()?;
         let mut points_m = ruler.points_m().to_vec();
-        if let Some(at) = pointer
+        if let Some(at) = aim
             && points_m.len() < ruler::MAX_POINTS
         {
             points_m.push(self.camera.to_odom(self.screen, at));

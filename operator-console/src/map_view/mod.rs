@@ -27,7 +27,7 @@ mod toolbar;
 use std::collections::BTreeSet;
 use std::f64::consts::FRAC_PI_2;
 
-use eframe::egui::{Context, Pos2, Rect, vec2};
+use eframe::egui::{Pos2, Rect, vec2};
 use protocol::layer::{LayerId, Palette};
 use robot_edge::clock::Monotonic;
 
@@ -37,7 +37,7 @@ pub use marking::ShoreMark;
 pub use probe::{ProbeData, ProbedCell};
 pub use ruler::{Leg, Ruler};
 pub use stack::{LayerCommand, LayerStack, StackLayer};
-pub use surroundings::{LastScan, OtherRobot, SensorField, Stopping, Surroundings};
+pub use surroundings::{LastScan, SensorField, Stopping, Surroundings};
 pub use toolbar::ToolbarData;
 
 use crate::command::Look;
@@ -69,6 +69,8 @@ pub struct MapView {
     pinned_m: Option<[f64; 2]>,
     /// What is measured, while clicks measure.
     ruler: Option<Ruler>,
+    /// Whether what would be under the pointer is in the middle, for hands on the keyboard.
+    is_aiming: bool,
 }
 
 impl Default for MapView {
@@ -85,6 +87,7 @@ impl Default for MapView {
             gestures: Gestures::default(),
             pinned_m: None,
             ruler: None,
+            is_aiming: false,
         }
     }
 }
@@ -180,11 +183,6 @@ impl MapView {
         self.camera.visible_m(self.screen)
     }
 
-    /// Where a point of `odom` is on the screen.
-    pub fn to_screen(&self, point_m: [f64; 2]) -> Pos2 {
-        self.camera.to_screen(self.screen, point_m)
-    }
-
     /// What is drawn on the map and is not in it, from now on.
     pub fn surround(&mut self, surroundings: Surroundings) {
         self.surroundings = surroundings;
@@ -198,6 +196,7 @@ impl MapView {
         self.has_chosen = false;
         self.pinned_m = None;
         self.ruler = None;
+        self.is_aiming = false;
         self.look.sight = Sight::Whole;
     }
 
@@ -234,6 +233,11 @@ impl MapView {
             }
             Look::Draw(overlay, is_on) => self.look.draw(overlay, is_on),
             Look::Measure(is_on) => self.ruler = is_on.then(Ruler::default),
+            Look::Point => {
+                self.is_aiming = true;
+                self.point(self.camera.to_odom(self.screen, self.screen.center()));
+            }
+            Look::TakeBack => self.take_back(),
             Look::Mark(mark, point_m) => {
                 self.marking.choose(mark);
                 self.look(Look::At(point_m));
@@ -244,6 +248,7 @@ impl MapView {
 
     /// Leaves what was begun last: measuring, or else reading one point.
     pub fn escape(&mut self) {
+        self.is_aiming = false;
         if self.ruler.take().is_none() {
             self.pinned_m = None;
         }
@@ -273,15 +278,6 @@ impl MapView {
         {
             self.look.stack.obey(LayerCommand::Show(first, true));
         }
-    }
-
-    /// What the map says under the pointer, where that is over the map.
-    pub fn probe(&self, ctx: &Context, model: &ConsoleModel, now: Monotonic) -> Option<ProbeData> {
-        let at = ctx.pointer_latest_pos()?;
-        self.screen.contains(at).then(|| {
-            let point_m = self.camera.to_odom(self.screen, at);
-            ProbeData::new(model, self.stack(), point_m, now)
-        })
     }
 }
 

@@ -23,6 +23,9 @@ impl MapView {
         } else if self.ruler.is_some() && response.hovered() {
             ui.ctx().set_cursor_icon(CursorIcon::Crosshair);
         }
+        if response.hovered() && ui.input(|input| input.pointer.delta() != vec2(0.0, 0.0)) {
+            self.is_aiming = false;
+        }
         if let Some(at) = response.interact_pointer_pos() {
             self.click(response, at);
         }
@@ -40,18 +43,41 @@ impl MapView {
 
     fn click(&mut self, response: &Response, at: Pos2) {
         let point_m = self.camera.to_odom(self.screen, at);
-        if let Some(ruler) = &mut self.ruler {
-            if response.clicked() {
-                ruler.add(point_m);
-            } else if response.secondary_clicked() {
-                ruler.take_back();
-            }
-        } else if response.double_clicked() {
+        if self.ruler.is_none() && response.double_clicked() {
             self.pinned_m = None;
             self.camera.center_on(point_m);
             self.look.sight = Sight::Free;
         } else if response.clicked() {
-            self.pinned_m = Some(point_m);
+            self.point(point_m);
+        } else if self.ruler.is_some() && response.secondary_clicked() {
+            self.take_back();
+        }
+    }
+
+    /// Measures to this point of `odom`, metres, or reads it wherever the pointer is.
+    pub(super) fn point(&mut self, point_m: [f64; 2]) {
+        match &mut self.ruler {
+            Some(ruler) => {
+                ruler.add(point_m);
+            }
+            None => self.pinned_m = Some(point_m),
+        }
+    }
+
+    /// As if the last point had not been pointed at.
+    pub(super) fn take_back(&mut self) {
+        match &mut self.ruler {
+            Some(ruler) => ruler.take_back(),
+            None => self.pinned_m = None,
+        }
+    }
+
+    /// What is pointed at: by the pointer, or by keys.
+    pub(super) fn aim(&self, pointer: Option<Pos2>) -> Option<Pos2> {
+        if self.is_aiming {
+            Some(self.screen.center())
+        } else {
+            pointer
         }
     }
 

@@ -70,26 +70,6 @@ impl ProbeData {
         let [x, y] = self.point_m.map(|m| signed(m, 2));
         format!("x {x} m  y {y} m")
     }
-
-    /// In one line: what is known of the layers that are drawn.
-    pub fn line(&self) -> String {
-        let cells = self.cells.iter();
-        let known: Vec<_> = cells
-            .filter(|cell| cell.is_shown && cell.value.is_some())
-            .collect();
-        let newest = known.iter().filter_map(|cell| cell.age).min();
-        let changed = newest.map_or_else(
-            || "unknown".to_owned(),
-            |since| format!("changed {} ago", age(since)),
-        );
-        let readings = known.iter().map(|cell| cell.reading());
-        let parts: Vec<_> = [self.place()]
-            .into_iter()
-            .chain(readings)
-            .chain([changed])
-            .collect();
-        parts.join("  ·  ")
-    }
 }
 
 impl ProbedCell {

@@ -13,8 +13,6 @@ pub struct Surroundings {
     pub sensors: Vec<SensorField>,
     /// The newest scan.
     pub scan: Option<LastScan>,
-    /// Other robots in the same `odom`.
-    pub others: Vec<OtherRobot>,
     /// The colour of the robot that is shown, where there are several.
     pub color: Option<Color32>,
 }
@@ -48,17 +46,4 @@ pub struct LastScan {
     pub points_m: Vec<[f64; 2]>,
     /// Since the scan was taken.
     pub age: Duration,
-}
-
-/// Another robot.
-#[derive(Clone, Debug, PartialEq)]
-pub struct OtherRobot {
-    /// What it is called.
-    pub name: String,
-    /// Metres in `odom`.
-    pub position_m: [f64; 2],
-    /// Counter-clockwise from x, radians.
-    pub heading_rad: f64,
-    /// Its colour.
-    pub color: Color32,
 }

@@ -50,7 +50,7 @@ fn look(window: &mut Harness<'_, Rig>, look: Look) {
 #[test]
 fn a_click_pins_the_point_that_is_read_until_escape() {
     let mut window = window();
-    let place = window.state().view.to_screen([2.0, 3.0]);
+    let place = window.state().view.place_of([2.0, 3.0]);
     click(&mut window, place);
     let pinned_m = window.state().view.pinned_m().unwrap();
     let distance_m = libm::hypot(pinned_m[0] - 2.0, pinned_m[1] - 3.0);
@@ -73,7 +73,7 @@ fn a_known_distance_is_measured_by_clicks_on_a_turned_map_too() {
         look(&mut window, Look::Measure(true));
         window.state_mut().view.camera.turn_up(up_rad);
         for point_m in [[-1.0, 1.0], [2.0, 5.0]] {
-            let place = window.state().view.to_screen(point_m);
+            let place = window.state().view.place_of(point_m);
             click(&mut window, place);
         }
         let ruler = window.state().view.ruler().unwrap();
@@ -87,6 +87,39 @@ fn a_known_distance_is_measured_by_clicks_on_a_turned_map_too() {
         window.state_mut().view.escape();
         assert_eq!(window.state().view.ruler(), None);
     }
+}
+
+#[test]
+fn keys_read_and_measure_what_is_in_the_middle() {
+    let mut window = window();
+    look(&mut window, Look::At([2.0, 3.0]));
+    look(&mut window, Look::Point);
+    window.run_steps(1);
+    assert_eq!(window.state().view.pinned_m(), Some([2.0, 3.0]));
+    window.get_by_label("x 2.00 m  y 3.00 m");
+    look(&mut window, Look::TakeBack);
+    assert_eq!(window.state().view.pinned_m(), None);
+
+    look(&mut window, Look::Measure(true));
+    look(&mut window, Look::Point);
+    look(&mut window, Look::At([5.0, 7.0]));
+    // The open end is where the next point would be.
+    window.get_by_label_contains("Map, measured: 5.00 m");
+    look(&mut window, Look::Point);
+    look(&mut window, Look::At([5.0, 9.0]));
+    look(&mut window, Look::Point);
+    look(&mut window, Look::TakeBack);
+    let points_m = window.state().view.ruler().unwrap().points_m();
+    assert_eq!(points_m, [[2.0, 3.0], [5.0, 7.0]]);
+
+    // Whoever takes the pointer points with it.
+    for point_m in [[4.0, 8.0], [5.0, 8.0]] {
+        let place = window.state().view.place_of(point_m);
+        window.hover_at(place);
+        window.run_steps(1);
+    }
+    window.run_steps(1);
+    window.get_by_label_contains("total 6.00 m");
 }
 
 #[test]
@@ -126,7 +159,7 @@ fn the_wheel_magnifies_about_the_pointer_and_a_drag_moves() {
     window.run_steps(20);
     let view = &window.state().view;
     assert!(view.camera.points_per_m() > 1.1 * before);
-    assert!(view.to_screen(held_m).distance(place) < 0.5);
+    assert!(view.place_of(held_m).distance(place) < 0.5);
     assert_eq!(view.sight(), Sight::Free);
 }
 

@@ -150,7 +150,7 @@ impl MapSync {
             .is_some_and(|(head, _)| !head.layers.iter().all(|head| described(head.layer)))
     }
 
-    /// The robot said what its layers are. True where that is another run than the one whose map is held.
+    /// The robot said what its layers are. What another run than the one whose map is held says is not taken.
     pub(super) fn take_info(&mut self, info: &Info, boot: BootId) -> Result<(), StoreError> {
         if self.has_boot && boot != self.store.boot() {
             // Its own announcement comes first; then it is asked again.

@@ -6,6 +6,7 @@ use eframe::egui::{
 };
 use protocol::layer::{LayerId, Legend, Palette, Ramp, Swatch};
 
+use super::wording::capitalised;
 use crate::theme;
 
 const BAR_HEIGHT: f32 = 10.0;
@@ -178,14 +179,6 @@ fn frame(ui: &Ui, rect: Rect) {
     let line = Stroke::new(1.0, ui.visuals().weak_text_color());
     ui.painter()
         .rect_stroke(rect, 0.0, line, StrokeKind::Outside);
-}
-
-pub(super) fn capitalised(text: &str) -> String {
-    let mut chars = text.chars();
-    match chars.next() {
-        Some(first) => first.to_uppercase().chain(chars).collect(),
-        None => String::new(),
-    }
 }
 
 #[cfg(test)]

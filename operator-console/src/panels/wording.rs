@@ -55,6 +55,15 @@ pub fn bytes(bytes: u64) -> String {
     }
 }
 
+/// As a sentence or a label begins.
+pub fn capitalised(text: &str) -> String {
+    let mut chars = text.chars();
+    match chars.next() {
+        Some(first) => first.to_uppercase().chain(chars).collect(),
+        None => String::new(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

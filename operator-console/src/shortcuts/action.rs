@@ -22,6 +22,10 @@ pub enum Action {
     Legend,
     /// Let clicks measure, or end that.
     Measure,
+    /// Measure to the middle of the map, or read what is there.
+    Point,
+    /// As if the last point had not been pointed at.
+    TakeBack,
     /// Closer.
     ZoomIn,
     /// Farther.

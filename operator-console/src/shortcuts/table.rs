@@ -128,6 +128,16 @@ fn map() -> Vec<Binding> {
             (Action::Legend, "Legends on the map", &[(PLAIN, Key::L)]),
             (Action::Measure, "Measure", &[(PLAIN, Key::M)]),
             (
+                Action::Point,
+                "Read the middle, or measure to it",
+                &[(PLAIN, Key::C)],
+            ),
+            (
+                Action::TakeBack,
+                "Take the last point back",
+                &[(PLAIN, Key::Backspace)],
+            ),
+            (
                 Action::ZoomIn,
                 "Closer",
                 &[(PLAIN, Key::Plus), (PLAIN, Key::Equals)],

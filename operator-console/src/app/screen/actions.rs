@@ -50,6 +50,8 @@ impl Screen {
                 let is_measuring = self.map_view.ruler().is_some();
                 return Some(Command::Look(Look::Measure(!is_measuring)));
             }
+            Action::Point => return Some(Command::Look(Look::Point)),
+            Action::TakeBack => return Some(Command::Look(Look::TakeBack)),
             Action::ZoomIn => return Some(Command::Look(Look::In)),
             Action::ZoomOut => return Some(Command::Look(Look::Out)),
             Action::Pan(edge) => {

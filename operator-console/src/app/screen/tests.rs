@@ -512,6 +512,8 @@ fn buttons_keys_and_hands_move_the_map() {
         (Key::G, Look::Draw(Overlay::Grid, true)),
         (Key::L, Look::Draw(Overlay::Legend, false)),
         (Key::M, Look::Measure(true)),
+        (Key::C, Look::Point),
+        (Key::Backspace, Look::TakeBack),
     ] {
         window.key_press(key);
         window.run_steps(1);

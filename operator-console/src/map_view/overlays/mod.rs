@@ -1,9 +1,8 @@
-//! What is drawn on the map: grid, vehicle and where it would stop, where it was, what its sensors see, other robots,
-//! shores by number, docking sites by letter, and measures.
+//! What is drawn on the map: grid, vehicle and where it would stop, where it was, what its sensors see, shores
+//! by number, docking sites by letter, and measures.
 
 pub(super) mod compass;
 pub(super) mod grid;
-pub(super) mod robots;
 pub(super) mod ruler;
 pub(super) mod scale_bar;
 pub(super) mod sensors;

@@ -209,21 +209,15 @@ fn values_have_units_or_names() {
 }
 
 #[test]
-fn the_line_says_where_what_and_when() {
+fn a_probe_says_where_what_and_when() {
     let mut hidden = cell(LayerId::Cost, 0.5);
     hidden.is_shown = false;
     let probe = ProbeData {
         point_m: [1.234, -5.0],
-        cells: vec![
-            cell(LayerId::Obstacle, 1.0),
-            hidden,
-            cell(LayerId::Elevation, 0.5),
-        ],
+        cells: vec![cell(LayerId::Obstacle, 1.0), hidden],
     };
-    assert_eq!(
-        probe.line(),
-        "x 1.23 m  y −5.00 m  ·  obstacle  ·  height 0.500 m  ·  changed 3.2 s ago"
-    );
+    assert_eq!(probe.place(), "x 1.23 m  y −5.00 m");
+    assert_eq!(probe.cells[0].reading(), "obstacle");
     assert_eq!(
         probe.cells[1].origin(),
         "3.2 s old, voxels, slope around, revision 1\u{2009}234, hidden"
@@ -236,9 +230,4 @@ fn the_line_says_where_what_and_when() {
         measured.origin(),
         "3.2 s old, laser 0.2 s ago, revision 1\u{2009}234"
     );
-    let nothing = ProbeData {
-        cells: Vec::new(),
-        ..probe
-    };
-    assert_eq!(nothing.line(), "x 1.23 m  y −5.00 m  ·  unknown");
 }

@@ -10,7 +10,7 @@ use super::{figures, words};
 use crate::helm::{EStopSight, HelmSight, Lease};
 use crate::model::{ConsoleModel, LinkState, Stream};
 use crate::panels::rows::Row;
-use crate::panels::wording::{age, signed};
+use crate::panels::wording::{age, capitalised, signed};
 use crate::teleop_input::SpeedStep;
 use crate::theme::Tone;
 
@@ -342,11 +342,4 @@ fn lease_face(teleop: &TeleopStatus, helm: &HelmSight, is_lost: bool) -> LeaseFa
         Lease::None if teleop.lease.holder.is_some() => LeaseFace::Others,
         Lease::None => LeaseFace::Free,
     }
-}
-
-fn capitalised(text: &str) -> String {
-    let mut chars = text.chars();
-    chars.next().map_or_else(String::new, |first| {
-        first.to_uppercase().chain(chars).collect()
-    })
 }

@@ -6,7 +6,8 @@ use eframe::egui::{
     vec2,
 };
 
-use super::super::legend::{SWATCH, capitalised, paint_swatch};
+use super::super::legend::{SWATCH, paint_swatch};
+use super::super::wording::capitalised;
 use super::{ShoreRow, ShoresData, SortBy, sort};
 use crate::command::Look;
 use crate::map_view::ShoreMark;
