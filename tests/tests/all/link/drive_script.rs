@@ -1,8 +1,10 @@
 //! The console drives a simulated robot by a script: the same helm as the window's, over real sessions.
 
 use std::fs;
+use std::io;
+use std::net::{TcpListener, TcpStream};
 use std::path::Path;
-use std::thread::sleep;
+use std::thread::{self, sleep};
 use std::time::Duration;
 
 use tempfile::tempdir;
@@ -225,4 +227,39 @@ fn a_script_that_is_none_says_its_line() {
     let (code, said) = drives(9, "anna", "0.0 lease request\n1.0 honk\n");
     assert_eq!(code, Some(2), "{said}");
     assert!(said.contains("line 2") && said.contains("honk"), "{said}");
+}
+
+/// A firewall lets through the port that is known, and not the next one, which maps come by.
+#[test]
+fn a_robot_whose_maps_are_out_of_reach_is_driven() {
+    let (port, known) = (free_port(), free_port());
+    let _edge = robot(port);
+    let firewall = TcpListener::bind(("127.0.0.1", known)).unwrap();
+    thread::spawn(move || {
+        for near in firewall.incoming() {
+            let near = near.unwrap();
+            // The robot may still be starting: who asks asks again.
+            let Ok(far) = TcpStream::connect(("127.0.0.1", port)) else {
+                continue;
+            };
+            for (mut from, mut to) in [
+                (near.try_clone().unwrap(), far.try_clone().unwrap()),
+                (far, near),
+            ] {
+                thread::spawn(move || drop(io::copy(&mut from, &mut to)));
+            }
+        }
+    });
+    let script = "\
+0.0 lease request
+0.0 await held
+0.4 press left
+0.4 await driving
+1.4 release left
+1.4 lease release
+1.4 await idle
+";
+    let (code, said) = drives(known, "anna", script);
+    assert_eq!(code, Some(0), "{said}");
+    assert_eq!(lines(&said, " Driving, lease of anna").len(), 1, "{said}");
 }

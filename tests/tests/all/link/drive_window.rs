@@ -112,6 +112,12 @@ impl Scene {
         take_lease(&self.screen, &self.witness);
     }
 
+    /// A text field is there, and has the keyboard.
+    fn opens_recordings(&self) {
+        self.screen.tap_with(Key::Control, Key::O);
+        sleep(Duration::from_secs(1));
+    }
+
     fn turns_left(&self, key: Key) -> TeleopStatus {
         holds(&self.screen, &self.witness, key, |status| {
             status.applied.angular_radps > 0.3
@@ -159,6 +165,35 @@ fn keys_on_a_window_drive_and_release_focus_loss_and_space_stop() {
     screen.release(Key::A);
     sleep(Duration::from_millis(500));
     screen.picture(&pictures("estop.png"));
+}
+
+#[test]
+fn a_space_in_a_text_stops_nothing_and_one_behind_it_does() {
+    let Some(scene) = Scene::open() else { return };
+    let (screen, witness) = (&scene.screen, &scene.witness);
+    scene.opens_recordings();
+    screen.write("/home/anna/my recordings of may");
+    sleep(Duration::from_secs(1));
+    screen.picture(&pictures("spaces.png"));
+    assert!(!is_stopped(&witness.now().unwrap()), "it was a text");
+    // The next key is for the vehicle, however soon it comes.
+    screen.tap(Key::Escape);
+    screen.tap(Key::Space);
+    witness.sees("stopped right behind a text", is_stopped);
+}
+
+#[test]
+fn a_space_stops_wherever_it_is_typed_while_this_operator_drives() {
+    let Some(scene) = Scene::open() else { return };
+    scene.take_lease();
+    scene.opens_recordings();
+    assert!(!is_stopped(&scene.witness.now().unwrap()));
+    scene.screen.write("my ");
+    scene.witness.sees("stopped by who drives", is_stopped);
+}
+
+fn is_stopped(status: &TeleopStatus) -> bool {
+    status.state == TeleopState::EStop
 }
 
 /// The robot of `--demo`, in a corridor: across it, up to the wall, with the key held.

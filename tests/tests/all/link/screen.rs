@@ -177,6 +177,7 @@ impl Screen {
             };
             let mut rows = ROWS.iter();
             let code = rows.find_map(|(first, row)| Some(first + row.find(letter)? as u8));
+            let code = code.or((letter == ' ').then_some(Key::Space as u8));
             let code = code.unwrap_or_else(|| panic!("no key for {letter:?}"));
             if is_shifted {
                 self.press(Key::Shift);
