@@ -54,6 +54,8 @@ pub struct ExportWish {
     pub folder: PathBuf,
     /// What to write.
     pub parts: BTreeSet<ExportPart>,
+    /// Whether to show the folder when all is in it.
+    pub opens_folder: bool,
 }
 
 /// How to look at the map.

@@ -2,10 +2,9 @@
 
 use std::io::{self, Write};
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::{Context as _, anyhow};
+use anyhow::{Context as _, Error, anyhow};
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
@@ -15,10 +14,10 @@ use robot_edge::exit::{Exit, Interrupted};
 use robot_edge::link::sessions::Endpoints;
 use robot_edge::link::{random_id, zenoh_config_file};
 
-use crate::export::{export_all, write_voxels};
+use crate::export::export_all;
 use crate::link::RobotSession;
 use crate::milestones::{Milestones, VISIBLE_M};
-use crate::model::{ConsoleModel, FetchedVoxels, LinkState, ModelSettings, VoxelsProgress};
+use crate::model::{ConsoleModel, LinkState, ModelSettings, VoxelsProgress};
 use crate::target::Target;
 
 /// Between two looks at the model.
@@ -111,20 +110,15 @@ pub fn run(
     });
     let voxels = match watched {
         Watched::InStep => fetch_voxels(&session, settings.timeout, &is_interrupted),
-        Watched::TimedOut | Watched::Interrupted => Ok(None),
+        Watched::TimedOut | Watched::Interrupted => Ok(()),
     };
+    let exported = export_all(&session.handle(), &settings.export)?;
     let model = session.model();
-    let mut files = export_all(&model, &settings.export)?;
-    let voxels = voxels.and_then(|voxels| match voxels {
-        Some(voxels) => {
-            write_voxels(&settings.export, &voxels).map(|written| files.extend(written))
-        }
-        None => Ok(()),
-    });
     if !settings.quiet {
         milestones.tell(&model, out)?;
-        tell(&model, &files, out)?;
+        tell(&model, &exported.files, out)?;
     }
+    exported.outcome(&settings.export).map_err(Error::msg)?;
     voxels?;
     match watched {
         Watched::InStep => Ok(Exit::Done),
@@ -145,7 +139,7 @@ pub fn run(
     }
 }
 
-/// The octree's files; `None` where the robot has no octree.
+/// Waits until the octree's files are here, or the robot has none.
 ///
 /// # Errors
 /// Where they do not come in time.
@@ -153,15 +147,16 @@ fn fetch_voxels(
     session: &RobotSession,
     timeout: Duration,
     is_interrupted: &impl Fn() -> bool,
-) -> anyhow::Result<Option<Arc<FetchedVoxels>>> {
+) -> anyhow::Result<()> {
     session.model().want_voxels();
     session.model().set_unfinished(false);
     let started = Monotonic::now();
     loop {
         let progress = session.model().voxels();
         match progress {
-            VoxelsProgress::Ready(files) => return Ok(Some(files)),
-            VoxelsProgress::None | VoxelsProgress::Unwanted => return Ok(None),
+            VoxelsProgress::Ready(_) | VoxelsProgress::None | VoxelsProgress::Unwanted => {
+                return Ok(());
+            }
             VoxelsProgress::TooLong => {
                 return Err(anyhow!(
                     "voxels.bt and points.ply: longer than a console takes"
@@ -174,7 +169,9 @@ fn fetch_voxels(
         }
         if started.elapsed() > timeout {
             let how_far = match progress {
-                VoxelsProgress::Fetching { fetched, of } => format!("{fetched} of {of} bytes came"),
+                VoxelsProgress::Fetching { file, fetched, of } => {
+                    format!("{fetched} of {of} bytes of {} came", file.name())
+                }
                 VoxelsProgress::Waiting
                 | VoxelsProgress::Unwanted
                 | VoxelsProgress::None

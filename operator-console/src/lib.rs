@@ -34,5 +34,6 @@ pub mod shortcuts;
 mod target;
 pub mod teleop_input;
 pub mod theme;
+mod typed_path;
 pub mod window;
 pub mod workspace;

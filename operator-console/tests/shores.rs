@@ -369,7 +369,7 @@ fn over_the_network_shores_arrive_and_both_sides_export_the_same() {
     let dir = tempfile::tempdir().unwrap();
     let by_edge = write_shores(&dir.path().join("edge"), &shores(200)).unwrap();
     let by_console = dir.path().join("console");
-    let files = export(&late.model(), &by_console).unwrap();
+    let files = export(&late.handle(), &by_console).unwrap().files;
     assert!(
         files.contains(&by_console.join("shores.geojson")),
         "{files:?}"

@@ -1,6 +1,7 @@
 //! The program behind the window: finds robots, shows one, does what the operator asks.
 
 mod choice;
+mod desktop;
 mod dialogs;
 mod export_job;
 mod first_run;

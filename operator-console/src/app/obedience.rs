@@ -19,7 +19,7 @@ use crate::playback::{Playback, in_words};
 use super::export_job::ExportJob;
 use super::screenshot::{self, Outcome};
 use super::watch::Watch;
-use super::{ConsoleApp, STORE_MB, pictures};
+use super::{ConsoleApp, STORE_MB, desktop, pictures};
 
 /// What is behind a name on the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -114,7 +114,9 @@ impl ConsoleApp {
                     .shown
                     .as_ref()
                     .map(|(found, _)| pictures::name_for_files(&found.robot, recording.as_deref()));
-                let path = pictures::screenshot_path(shown.as_deref());
+                let is_taken =
+                    |path: &Path| path.exists() || self.pictures.iter().any(|(one, _)| one == path);
+                let path = pictures::screenshot_path(shown.as_deref(), is_taken);
                 let outcome = Outcome::default();
                 screenshot::take(&self.ctx, path.clone(), Outcome::clone(&outcome));
                 self.pictures.push((path, outcome));
@@ -132,7 +134,7 @@ impl ConsoleApp {
                 }
             }
             Command::OpenFolder(folder) => {
-                if let Err(why) = pictures::open_folder(&folder) {
+                if let Err(why) = desktop::open_folder(&folder) {
                     self.note(Severity::Warning, "folder", why);
                 }
             }

@@ -1,8 +1,6 @@
 //! Where the system keeps what people make.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::thread;
 
 use etcetera::BaseStrategy as _;
 use protocol::keys::RobotId;
@@ -21,13 +19,25 @@ pub(super) fn documents() -> Option<PathBuf> {
     user_folder("XDG_DOCUMENTS_DIR", "Documents")
 }
 
-/// Where a screenshot goes that is taken now. The name has the date, to the second, and what is shown.
-pub(super) fn screenshot_path(shown: Option<&str>) -> PathBuf {
+/// Where a screenshot goes that is taken now. The name has the date, to the second, and what is shown; where `is_taken` is
+/// true of that, a number as well.
+pub(super) fn screenshot_path(shown: Option<&str>, is_taken: impl Fn(&Path) -> bool) -> PathBuf {
     let label = wall_clock_label().replace(':', "-").replace('Z', "");
     let shown = shown.map(|shown| format!("-{shown}")).unwrap_or_default();
-    pictures()
-        .unwrap_or_default()
-        .join(format!("foreshore{shown}-{label}.png"))
+    let folder = pictures().unwrap_or_default();
+    free_path(
+        &folder.join(format!("foreshore{shown}-{label}.png")),
+        is_taken,
+    )
+}
+
+/// `path`, or where `is_taken` is true of it the first of `path-2`, `path-3` … of which it is not.
+fn free_path(path: &Path, is_taken: impl Fn(&Path) -> bool) -> PathBuf {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let numbered = (2_u32..).map(|number| path.with_file_name(format!("{stem}-{number}.png")));
+    let mut all = std::iter::once(path.to_owned()).chain(numbered);
+    all.find(|path| !is_taken(path))
+        .unwrap_or_else(|| path.to_owned())
 }
 
 /// What files are named after: the robot, or the recording without the ending of its file.
@@ -38,30 +48,6 @@ pub(super) fn name_for_files(robot: &RobotId, recording: Option<&str>) -> String
     let stem = stem.to_string_lossy();
     // Date and ending have to fit into a name of 255 bytes as well.
     stem.chars().take(MAX_NAME).collect()
-}
-
-/// Shows a folder in the system's own program for that.
-///
-/// # Errors
-/// Where there is no such program, in words.
-pub(super) fn open_folder(folder: &Path) -> Result<(), String> {
-    let program = if cfg!(target_os = "macos") {
-        "open"
-    } else if cfg!(windows) {
-        "explorer"
-    } else {
-        "xdg-open"
-    };
-    let mut child = Command::new(program)
-        .arg(folder)
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .map_err(|why| format!("{} cannot be shown: {program}: {why}", folder.display()))?;
-    // Until it has ended the system keeps a place for it.
-    thread::spawn(move || drop(child.wait()));
-    Ok(())
 }
 
 /// `user-dirs.dirs` (xdg-user-dirs) names folders as a shell would: `XDG_PICTURES_DIR="$HOME/Bilder"`.
@@ -98,9 +84,23 @@ mod tests {
         check(Some(".log"), ".log");
         let long = "ü".repeat(200) + ".log";
         assert_eq!(name_for_files(&robot, Some(&long)), "ü".repeat(MAX_NAME));
-        let path = screenshot_path(Some("rooms"));
+        let path = screenshot_path(Some("rooms"), |_| false);
         let name = path.file_name().unwrap().to_str().unwrap();
         assert!(name.starts_with("foreshore-rooms-2"), "{name}");
         assert_eq!(path.extension().unwrap(), "png");
+    }
+
+    #[test]
+    fn pictures_of_one_second_have_numbers() {
+        let path = Path::new("/pictures/foreshore-a.b-2026.png");
+        let free = |taken: &[&str]| {
+            free_path(path, |path| taken.iter().any(|taken| path.ends_with(taken)))
+        };
+        let [first, second, third] =
+            ["", "-2", "-3"].map(|number| format!("foreshore-a.b-2026{number}.png"));
+        assert_eq!(free(&[]), path);
+        assert_eq!(free(&[&first]), path.with_file_name(&second));
+        assert_eq!(free(&[&first, &second]), path.with_file_name(third));
+        assert_eq!(free(&[&second]), path);
     }
 }

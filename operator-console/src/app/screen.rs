@@ -103,6 +103,7 @@ impl Screen {
                 .as_ref()
                 .map_or_else(Workspace::default, Workspace::of),
             appearance: settings.appearance,
+            dialogs: Dialogs::of(settings),
             ..Self::default()
         }
     }
@@ -112,6 +113,7 @@ impl Screen {
         settings.layout = Some(self.workspace.layout());
         settings.appearance = self.appearance;
         settings.map = Some(self.map_view.look_state().clone());
+        self.dialogs.keep(settings);
     }
 
     /// How everything looks.

@@ -59,7 +59,9 @@ impl Screenshot {
         self.asked = Some(now);
         let (path, outcome) = (self.path.clone(), Arc::clone(&self.outcome));
         let callback = ScreenshotCallback::new(move |image| {
-            let saved = save(&path, &image)
+            let saved = File::create(&path)
+                .map_err(anyhow::Error::from)
+                .and_then(|file| save(file, &image))
                 .with_context(|| format!("the picture was not saved to {}", path.display()));
             *lock(&outcome) = Some(saved);
         });
@@ -85,14 +87,15 @@ pub fn result_of(outcome: &Outcome) -> anyhow::Result<()> {
 }
 
 /// Takes a picture of the window for the operator, and saves it from a thread of its own: encoding takes longer than the
-/// helm may wait.
+/// helm may wait. What is at `path` already stays as it is.
 pub(super) fn take(ctx: &Context, path: PathBuf, outcome: Outcome) {
     let callback = ScreenshotCallback::new(move |image| {
         thread::spawn(move || {
             let folder = path.parent().unwrap_or(Path::new(""));
             let saved = std::fs::create_dir_all(folder)
+                .and_then(|()| File::create_new(&path))
                 .map_err(anyhow::Error::from)
-                .and_then(|()| save(&path, &image))
+                .and_then(|file| save(file, &image))
                 .with_context(|| format!("the screenshot was not saved to {}", path.display()));
             *lock(&outcome) = Some(saved);
         });
@@ -101,8 +104,8 @@ pub(super) fn take(ctx: &Context, path: PathBuf, outcome: Outcome) {
     ctx.request_repaint();
 }
 
-fn save(path: &Path, image: &ColorImage) -> anyhow::Result<()> {
-    let file = BufWriter::new(File::create(path)?);
+fn save(file: File, image: &ColorImage) -> anyhow::Result<()> {
+    let file = BufWriter::new(file);
     let mut encoder = png::Encoder::new(file, image.width() as u32, image.height() as u32);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
@@ -129,7 +132,7 @@ mod tests {
         let path = dir.path().join("window.png");
         let mut image = ColorImage::filled([3, 2], Color32::BLUE);
         image.pixels[4] = Color32::RED;
-        save(&path, &image).unwrap();
+        save(File::create(&path).unwrap(), &image).unwrap();
         let decoder = png::Decoder::new(std::io::BufReader::new(File::open(&path).unwrap()));
         let mut reader = decoder.read_info().unwrap();
         let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
@@ -137,8 +140,9 @@ mod tests {
         assert_eq!((reader.info().width, reader.info().height), (3, 2));
         assert_eq!(rgb[9..18], [0, 0, 255, 255, 0, 0, 0, 0, 255]);
 
-        let nowhere = dir.path().join("none/window.png");
-        assert!(save(&nowhere, &image).is_err());
+        // It cannot be written to.
+        let file = File::open(&path).unwrap();
+        assert!(save(file, &image).is_err());
         let outcome = Outcome::default();
         assert!(result_of(&outcome).is_err(), "the window was closed");
     }

@@ -11,8 +11,8 @@ use crate::panels::robots::Seen;
 use crate::playback::is_recording;
 use crate::settings::{Keeper, WindowPlace};
 
-use super::ConsoleApp;
 use super::export_job::ExportJob;
+use super::{ConsoleApp, desktop};
 
 impl ConsoleApp {
     pub(super) fn note(&mut self, severity: Severity, kind: &str, text: impl Into<String>) {
@@ -49,7 +49,13 @@ impl ConsoleApp {
                 notes.push((Severity::Warning, "driving", text));
             }
         }
-        notes.extend(self.export.as_mut().and_then(ExportJob::take_end));
+        if let Some(end) = self.export.as_mut().and_then(ExportJob::take_end) {
+            notes.push(end.note);
+            let folder = end.folder.filter(|_| desktop::has_desktop());
+            if let Some(Err(why)) = folder.map(|folder| desktop::open_folder(&folder)) {
+                notes.push((Severity::Note, "folder", why));
+            }
+        }
         self.pictures.retain(|(path, outcome)| {
             let Some(outcome) = lock(outcome).take() else {
                 return true;

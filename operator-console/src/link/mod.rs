@@ -63,6 +63,12 @@ pub struct RobotSession {
 pub struct ModelHandle(Arc<Mutex<ConsoleModel>>);
 
 impl ModelHandle {
+    /// A robot that no link feeds.
+    #[cfg(test)]
+    pub(crate) fn of(model: ConsoleModel) -> Self {
+        Self(Arc::new(Mutex::new(model)))
+    }
+
     /// The robot; the link and the window wait while the guard is held.
     pub fn lock(&self) -> MutexGuard<'_, ConsoleModel> {
         lock(&self.0)

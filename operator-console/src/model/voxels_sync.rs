@@ -37,11 +37,13 @@ pub enum VoxelsProgress {
     Unwanted,
     /// They are asked for, or being made.
     Waiting,
-    /// Parts of the files come.
+    /// Parts of the files come, one file after the other.
     Fetching {
-        /// Bytes that came, of both files, packed.
+        /// The file that comes.
+        file: VoxelFile,
+        /// Bytes of it that came, packed.
         fetched: u64,
-        /// Bytes that they have, as far as is known.
+        /// Bytes that it has, packed.
         of: u64,
     },
     /// Here they are.
@@ -204,12 +206,15 @@ impl VoxelsSync {
 
 impl Fetching {
     fn progress(&self) -> VoxelsProgress {
-        let length = |file: &PackedFile| file.packed.len() as u64;
-        let fetched: u64 = self.files.iter().map(length).sum();
-        let last = self.files.last().map_or(0, length);
+        let last = self.files.last();
         VoxelsProgress::Fetching {
-            fetched,
-            of: fetched - last + self.packed_bytes,
+            file: if self.files.len() < VoxelFile::ALL.len() {
+                VoxelFile::Tree
+            } else {
+                VoxelFile::Points
+            },
+            fetched: last.map_or(0, |file| file.packed.len() as u64),
+            of: self.packed_bytes,
         }
     }
 

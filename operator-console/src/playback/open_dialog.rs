@@ -10,6 +10,7 @@ use eframe::egui::{
 };
 
 use super::path_completion::{common_beginning, completions};
+use crate::typed_path::typed_path;
 
 /// What the dialog has above and below the list of paths, points.
 const OTHERS: f32 = 200.0;
@@ -117,10 +118,10 @@ impl OpenDialog {
             let is_folder = chosen.ends_with(std::path::MAIN_SEPARATOR);
             self.path.clone_from(&chosen);
             self.open();
-            return (!is_folder).then(|| PathBuf::from(chosen));
+            return (!is_folder).then(|| typed_path(&chosen));
         }
         let path = self.path.trim();
-        (is_wanted && !path.is_empty()).then(|| PathBuf::from(path))
+        (is_wanted && !path.is_empty()).then(|| typed_path(path))
     }
 
     fn complete(&mut self) {
@@ -222,6 +223,18 @@ mod tests {
             harness.state().opened,
             [PathBuf::from(format!("{typed}ms.mcap"))]
         );
+    }
+
+    #[test]
+    fn a_recording_in_the_home_folder_is_opened_there() {
+        let mut dialog = OpenDialog::default();
+        dialog.refuse("~/no such day.mcap".to_owned(), "gone".to_owned());
+        let mut harness = harness(dialog);
+        harness.run_steps(3);
+        harness.key_press(Key::Enter);
+        harness.run_steps(3);
+        let home = crate::typed_path::home().unwrap();
+        assert_eq!(harness.state().opened, [home.join("no such day.mcap")]);
     }
 
     #[derive(Debug)]

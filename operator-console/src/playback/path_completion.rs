@@ -3,6 +3,8 @@
 use std::fs;
 use std::path::{MAIN_SEPARATOR, Path};
 
+use crate::typed_path::{home, within};
+
 /// Entries of a folder that are looked at: whoever has more types another letter.
 const MAX_LOOKED_AT: usize = 5_000;
 /// Completions that are offered.
@@ -10,11 +12,21 @@ pub(super) const MAX_OFFERED: usize = 10;
 /// How recordings end.
 const ENDINGS: [&str; 4] = ["mcap", "bag", "log", "clf"];
 
-/// Paths that begin with `typed`, by name; folders end with the separator.
+/// Paths that begin with `typed`, by name; folders end with the separator. What begins with `~/` goes on doing so.
 pub(super) fn completions(typed: &str) -> Vec<String> {
+    completions_of(typed, home().as_deref())
+}
+
+fn completions_of(typed: &str, home: Option<&Path>) -> Vec<String> {
+    if typed == "~" && home.is_some() {
+        return vec![format!("~{MAIN_SEPARATOR}")];
+    }
     let folder_end = typed.rfind(MAIN_SEPARATOR).map_or(0, |at| at + 1);
     let (folder, beginning) = typed.split_at(folder_end);
-    let read = fs::read_dir(if folder.is_empty() { "." } else { folder });
+    let read = fs::read_dir(match folder {
+        "" => Path::new(".").to_owned(),
+        _ => within(folder, home),
+    });
     let entries = read.into_iter().flatten().flatten().take(MAX_LOOKED_AT);
     let mut found: Vec<String> = entries
         .filter_map(|entry| {
@@ -90,6 +102,24 @@ mod tests {
         assert_eq!(offered("."), [".rooms.bag"]);
         assert_eq!(offered("x"), [""; 0]);
         assert_eq!(offered("gone/x"), [""; 0]);
+    }
+
+    #[test]
+    fn paths_in_the_home_folder_are_offered_as_they_are_typed() {
+        let home = tempfile::tempdir().unwrap();
+        fs::write(home.path().join("rooms.mcap"), "").unwrap();
+        fs::create_dir(home.path().join("roofs")).unwrap();
+        let offered = |typed: &str| completions_of(typed, Some(home.path()));
+        let tilde = format!("~{MAIN_SEPARATOR}");
+        assert_eq!(offered("~"), std::slice::from_ref(&tilde));
+        assert_eq!(
+            offered(&format!("{tilde}roo")),
+            [
+                format!("{tilde}roofs{MAIN_SEPARATOR}"),
+                format!("{tilde}rooms.mcap")
+            ]
+        );
+        assert_eq!(offered(&format!("{tilde}x")), [""; 0]);
     }
 
     #[test]

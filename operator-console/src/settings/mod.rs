@@ -41,6 +41,8 @@ pub struct Settings {
     pub robots: RobotColors,
     /// How the map was looked at.
     pub map: Option<MapLook>,
+    /// Whether the folder of an export is shown when all is in it.
+    pub opens_exports: bool,
 }
 
 /// Where the window was.
@@ -66,6 +68,7 @@ impl Default for Settings {
             addresses: Vec::new(),
             robots: RobotColors::default(),
             map: None,
+            opens_exports: true,
         }
     }
 }

@@ -22,6 +22,7 @@ fn some() -> Settings {
             is_maximized: false,
         }),
         layout: Some(workspace.layout()),
+        opens_exports: false,
         ..Settings::default()
     };
     settings.remember("tcp/10.0.0.5:7447");
@@ -70,6 +71,7 @@ fn what_is_missing_has_defaults_and_what_is_unknown_is_ignored() {
     };
     assert_eq!(settings.appearance, expected);
     assert_eq!(settings.layout, None);
+    assert!(settings.opens_exports);
 }
 
 #[test]

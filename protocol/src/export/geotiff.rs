@@ -87,10 +87,12 @@ fn deflate_rows(
 ) -> io::Result<Vec<u8>> {
     let quantisation = raster.layer().quantisation();
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
+    let mut codes = Vec::with_capacity(raster.width());
     let mut bytes = Vec::with_capacity(raster.width() * sample.bytes());
     for file_row in file_rows {
+        raster.read_row(raster.height() - 1 - file_row, &mut codes);
         bytes.clear();
-        for &code in raster.row(raster.height() - 1 - file_row) {
+        for &code in &codes {
             let value = quantisation.decode(code);
             match sample {
                 SampleType::F32 => bytes.extend(value.unwrap_or(f32::NAN).to_ne_bytes()),

@@ -91,10 +91,12 @@ pub fn write_map_server(
 
 fn write_pgm(writer: &mut impl Write, raster: &Raster) -> std::io::Result<()> {
     write!(writer, "P5\n{} {}\n255\n", raster.width(), raster.height())?;
+    let mut codes = Vec::with_capacity(raster.width());
     let mut pixels = Vec::with_capacity(raster.width());
     for y in (0..raster.height()).rev() {
+        raster.read_row(y, &mut codes);
         pixels.clear();
-        pixels.extend(raster.row(y).iter().map(|&code| {
+        pixels.extend(codes.iter().map(|&code| {
             let probability = raster.layer().quantisation().decode(code);
             probability.map_or(Trinary::Undecided, Trinary::of).grey()
         }));

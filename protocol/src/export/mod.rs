@@ -91,8 +91,7 @@ pub fn export_all(
     first_error.map_or(Ok(exported), Err)
 }
 
-/// Writes `<layer>.tif` and `<layer>.png`, for occupancy also `occupancy.pgm` and `occupancy.yaml`, for
-/// elevation and obstacle the picture in the colours of \[LOD\] as `<layer>.document.png`, and returns their
+/// Writes what [`export_raster`] writes of one layer of `store` to `dir`, which is made where it is missing, and returns the
 /// paths: none where nothing of the layer is known.
 pub fn export_layer(
     dir: &Path,
@@ -109,22 +108,33 @@ pub fn export_layer(
             path: dir.to_owned(),
             source,
         })?;
-    let Some(raster) = raster else {
-        return Ok(Vec::new());
-    };
+    raster.map_or(Ok(Vec::new()), |raster| {
+        export_raster(dir, &raster, caption)
+    })
+}
+
+/// Writes `<layer>.tif` and `<layer>.png`, for occupancy also `occupancy.pgm` and `occupancy.yaml`, for
+/// elevation and obstacle the picture in the colours of \[LOD\] as `<layer>.document.png`, to `dir`, and returns their
+/// paths.
+pub fn export_raster(
+    dir: &Path,
+    raster: &Raster,
+    caption: &Caption<'_>,
+) -> Result<Vec<PathBuf>, ExportError> {
+    let layer = raster.layer();
     let mut files = vec![
         dir.join(format!("{layer}.tif")),
         dir.join(format!("{layer}.png")),
     ];
-    write_geotiff(&files[0], &raster)?;
-    write_picture(&files[1], &raster, &palette_for(&raster), caption)?;
+    write_geotiff(&files[0], raster)?;
+    write_picture(&files[1], raster, &palette_for(raster), caption)?;
     if let Some(palette) = layer.document_palette() {
         let path = dir.join(format!("{layer}.document.png"));
-        write_picture(&path, &raster, &palette, caption)?;
+        write_picture(&path, raster, &palette, caption)?;
         files.push(path);
     }
     if layer == LayerId::Occupancy {
-        files.extend(write_map_server(dir, "occupancy", &raster)?);
+        files.extend(write_map_server(dir, "occupancy", raster)?);
     }
     Ok(files)
 }
@@ -133,10 +143,9 @@ pub fn export_layer(
 pub fn palette_for(raster: &Raster) -> Palette {
     let palette = raster.layer().default_palette();
     let mut counts = vec![0_u64; usize::from(u16::MAX) + 1];
-    for &code in raster.codes() {
+    for code in raster.known_codes() {
         counts[usize::from(code)] += 1;
     }
-    counts[0] = 0;
     let known: u64 = counts.iter().sum();
     let value_of_rank = |rank: u64| {
         let mut seen = 0;

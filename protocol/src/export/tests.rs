@@ -1,5 +1,7 @@
 //! Exports read back.
 
+mod great_map;
+
 use std::fs::{self, File};
 
 use tiff::decoder::{Decoder, DecodingResult};

@@ -1,13 +1,16 @@
 //! The 4096 cell codes of a tile.
 
 use std::fmt;
+use std::sync::Arc;
 
 use super::{TILE_CELLS, TILE_SIDE, TileDigest};
 use crate::layer::{LayerId, UNKNOWN};
 
 /// The codes of a tile's cells, row by row from the lowest y, each row from the lowest x.
+///
+/// Clones share one piece of memory until one of them is changed: who wants a whole map as it is now copies no cells.
 #[derive(Clone, PartialEq, Eq)]
-pub struct TileCells(Box<[u16; TILE_CELLS]>);
+pub struct TileCells(Arc<[u16; TILE_CELLS]>);
 
 /// A code that its layer does not use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -26,12 +29,12 @@ pub struct InvalidCode {
 impl TileCells {
     /// A tile of which nothing is known.
     pub fn unknown() -> Self {
-        Self(Box::new([UNKNOWN; TILE_CELLS]))
+        Self(Arc::new([UNKNOWN; TILE_CELLS]))
     }
 
     /// A tile whose cell in column `x` and row `y` holds `code(x, y)`.
     pub fn from_fn(mut code: impl FnMut(usize, usize) -> u16) -> Self {
-        Self(Box::new(std::array::from_fn(|index| {
+        Self(Arc::new(std::array::from_fn(|index| {
             code(index % TILE_SIDE, index / TILE_SIDE)
         })))
     }
@@ -46,9 +49,9 @@ impl TileCells {
         &self.0
     }
 
-    /// All codes in row order.
+    /// All codes in row order. Where a clone shares them they are copied first.
     pub fn codes_mut(&mut self) -> &mut [u16; TILE_CELLS] {
-        &mut self.0
+        Arc::make_mut(&mut self.0)
     }
 
     /// Row `y` from the lowest x; `y < 64`.
@@ -110,6 +113,16 @@ mod tests {
         assert_eq!(cells.codes()[64], 100);
         assert_eq!(cells.get(64, 0), None);
         assert_eq!(cells.known(), TILE_CELLS - 1);
+    }
+
+    #[test]
+    fn clones_are_shared_until_one_is_changed() {
+        let cells = TileCells::from_fn(|x, _| x as u16);
+        let mut other = cells.clone();
+        assert!(Arc::ptr_eq(&cells.0, &other.0));
+        other.codes_mut()[3] = 500;
+        assert_eq!((cells.codes()[3], other.codes()[3]), (3, 500));
+        assert_eq!(cells.codes()[4..], other.codes()[4..]);
     }
 
     #[test]

@@ -206,7 +206,7 @@ mod tests {
         };
         assert_eq!(raster.value_at(-0.25, 32.25), Some(0.5));
         assert_eq!(raster.value_at(1.75, -34.75), Some(-1.0));
-        assert_eq!(raster.codes().iter().filter(|code| **code != 0).count(), 2);
+        assert_eq!(raster.known_codes().count(), 2);
         let nothing = store_of(LayerId::Obstacle, 0.5, []).unwrap();
         assert_eq!(
             Picture::of_layer(&nothing, obstacle(), None, "a", "b").unwrap(),

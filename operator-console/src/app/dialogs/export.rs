@@ -1,7 +1,7 @@
 //! Where to export to, and what.
 
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use eframe::egui::{
     Align2, Button, Context, Key, ProgressBar, RichText, ScrollArea, TextEdit, Ui, Window, vec2,
@@ -15,6 +15,7 @@ use crate::export::ExportPart;
 use crate::model::ConsoleModel;
 use crate::panels::layers::layer_name;
 use crate::theme::{Tone, state_ui};
+use crate::typed_path::typed_path;
 
 /// Of the dialog, where the window is not narrower, points.
 const WIDTH: f32 = 460.0;
@@ -44,12 +45,13 @@ impl ExportDialog {
         }
     }
 
-    /// Draws it; `is_open` becomes false where it is closed.
+    /// Draws it; `opens_folder` is whether a finished export is shown, and `is_open` becomes false where it is closed.
     pub(super) fn show(
         &mut self,
         ctx: &Context,
         model: Option<&ConsoleModel>,
         progress: Option<&ExportProgress>,
+        opens_folder: &mut bool,
         is_open: &mut bool,
     ) -> Option<Command> {
         let mut command = None;
@@ -66,7 +68,8 @@ impl ExportDialog {
                 let scrolled = ScrollArea::vertical()
                     .max_height(room.y)
                     .min_scrolled_height(room.y);
-                let shown = scrolled.show(ui, |ui| self.choice_ui(ui, model, progress));
+                let shown =
+                    scrolled.show(ui, |ui| self.choice_ui(ui, model, progress, opens_folder));
                 command = shown.inner;
             });
         command
@@ -77,6 +80,7 @@ impl ExportDialog {
         ui: &mut Ui,
         model: Option<&ConsoleModel>,
         progress: Option<&ExportProgress>,
+        opens_folder: &mut bool,
     ) -> Option<Command> {
         let mut command = None;
         let is_running = progress.is_some_and(|progress| progress.ended.is_none());
@@ -95,6 +99,9 @@ impl ExportDialog {
             for part in ExportPart::all() {
                 self.part_ui(ui, part, model);
             }
+            ui.separator();
+            ui.checkbox(opens_folder, "Open the folder when all is in it")
+                .on_hover_text("Where there is a desktop to show it");
         });
         ui.horizontal(|ui| {
             let can_begin = !is_running
@@ -105,8 +112,9 @@ impl ExportDialog {
             let button = button.on_hover_text("Files of the same name are replaced (Enter)");
             if can_begin && (button.clicked() || is_entered) {
                 command = Some(Command::Export(ExportWish {
-                    folder: PathBuf::from(self.folder.trim()),
+                    folder: typed_path(self.folder.trim()),
                     parts: self.parts.clone(),
+                    opens_folder: *opens_folder,
                 }));
             }
             if is_running && ui.button("Cancel export").clicked() {
@@ -148,12 +156,9 @@ fn part_words(part: ExportPart) -> &'static str {
 }
 
 fn progress_ui(ui: &mut Ui, progress: &ExportProgress) -> Option<Command> {
-    let [done, all] = progress.parts;
-    let share = done as f32 / all.max(1) as f32;
     match &progress.ended {
         None => {
-            let what = progress.current.map(part_words).unwrap_or_default();
-            ui.add(ProgressBar::new(share).text(format!("{done} of {all}: {what}")));
+            ui.add(ProgressBar::new(progress.share()).text(doing(progress)));
             None
         }
         Some(Ok(words)) => {
@@ -163,7 +168,23 @@ fn progress_ui(ui: &mut Ui, progress: &ExportProgress) -> Option<Command> {
         Some(Err(why)) => {
             state_ui(ui, Tone::Warning, "Not all was exported", 15.0);
             ui.label(why);
-            None
+            (progress.files > 0)
+                .then(|| open_folder_ui(ui, &progress.folder))
+                .flatten()
+        }
+    }
+}
+
+/// What is done just now.
+fn doing(progress: &ExportProgress) -> String {
+    let [done, all] = progress.parts;
+    let what = progress.current.map(part_words).unwrap_or_default();
+    match progress.fetched {
+        None => format!("{done} of {all}: {what}"),
+        Some((file, [fetched, of])) => {
+            let [fetched_mb, of_mb] = [fetched, of].map(|bytes| bytes as f64 * 1e-6);
+            let name = file.name();
+            format!("{done} of {all}: {name}, {fetched_mb:.1} of {of_mb:.1} MB fetched")
         }
     }
 }
@@ -172,4 +193,29 @@ fn open_folder_ui(ui: &mut Ui, folder: &Path) -> Option<Command> {
     ui.button("Open folder")
         .clicked()
         .then(|| Command::OpenFolder(folder.to_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::layer::LayerId;
+    use protocol::message::VoxelFile;
+
+    use super::*;
+
+    #[test]
+    fn the_bar_says_what_is_written_and_how_much_is_fetched() {
+        let progress = ExportProgress {
+            parts: [2, 5],
+            current: Some(ExportPart::Layer(LayerId::Cost)),
+            ..ExportProgress::default()
+        };
+        assert_eq!(doing(&progress), "2 of 5: Slope cost");
+        let progress = ExportProgress {
+            current: Some(ExportPart::Voxels),
+            fetched: Some((VoxelFile::Points, [1_300_000, 40_000_000])),
+            ..progress
+        };
+        let words = "2 of 5: points.ply, 1.3 of 40.0 MB fetched";
+        assert_eq!(doing(&progress), words);
+    }
 }

@@ -8,19 +8,41 @@ use eframe::egui::Context;
 use super::export_job::ExportProgress;
 use crate::command::Command;
 use crate::model::ConsoleModel;
+use crate::settings::Settings;
 use crate::shortcuts::sheet_ui;
 
 use export::ExportDialog;
 
 /// The dialogs, open or not.
-#[derive(Default)]
 pub(super) struct Dialogs {
     is_sheet_open: bool,
     is_about_open: bool,
     export: Option<ExportDialog>,
+    opens_exports: bool,
+}
+
+impl Default for Dialogs {
+    fn default() -> Self {
+        Self::of(&Settings::default())
+    }
 }
 
 impl Dialogs {
+    /// None is open.
+    pub(super) const fn of(settings: &Settings) -> Self {
+        Self {
+            is_sheet_open: false,
+            is_about_open: false,
+            export: None,
+            opens_exports: settings.opens_exports,
+        }
+    }
+
+    /// Writes what is to be kept into `settings`.
+    pub(super) const fn keep(&self, settings: &mut Settings) {
+        settings.opens_exports = self.opens_exports;
+    }
+
     pub(super) const fn toggle_sheet(&mut self) {
         self.is_sheet_open = !self.is_sheet_open;
     }
@@ -59,7 +81,7 @@ impl Dialogs {
         let mut command = None;
         if let Some(dialog) = &mut self.export {
             let mut is_open = true;
-            command = dialog.show(ctx, model, progress, &mut is_open);
+            command = dialog.show(ctx, model, progress, &mut self.opens_exports, &mut is_open);
             if !is_open {
                 self.export = None;
             }

@@ -880,6 +880,39 @@ fn an_export_is_chosen_part_by_part() {
     };
     let parts = [LAYER, LayerId::Elevation].map(ExportPart::Layer);
     assert_eq!(wish.parts, parts.into());
+    assert!(wish.opens_folder);
+}
+
+#[test]
+fn an_export_to_the_home_folder_goes_there_and_what_is_unticked_is_kept() {
+    let mut window = Rig::live().window();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+    window.run_steps(4);
+    window
+        .get_by_role_and_label(Role::CheckBox, "Open the folder when all is in it")
+        .click();
+    window.run_steps(2);
+    window
+        .get_by_role_and_label(Role::TextInput, "Folder")
+        .focus();
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.event(egui::Event::Text("~/maps ".to_owned()));
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    window.run_steps(2);
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    let [Command::Export(wish)] = &asked[..] else {
+        panic!("{asked:?}");
+    };
+    assert_eq!(wish.folder, crate::typed_path::home().unwrap().join("maps"));
+    assert!(!wish.opens_folder);
+    let mut settings = Settings::default();
+    window.state().screen.keep(&mut settings);
+    assert!(!settings.opens_exports);
+    let mut again = Settings::default();
+    Screen::of(&settings).keep(&mut again);
+    assert!(!again.opens_exports);
 }
 
 #[test]

@@ -41,7 +41,7 @@ fn both_files_are_fetched_from_what_a_vehicle_answers() {
     assert_eq!(sync.question(at(0), &mut number), None);
     sync.want();
     assert_eq!(sync.progress(), VoxelsProgress::Waiting);
-    let (mut now, mut greatest) = (0, 0);
+    let (mut now, mut greatest) = (0, (VoxelFile::Tree, 0));
     while sync.is_wanted() {
         now += 10;
         assert!(now < 10_000, "{sync:?}");
@@ -53,12 +53,16 @@ fn both_files_are_fetched_from_what_a_vehicle_answers() {
         };
         let (stamp_ns, reply) = vehicle.answer(asked, at(now));
         sync.take(reply, stamp_ns, request, at(now)).unwrap();
-        if let VoxelsProgress::Fetching { fetched, of } = sync.progress() {
-            assert!(fetched <= of && fetched >= greatest, "{fetched} of {of}");
-            greatest = fetched;
+        if let VoxelsProgress::Fetching { file, fetched, of } = sync.progress() {
+            let index = usize::from(file == VoxelFile::Points);
+            let packed = snapshot(5).files[index].packed.len() as u64;
+            assert_eq!(of, packed, "{file:?}");
+            let progress = (file, fetched);
+            assert!(fetched <= of && progress >= greatest, "{fetched} of {of}");
+            greatest = progress;
         }
     }
-    assert!(greatest > 60_000, "{greatest}");
+    assert!(greatest.0 == VoxelFile::Points, "{greatest:?}");
     let expected = FetchedVoxels {
         stamp_ns: 5,
         files: snapshot(5).files,

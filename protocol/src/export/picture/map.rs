@@ -2,7 +2,7 @@
 
 use super::GROUND;
 use super::canvas::{Canvas, Rect};
-use crate::layer::{Palette, Pattern};
+use crate::layer::{Palette, Pattern, UNKNOWN};
 use crate::mosaic::Raster;
 
 /// The longer side of a magnified map stays below this, pixels.
@@ -66,9 +66,10 @@ impl Magnification {
             Self::PixelsPerCell(factor) => (1, factor as u32),
             Self::CellsPerPixel(factor) => (factor, 1),
         };
+        let (mut row, mut highest) = (Vec::new(), Vec::new());
         for (block_y, file_row) in (0..raster.height()).step_by(cells).zip(0_u32..) {
-            for (block_x, column) in (0..raster.width()).step_by(cells).zip(0_u32..) {
-                let code = highest_code(raster, block_x, block_y, cells);
+            highest_codes(raster, block_y, cells, &mut row, &mut highest);
+            for (&code, column) in highest.iter().zip(0_u32..) {
                 let square = Rect {
                     x: at.0 + column * side_px,
                     y: at.1 + file_row * side_px,
@@ -131,13 +132,21 @@ pub(super) fn over_ground([red, green, blue, alpha]: [u8; 4]) -> [u8; 3] {
     })
 }
 
-/// The highest code of a square of cells whose upper left one is in column `x` and row `y` from the top.
-fn highest_code(raster: &Raster, x: usize, y: usize, cells: usize) -> u16 {
-    let right = (x + cells).min(raster.width());
-    let bottom = (y + cells).min(raster.height());
-    (y..bottom)
-        .flat_map(|y| &raster.row(raster.height() - 1 - y)[x..right])
-        .copied()
-        .max()
-        .unwrap_or_default()
+/// Puts into `highest` the highest code of each square of `cells` by `cells`, whose upper row is `y` from the top; `row` is
+/// room for a row.
+fn highest_codes(
+    raster: &Raster,
+    y: usize,
+    cells: usize,
+    row: &mut Vec<u16>,
+    highest: &mut Vec<u16>,
+) {
+    highest.clear();
+    highest.resize(raster.width().div_ceil(cells), UNKNOWN);
+    for y in y..(y + cells).min(raster.height()) {
+        raster.read_row(raster.height() - 1 - y, row);
+        for (highest, square) in highest.iter_mut().zip(row.chunks(cells)) {
+            *highest = square.iter().copied().fold(*highest, u16::max);
+        }
+    }
 }

@@ -58,6 +58,8 @@ impl Desk {
         ] {
             command.env(name, home.join(folder));
         }
+        // A folder that is shown would lie over the window.
+        command.env_remove("XDG_CURRENT_DESKTOP");
         let mut console = Running::start(command.args(&self.arguments).arg(last), "the window");
         let window = self.screen.window("Foreshore", || !console.is_running());
         let Some(window) = window else {

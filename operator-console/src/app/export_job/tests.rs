@@ -1,0 +1,108 @@
+use std::fs;
+
+use super::*;
+
+fn ended(ended: Result<&str, &str>, opens_folder: bool) -> ExportJob {
+    ExportJob {
+        progress: Arc::new(Mutex::new(ExportProgress {
+            folder: PathBuf::from("maps"),
+            ended: Some(ended.map(str::to_owned).map_err(str::to_owned)),
+            ..ExportProgress::default()
+        })),
+        is_cancelled: Arc::default(),
+        opens_folder,
+        is_told: false,
+    }
+}
+
+#[test]
+fn the_end_of_an_export_is_told_once() {
+    let mut job = ended(Ok("3 files are in maps"), true);
+    let words = lock(&job.progress).ended.take();
+    assert_eq!(job.take_end(), None);
+    lock(&job.progress).ended = words;
+    let end = ExportEnd {
+        note: (Severity::Note, "export", "3 files are in maps".to_owned()),
+        folder: Some(PathBuf::from("maps")),
+    };
+    assert_eq!(job.take_end(), Some(end));
+    assert_eq!(job.take_end(), None);
+}
+
+#[test]
+fn a_folder_is_shown_only_where_that_is_wanted_and_all_is_in_it() {
+    let end = ended(Ok("all"), false).take_end().unwrap();
+    assert_eq!(end.folder, None);
+    let end = ended(Err("2 files\ncost is missing"), true)
+        .take_end()
+        .unwrap();
+    assert_eq!(end.folder, None);
+    let words = "2 files; cost is missing".to_owned();
+    assert_eq!(end.note, (Severity::Warning, "export", words));
+}
+
+#[test]
+fn what_is_fetched_moves_the_bar() {
+    let share = |fetched| {
+        let progress = ExportProgress {
+            parts: [3, 4],
+            fetched,
+            ..ExportProgress::default()
+        };
+        progress.share()
+    };
+    let shares = [
+        share(None),
+        share(Some((VoxelFile::Tree, [50, 100]))),
+        share(Some((VoxelFile::Points, [0, 900]))),
+        share(Some((VoxelFile::Points, [900, 900]))),
+    ];
+    assert_eq!(
+        shares.map(|share| share * 16.0).map(f32::to_bits),
+        [12.0, 13.0, 14.0, 16.0_f32].map(f32::to_bits)
+    );
+    assert_eq!(
+        ExportProgress::default().share().to_bits(),
+        0.0_f32.to_bits()
+    );
+}
+
+fn exported(folder: &std::path::Path, is_cancelled: bool) -> (Result<String, String>, usize) {
+    let wish = ExportWish {
+        folder: folder.to_owned(),
+        parts: [ExportPart::Trajectory, ExportPart::Shores].into(),
+        opens_folder: false,
+    };
+    let model = ModelHandle::of(crate::pretend::scout());
+    let progress = Mutex::default();
+    let ended = write(
+        &wish,
+        &model,
+        &progress,
+        &AtomicBool::new(is_cancelled),
+        &|| {},
+    );
+    (ended, progress.into_inner().unwrap().files)
+}
+
+#[test]
+fn what_cannot_be_written_is_said_and_the_rest_is_written() {
+    let dir = tempfile::tempdir().unwrap();
+    let (ended, files) = exported(dir.path(), false);
+    let folder = dir.path().display();
+    assert_eq!(ended, Ok(format!("1 file is in {folder}")));
+    assert_eq!(files, 1);
+
+    fs::remove_file(dir.path().join("trajectory.tum")).unwrap();
+    fs::create_dir(dir.path().join("trajectory.tum")).unwrap();
+    let (ended, files) = exported(dir.path(), false);
+    let why = ended.unwrap_err();
+    assert!(
+        why.starts_with(&format!("0 files are in {folder}\ntrajectory is missing")),
+        "{why}"
+    );
+    assert_eq!(files, 0);
+
+    let (ended, _) = exported(dir.path(), true);
+    assert!(ended.unwrap_err().starts_with("Left after 0 files"));
+}
