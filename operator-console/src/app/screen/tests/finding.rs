@@ -1,0 +1,165 @@
+//! Robots are found, chosen and changed.
+
+use super::*;
+
+#[test]
+fn without_a_robot_the_screen_says_how_to_get_one() {
+    let rig = Rig::new();
+    check(
+        &rig.window(),
+        &[
+            "Looking for robots",
+            "No robot found on this network yet.",
+            "operator-console --demo lake",
+            "Type an address",
+            "Open recording…",
+        ],
+        &["Live", "In step", "Whole map"],
+    );
+}
+
+#[test]
+fn a_demonstration_that_starts_asks_for_nothing() {
+    let mut rig = Rig::new();
+    let robots = |failure| RobotsData::new(&[], None, Sought::Demo { failure }, None, at(1_000));
+    rig.robots = robots(None);
+    check(
+        &rig.window(),
+        &["Starting the demo…"],
+        &["Looking for", "To begin", "--demo"],
+    );
+    let mut rig = Rig::new();
+    rig.robots = robots(Some("the port is taken".to_owned()));
+    check(
+        &rig.window(),
+        &["The demo has ended", "the port is taken", "To begin"],
+        &["Starting the demo…"],
+    );
+}
+
+#[test]
+fn an_address_that_is_typed_fast_is_taken_whole() {
+    let mut window = Rig::new().window();
+    for address in ["tcp/10.0.0.5:7447", "tcp/10.0.0.6:7447"] {
+        let enter = [true, false].map(|pressed| egui::Event::Key {
+            key: Key::Enter,
+            physical_key: None,
+            pressed,
+            repeat: false,
+            modifiers: Modifiers::NONE,
+        });
+        // All of it in one frame, as on a machine that takes its time.
+        window.key_press_modifiers(Modifiers::COMMAND, Key::L);
+        window.event(egui::Event::Text(address.to_owned()));
+        for event in enter {
+            window.event(event);
+        }
+        window.run_steps(6);
+        let commands = std::mem::take(&mut window.state_mut().commands);
+        assert_eq!(commands, [Command::AddAddress(address.to_owned())]);
+    }
+    // What was refused stays to be mended, and gives way to what is typed from the start.
+    for (typed, refused) in [("nowhere", true), ("tcp/boat:9", false)] {
+        window.key_press_modifiers(Modifiers::COMMAND, Key::L);
+        window.run_steps(4);
+        window.event(egui::Event::Text(typed.to_owned()));
+        window.key_press(Key::Enter);
+        window.run_steps(4);
+        let commands = std::mem::take(&mut window.state_mut().commands);
+        assert_eq!(commands.is_empty(), refused, "{commands:?}");
+    }
+}
+
+#[test]
+fn the_operator_chooses_robots_addresses_and_layers() {
+    let found = |robot: &str| FoundRobot {
+        robot: robot.parse().unwrap(),
+        endpoint: format!("tcp/{robot}:7447"),
+    };
+    let mut rig = Rig::live();
+    let seen = |robot: &str| {
+        let sighting = Sighting {
+            found: found(robot),
+            seen: at(1_000),
+            state: None,
+        };
+        (sighting, Color32::RED)
+    };
+    rig.robots = RobotsData::new(
+        &[seen("scout-1"), seen("boat-7")],
+        Some((&name(), LinkState::Live)),
+        Sought::Any,
+        None,
+        at(1_000),
+    );
+    let mut window = rig.window();
+    window.get_by_label("Robots").click();
+    window.run_steps(4);
+    window.get_by_label("boat-7").click();
+    window.run_steps(2);
+    window.get_by_label("Elevation").click();
+    window.run_steps(2);
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    assert_eq!(
+        asked,
+        [
+            Command::Connect(found("boat-7")),
+            Command::Layer(LayerCommand::Show(LayerId::Elevation, false))
+        ]
+    );
+    // By its number in the list, too; the one that is shown already is not asked for.
+    for key in [Key::Num1, Key::Num2] {
+        window.key_press_modifiers(Modifiers::COMMAND, key);
+        window.run_steps(1);
+    }
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    assert_eq!(asked, [Command::Connect(found("boat-7"))]);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::L);
+    window.run_steps(3);
+    let entry = window.get_by_role_and_label(Role::TextInput, "Address");
+    assert!(entry.is_focused(), "Ctrl+L");
+    entry.type_text("10.0.0.5");
+    window.run_steps(2);
+    window.get_by_label("Add").click();
+    window.run_steps(2);
+    check(&window, &["for example tcp/192.168.1.20:7447"], &[]);
+    let entry = window.get_by_role_and_label(Role::TextInput, "Address");
+    entry.focus();
+    entry.type_text(":7447");
+    window.run_steps(2);
+    window.get_by_label("Add").click();
+    window.run_steps(2);
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    assert_eq!(asked, [Command::AddAddress("tcp/10.0.0.5:7447".to_owned())]);
+}
+
+#[test]
+fn another_robot_begins_with_an_empty_map() {
+    let mut rig = Rig::live();
+    let key = rig.put(0, 0, 251);
+    rig.push(key);
+    let mut window = rig.window();
+    check(&window, &["1 tile, "], &[]);
+    let is_fitted =
+        |window: &Harness<'_, Rig>| window.state().screen.map_view().sight() == Sight::Whole;
+    window
+        .state_mut()
+        .screen
+        .map_view_mut()
+        .look(Look::Follow(false));
+    assert!(!is_fitted(&window));
+    let next = Rig::with_robot();
+    window.state_mut().model = next.model;
+    window.state_mut().screen.map_view_mut().forget();
+    window.run_steps(2);
+    check(&window, &["Waiting", "Not described yet"], &["1 tile"]);
+    assert!(is_fitted(&window));
+    // Once its animations are over, nothing wakes the window but the ages it shows.
+    window.run_steps(60);
+    let delay = window
+        .output()
+        .viewport_output
+        .values()
+        .map(|output| output.repaint_delay);
+    assert!(delay.min().unwrap() >= Duration::from_millis(100));
+}

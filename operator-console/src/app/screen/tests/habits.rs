@@ -1,0 +1,170 @@
+//! Names, keys, dialogs, and what is kept.
+
+use super::*;
+
+/// What a screen reader and a test find: the names of all that can be pressed, chosen or typed into, and those without.
+fn controls(window: &Harness<'_, Rig>) -> (Vec<String>, Vec<String>) {
+    let mut named = Vec::new();
+    let mut unnamed = Vec::new();
+    let mut waiting = vec![window.root()];
+    while let Some(node) = waiting.pop() {
+        waiting.extend(node.children());
+        let node = node.accesskit_node();
+        let is_control = matches!(
+            node.role(),
+            Role::Button
+                | Role::CheckBox
+                | Role::ComboBox
+                | Role::Link
+                | Role::RadioButton
+                | Role::Slider
+                | Role::SpinButton
+                | Role::TextInput
+        );
+        if !is_control {
+            continue;
+        }
+        match node.label().or_else(|| node.value()) {
+            Some(label) if !label.trim().is_empty() => named.push(label),
+            Some(_) | None => unnamed.push(format!("{:?} at {:?}", node.role(), node.raw_bounds())),
+        }
+    }
+    (named, unnamed)
+}
+
+#[test]
+fn every_control_has_a_name() {
+    for rig in [Rig::new(), Rig::live(), Rig::on_water(None)] {
+        let mut window = rig.window();
+        for panel in PanelId::ALL {
+            window
+                .state_mut()
+                .screen
+                .workspace_mut()
+                .set_wanted(panel, true);
+            window.run_steps(2);
+            let (named, unnamed) = controls(&window);
+            assert_eq!(unnamed, [""; 0], "{panel:?}");
+            assert!(named.len() >= 5, "{named:?}");
+        }
+    }
+}
+
+#[test]
+fn keys_open_and_close_what_lies_over_the_window() {
+    let mut window = Rig::live().window();
+    for (modifiers, key, says) in [
+        (
+            Modifiers::NONE,
+            Key::F1,
+            "Driving, while you hold the lease",
+        ),
+        (Modifiers::COMMAND, Key::E, "Trajectory"),
+    ] {
+        check(&window, &[], &[says]);
+        window.key_press_modifiers(modifiers, key);
+        window.run_steps(4);
+        check(&window, &[says], &[]);
+        let (_, unnamed) = controls(&window);
+        assert_eq!(unnamed, [""; 0], "{says}");
+        window.key_press(Key::Escape);
+        window.run_steps(4);
+        check(&window, &[], &[says]);
+    }
+    let scale = |window: &Harness<'_, Rig>| window.state().screen.appearance().scale_percent;
+    for (key, percent) in [
+        (Key::Plus, 110),
+        (Key::Plus, 120),
+        (Key::Minus, 110),
+        (Key::Num0, 100),
+    ] {
+        window.key_press_modifiers(Modifiers::COMMAND, key);
+        window.run_steps(2);
+        assert_eq!(scale(&window), percent);
+    }
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    assert_eq!(asked, []);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    window.key_press_modifiers(Modifiers::ALT, Key::Num2);
+    window.key_press(Key::ArrowLeft);
+    // What is typed behind it would be for its dialog.
+    window.key_press_modifiers(Modifiers::COMMAND, Key::O);
+    window.run_steps(2);
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    assert_eq!(
+        asked,
+        [
+            Command::Screenshot,
+            Command::Layer(LayerCommand::Show(LayerId::Elevation, false)),
+            Command::Look(Look::Beside([-0.1, 0.0])),
+            Command::AskForRecording,
+        ]
+    );
+}
+
+#[test]
+fn an_export_is_chosen_part_by_part() {
+    let mut window = Rig::live().window();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+    window.run_steps(4);
+    let folder = window.get_by_role_and_label(Role::TextInput, "Folder");
+    assert!(folder.value().unwrap().contains("foreshore-scout-1-"));
+    window
+        .get_by_role_and_label(Role::CheckBox, "Trajectory")
+        .click();
+    window.run_steps(2);
+    window.get_by_role_and_label(Role::Button, "Export").click();
+    window.run_steps(2);
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    let [Command::Export(wish)] = &asked[..] else {
+        panic!("{asked:?}");
+    };
+    let parts = [LAYER, LayerId::Elevation].map(ExportPart::Layer);
+    assert_eq!(wish.parts, parts.into());
+    assert!(wish.opens_folder);
+}
+
+#[test]
+fn an_export_to_the_home_folder_goes_there_and_what_is_unticked_is_kept() {
+    let mut window = Rig::live().window();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+    window.run_steps(4);
+    window
+        .get_by_role_and_label(Role::CheckBox, "Open the folder when all is in it")
+        .click();
+    window.run_steps(2);
+    window
+        .get_by_role_and_label(Role::TextInput, "Folder")
+        .focus();
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.event(egui::Event::Text("~/maps ".to_owned()));
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    window.run_steps(2);
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    let [Command::Export(wish)] = &asked[..] else {
+        panic!("{asked:?}");
+    };
+    assert_eq!(wish.folder, crate::typed_path::home().unwrap().join("maps"));
+    assert!(!wish.opens_folder);
+    let mut settings = Settings::default();
+    window.state().screen.keep(&mut settings);
+    assert!(!settings.opens_exports);
+    let mut again = Settings::default();
+    Screen::of(&settings).keep(&mut again);
+    assert!(!again.opens_exports);
+}
+
+#[test]
+fn the_layout_is_kept_and_found_again() {
+    let mut window = Rig::live().window();
+    window.get_by_label("Events").click();
+    window.run_steps(2);
+    let mut settings = Settings::default();
+    window.state().screen.keep(&mut settings);
+    let text = serde_json::to_string(&settings).unwrap();
+    let mut rig = Rig::live();
+    rig.screen = Screen::of(&serde_json::from_str(&text).unwrap());
+    check(&rig.window(), &["Filter"], &["Round trip, ms"]);
+}

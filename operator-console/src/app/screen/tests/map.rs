@@ -1,0 +1,153 @@
+//! The map, and shores on it.
+
+use super::*;
+
+#[test]
+fn buttons_keys_and_hands_move_the_map() {
+    let mut window = Rig::live().window();
+    assert_eq!(window.state().screen.map_view().sight(), Sight::Whole);
+    window.get_by_label("Follow").click();
+    window.run_steps(2);
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    assert_eq!(asked, [Command::Look(Look::Follow(true))]);
+    window
+        .state_mut()
+        .screen
+        .map_view_mut()
+        .look(Look::Follow(true));
+    window.run_steps(2);
+    let seen = |window: &Harness<'_, Rig>| window.state().screen.map_view().visible_m();
+    let [low_x, low_y, high_x, high_y] = seen(&window);
+    assert!((0.5 * (low_x + high_x) - 1.0).abs() < 1e-6);
+    assert!((0.5 * (low_y + high_y) + 2.5).abs() < 1e-6);
+
+    let middle = window.state().screen.map_view().place().center();
+    let beside = middle + vec2(100.0, 0.0);
+    window.drag_at(middle);
+    window.run_steps(1);
+    window.hover_at(beside);
+    window.run_steps(1);
+    window.drop_at(beside);
+    window.run_steps(1);
+    assert_eq!(window.state().screen.map_view().sight(), Sight::Free);
+    assert!(seen(&window)[0] < low_x - 0.5, "{:?}", seen(&window));
+
+    for (key, look) in [
+        (Key::F, Look::Whole),
+        (Key::V, Look::Follow(true)),
+        (Key::Plus, Look::In),
+        (Key::Minus, Look::Out),
+        (Key::N, Look::Up(Orientation::RobotUp)),
+        (Key::G, Look::Draw(Overlay::Grid, true)),
+        (Key::L, Look::Draw(Overlay::Legend, false)),
+        (Key::M, Look::Measure(true)),
+        (Key::C, Look::Point),
+        (Key::Backspace, Look::TakeBack),
+    ] {
+        window.key_press(key);
+        window.run_steps(1);
+        let asked = std::mem::take(&mut window.state_mut().commands);
+        assert_eq!(asked, [Command::Look(look)], "{key:?}");
+    }
+}
+
+#[test]
+fn the_map_says_what_is_under_the_pointer() {
+    let mut rig = Rig::live();
+    let key = rig.put(0, 0, 226);
+    rig.push(key);
+    let mut window = rig.window();
+    check(&window, &[], &["laser, log-odds"]);
+    let [low_x, _, high_x, _] = window.state().screen.map_view().visible_m();
+    window.state_mut().now = at(4_000);
+    let on_the_tile = window.state().screen.map_view().place_of([3.2, 3.2]);
+    window.hover_at(on_the_tile);
+    window.run_steps(4);
+    check(&window, &["3.0 s old, laser, log-odds"], &[]);
+    check(&window, &["0.90"], &[]);
+    assert!(low_x < 0.0 && high_x > 6.4);
+    window.remove_cursor();
+    window.run_steps(1);
+    check(&window, &[], &["laser, log-odds"]);
+}
+
+fn shore(number: u32, class: ShoreClass, rigid_voxels: u32, center_m: [f32; 2]) -> ShoreCluster {
+    ShoreCluster {
+        number,
+        class,
+        voxels: 1_200,
+        rigid_voxels,
+        center_m,
+        outline: Vec::new(),
+    }
+}
+
+#[test]
+fn shores_are_listed_and_a_click_shows_where_they_are() {
+    // The boat is at (1, −2.5).
+    let clusters = vec![
+        shore(12, ShoreClass::Solid, 1_100, [61.0, 77.5]),
+        shore(7, ShoreClass::Dense, 492, [4.0, 1.5]),
+    ];
+    let site = |x_m, mean_cost| DockingSite {
+        center_m: [x_m, -2.5],
+        heading_rad: 0.0,
+        width_m: 6.25,
+        mean_cost,
+    };
+    let sites = vec![site(13.0, 0.2), site(-19.0, 0.31)];
+    let mut shores = Shores::gather(0.3, None, clusters, sites);
+    shores.clusters_left_out = 3;
+    let mut window = Rig::on_water(Some(shores)).window();
+    window.get_by_label("Shores").click();
+    window.run_steps(4);
+    check(
+        &window,
+        &[
+            "Shores",
+            "Shore 7, dense, 41 % rigid, 1\u{2009}200 voxels, 5.0 m away",
+            "Shore 12, solid, 92 % rigid, 1\u{2009}200 voxels, 100 m away",
+            "Docking site A, cost 0.20, 6.2 m wide, 12 m away",
+            "Docking site B, cost 0.31, 6.2 m wide, 20 m away",
+            // On the map.
+            "Shores 1, 2 …; docking sites A, B …",
+            "3 smaller shores are not listed.",
+        ],
+        &["worse docking sites", "Nothing was heard"],
+    );
+    window.get_by_label_contains("Docking site B").click();
+    window.run_steps(2);
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    let second = window.state().model.as_ref().unwrap().site_names()[1];
+    let mark = Look::Mark(ShoreMark::Site(second), [-19.0, -2.5]);
+    assert!(asked.contains(&Command::Look(mark)), "{asked:?}");
+    let map_view = window.state_mut().screen.map_view_mut();
+    map_view.look(mark);
+    window.run_steps(1);
+    let map_view = window.state().screen.map_view();
+    let [low_x, low_y, high_x, high_y] = map_view.visible_m();
+    assert_eq!(map_view.sight(), Sight::Free);
+    assert!((0.5 * (low_x + high_x) + 19.0).abs() < 1e-3);
+    assert!((0.5 * (low_y + high_y) + 2.5).abs() < 1e-3);
+}
+
+#[test]
+fn shores_that_are_not_known_yet_are_said_not_to_be() {
+    let shores = |shores| {
+        let mut window = Rig::on_water(shores).window();
+        window.get_by_label("Shores").click();
+        window.run_steps(4);
+        window
+    };
+    check(
+        &shores(None),
+        &["Nothing was heard of shores yet."],
+        &["No shore in sight."],
+    );
+    check(
+        &shores(Some(Shores::default())),
+        &["No shore in sight."],
+        &["Nothing was heard of shores yet."],
+    );
+    check(&Rig::live().window(), &["Live"], &["Shores"]);
+}

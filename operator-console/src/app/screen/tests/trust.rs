@@ -1,0 +1,226 @@
+//! What is live, what is old, and what says so.
+
+use super::*;
+
+#[test]
+fn a_robot_that_has_not_spoken_is_waited_for() {
+    let mut rig = Rig::with_robot();
+    check(
+        &rig.window(),
+        &["scout-1", "Waiting", "Connecting to scout-1.", "No map yet"],
+        &["Live", "Link lost"],
+    );
+    rig = Rig::with_robot();
+    rig.link.is_connected = true;
+    check(
+        &rig.window(),
+        &["Connected. Waiting for scout-1 to speak."],
+        &["Live"],
+    );
+    rig = Rig::with_robot();
+    rig.link.problem = Some("nobody listens at tcp/10.0.0.5:7447".to_owned());
+    check(&rig.window(), &["nobody listens at tcp/10.0.0.5:7447"], &[]);
+}
+
+#[test]
+fn a_live_robot_in_step_is_shown_with_its_figures() {
+    let mut rig = Rig::live();
+    let key = rig.put(0, 0, 251);
+    rig.push(key);
+    rig.announce();
+    rig.outgoing();
+    let status = Status {
+        scans_in: 1_200,
+        scans_mapped: 1_190,
+        drops: vec![Reason {
+            name: "no_pose".to_owned(),
+            count: 10,
+        }],
+        ..Status::default()
+    };
+    rig.say(Topic::Status, &status);
+    let event = Event {
+        kind: "pose_jump".to_owned(),
+        severity: Severity::Warning,
+        message: "The pose jumped 3 m".to_owned(),
+    };
+    rig.say(Topic::Event, &event);
+    let mut window = rig.window();
+    check(
+        &window,
+        &[
+            "Live",
+            "In step",
+            "0.0 s old",
+            "rover",
+            "world rooms",
+            "x 1.00  y −2.50 m",
+            "0.55 m/s",
+            "1\u{2009}190 of 1\u{2009}200 mapped",
+            "1 tile, ",
+            "Probability of being occupied",
+            "Occupancy",
+            "Elevation",
+        ],
+        &["Link lost", "Silent", "missing"],
+    );
+    window.get_by_label("Losses").click();
+    window.run_steps(4);
+    check(&window, &["no pose"], &["The pose jumped 3 m"]);
+    window.get_by_label("Events").click();
+    window.run_steps(4);
+    check(
+        &window,
+        &["robot: pose jump", "The pose jumped 3 m"],
+        &["no pose"],
+    );
+    window.get_by_label("1 alert").click();
+    window.run_steps(4);
+    check(
+        &window,
+        &["0.0 s ago, over", "Acknowledge"],
+        &["robot: pose jump"],
+    );
+}
+
+#[test]
+fn a_map_that_is_behind_says_how_many_tiles_are_missing() {
+    let mut rig = Rig::live();
+    rig.outgoing();
+    let keys = [rig.put(0, 0, 251), rig.put(1, 0, 1), rig.put(-1, 0, 1)];
+    rig.announce();
+    for ms in (1_000..9_000).step_by(500) {
+        rig.now = at(ms);
+        rig.announce();
+        let list = rig
+            .outgoing()
+            .into_iter()
+            .find_map(|outgoing| match outgoing {
+                Outgoing::Get { request, key, .. } if key.ends_with("/digests") => Some(request),
+                Outgoing::Get { .. } | Outgoing::Put { .. } => None,
+            });
+        if let Some(request) = list {
+            let tiles = keys.map(|key| {
+                let stored = rig.store.get(key).unwrap();
+                TileSummary {
+                    tx: key.tx,
+                    ty: key.ty,
+                    revision: stored.revision(),
+                    digest: stored.digest(),
+                }
+            });
+            let digests = Digests {
+                epoch: 0,
+                head_revision: 3,
+                tiles: tiles.to_vec(),
+                more: 0,
+            };
+            rig.answer(request, Topic::Digests(LAYER), &digests);
+            break;
+        }
+    }
+    check(&rig.window(), &["Live", "3 tiles missing"], &["In step"]);
+}
+
+#[test]
+fn a_silent_robot_is_never_taken_for_a_live_one() {
+    let mut rig = Rig::live();
+    let key = rig.put(0, 0, 251);
+    rig.push(key);
+    rig.announce();
+    rig.outgoing();
+    rig.now = at(13_000);
+    check(
+        &rig.window(),
+        &[
+            "Silent",
+            "Link lost: nothing heard for 12 s",
+            "What is shown is old.",
+            "Was in step when last heard",
+            "As of 12 s ago",
+            "12 s old",
+            "scout-1 does not answer.",
+        ],
+        &["Live"],
+    );
+}
+
+#[test]
+fn an_old_position_is_said_to_be_old_although_the_robot_is_heard() {
+    let mut rig = Rig::live();
+    rig.now = at(6_000);
+    rig.announce();
+    check(
+        &rig.window(),
+        &["Live", "Position is 5.0 s old"],
+        &["Link lost"],
+    );
+}
+
+#[test]
+fn a_recording_has_keys_a_name_and_no_link() {
+    let mut rig = Rig::live();
+    rig.link.recording = Some("rooms.mcap".to_owned());
+    let mut window = rig.window();
+    check(
+        &window,
+        &["rooms.mcap", "a recording has no link"],
+        &["scout-1", "Round trip", "0.0 s old"],
+    );
+    let step = |s: i64| PlaybackCommand::Step(RobotDuration::from_millis(1000 * s));
+    for (modifiers, key, asked) in [
+        (Modifiers::NONE, Key::P, PlaybackCommand::PlayOrPause),
+        (Modifiers::NONE, Key::Comma, step(-1)),
+        (Modifiers::NONE, Key::Period, step(1)),
+        (Modifiers::SHIFT, Key::Comma, step(-10)),
+        (Modifiers::SHIFT, Key::Period, step(10)),
+        (Modifiers::NONE, Key::OpenBracket, PlaybackCommand::Slower),
+        (Modifiers::NONE, Key::CloseBracket, PlaybackCommand::Faster),
+        (Modifiers::NONE, Key::R, PlaybackCommand::ToggleLooping),
+    ] {
+        window.key_press_modifiers(modifiers, key);
+        window.run_steps(1);
+        let commands = std::mem::take(&mut window.state_mut().commands);
+        assert_eq!(commands, [Command::Playback(asked)], "{key:?}");
+    }
+    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+    window.run_steps(4);
+    let folder = window.get_by_role_and_label(Role::TextInput, "Folder");
+    assert!(folder.value().unwrap().contains("foreshore-rooms-2"));
+    // The keyboard is left in a frame in which text may have been typed before.
+    let press = |key| egui::Event::Key {
+        key,
+        physical_key: None,
+        pressed: true,
+        repeat: false,
+        modifiers: Modifiers::NONE,
+    };
+    let pressed = [Key::P, Key::Escape, Key::R].map(press);
+    window.input_mut().events.extend(pressed);
+    window.run_steps(4);
+    assert_eq!(window.state().commands, []);
+}
+
+#[test]
+fn all_plots_of_the_link_are_in_sight_at_first() {
+    let window = Rig::live().window();
+    let mut seen: Vec<egui::Rect> = Vec::new();
+    for title in [
+        "Round trip, ms",
+        "Poses lost, %",
+        "Received, kbit/s",
+        "Age, s",
+    ] {
+        let rect = window.get_by_label_contains(title).rect();
+        assert!(
+            rect.right() <= 1280.0 && rect.bottom() <= 800.0,
+            "{title} {rect}"
+        );
+        assert!(
+            rect.width() > 150.0 && rect.height() > 50.0,
+            "{title} {rect}"
+        );
+        assert!(seen.iter().all(|other| !other.intersects(rect)), "{title}");
+        seen.push(rect);
+    }
+}
