@@ -20,7 +20,7 @@ Exit codes: 0 done; 1 it failed while running; 2 wrong usage or configuration; 1
 #[derive(Clone, Debug, PartialEq, Parser)]
 #[command(name = "operator-console", version, after_help = EXIT_CODES)]
 pub struct Cli {
-    /// Ask here for robots: `tcp/HOST:PORT` of a robot or router; may be repeated
+    /// Ask here for robots, and look nowhere else: `tcp/HOST:PORT` of a robot or router; may be repeated
     #[arg(long, value_name = "ENDPOINT", global = true)]
     pub connect: Vec<String>,
     /// Watch this robot

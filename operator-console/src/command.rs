@@ -27,7 +27,7 @@ pub enum Command {
     Open(PathBuf),
     /// Something about the recording that is shown.
     Playback(PlaybackCommand),
-    /// Ask this address no longer at the start.
+    /// Ask this address no longer, and remember it no longer.
     ForgetAddress(String),
     /// An alert was seen.
     Acknowledge(Alarm),

@@ -33,7 +33,7 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         return Ok(Exit::Done);
     }
     for endpoint in &cli.connect {
-        endpoints::check(endpoint, cli.keys.is_some())
+        endpoints::check_console(endpoint, cli.keys.is_some())
             .map_err(|err| UsageError(err.to_string()))?;
     }
     let credentials = cli.keys.as_deref().map(Credentials::open).transpose()?;

@@ -6,11 +6,31 @@ use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
 use crate::demo::DemoFailure;
-use crate::link::FoundRobot;
+use crate::link::{FoundRobot, Sighting};
 use crate::panels::robots::Sought;
 
 /// Robots that are there answer within this of each other; before, one alone may be the first of several.
 const SETTLED_AFTER: Duration = Duration::from_millis(600);
+
+/// A robot that is not heard for so long, and answers elsewhere meanwhile, is not coming back to where it was: by then Zenoh
+/// has tried several times to.
+const GONE_AFTER: Duration = Duration::from_secs(3);
+
+/// Where the robot that is shown is by now: it was not heard there for `silent`, and has answered elsewhere since.
+pub(super) fn moved_to(
+    shown: &FoundRobot,
+    silent: Duration,
+    sightings: &[Sighting],
+    now: Monotonic,
+) -> Option<FoundRobot> {
+    let is_it = |sighting: &&Sighting| {
+        sighting.found.robot == shown.robot
+            && sighting.found.endpoint != shown.endpoint
+            && now.since(sighting.seen) < silent
+    };
+    let elsewhere = sightings.iter().find(is_it)?;
+    (silent >= GONE_AFTER).then(|| elsewhere.found.clone())
+}
 
 /// Waits for the robot to be shown.
 #[derive(Clone, Debug, Default)]
@@ -99,6 +119,31 @@ mod tests {
             None,
             "the operator must choose"
         );
+    }
+
+    #[test]
+    fn a_robot_that_is_silent_and_answers_elsewhere_has_moved() {
+        let shown = found("a");
+        let sighting = |robot: &str, port: u16, seen_ms: u64| Sighting {
+            found: FoundRobot {
+                robot: robot.parse().unwrap(),
+                endpoint: format!("tcp/{robot}:{port}"),
+            },
+            seen: at(seen_ms),
+            state: None,
+        };
+        let moved_to = |sightings: &[Sighting], silent_ms: u64| {
+            let silent = Duration::from_millis(silent_ms);
+            moved_to(&shown, silent, sightings, at(20_000)).map(|found| found.endpoint)
+        };
+        let others = [sighting("b", 9, 19_000), sighting("a", 9, 19_000)];
+        assert_eq!(moved_to(&others, 3_000).as_deref(), Some("tcp/a:9"));
+        assert_eq!(moved_to(&others, 2_999), None, "it may come back");
+        assert_eq!(moved_to(&others[..1], 3_000), None, "another robot");
+        let same = [sighting("a", 7447, 19_000)];
+        assert_eq!(moved_to(&same, 9_000), None, "it is where it was");
+        let before = [sighting("a", 9, 15_000)];
+        assert_eq!(moved_to(&before, 5_000), None, "it is silent there as well");
     }
 
     #[test]

@@ -24,6 +24,7 @@ use protocol::keys::RobotId;
 use protocol::tile::BootId;
 use robot_edge::clock::{Monotonic, seconds_since_1970};
 use robot_edge::credentials::Credentials;
+use robot_edge::link::endpoints::check_console;
 use robot_edge::pacer::Rate;
 
 use crate::alerts::Alerts;
@@ -95,6 +96,8 @@ pub struct ConsoleApp {
     discovery: Discovery,
     choice: RobotChoice,
     shown: Option<(FoundRobot, RobotSession)>,
+    /// When the last robot was joined.
+    joined: Monotonic,
     /// Why a robot cannot be shown.
     problem: Option<String>,
     screen: Screen,
@@ -119,10 +122,13 @@ impl ConsoleApp {
     /// Begins to look for robots.
     pub fn new(ctx: &Context, settings: AppSettings) -> Self {
         let waking = ctx.clone();
-        // Whoever names an address wants what is there.
+        // Whoever names an address wants what is there, and not what was elsewhere another day.
         let scouts = settings.connect.is_empty();
+        let has_keys = settings.credentials.is_some();
         let addresses = if scouts {
-            settings.settings.addresses.clone()
+            let mut remembered = settings.settings.addresses.clone();
+            remembered.retain(|address| check_console(address, has_keys).is_ok());
+            remembered
         } else {
             settings.connect
         };
@@ -148,6 +154,7 @@ impl ConsoleApp {
             discovery,
             choice: RobotChoice::new(settings.robot, settings.demo),
             shown: None,
+            joined: Monotonic::default(),
             problem: None,
             screen: Screen::of(&settings.settings),
             screenshot: settings.screenshot,
@@ -182,6 +189,12 @@ impl eframe::App for ConsoleApp {
             } else if let Some(rest) = self.choice.look_again_after(now) {
                 ctx.request_repaint_after(rest);
             }
+        }
+        if let Some(found) = self.moved(now) {
+            let FoundRobot { robot, endpoint } = &found;
+            let text = format!("{robot} answers at {endpoint} now, and is joined there");
+            self.connect(found, Sort::Robot);
+            self.note(Severity::Note, "link", text);
         }
         self.look_around(now);
         if now.since(self.kept) >= KEEP_PERIOD {
@@ -221,7 +234,8 @@ impl eframe::App for ConsoleApp {
             (&found.robot, link)
         });
         let mut robots = RobotsData::new(&seen, current, self.choice.sought(), problem, now);
-        robots.addresses.clone_from(&self.settings.addresses);
+        robots.has_keys = self.credentials.is_some();
+        robots.addresses = self.remembered();
         let around = Around {
             robots: &robots,
             log: &self.log,

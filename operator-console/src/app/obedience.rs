@@ -12,9 +12,11 @@ use crate::alerts::Alerts;
 use crate::cockpit::Cockpit;
 use crate::command::Command;
 use crate::event_log::Severity;
+use crate::helm::EStopSight;
 use crate::link::{FoundRobot, RobotSession};
 use crate::model::ModelSettings;
 use crate::playback::{Playback, in_words};
+use crate::teleop_input::InputEvent;
 
 use super::export_job::ExportJob;
 use super::screenshot::{self, Outcome};
@@ -45,6 +47,7 @@ impl ConsoleApp {
             credentials: self.credentials.clone(),
             audit: None,
         };
+        let stop_is_underway = self.stop_is_underway(&found);
         self.screen.map_view_mut().forget();
         self.alerts = Alerts::default();
         self.log.forget_robot();
@@ -66,7 +69,11 @@ impl ConsoleApp {
             Ok((session, cockpit)) => {
                 self.problem = None;
                 self.shown = Some((found, session));
+                self.joined = Monotonic::now();
                 self.hands.take(cockpit);
+                if stop_is_underway {
+                    self.hands.apply(InputEvent::EStop);
+                }
             }
             Err(why) => {
                 tracing::error!(%why, "the robot cannot be shown");
@@ -74,6 +81,19 @@ impl ConsoleApp {
                 self.shown = None;
             }
         }
+    }
+
+    /// Whether `found` is the robot that is shown, and an emergency stop is on its way to it: that goes on by the next link.
+    fn stop_is_underway(&self, found: &FoundRobot) -> bool {
+        let is_same = self
+            .shown
+            .as_ref()
+            .is_some_and(|(shown, _)| shown.robot == found.robot);
+        let helm = self.hands.sight(Monotonic::now()).filter(|_| is_same);
+        helm.is_some_and(|helm| match helm.estop {
+            EStopSight::Sending(_) | EStopSight::Unsendable(_) => true,
+            EStopSight::Quiet | EStopSight::Refused(_) => false,
+        })
     }
 
     pub(super) fn obey(&mut self, command: Command) {
@@ -97,7 +117,10 @@ impl ConsoleApp {
                 self.settings.remember(&address);
                 self.discovery.add_address(address);
             }
-            Command::ForgetAddress(address) => self.settings.forget(&address),
+            Command::ForgetAddress(address) => {
+                self.settings.forget(&address);
+                self.discovery.forget_address(&address);
+            }
             Command::Look(look) => self.screen.map_view_mut().look(look),
             Command::Drive(intent) => self.hands.want(intent, Monotonic::now()),
             Command::Layer(command) => {

@@ -2,15 +2,20 @@
 
 use eframe::egui::Context;
 use robot_edge::clock::{Monotonic, seconds_since_1970};
+use robot_edge::link::endpoints::check_console;
 
 use crate::alerts::Subject;
 use crate::event_log::Severity;
+use crate::link::FoundRobot;
 use crate::locks::lock;
+use crate::model::LinkState;
+use crate::panels::addresses::Remembered;
 use crate::panels::driving::words;
 use crate::panels::robots::Seen;
 use crate::playback::is_recording;
 use crate::settings::{Keeper, WindowPlace};
 
+use super::choice::moved_to;
 use super::export_job::ExportJob;
 use super::{ConsoleApp, desktop};
 
@@ -88,6 +93,31 @@ impl ConsoleApp {
             self.settings.window = Some(place);
         }
         keeper.keep(self.settings.clone());
+    }
+
+    /// Where the robot that is shown answers by now, where it is heard there no more.
+    pub(super) fn moved(&self, now: Monotonic) -> Option<FoundRobot> {
+        let (shown, session) = self.shown.as_ref().filter(|_| self.playback.is_none())?;
+        let model = session.model();
+        let link = model.connection();
+        if link.state(now) == LinkState::Live {
+            return None;
+        }
+        let silent = link.age(now).unwrap_or_else(|| now.since(self.joined));
+        moved_to(shown, silent, &self.discovery.sightings(), now)
+    }
+
+    /// The addresses that are remembered and could be asked in this run.
+    pub(super) fn remembered(&self) -> Vec<Remembered> {
+        let has_keys = self.credentials.is_some();
+        let addresses = self.settings.addresses.iter();
+        addresses
+            .filter(|address| check_console(address, has_keys).is_ok())
+            .map(|address| Remembered {
+                address: address.clone(),
+                is_asked: self.discovery.asks(address),
+            })
+            .collect()
     }
 
     /// The robots that were seen, with their colours.

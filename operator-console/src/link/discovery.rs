@@ -3,7 +3,7 @@
 //! Scouting finds Zenoh processes; which robots can be reached through one is asked over a short session, by
 //! presence tokens. So a router that was found or typed lists every robot behind it.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
@@ -23,6 +23,7 @@ use zenoh::Wait;
 use zenoh::config::WhatAmI;
 use zenoh::sample::Sample;
 
+use super::known_robots::{Answer, KnownRobots, MAX_ROBOTS, Round};
 use super::opening::close;
 use crate::locks::lock;
 
@@ -34,14 +35,10 @@ const STATUS_TIME: Duration = Duration::from_millis(700);
 const PAUSE: Duration = Duration::from_secs(2);
 /// Between two rounds otherwise: they use the link that somebody watches a robot over.
 const LONG_PAUSE: Duration = Duration::from_secs(10);
-/// A robot that did not answer for so many rounds is gone.
-const ROUNDS_KEPT: u32 = 3;
 /// Processes that are asked in one round.
 const MAX_ADDRESSES: usize = 32;
 /// Of these at once.
 const ASKED_AT_ONCE: usize = 8;
-/// Robots that are listed.
-const MAX_ROBOTS: usize = 256;
 
 /// A robot that can be watched.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -102,22 +99,20 @@ struct State {
     typed: Mutex<BTreeSet<String>>,
     zenoh_config: Option<PathBuf>,
     credentials: Option<Credentials>,
-    found: Mutex<BTreeMap<FoundRobot, Known>>,
-    problem: Mutex<Option<String>>,
+    found: Mutex<KnownRobots>,
+    problem: Mutex<Option<Problem>>,
     /// Somebody typed an address: do not wait for the next round.
     is_hurried: AtomicBool,
     is_closing: AtomicBool,
 }
 
-struct Known {
-    /// Since it was last heard of.
-    rounds: u32,
-    seen: Monotonic,
-    state: Option<FleetState>,
+/// What kept a round from finding more.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Problem {
+    /// The address that it is about.
+    address: Option<String>,
+    words: String,
 }
-
-/// What one round has found.
-type Round = BTreeMap<FoundRobot, Option<FleetState>>;
 
 impl Discovery {
     /// Begins to look: at `addresses` first, then by scouting too, unless `scouts` is false. `wake` is called
@@ -151,25 +146,33 @@ impl Discovery {
         self.state.is_hurried.store(true, Ordering::Relaxed);
     }
 
+    /// Asks at `address` no longer, and says no more of it. What was found there stays until it is missed.
+    pub fn forget_address(&self, address: &str) {
+        let mut typed = lock(&self.state.typed);
+        typed.remove(address);
+        lock(&self.state.problem).take_if(|problem| problem.address.as_deref() == Some(address));
+    }
+
+    /// Whether it is asked at `address` in every round.
+    pub fn asks(&self, address: &str) -> bool {
+        lock(&self.state.typed).contains(address)
+    }
+
     /// The robots that are there, by name.
     pub fn found(&self) -> Vec<FoundRobot> {
-        lock(&self.state.found).keys().cloned().collect()
+        let known = lock(&self.state.found);
+        known.sightings().map(|sighting| sighting.found).collect()
     }
 
     /// The robots that are there, by name, with what they say of themselves.
     pub fn sightings(&self) -> Vec<Sighting> {
-        let known = lock(&self.state.found);
-        let sighting = |(found, known): (&FoundRobot, &Known)| Sighting {
-            found: found.clone(),
-            seen: known.seen,
-            state: known.state.clone(),
-        };
-        known.iter().map(sighting).collect()
+        lock(&self.state.found).sightings().collect()
     }
 
     /// What kept the last round from finding more, in words.
     pub fn problem(&self) -> Option<String> {
-        lock(&self.state.problem).clone()
+        let problem = lock(&self.state.problem);
+        problem.as_ref().map(|problem| problem.words.clone())
     }
 }
 
@@ -201,10 +204,8 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
             ask_all(state, &scouted, &mut found, &mut Vec::new());
         }
         is_first = false;
-        let problem = problems.into_iter().next();
-        let changed = note(state, found) | (*lock(&state.problem) != problem);
-        *lock(&state.problem) = problem;
-        if changed {
+        let changed = lock(&state.found).take(found);
+        if state.tell(problems) | changed {
             wake();
         }
         let is_found = !lock(&state.found).is_empty();
@@ -215,38 +216,23 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
     }
 }
 
-/// Whether the list is another now.
-fn note(state: &State, found: Round) -> bool {
-    let now = Monotonic::now();
-    let mut known = lock(&state.found);
-    let before = known.len();
-    for robot in known.values_mut() {
-        robot.rounds += 1;
-    }
-    known.retain(|_, robot| robot.rounds < ROUNDS_KEPT);
-    let mut changed = known.len() != before;
-    for (robot, news) in found {
-        // Through several addresses it is still one robot: the first one stays.
-        let same = known
-            .keys()
-            .find(|known| known.robot == robot.robot)
-            .cloned();
-        changed |= same.is_none();
-        if same.is_none() && known.len() >= MAX_ROBOTS {
-            continue;
-        }
-        let robot = known.entry(same.unwrap_or(robot)).or_insert(Known {
-            rounds: 0,
-            seen: now,
-            state: None,
+impl State {
+    /// Says the first of these problems that still concerns anybody; whether that is another than before.
+    fn tell(&self, problems: Vec<Problem>) -> bool {
+        let typed = lock(&self.typed);
+        let problem = problems.into_iter().find(|problem| {
+            let address = problem.address.as_ref();
+            // It may have been forgotten while it was asked.
+            address.is_none_or(|address| typed.contains(address))
         });
-        changed |= robot.state != news;
-        (robot.rounds, robot.seen, robot.state) = (0, now, news);
+        let mut told = lock(&self.problem);
+        let changed = *told != problem;
+        *told = problem;
+        changed
     }
-    changed
 }
 
-fn ask_all(state: &State, addresses: &[String], found: &mut Round, problems: &mut Vec<String>) {
+fn ask_all(state: &State, addresses: &[String], found: &mut Round, problems: &mut Vec<Problem>) {
     let addresses = &addresses[..addresses.len().min(MAX_ADDRESSES)];
     // Side by side: one that does not answer holds up no other.
     for some in addresses.chunks(ASKED_AT_ONCE) {
@@ -261,14 +247,21 @@ fn ask_all(state: &State, addresses: &[String], found: &mut Round, problems: &mu
             asked.into_iter().map(ScopedJoinHandle::join).collect()
         });
         for (address, answer) in some.iter().zip(answers) {
-            match answer {
-                Ok(Ok(robots)) => found.extend(robots),
-                Ok(Err(LinkError::Open { .. })) => {
-                    problems.push(format!("nobody answers at {address}; trying again"));
+            let words = match answer {
+                Ok(Ok(robots)) => {
+                    found.extend(robots);
+                    continue;
                 }
-                Ok(Err(why)) => problems.push(why.to_string()),
-                Err(_panic) => problems.push(format!("{address} could not be asked")),
-            }
+                Ok(Err(LinkError::Open { .. })) => {
+                    format!("nobody answers at {address}; trying again")
+                }
+                Ok(Err(why)) => why.to_string(),
+                Err(_panic) => format!("{address} could not be asked"),
+            };
+            problems.push(Problem {
+                address: Some(address.clone()),
+                words,
+            });
         }
     }
 }
@@ -314,16 +307,17 @@ fn robots_at(state: &State, address: &str) -> Result<Round, LinkError> {
         let Ok(sample) = reply.result() else { continue };
         if let Some((robot, Topic::Alive)) = Topic::parse(sample.key_expr().as_str()) {
             let endpoint = address.to_owned();
-            robots.insert(FoundRobot { robot, endpoint }, None);
+            let at = Monotonic::now();
+            robots.insert(FoundRobot { robot, endpoint }, Answer { at, state: None });
         }
     }
     let deadline = Monotonic::now() + STATUS_TIME;
-    while robots.values().any(Option::is_none)
+    while robots.values().any(|answer| answer.state.is_none())
         && let Ok((robot, said)) = heard.recv_timeout(deadline.since(Monotonic::now()))
     {
         let mut robots = robots.iter_mut();
-        if let Some((_, state)) = robots.find(|(found, _)| found.robot == robot) {
-            *state = Some(said);
+        if let Some((_, answer)) = robots.find(|(found, _)| found.robot == robot) {
+            answer.state = Some(said);
         }
     }
     close(&session);
@@ -337,7 +331,7 @@ fn every_robot_status() -> String {
 }
 
 /// The endpoints of the Zenoh processes that answer on the local network.
-fn scout(problems: &mut Vec<String>) -> BTreeSet<String> {
+fn scout(problems: &mut Vec<Problem>) -> BTreeSet<String> {
     let (sender, hellos): (SyncSender<Vec<String>>, _) = sync_channel(MAX_ADDRESSES);
     let scouting = zenoh::scout(WhatAmI::Peer | WhatAmI::Router, zenoh::Config::default())
         .callback(move |hello| {
@@ -353,7 +347,11 @@ fn scout(problems: &mut Vec<String>) -> BTreeSet<String> {
     let scouting = match scouting {
         Ok(scouting) => scouting,
         Err(why) => {
-            problems.push(format!("the local network cannot be searched: {why}"));
+            let words = format!("the local network cannot be searched: {why}");
+            problems.push(Problem {
+                address: None,
+                words,
+            });
             return BTreeSet::new();
         }
     };

@@ -7,6 +7,7 @@
 mod connect;
 mod discovery;
 mod driving;
+mod known_robots;
 mod lost_link;
 mod opening;
 mod transport;

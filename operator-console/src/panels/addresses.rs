@@ -3,7 +3,7 @@
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::text_edit::TextEditState;
 use eframe::egui::{Align, Button, CollapsingHeader, Id, Key, Layout, RichText, TextEdit, Ui};
-use robot_edge::link::endpoints::bulk_endpoint;
+use robot_edge::link::endpoints::check_console;
 
 use crate::command::Command;
 use crate::shortcuts::Action;
@@ -16,27 +16,36 @@ pub struct AddressEntry {
     wants_keyboard: bool,
 }
 
+/// An address that is remembered.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Remembered {
+    /// A control endpoint.
+    pub address: String,
+    /// Whether it is asked for robots in this run.
+    pub is_asked: bool,
+}
+
 impl AddressEntry {
     /// The next text goes into it.
     pub const fn focus(&mut self) {
         self.wants_keyboard = true;
     }
 
-    /// Takes the address if it is one; else says what it should be.
-    pub fn submit(&mut self) -> Option<Command> {
+    /// Takes the address if it is one that could be asked, with keys or without; else says what it should be.
+    pub fn submit(&mut self, has_keys: bool) -> Option<Command> {
         let address = self.text.trim().to_owned();
         if address.is_empty() {
             self.error = None;
             return None;
         }
-        // Who types a host and a port means TCP.
+        // Who types a host and a port means the way that everybody takes.
         let address = if address.contains('/') {
             address
         } else {
-            format!("tcp/{address}")
+            format!("{}/{address}", protocol(has_keys))
         };
-        match bulk_endpoint(&address) {
-            Ok(_bulk) => {
+        match check_console(&address, has_keys) {
+            Ok(()) => {
                 *self = Self::default();
                 Some(Command::AddAddress(address))
             }
@@ -48,21 +57,31 @@ impl AddressEntry {
     }
 }
 
-/// Addresses that are asked at every start, and may be forgotten.
-pub(super) fn addresses_ui(ui: &mut Ui, addresses: &[String]) -> Option<Command> {
+const fn protocol(has_keys: bool) -> &'static str {
+    if has_keys { "quic" } else { "tcp" }
+}
+
+/// Addresses that are asked at every start that names none, and may be forgotten.
+pub(super) fn addresses_ui(ui: &mut Ui, addresses: &[Remembered]) -> Option<Command> {
     let mut command = None;
     if addresses.is_empty() {
         return None;
     }
     CollapsingHeader::new(format!("Remembered addresses ({})", addresses.len())).show(ui, |ui| {
-        for address in addresses.iter().rev() {
+        for Remembered { address, is_asked } in addresses.iter().rev() {
             ui.horizontal(|ui| {
                 ui.label(RichText::new(address).small());
                 ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
                     let forget = Button::new(RichText::new("Forget").small());
-                    let hint = format!("Ask {address} no longer, from the next start on");
+                    let hint = format!("Ask {address} no longer, now and from the next start on");
                     if ui.add(forget).on_hover_text(hint).clicked() {
                         command = Some(Command::ForgetAddress(address.clone()));
+                    }
+                    let ask = Button::new(RichText::new("Ask").small());
+                    let hint =
+                        format!("Ask {address} too: with --connect it is not asked by itself");
+                    if !is_asked && ui.add(ask).on_hover_text(hint).clicked() {
+                        command = Some(Command::AddAddress(address.clone()));
                     }
                 });
             });
@@ -72,13 +91,13 @@ pub(super) fn addresses_ui(ui: &mut Ui, addresses: &[String]) -> Option<Command>
 }
 
 /// Draws the box; the address, where one was entered.
-pub(super) fn address_ui(ui: &mut Ui, entry: &mut AddressEntry) -> Option<Command> {
+pub(super) fn address_ui(ui: &mut Ui, entry: &mut AddressEntry, has_keys: bool) -> Option<Command> {
     let mut command = None;
     ui.horizontal(|ui| {
         let label = ui.label("Address");
         let width = (ui.available_width() - 56.0).max(60.0);
         let text = TextEdit::singleline(&mut entry.text)
-            .hint_text("tcp/192.168.1.20:7447")
+            .hint_text(format!("{}/192.168.1.20:7447", protocol(has_keys)))
             .char_limit(200)
             .desired_width(width);
         let text = ui.add(text).labelled_by(label.id);
@@ -98,7 +117,7 @@ pub(super) fn address_ui(ui: &mut Ui, entry: &mut AddressEntry) -> Option<Comman
             .button("Add")
             .on_hover_text("Ask this address for robots");
         if is_entered || button.clicked() {
-            command = entry.submit();
+            command = entry.submit(has_keys);
         }
     });
     if let Some(error) = &entry.error {
@@ -122,31 +141,47 @@ fn select_all(ui: &Ui, field: Id, text: &str) {
 mod tests {
     use super::*;
 
-    fn submit(text: &str) -> (Option<Command>, AddressEntry) {
+    fn submit(text: &str, has_keys: bool) -> (Option<Command>, AddressEntry) {
         let mut entry = AddressEntry {
             text: text.to_owned(),
             ..AddressEntry::default()
         };
-        (entry.submit(), entry)
+        (entry.submit(has_keys), entry)
     }
 
     #[test]
     fn an_address_is_taken_or_explained() {
-        for (typed, address) in [
-            ("tcp/10.0.0.5:7447", "tcp/10.0.0.5:7447"),
-            ("  tcp/boat:9 ", "tcp/boat:9"),
-            ("boat:7447", "tcp/boat:7447"),
+        for (typed, has_keys, address) in [
+            ("tcp/10.0.0.5:7447", false, "tcp/10.0.0.5:7447"),
+            ("  tcp/boat:9 ", false, "tcp/boat:9"),
+            ("boat:7447", false, "tcp/boat:7447"),
+            ("[::1]:7447", false, "tcp/[::1]:7447"),
+            ("boat:7447", true, "quic/boat:7447"),
+            ("tls/boat:7447", true, "tls/boat:7447"),
         ] {
-            let (command, entry) = submit(typed);
+            let (command, entry) = submit(typed, has_keys);
             assert_eq!(command, Some(Command::AddAddress(address.to_owned())));
             assert_eq!(entry, AddressEntry::default());
         }
-        for typed in ["boat", "tcp/boat", "tcp/boat:0", "tcp/boat:65535"] {
-            let (command, entry) = submit(typed);
-            assert_eq!(command, None);
+        for (typed, has_keys, says) in [
+            ("boat", false, "for example tcp/"),
+            ("tcp/boat", false, "for example tcp/"),
+            ("tcp/boat:0", false, "for example tcp/"),
+            ("tcp/boat:65535", false, "for example tcp/"),
+            ("http://boat:80", false, "for example tcp/"),
+            ("fe80::1:7447", false, "for example tcp/"),
+            ("quic/boat:7447", false, "need --keys"),
+            ("udp/boat:7447", false, "without --keys it is tcp/"),
+            ("boat", true, "quic/192.168.1.20:7447 with --keys"),
+            ("tcp/boat:7447", true, "with --keys it is quic/"),
+            ("[::1]:7447", true, "IPv6"),
+        ] {
+            let (command, entry) = submit(typed, has_keys);
+            assert_eq!(command, None, "{typed}");
             assert_eq!(entry.text, typed, "what was typed can be mended");
-            assert!(entry.error.unwrap().contains("for example tcp/"));
+            let error = entry.error.unwrap();
+            assert!(error.contains(says), "{typed}: {error}");
         }
-        assert_eq!(submit("  ").1.error, None);
+        assert_eq!(submit("  ", false).1.error, None);
     }
 }

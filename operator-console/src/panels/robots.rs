@@ -6,7 +6,7 @@ use eframe::egui::{Align, Color32, Layout, RichText, Sense, Ui, vec2};
 use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
-use super::addresses::{AddressEntry, address_ui, addresses_ui};
+use super::addresses::{AddressEntry, Remembered, address_ui, addresses_ui};
 use super::wording::age;
 use crate::command::Command;
 use crate::link::{FleetState, FoundRobot, Sighting};
@@ -30,7 +30,9 @@ pub struct RobotsData {
     /// Why none can be found.
     pub problem: Option<String>,
     /// Addresses that are remembered.
-    pub addresses: Vec<String>,
+    pub addresses: Vec<Remembered>,
+    /// Whether this console has keys: addresses are of another kind then.
+    pub has_keys: bool,
 }
 
 /// Which robot is waited for while none is shown.
@@ -115,6 +117,7 @@ impl RobotsData {
             is_up_to_operator,
             problem,
             addresses: Vec::new(),
+            has_keys: false,
         }
     }
 
@@ -186,7 +189,7 @@ pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Op
         );
     }
     ui.add_space(4.0);
-    let typed = address_ui(ui, entry);
+    let typed = address_ui(ui, entry, data.has_keys);
     command.or(typed).or(addresses_ui(ui, &data.addresses))
 }
 

@@ -44,7 +44,11 @@ impl<'a> Endpoint<'a> {
         let (protocol, place) = address.split_once('/').ok_or_else(refused)?;
         let (host, port) = place.rsplit_once(':').ok_or_else(refused)?;
         let port = port.parse().ok().ok_or_else(refused)?;
-        if port == 0 || port == u16::MAX {
+        let is_bracketed = host.starts_with('[') && host.ends_with(']');
+        let is_host = !host.is_empty()
+            && !host.contains(|sign: char| sign == '/' || sign.is_whitespace())
+            && (is_bracketed || !host.contains(':'));
+        if !is_host || port == 0 || port == u16::MAX {
             return Err(refused());
         }
         Ok(Self {
@@ -121,19 +125,28 @@ impl<'a> Endpoint<'a> {
 /// single client that is silent would keep all others out.
 ///
 /// # Errors
-/// Where an endpoint names no port, or the last one; where it is QUIC or TLS without keys, or anything else with them.
+/// Where an endpoint names no host or no port, or the last one; where it is QUIC or TLS without keys, or anything else with
+/// them; where it is neither of these nor TCP.
 pub fn check(control: &str, has_keys: bool) -> Result<(), LinkError> {
     let endpoint = Endpoint::parse(control)?;
-    let is_secured = matches!(endpoint.protocol, "quic" | "tls");
-    let why = match (has_keys, is_secured) {
-        (true, false) => "with --keys it is quic/HOST:PORT, or tls/HOST:PORT where UDP is blocked",
-        (false, true) => "QUIC and TLS need --keys",
-        (true, true) | (false, false) => return Ok(()),
+    let why = match (has_keys, endpoint.protocol) {
+        (true, "quic" | "tls") | (false, "tcp") => return Ok(()),
+        (true, _) => "with --keys it is quic/HOST:PORT, or tls/HOST:PORT where UDP is blocked",
+        (false, "quic" | "tls") => "QUIC and TLS need --keys",
+        (false, _) => "without --keys it is tcp/HOST:PORT",
     };
     Err(LinkError::Protocol {
         endpoint: control.to_owned(),
         why,
     })
+}
+
+/// Fails where a console could never connect to an endpoint.
+///
+/// # Errors
+/// As [`attempts`].
+pub fn check_console(control: &str, has_keys: bool) -> Result<(), LinkError> {
+    attempts(Channel::Control, &[control.to_owned()], has_keys).map(drop)
 }
 
 /// Where a side listens for `channel`, given control endpoints: bulk is the same host, the next port.
@@ -268,6 +281,10 @@ mod tests {
             "tcp/host:65535",
             "tcp/host:0",
             "tcp/host:port",
+            "tcp/:7447",
+            "tcp/two words:7447",
+            "tcp/fe80::1:7447",
+            "http://host:80",
         ] {
             let error = bulk_endpoint(control).unwrap_err().to_string();
             assert!(error.contains("PROTOCOL/HOST:PORT"), "{error}");
@@ -320,6 +337,7 @@ mod tests {
             ("quic/[::1]:7447", false, "need --keys"),
             ("tls/127.0.0.1:7447", false, "need --keys"),
             ("tcp/127.0.0.1:7447", true, "quic/HOST:PORT"),
+            ("udp/127.0.0.1:7447", false, "tcp/HOST:PORT"),
             ("tcp/host", true, "PROTOCOL/HOST:PORT"),
         ] {
             let error = check(endpoint, has_keys).unwrap_err().to_string();

@@ -10,7 +10,7 @@ use crate::credentials::CredentialsError;
 pub enum LinkError {
     /// An endpoint that names no port.
     #[error(
-        "endpoint {0:?} is not `PROTOCOL/HOST:PORT` with a port from 1 to 65534, for example tcp/192.168.1.20:7447"
+        "endpoint {0:?} is not `PROTOCOL/HOST:PORT` with a port from 1 to 65534, for example tcp/192.168.1.20:7447, or quic/192.168.1.20:7447 with --keys"
     )]
     Endpoint(String),
     /// An endpoint that does not fit `--keys`, or their lack.

@@ -22,6 +22,8 @@ mod garbage;
 mod idle;
 mod link_loss;
 mod live_map;
+#[cfg(target_os = "linux")]
+mod moved;
 mod python_client;
 mod router;
 #[cfg(target_os = "linux")]
