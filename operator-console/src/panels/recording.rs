@@ -10,6 +10,7 @@ use super::wording::{age, bytes, count};
 use crate::command::Command;
 use crate::helm::{Asked, HelmSight, Intent, Note};
 use crate::model::{ConsoleModel, LinkState};
+use crate::playback::is_recording;
 use crate::theme::{Tone, state_ui};
 
 /// What the panel shows.
@@ -75,6 +76,9 @@ impl RecordingData {
     fn unavailable(model: &ConsoleModel) -> Self {
         let (state, advice) = if model.status().is_none() {
             ("Nothing is known of it yet", None)
+        } else if is_recording(model.robot()) {
+            let advice = "What robots record is started and stopped here while one is shown.";
+            ("This is a recording itself", Some(advice.to_owned()))
         } else {
             let advice = "Start robot-edge with --recordings DIR to let operators record.";
             ("This robot does not record", Some(advice.to_owned()))

@@ -7,7 +7,7 @@ use protocol::keys::Topic;
 use protocol::message::{Refusal, Status};
 
 use super::*;
-use crate::pretend::{at, helm_of_anna, says, scout};
+use crate::pretend::{at, console, helm_of_anna, says, scout};
 
 fn recording(state: RecordingState) -> RecordingStatus {
     RecordingStatus {
@@ -160,4 +160,16 @@ fn the_button_asks_for_what_it_says() {
         let expected = Command::Drive(Intent::Set(Setting::Recording(wish)));
         assert_eq!(*asked.borrow(), [expected]);
     }
+}
+
+#[test]
+fn a_recording_that_is_shown_is_no_robot_that_does_not_record() {
+    let mut model = console("recording-1a2b3c", &[]);
+    says(&mut model, Topic::Status, &Status::default(), at(1_000));
+    let data = RecordingData::new(&model, None, at(1_100));
+    assert_eq!(
+        text(&data),
+        "Waiting This is a recording itself\n\
+         What robots record is started and stopped here while one is shown."
+    );
 }

@@ -64,6 +64,16 @@ impl Witness {
         ([x, y], yaw)
     }
 
+    /// Waits until the newest pose is that of a vehicle without speed.
+    pub(crate) fn hears_that_it_stands(&self) {
+        let started = Monotonic::now();
+        let speed_mps = || self.pose.lock().unwrap().expect("a pose").speed_mps.abs();
+        while speed_mps() > 0.001 {
+            assert!(started.elapsed() < PATIENCE, "{} m/s", speed_mps());
+            sleep(Duration::from_millis(10));
+        }
+    }
+
     pub(crate) fn is_still(&self, what: &str) {
         let status = self.sees("told", |_| true);
         assert_ne!(status.state, TeleopState::Driving, "{what}: {status:?}");
