@@ -57,9 +57,7 @@ impl ExportPart {
     /// The files it becomes, in words.
     pub fn files(self) -> String {
         match self {
-            Self::Layer(LayerId::Occupancy) => {
-                "occupancy.tif, .png, .document.png, .pgm and .yaml".to_owned()
-            }
+            Self::Layer(LayerId::Occupancy) => "occupancy.tif, .png, .pgm and .yaml".to_owned(),
             Self::Layer(layer) => {
                 let document = if layer.document_palette().is_some() {
                     ", .document.png"

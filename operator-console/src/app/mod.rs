@@ -15,6 +15,7 @@ mod time_line;
 mod upkeep;
 mod watch;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::rc::Rc;
 use std::time::Duration;
@@ -94,6 +95,8 @@ pub struct ConsoleApp {
     credentials: Option<Credentials>,
     session_id: BootId,
     discovery: Discovery,
+    /// Where robots are looked for and nowhere else, where that is so.
+    asked_alone: Vec<String>,
     choice: RobotChoice,
     shown: Option<(FoundRobot, RobotSession)>,
     /// When the last robot was joined.
@@ -109,6 +112,10 @@ pub struct ConsoleApp {
     kept: Monotonic,
     log: EventLog,
     alerts: Alerts,
+    /// Of which robot they are.
+    alerts_of: Option<RobotId>,
+    /// What nobody has acknowledged of robots that were shown before.
+    alerts_of_others: BTreeMap<RobotId, Alerts>,
     watch: Watch,
     export: Option<ExportJob>,
     /// Screenshots that are being saved.
@@ -132,6 +139,12 @@ impl ConsoleApp {
         } else {
             settings.connect
         };
+        let is_told_where = !scouts && settings.demo.is_none();
+        let asked_alone = if is_told_where {
+            addresses.clone()
+        } else {
+            Vec::new()
+        };
         let discovery = Discovery::start(
             addresses,
             scouts,
@@ -152,6 +165,7 @@ impl ConsoleApp {
             credentials: settings.credentials,
             session_id: settings.session,
             discovery,
+            asked_alone,
             choice: RobotChoice::new(settings.robot, settings.demo),
             shown: None,
             joined: Monotonic::default(),
@@ -165,6 +179,8 @@ impl ConsoleApp {
             kept: Monotonic::default(),
             log,
             alerts: Alerts::default(),
+            alerts_of: None,
+            alerts_of_others: BTreeMap::new(),
             watch: Watch::default(),
             export: None,
             pictures: Vec::new(),
@@ -234,6 +250,9 @@ impl eframe::App for ConsoleApp {
             (&found.robot, link)
         });
         let mut robots = RobotsData::new(&seen, current, self.choice.sought(), problem, now);
+        if !self.asked_alone.is_empty() {
+            robots.looks_only_at(&self.asked_alone);
+        }
         robots.has_keys = self.credentials.is_some();
         robots.addresses = self.remembered();
         let around = Around {

@@ -1,21 +1,22 @@
 //! What the operator asks for is done: robots and recordings are shown, commands obeyed.
 
+use std::mem;
 use std::path::Path;
 use std::time::Duration;
 
 use eframe::egui::ViewportCommand;
+use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 use robot_edge::link::sessions::Endpoints;
 use robot_edge::pacer::Rate;
 
-use crate::alerts::Alerts;
 use crate::cockpit::Cockpit;
 use crate::command::Command;
 use crate::event_log::Severity;
 use crate::helm::EStopSight;
 use crate::link::{FoundRobot, RobotSession};
 use crate::model::ModelSettings;
-use crate::playback::{Playback, in_words};
+use crate::playback::{Playback, in_words, is_recording};
 use crate::teleop_input::InputEvent;
 
 use super::export_job::ExportJob;
@@ -49,7 +50,7 @@ impl ConsoleApp {
         };
         let stop_is_underway = self.stop_is_underway(&found);
         self.screen.map_view_mut().forget();
-        self.alerts = Alerts::default();
+        self.change_alerts(&found.robot);
         self.log.forget_robot();
         self.watch = Watch::default();
         let ctx = self.ctx.clone();
@@ -81,6 +82,17 @@ impl ConsoleApp {
                 self.shown = None;
             }
         }
+    }
+
+    /// What nobody has acknowledged of a robot is there again with it.
+    fn change_alerts(&mut self, robot: &RobotId) {
+        let alerts = mem::take(&mut self.alerts);
+        if let Some(before) = self.alerts_of.replace(robot.clone())
+            && !is_recording(&before)
+        {
+            self.alerts_of_others.insert(before, alerts);
+        }
+        self.alerts = self.alerts_of_others.remove(robot).unwrap_or_default();
     }
 
     /// Whether `found` is the robot that is shown, and an emergency stop is on its way to it: that goes on by the next link.

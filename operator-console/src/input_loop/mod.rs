@@ -104,6 +104,8 @@ impl<'a> InputLoop<'a> {
         false
     }
 
+    /// Presses may be the helm's alone. Releases are everybody's: who lets go of Ctrl before S, and whose window never
+    /// hears of the S, would find the next Ctrl+S taken for one that repeats.
     fn take_key(&self, event: &KeyEvent, is_synthetic: bool) -> bool {
         let Some(key) = helm_key(event.physical_key) else {
             return false;
@@ -123,7 +125,7 @@ impl<'a> InputLoop<'a> {
                 if is_press && !is_text {
                     self.hands.apply(InputEvent::EStop);
                 }
-                !is_text
+                is_down && !is_text
             }
             HelmKey::Drive(key) => {
                 self.hands.apply(match (is_down, is_press && is_plain) {
@@ -133,14 +135,14 @@ impl<'a> InputLoop<'a> {
                 });
                 // Nobody drives with them now: the helm has heard of it all the same, and the map may be moved.
                 let is_for_the_map = key.is_arrow() && !self.hands.is_driving();
-                is_plain && !self.hands.is_typing() && !is_for_the_map
+                is_down && is_plain && !self.hands.is_typing() && !is_for_the_map
             }
             HelmKey::Step(step) => {
                 let is_meant = is_plain && !self.hands.is_typing();
                 if is_press && is_meant {
                     self.hands.apply(InputEvent::Step(step));
                 }
-                is_meant
+                is_down && is_meant
             }
         }
     }

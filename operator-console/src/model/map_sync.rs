@@ -150,6 +150,11 @@ impl MapSync {
             .is_some_and(|(head, _)| !head.layers.iter().all(|head| described(head.layer)))
     }
 
+    /// Whether what changes of a layer is asked for. What is known of one that is not stays as it was.
+    pub fn is_followed(&self, layer: LayerId) -> bool {
+        self.wanted.contains(&layer)
+    }
+
     /// The robot said what its layers are. What another run than the one whose map is held says is not taken.
     pub(super) fn take_info(&mut self, info: &Info, boot: BootId) -> Result<(), StoreError> {
         if self.has_boot && boot != self.store.boot() {

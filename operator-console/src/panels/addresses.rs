@@ -118,6 +118,10 @@ pub(super) fn address_ui(ui: &mut Ui, entry: &mut AddressEntry, has_keys: bool) 
             .on_hover_text("Ask this address for robots");
         if is_entered || button.clicked() {
             command = entry.submit(has_keys);
+            if entry.error.is_some() {
+                // It is there to be mended; letters elsewhere would be keys.
+                text.request_focus();
+            }
         }
     });
     if let Some(error) = &entry.error {

@@ -108,7 +108,10 @@ pub fn events_ui(ui: &mut Ui, data: &EventsData, filter: &mut EventFilter) {
         });
     });
     if data.lines.is_empty() {
-        ui.label("Nothing has happened.");
+        ui.label(match data.left_out {
+            Some(_) => "Nothing of that kind has happened.",
+            None => "Nothing has happened.",
+        });
     }
     ScrollArea::vertical()
         .id_salt("events")

@@ -104,9 +104,7 @@ impl RobotsData {
             (None, Sought::Named(named)) => Some(format!(
                 "Looking for {named}. Start it, or type its address."
             )),
-            (None, Sought::Any) if found.is_empty() => {
-                Some("No robot found on this network yet.".to_owned())
-            }
+            (None, Sought::Any) if found.is_empty() => Some("No robot found yet.".to_owned()),
             (None, Sought::Any) => Some("Choose one on the left.".to_owned()),
         };
         Self {
@@ -118,6 +116,17 @@ impl RobotsData {
             problem,
             addresses: Vec::new(),
             has_keys: false,
+        }
+    }
+
+    /// Says that nobody looks but at these addresses.
+    pub fn looks_only_at(&mut self, addresses: &[String]) {
+        if self.current.is_none() && self.found.is_empty() && self.is_up_to_operator {
+            let addresses = addresses.join(", ");
+            let advice = self.advice.take().unwrap_or_default();
+            self.advice = Some(format!(
+                "{advice} Only {addresses} is asked, as --connect says."
+            ));
         }
     }
 
@@ -222,10 +231,7 @@ mod tests {
                 .advice
                 .unwrap_or_default()
         };
-        assert_eq!(
-            advice(&[], Sought::Any),
-            "No robot found on this network yet."
-        );
+        assert_eq!(advice(&[], Sought::Any), "No robot found yet.");
         let (a, b) = (seen("a", 0, None), seen("b", 0, None));
         assert_eq!(
             advice(&[a.clone(), b.clone()], Sought::Any),

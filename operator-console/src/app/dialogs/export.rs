@@ -29,11 +29,17 @@ pub(super) struct ExportDialog {
     folder: String,
     parts: BTreeSet<ExportPart>,
     has_keyboard: bool,
+    /// How the export before ended: that was told.
+    told: Option<ExportProgress>,
 }
 
 impl ExportDialog {
     /// All that there is of the robot, to a folder named after it, or after the recording that it is.
-    pub(super) fn new(model: &ConsoleModel, recording: Option<&str>) -> Self {
+    pub(super) fn new(
+        model: &ConsoleModel,
+        recording: Option<&str>,
+        last: Option<&ExportProgress>,
+    ) -> Self {
         let label = wall_clock_label().replace([':', 'T'], "-").replace('Z', "");
         let shown = pictures::name_for_files(model.robot(), recording);
         let name = format!("foreshore-{shown}-{label}");
@@ -42,6 +48,7 @@ impl ExportDialog {
             folder: folder.display().to_string(),
             parts: ExportPart::all().filter(|part| part.is_in(model)).collect(),
             has_keyboard: false,
+            told: last.filter(|last| last.ended.is_some()).cloned(),
         }
     }
 
@@ -55,6 +62,7 @@ impl ExportDialog {
         is_open: &mut bool,
     ) -> Option<Command> {
         let mut command = None;
+        let progress = progress.filter(|progress| self.told.as_ref() != Some(*progress));
         Window::new("Export maps")
             .open(is_open)
             .collapsible(false)
@@ -141,6 +149,10 @@ impl ExportDialog {
                     }
                 }
                 ui.label(RichText::new(part.files()).small().weak());
+                let is_hidden = |layer| model.is_some_and(|model| !model.map().is_followed(layer));
+                if is_there && matches!(part, ExportPart::Layer(layer) if is_hidden(layer)) {
+                    ui.label(RichText::new("as when it was hidden").small());
+                }
             });
         });
     }

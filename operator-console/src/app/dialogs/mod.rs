@@ -52,9 +52,14 @@ impl Dialogs {
     }
 
     /// `recording`: the name of the file, where that is what is shown.
-    pub(super) fn show_export(&mut self, model: &ConsoleModel, recording: Option<&str>) {
+    pub(super) fn show_export(
+        &mut self,
+        model: &ConsoleModel,
+        recording: Option<&str>,
+        last: Option<&ExportProgress>,
+    ) {
         self.export
-            .get_or_insert_with(|| ExportDialog::new(model, recording));
+            .get_or_insert_with(|| ExportDialog::new(model, recording, last));
     }
 
     /// Closes the one in front; whether there was one.

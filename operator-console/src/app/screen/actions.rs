@@ -93,7 +93,9 @@ impl Screen {
             }
             Action::Export => {
                 if let Some((model, link)) = scene.robot {
-                    self.dialogs.show_export(model, link.recording.as_deref());
+                    let last = scene.around.export;
+                    self.dialogs
+                        .show_export(model, link.recording.as_deref(), last);
                 }
             }
             Action::OpenRecording => return Some(Command::AskForRecording),

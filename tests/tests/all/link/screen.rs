@@ -36,6 +36,7 @@ pub(crate) enum Key {
     Enter = 36,
     Control = 37,
     A = 38,
+    S = 39,
     G = 42,
     L = 46,
     Shift = 50,

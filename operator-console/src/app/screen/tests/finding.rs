@@ -9,7 +9,7 @@ fn without_a_robot_the_screen_says_how_to_get_one() {
         &rig.window(),
         &[
             "Looking for robots",
-            "No robot found on this network yet.",
+            "No robot found yet.",
             "operator-console --demo lake",
             "Type an address",
             "Open recording…",
@@ -124,7 +124,7 @@ fn the_operator_chooses_robots_addresses_and_layers() {
     window.run_steps(2);
     check(&window, &["for example tcp/192.168.1.20:7447"], &[]);
     let entry = window.get_by_role_and_label(Role::TextInput, "Address");
-    entry.focus();
+    assert!(entry.is_focused(), "it can be mended");
     entry.type_text(":7447");
     window.run_steps(2);
     window.get_by_label("Add").click();

@@ -18,7 +18,7 @@ use super::controls::Control;
 use super::driver::{holds, take_lease};
 use super::processes::{Running, free_port, program};
 use super::screen::Key;
-use super::witness::Witness;
+use super::witness::{PATIENCE, Witness};
 use desk::{Desk, rest};
 use probe::{Reading, place_m, readings};
 use raster::Raster;
@@ -59,6 +59,7 @@ fn a_day_with_the_console() {
     finds_the_robot(&desk, &relay);
     starts_recording(&desk);
     switches_layers(&desk);
+    saves_pictures(&desk);
     drives(&desk, &witness);
     measures(&desk);
     loses_the_link(&desk, &relay);
@@ -121,6 +122,24 @@ fn switches_layers(desk: &Desk) {
     desk.picture("03_layers");
     desk.screen.tap_with(Key::Alt, Key::Digit5);
     is_hidden("Rigidity", true);
+}
+
+/// Hands let go of Ctrl before the letter as often as after it; S is a key that drives as well.
+fn saves_pictures(desk: &Desk) {
+    let folder = desk.home.path().join("pictures");
+    let saved = || fs::read_dir(&folder).map_or(0, Iterator::count);
+    for count in 1..=3 {
+        desk.screen.press(Key::Control);
+        desk.screen.press(Key::S);
+        desk.screen.release(Key::Control);
+        desk.screen.release(Key::S);
+        let started = Monotonic::now();
+        while saved() < count {
+            assert!(started.elapsed() < PATIENCE, "{count} pictures");
+            rest();
+        }
+    }
+    assert_eq!(saved(), 3);
 }
 
 fn starts_recording(desk: &Desk) {
