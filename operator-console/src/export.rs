@@ -1,6 +1,7 @@
 //! The exports of a map as the window and the command without one write them: part by part, so that there is something to
 //! tell on the way, and a place to stop.
 
+mod fetching;
 mod parts;
 
 use std::fmt;
@@ -16,9 +17,10 @@ use protocol::message::{Shores, VoxelFile};
 use protocol::mosaic::{KnownTiles, MAX_RASTER_CELLS};
 use protocol::packed_file::UnpackError;
 
-use crate::model::{ConsoleModel, FetchedVoxels, VoxelsProgress};
+use crate::model::{ConsoleModel, FetchedVoxels, TrajectoryProgress, VoxelsProgress};
 
-pub use parts::{Exported, export_all, export_parts};
+pub use fetching::{Fetching, fetch};
+pub use parts::{Exported, export_parts};
 
 /// Something that can be exported by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -87,7 +89,11 @@ impl fmt::Display for ExportPart {
 /// What there is of a part at one moment. Taking it is quick, since no cells are copied; writing it is not: between the two,
 /// the model is free.
 #[derive(Clone, Debug)]
-pub struct Snapshot(Content);
+pub struct Snapshot {
+    content: Content,
+    /// Why it is not all that the robot has.
+    lacks: Option<String>,
+}
 
 #[derive(Clone, Debug)]
 enum Content {
@@ -97,7 +103,7 @@ enum Content {
         title: String,
         vehicle_m: Option<[f64; 2]>,
     },
-    Trajectory(Vec<StampedPose>),
+    Trajectory(Arc<[StampedPose]>),
     Shores(Shores),
     Voxels(Arc<FetchedVoxels>),
     Nothing,
@@ -106,7 +112,7 @@ enum Content {
 impl Snapshot {
     /// What `model` has of a part.
     pub fn of(model: &ConsoleModel, part: ExportPart) -> Self {
-        Self(match part {
+        let content = match part {
             ExportPart::Layer(layer) => {
                 let tiles = KnownTiles::of_layer(model.map().store(), layer);
                 let info = model.info();
@@ -118,7 +124,12 @@ impl Snapshot {
                     vehicle_m: position_m.map(|[x, y, _]| [x, y]),
                 })
             }
-            ExportPart::Trajectory => Content::Trajectory(model.vehicle().poses().to_vec()),
+            ExportPart::Trajectory => Content::Trajectory(match model.trajectory() {
+                TrajectoryProgress::Ready(poses) => poses,
+                TrajectoryProgress::Unwanted
+                | TrajectoryProgress::Waiting
+                | TrajectoryProgress::Fetching { .. } => model.vehicle().poses().into(),
+            }),
             ExportPart::Shores => model
                 .shores()
                 .map_or(Content::Nothing, |shores| Content::Shores(shores.clone())),
@@ -130,7 +141,19 @@ impl Snapshot {
                 | VoxelsProgress::None
                 | VoxelsProgress::TooLong => Content::Nothing,
             },
-        })
+        };
+        Self {
+            content,
+            lacks: None,
+        }
+    }
+
+    /// The same, of which somebody knows why it is not all that the robot has.
+    fn lacking(self, why: String) -> Self {
+        Self {
+            lacks: Some(why),
+            ..self
+        }
     }
 
     /// Writes it to `folder`, which is there; says which files. Nothing has none.
@@ -138,7 +161,7 @@ impl Snapshot {
     /// # Errors
     /// Where the layer is too large to be a raster, or a file cannot be written.
     pub fn write(self, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
-        match self.0 {
+        match self.content {
             Content::Layer {
                 tiles,
                 title,
@@ -156,7 +179,7 @@ impl Snapshot {
             }
             Content::Trajectory(poses) => {
                 let path = folder.join("trajectory.tum");
-                write_trajectory(&path, poses)?;
+                write_trajectory(&path, poses.iter().copied())?;
                 Ok(vec![path])
             }
             Content::Shores(shores) => Ok(vec![write_shores(folder, &shores)?]),

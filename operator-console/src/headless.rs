@@ -1,6 +1,7 @@
 //! No window: joins, waits until the map is in step, writes the exports.
 
 use std::io::{self, Write};
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -14,10 +15,10 @@ use robot_edge::exit::{Exit, Interrupted};
 use robot_edge::link::sessions::Endpoints;
 use robot_edge::link::{random_id, zenoh_config_file};
 
-use crate::export::export_all;
+use crate::export::{ExportPart, Snapshot, export_parts, fetch};
 use crate::link::RobotSession;
 use crate::milestones::{Milestones, VISIBLE_M};
-use crate::model::{ConsoleModel, LinkState, ModelSettings, VoxelsProgress};
+use crate::model::{ConsoleModel, LinkState, ModelSettings};
 use crate::target::Target;
 
 /// Between two looks at the model.
@@ -108,18 +109,32 @@ pub fn run(
             has_ended,
         )
     });
-    let voxels = match watched {
-        Watched::InStep => fetch_voxels(&session, settings.timeout, &is_interrupted),
-        Watched::TimedOut | Watched::Interrupted => Ok(()),
-    };
-    let exported = export_all(&session.handle(), &settings.export)?;
+    let handle = session.handle();
+    let exported = export_parts(&settings.export, ExportPart::all(), |part, _| {
+        match watched {
+            Watched::InStep => fetch(&handle, part, settings.timeout, |_| {
+                if is_interrupted() {
+                    ControlFlow::Break(())
+                } else {
+                    ControlFlow::Continue(())
+                }
+            }),
+            // What came is written, whatever it is.
+            Watched::TimedOut | Watched::Interrupted => {
+                ControlFlow::Continue(Ok(Snapshot::of(&handle.lock(), part)))
+            }
+        }
+    })?;
+    session.model().set_unfinished(false);
     let model = session.model();
     if !settings.quiet {
         milestones.tell(&model, out)?;
         tell(&model, &exported.files, out)?;
     }
+    if exported.is_left {
+        return Err(Interrupted.into());
+    }
     exported.outcome(&settings.export).map_err(Error::msg)?;
-    voxels?;
     match watched {
         Watched::InStep => Ok(Exit::Done),
         Watched::Interrupted => Err(Interrupted.into()),
@@ -135,53 +150,6 @@ pub fn run(
                 started.elapsed().as_secs_f64(),
                 settings.export.display()
             ))
-        }
-    }
-}
-
-/// Waits until the octree's files are here, or the robot has none.
-///
-/// # Errors
-/// Where they do not come in time.
-fn fetch_voxels(
-    session: &RobotSession,
-    timeout: Duration,
-    is_interrupted: &impl Fn() -> bool,
-) -> anyhow::Result<()> {
-    session.model().want_voxels();
-    session.model().set_unfinished(false);
-    let started = Monotonic::now();
-    loop {
-        let progress = session.model().voxels();
-        match progress {
-            VoxelsProgress::Ready(_) | VoxelsProgress::None | VoxelsProgress::Unwanted => {
-                return Ok(());
-            }
-            VoxelsProgress::TooLong => {
-                return Err(anyhow!(
-                    "voxels.bt and points.ply: longer than a console takes"
-                ));
-            }
-            VoxelsProgress::Waiting | VoxelsProgress::Fetching { .. } => {}
-        }
-        if !clock::sleep_until(Monotonic::now() + LOOK, is_interrupted) {
-            return Err(Interrupted.into());
-        }
-        if started.elapsed() > timeout {
-            let how_far = match progress {
-                VoxelsProgress::Fetching { file, fetched, of } => {
-                    format!("{fetched} of {of} bytes of {} came", file.name())
-                }
-                VoxelsProgress::Waiting
-                | VoxelsProgress::Unwanted
-                | VoxelsProgress::None
-                | VoxelsProgress::TooLong
-                | VoxelsProgress::Ready(_) => "nothing came".to_owned(),
-            };
-            return Err(anyhow!(
-                "voxels.bt and points.ply: not fetched within {:.0} s ({how_far}); all else was written",
-                timeout.as_secs_f64()
-            ));
         }
     }
 }

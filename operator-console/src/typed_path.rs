@@ -7,6 +7,11 @@ pub(crate) fn typed_path(typed: &str) -> PathBuf {
     within(typed, home().as_deref())
 }
 
+/// The same place from wherever somebody looks: what is relative begins in the folder that the program was started in.
+pub(crate) fn absolute(path: PathBuf) -> PathBuf {
+    std::path::absolute(&path).unwrap_or(path)
+}
+
 /// The home folder, where the system names one.
 pub(crate) fn home() -> Option<PathBuf> {
     etcetera::home_dir().ok()
@@ -46,5 +51,13 @@ mod tests {
         check("maps", "maps");
         check("", "");
         assert_eq!(within("~/maps", None), Path::new("~/maps"));
+    }
+
+    #[test]
+    fn what_is_relative_begins_where_the_program_was_started() {
+        let here = std::env::current_dir().unwrap();
+        assert_eq!(absolute("maps/lake".into()), here.join("maps/lake"));
+        assert_eq!(absolute("/maps".into()), Path::new("/maps"));
+        assert_eq!(absolute(PathBuf::new()), Path::new(""));
     }
 }

@@ -152,6 +152,7 @@ impl Edge {
             | Topic::View
             | Topic::Tile(_)
             | Topic::Voxels
+            | Topic::Trajectory
             | Topic::Scan
             | Topic::Operator(_) => Vec::new(),
         }

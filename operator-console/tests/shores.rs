@@ -6,10 +6,11 @@
 )]
 
 use std::net::TcpListener;
+use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use operator_console::export::export_all as export;
+use operator_console::export::{ExportPart, Snapshot, export_parts};
 use operator_console::link::RobotSession;
 use operator_console::model::{
     ConsoleModel, Incoming, ModelSettings, OpenSessions, Outgoing, RequestId,
@@ -369,7 +370,10 @@ fn over_the_network_shores_arrive_and_both_sides_export_the_same() {
     let dir = tempfile::tempdir().unwrap();
     let by_edge = write_shores(&dir.path().join("edge"), &shores(200)).unwrap();
     let by_console = dir.path().join("console");
-    let files = export(&late.handle(), &by_console).unwrap().files;
+    let exported = export_parts(&by_console, ExportPart::all(), |part, _| {
+        ControlFlow::Continue(Ok(Snapshot::of(&late.handle().lock(), part)))
+    });
+    let files = exported.unwrap().files;
     assert!(
         files.contains(&by_console.join("shores.geojson")),
         "{files:?}"

@@ -40,6 +40,8 @@ pub enum Topic {
     Shores,
     /// Bulk, queryable: the files that are made of the octree.
     Voxels,
+    /// Bulk, queryable: where the vehicle was at each mapped scan.
+    Trajectory,
     /// Bulk, edge → all: the last sweep of a sensor, for display.
     Scan,
     /// Control, console → edge, signed: what an operator wants. One key an operator.
@@ -105,6 +107,7 @@ impl Topic {
             Self::Digests(layer) => format!("map/{layer}/digests"),
             Self::Shores => "shores".to_owned(),
             Self::Voxels => "voxels".to_owned(),
+            Self::Trajectory => "trajectory".to_owned(),
             Self::Scan => "scan".to_owned(),
             Self::Operator(topic) => format!("op/*/{}", topic.chunk()),
         };
@@ -125,6 +128,7 @@ impl Topic {
             ("ping", None, ..) => Self::Ping,
             ("shores", None, ..) => Self::Shores,
             ("voxels", None, ..) => Self::Voxels,
+            ("trajectory", None, ..) => Self::Trajectory,
             ("scan", None, ..) => Self::Scan,
             ("view", Some(_), None, _) => Self::View,
             ("op", Some(operator), Some(topic), None) => {
@@ -216,6 +220,7 @@ mod tests {
             (Topic::Ping, "foreshore/scout-1/ping"),
             (Topic::Shores, "foreshore/scout-1/shores"),
             (Topic::Voxels, "foreshore/scout-1/voxels"),
+            (Topic::Trajectory, "foreshore/scout-1/trajectory"),
             (Topic::Scan, "foreshore/scout-1/scan"),
             (Topic::View, "foreshore/scout-1/view/*"),
             (Topic::Tile(tile), "foreshore/scout-1/map/elevation/-3/12"),

@@ -7,17 +7,12 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
-use anyhow::Error;
-use protocol::message::VoxelFile;
-use robot_edge::clock::Monotonic;
-
 use super::watch::Note;
 use crate::command::ExportWish;
 use crate::event_log::Severity;
-use crate::export::{ExportPart, Snapshot, export_parts};
+use crate::export::{ExportPart, Fetching, export_parts, fetch};
 use crate::link::ModelHandle;
 use crate::locks::lock;
-use crate::model::VoxelsProgress;
 use crate::playback::in_words;
 
 /// How far an export is.
@@ -29,8 +24,8 @@ pub struct ExportProgress {
     pub parts: [usize; 2],
     /// The part that is being fetched or written.
     pub current: Option<ExportPart>,
-    /// The file that is being fetched from the robot: bytes of it that came, of how many.
-    pub fetched: Option<(VoxelFile, [u64; 2])>,
+    /// How far that is, where it is fetched from the robot.
+    pub fetching: Option<Fetching>,
     /// Files that are written.
     pub files: usize,
     /// How it ended: with what, in words.
@@ -41,13 +36,7 @@ impl ExportProgress {
     /// How much of all is done, 0 … 1. What is being fetched counts as far as it came.
     pub fn share(&self) -> f32 {
         let [done, all] = self.parts;
-        let of_part = self.fetched.map_or(0.0, |(file, [fetched, of])| {
-            let before = match file {
-                VoxelFile::Tree => 0.0,
-                VoxelFile::Points => 1.0,
-            };
-            (before + fetched as f32 / of.max(1) as f32) / VoxelFile::ALL.len() as f32
-        });
+        let of_part = self.fetching.map_or(0.0, Fetching::share);
         (done as f32 + of_part) / all.max(1) as f32
     }
 }
@@ -61,9 +50,7 @@ pub(super) struct ExportEnd {
     pub(super) folder: Option<PathBuf>,
 }
 
-/// Between two looks at what is being fetched.
-const LOOK: Duration = Duration::from_millis(50);
-/// A robot that is gone, or another that was chosen meanwhile, is not waited for any longer.
+/// A robot that sends no more of what is fetched is not waited for any longer.
 const PATIENCE: Duration = Duration::from_mins(1);
 
 /// An export. Dropping it leaves it.
@@ -162,64 +149,23 @@ fn write(
         now.parts[0] = begun;
         now.current = Some(part);
         now.files = so_far.files.len();
+        now.fetching = None;
         drop(now);
         begun += 1;
         wake();
-        if part != ExportPart::Voxels {
-            return ControlFlow::Continue(Ok(Snapshot::of(&model.lock(), part)));
-        }
-        let fetched = fetch_voxels(model, progress, is_cancelled, wake)?;
-        let mut model = model.lock();
-        let snapshot = Snapshot::of(&model, part);
-        // The snapshot has them.
-        model.drop_voxels();
-        ControlFlow::Continue(fetched.map(|()| snapshot).map_err(Error::msg))
+        fetch(model, part, PATIENCE, |fetching| {
+            if is_cancelled.load(Ordering::Relaxed) {
+                return ControlFlow::Break(());
+            }
+            if lock(progress).fetching.replace(fetching) != Some(fetching) {
+                wake();
+            }
+            ControlFlow::Continue(())
+        })
     });
     let exported = exported.map_err(|why| in_words(&why))?;
     lock(progress).files = exported.files.len();
     exported.outcome(&wish.folder)
-}
-
-/// Waits until the octree's files are here, or the robot has none; what keeps them away. Breaks off where the export is left.
-fn fetch_voxels(
-    model: &ModelHandle,
-    progress: &Mutex<ExportProgress>,
-    is_cancelled: &AtomicBool,
-    wake: &dyn Fn(),
-) -> ControlFlow<(), Result<(), &'static str>> {
-    model.lock().want_voxels();
-    let (mut before, mut since) = (VoxelsProgress::Waiting, Monotonic::now());
-    loop {
-        // Its own statement: the model is free while this waits.
-        let now = model.lock().voxels();
-        match &now {
-            VoxelsProgress::Ready(_) | VoxelsProgress::None | VoxelsProgress::Unwanted => {
-                return ControlFlow::Continue(Ok(()));
-            }
-            VoxelsProgress::TooLong => {
-                return ControlFlow::Continue(Err(
-                    "they are longer than a console takes. Export them where the robot is",
-                ));
-            }
-            VoxelsProgress::Fetching { file, fetched, of } => {
-                lock(progress).fetched = Some((*file, [*fetched, *of]));
-            }
-            VoxelsProgress::Waiting => {}
-        }
-        if is_cancelled.load(Ordering::Relaxed) {
-            model.lock().drop_voxels();
-            return ControlFlow::Break(());
-        }
-        if now != before {
-            (before, since) = (now, Monotonic::now());
-            wake();
-        } else if since.elapsed() > PATIENCE {
-            return ControlFlow::Continue(Err(
-                "the robot sends no more of its octree. Export them again when the link is better",
-            ));
-        }
-        thread::sleep(LOOK);
-    }
 }
 
 #[cfg(test)]

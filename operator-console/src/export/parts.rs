@@ -4,11 +4,10 @@ use std::io;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
+use anyhow::{Context as _, anyhow};
 use protocol::packed_file::UnpackError;
 
 use super::{ExportPart, Snapshot};
-use crate::link::ModelHandle;
 use crate::playback::in_words;
 
 /// What came of an export.
@@ -18,6 +17,8 @@ pub struct Exported {
     pub files: Vec<PathBuf>,
     /// Parts that could not be written; why, and what to do.
     pub failures: Vec<(ExportPart, String)>,
+    /// Parts that were written, and are not all that the robot has; why.
+    pub lacking: Vec<(ExportPart, String)>,
     /// Whether it was left before all parts were begun.
     pub is_left: bool,
 }
@@ -41,7 +42,9 @@ impl Exported {
         }];
         let failures = self.failures.iter();
         lines.extend(failures.map(|(part, why)| format!("{part} is missing: {why}")));
-        let is_whole = self.failures.is_empty() && !self.is_left;
+        let lacking = self.lacking.iter();
+        lines.extend(lacking.map(|(part, why)| format!("{part} is not whole: {why}")));
+        let is_whole = self.failures.is_empty() && self.lacking.is_empty() && !self.is_left;
         let words = lines.join("\n");
         if is_whole { Ok(words) } else { Err(words) }
     }
@@ -57,31 +60,39 @@ pub fn export_parts(
     parts: impl IntoIterator<Item = ExportPart>,
     mut take: impl FnMut(ExportPart, &Exported) -> ControlFlow<(), anyhow::Result<Snapshot>>,
 ) -> anyhow::Result<Exported> {
-    std::fs::create_dir_all(folder).with_context(|| {
-        let folder = folder.display();
-        format!("{folder} cannot be made, choose another folder")
-    })?;
+    make_folder(folder)?;
     let mut exported = Exported::default();
     for part in parts {
         let ControlFlow::Continue(taken) = take(part, &exported) else {
             exported.is_left = true;
             break;
         };
-        match taken.and_then(|snapshot| snapshot.write(folder)) {
-            Ok(files) => exported.files.extend(files),
+        let written = taken.and_then(|snapshot| {
+            let lacks = snapshot.lacks.clone();
+            Ok((snapshot.write(folder)?, lacks))
+        });
+        match written {
+            Ok((files, lacks)) => {
+                exported.files.extend(files);
+                exported.lacking.extend(lacks.map(|why| (part, why)));
+            }
             Err(error) => exported.failures.push((part, with_advice(&error))),
         }
     }
     Ok(exported)
 }
 
-/// Writes everything that is known of a robot to `folder`. It is locked while a part is taken, and free while it is written.
-///
-/// # Errors
-/// Those of [`export_parts`].
-pub fn export_all(model: &ModelHandle, folder: &Path) -> anyhow::Result<Exported> {
-    export_parts(folder, ExportPart::all(), |part, _| {
-        ControlFlow::Continue(Ok(Snapshot::of(&model.lock(), part)))
+fn make_folder(folder: &Path) -> anyhow::Result<()> {
+    let is_file = |path: &&Path| path.is_file();
+    if let Some(file) = folder.ancestors().find(is_file) {
+        let file = file.display();
+        return Err(anyhow!(
+            "{file} is a file and no folder. Choose another folder"
+        ));
+    }
+    std::fs::create_dir_all(folder).with_context(|| {
+        let folder = folder.display();
+        format!("{folder} cannot be made, choose another folder")
     })
 }
 
@@ -105,8 +116,8 @@ fn with_advice(error: &anyhow::Error) -> String {
 #[cfg(test)]
 mod tests {
     use std::fs;
+    use std::sync::Arc;
 
-    use protocol::export::StampedPose;
     use protocol::layer::LayerId;
 
     use super::super::Content;
@@ -118,8 +129,15 @@ mod tests {
         ExportPart::Voxels,
     ];
 
+    fn of(content: Content) -> Snapshot {
+        Snapshot {
+            content,
+            lacks: None,
+        }
+    }
+
     fn trajectory() -> Snapshot {
-        Snapshot(Content::Trajectory(Vec::<StampedPose>::new()))
+        of(Content::Trajectory(Arc::new([])))
     }
 
     #[test]
@@ -147,6 +165,19 @@ mod tests {
     }
 
     #[test]
+    fn what_is_not_all_that_the_robot_has_is_written_and_said() {
+        let dir = tempfile::tempdir().unwrap();
+        let exported = export_parts(dir.path(), [ExportPart::Trajectory], |_, _| {
+            ControlFlow::Continue(Ok(trajectory().lacking("only a part".to_owned())))
+        });
+        let expected = format!(
+            "1 file is in {}\ntrajectory is not whole: only a part",
+            dir.path().display()
+        );
+        assert_eq!(exported.unwrap().outcome(dir.path()), Err(expected));
+    }
+
+    #[test]
     fn a_file_that_cannot_be_replaced_is_named_once() {
         let dir = tempfile::tempdir().unwrap();
         fs::create_dir(dir.path().join("trajectory.tum")).unwrap();
@@ -167,18 +198,21 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("file");
         fs::write(&file, "").unwrap();
-        let error = export_parts(&file.join("maps"), PARTS, |_, _| unreachable!()).unwrap_err();
-        assert!(
-            error.to_string().ends_with("choose another folder"),
-            "{error}"
+        let told = format!(
+            "{} is a file and no folder. Choose another folder",
+            file.display()
         );
+        for folder in [file.join("maps"), file] {
+            let error = export_parts(&folder, PARTS, |_, _| unreachable!()).unwrap_err();
+            assert_eq!(error.to_string(), told);
+        }
     }
 
     #[test]
     fn what_is_left_says_how_much_is_there() {
         let dir = tempfile::tempdir().unwrap();
         let exported = export_parts(dir.path(), PARTS, |part, _| match part {
-            ExportPart::Layer(_) => ControlFlow::Continue(Ok(Snapshot(Content::Nothing))),
+            ExportPart::Layer(_) => ControlFlow::Continue(Ok(of(Content::Nothing))),
             ExportPart::Trajectory => ControlFlow::Continue(Ok(trajectory())),
             ExportPart::Shores | ExportPart::Voxels => ControlFlow::Break(()),
         });

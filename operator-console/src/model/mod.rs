@@ -10,6 +10,7 @@ mod link_quality;
 mod map_questions;
 mod map_sync;
 mod refusals;
+mod repeated;
 mod scans;
 mod sending;
 mod shores_sync;
@@ -18,6 +19,9 @@ mod site_names;
 mod soundness;
 mod taking;
 mod tile_intake;
+mod trail;
+mod trail_sync;
+mod trajectory_sync;
 mod vehicle;
 mod voxels_sync;
 
@@ -38,11 +42,14 @@ pub use map_sync::{LayerStep, MapSync};
 pub use refusals::{Refusal, Refusals};
 pub use scans::LastScan;
 pub use site_names::{SiteName, SiteNames};
+pub use trajectory_sync::TrajectoryProgress;
 pub use vehicle::Vehicle;
 pub use voxels_sync::{FetchedVoxels, VoxelsProgress};
 
 use scans::Scans;
 use shores_sync::ShoresSync;
+use trail_sync::TrailSync;
+use trajectory_sync::TrajectorySync;
 use voxels_sync::VoxelsSync;
 
 const MAX_EVENTS: usize = 200;
@@ -69,6 +76,8 @@ pub struct ConsoleModel {
     vehicle: Vehicle,
     shores: ShoresSync,
     voxels: VoxelsSync,
+    trajectory: TrajectorySync,
+    trail: TrailSync,
     is_unfinished: bool,
     scans: Scans,
     wants_scan: bool,
@@ -81,6 +90,8 @@ pub struct ConsoleModel {
     ended_seq: Option<u64>,
     head_seq: u64,
     events: VecDeque<(Event, Monotonic)>,
+    /// Layers that an export wants, shown or not.
+    exported: BTreeSet<LayerId>,
     rectangle_m: [f32; 4],
     asked_info: Option<(RequestId, Monotonic)>,
     told_view: Option<Monotonic>,
@@ -106,6 +117,8 @@ impl ConsoleModel {
             vehicle: Vehicle::default(),
             shores: ShoresSync::default(),
             voxels: VoxelsSync::default(),
+            trajectory: TrajectorySync::default(),
+            trail: TrailSync::default(),
             is_unfinished: false,
             scans: Scans::default(),
             wants_scan: false,
@@ -117,6 +130,7 @@ impl ConsoleModel {
             ended_seq: None,
             head_seq: 0,
             events: VecDeque::new(),
+            exported: BTreeSet::new(),
             rectangle_m: [0.0; 4],
             asked_info: None,
             told_view: None,
@@ -174,6 +188,12 @@ impl ConsoleModel {
         self.is_unfinished = is_unfinished;
     }
 
+    /// Follows these layers too, whatever is shown: an export wants them.
+    pub fn follow_too(&mut self, layers: BTreeSet<LayerId>) {
+        self.exported = layers;
+        self.follow();
+    }
+
     /// Fetches the octree's files as they are now, for an export.
     pub fn want_voxels(&mut self) {
         self.voxels.want();
@@ -187,6 +207,21 @@ impl ConsoleModel {
     /// How far the octree's files are.
     pub fn voxels(&self) -> VoxelsProgress {
         self.voxels.progress()
+    }
+
+    /// Fetches the whole way as it is now, for an export.
+    pub fn want_trajectory(&mut self) {
+        self.trajectory.want();
+    }
+
+    /// Gives back the memory of the fetched way.
+    pub fn drop_trajectory(&mut self) {
+        self.trajectory.drop_all();
+    }
+
+    /// How far fetching the whole way is.
+    pub fn trajectory(&self) -> TrajectoryProgress {
+        self.trajectory.progress()
     }
 
     /// The tiles that changed since the last call.
@@ -284,14 +319,21 @@ impl ConsoleModel {
     /// What is on the screen: lowest and greatest x and y in `odom`, metres, and the layers that are wanted.
     pub fn look_at(&mut self, rectangle_m: [f32; 4], layers: BTreeSet<LayerId>) {
         if rectangle_m.iter().all(|edge| edge.is_finite()) {
-            let [low_x, low_y, high_x, high_y] = rectangle_m.map(f64::from);
             self.rectangle_m = rectangle_m;
-            self.map.set_wanted(
-                layers.clone(),
-                [0.5 * (low_x + high_x), 0.5 * (low_y + high_y)],
-            );
             self.settings.layers = layers;
+            self.follow();
         }
+    }
+
+    fn follow(&mut self) {
+        let [low_x, low_y, high_x, high_y] = self.rectangle_m.map(f64::from);
+        let focus_m = [0.5 * (low_x + high_x), 0.5 * (low_y + high_y)];
+        self.map.set_wanted(self.followed(), focus_m);
+    }
+
+    /// The layers that are asked for.
+    fn followed(&self) -> BTreeSet<LayerId> {
+        &self.settings.layers | &self.exported
     }
 
     /// Takes what the link brought. Whatever it is, nothing panics and nothing grows without limit.
@@ -310,7 +352,11 @@ impl ConsoleModel {
                 self.take(&key, &payload, Some(request), now)
             }
             Incoming::Ended { request } => {
-                if !self.shores.ended(request, now) && !self.voxels.ended(request, now) {
+                let is_taken = self.shores.ended(request, now)
+                    || self.voxels.ended(request, now)
+                    || self.trajectory.ended(request, now)
+                    || self.trail.ended(request, now);
+                if !is_taken {
                     self.map.ended(request, now);
                 }
                 Ok(())

@@ -95,6 +95,11 @@ impl ConsoleModel {
                 voxels
                     .and_then(|(request, body)| self.bulk_question(Topic::Voxels, request, &body)),
             );
+            let whole = self.trajectory.question(now, || next(&mut self.requests));
+            let trail = self.trail.question(now, || next(&mut self.requests));
+            for (request, body) in [whole, trail].into_iter().flatten() {
+                outgoing.extend(self.bulk_question(Topic::Trajectory, request, &body));
+            }
         }
         outgoing
     }
@@ -117,12 +122,8 @@ impl ConsoleModel {
     }
 
     fn view(&self) -> View {
-        let layers = self
-            .settings
-            .layers
-            .iter()
-            .map(|layer| 1u32 << *layer as u32)
-            .sum();
+        let followed = self.followed();
+        let layers = followed.iter().map(|layer| 1u32 << *layer as u32).sum();
         let store = self.map.store();
         let revision = store
             .grids()
@@ -134,7 +135,8 @@ impl ConsoleModel {
             revision: revision.unwrap_or(0),
             is_in_step: self.holds_what_was_announced()
                 && !self.is_unfinished
-                && !self.voxels.is_wanted(),
+                && !self.voxels.is_wanted()
+                && !self.trajectory.is_wanted(),
             wants_scan: self.wants_scan,
         }
     }

@@ -4,7 +4,7 @@ use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
     Digests, Info, LayerHead, MapHead, Pong, Pose, Scan, ShoresNews, Status, TileBand, TilesReply,
-    VoxelsReply,
+    TrajectoryPart, VoxelsReply,
 };
 use protocol::wire::{self, Header, WireError};
 use robot_edge::clock::Monotonic;
@@ -12,6 +12,7 @@ use serde::de::DeserializeOwned;
 
 use super::sight::is_news;
 use super::soundness::{is_info_sound, is_status_sound};
+use super::trail_sync::{GAP, TrailSync};
 use super::{ConsoleModel, MAX_EVENTS, Refusal, RequestId, Stream};
 
 impl ConsoleModel {
@@ -53,6 +54,10 @@ impl ConsoleModel {
                 }
                 self.of_this_boot(header)?;
                 self.quality.pose(now);
+                let before = self.vehicle.pose();
+                if before.is_none_or(|(_, at)| now.since(at) > GAP) {
+                    self.trail.gap();
+                }
                 self.connection.set_steady(self.quality.is_steady());
                 self.changes += u64::from(self.vehicle.take(pose, header.robot_time_ns, now));
             }
@@ -96,6 +101,8 @@ impl ConsoleModel {
                     self.vehicle.forget();
                     self.shores.forget();
                     self.voxels.forget();
+                    self.trajectory.forget();
+                    self.trail = TrailSync::default();
                     self.scans.forget();
                     self.ended_seq = None;
                     if self
@@ -135,6 +142,7 @@ impl ConsoleModel {
             | Topic::Tiles(_)
             | Topic::Digests(_)
             | Topic::Voxels
+            | Topic::Trajectory
             | Topic::Operator(_) => return Err(Refusal::Key),
         }
         Ok(())
@@ -181,6 +189,16 @@ impl ConsoleModel {
                 self.of_this_boot(header)?;
                 let stamp_ns = header.robot_time_ns;
                 self.voxels.take(reply, stamp_ns, request, now)?;
+                self.changes += 1;
+            }
+            Topic::Trajectory => {
+                let (header, part): (_, TrajectoryPart) = decode(payload)?;
+                self.of_this_boot(header)?;
+                if let Some(known) = self.trail.take(&part, request) {
+                    self.vehicle.fill_trail(known);
+                } else if !self.trajectory.take(&part, request, now)? {
+                    return Err(Refusal::OldRevision);
+                }
                 self.changes += 1;
             }
             Topic::Alive
@@ -236,6 +254,7 @@ const fn is_by_control(topic: Topic) -> bool {
         | Topic::Digests(_)
         | Topic::Shores
         | Topic::Voxels
+        | Topic::Trajectory
         | Topic::Scan => false,
     }
 }

@@ -7,11 +7,8 @@ use protocol::message::Pose;
 use robot_edge::clock::Monotonic;
 
 use super::sight::is_elsewhere;
+use super::trail::Trail;
 
-/// The trail's newest end is this fine.
-const TRAIL_STEP_M: f64 = 0.1;
-/// Points of the trail; beyond that every second one of its older half goes.
-const MAX_TRAIL: usize = 20_000;
 /// Poses kept for the export; a longer run is thinned to every second pose, again and again.
 const MAX_POSES: usize = 500_000;
 
@@ -19,7 +16,7 @@ const MAX_POSES: usize = 500_000;
 #[derive(Clone, Debug, Default)]
 pub struct Vehicle {
     pose: Option<(Pose, i64, Monotonic)>,
-    trail: VecDeque<[f64; 2]>,
+    trail: Trail,
     poses: Vec<StampedPose>,
     stride: u64,
     came: u64,
@@ -43,7 +40,7 @@ impl Vehicle {
 
     /// Where it was, oldest first, metres in `odom`.
     pub const fn trail(&self) -> &VecDeque<[f64; 2]> {
-        &self.trail
+        self.trail.points_m()
     }
 
     /// The poses that arrived, one for each stamp, oldest first.
@@ -58,16 +55,7 @@ impl Vehicle {
             self.keep(pose, stamp_ns);
         }
         let [x, y, _] = pose.position_m;
-        let is_far = self.trail.back().is_none_or(|[bx, by]| {
-            let (dx, dy) = (x - bx, y - by);
-            dx * dx + dy * dy >= TRAIL_STEP_M * TRAIL_STEP_M
-        });
-        if is_far {
-            self.trail.push_back([x, y]);
-            if self.trail.len() > MAX_TRAIL {
-                self.thin_trail();
-            }
-        }
+        self.trail.add(stamp_ns, [x, y]);
         let is_elsewhere = self.drawn.is_none_or(|drawn| is_elsewhere(&drawn, &pose));
         if is_elsewhere {
             self.drawn = Some(pose);
@@ -77,7 +65,12 @@ impl Vehicle {
 
     /// The way so far, where it is known better than from poses that arrived: oldest first, metres in `odom`.
     pub(super) fn show_trail(&mut self, points_m: impl IntoIterator<Item = [f64; 2]>) {
-        self.trail = points_m.into_iter().take(MAX_TRAIL).collect();
+        self.trail.replace(points_m);
+    }
+
+    /// The vehicle was there too, which was not heard: stamps, nanoseconds, and metres in `odom`, oldest first.
+    pub(super) fn fill_trail(&mut self, known: Vec<(i64, [f64; 2])>) {
+        self.trail.fill(known);
     }
 
     /// Another run of the robot began: it is somewhere else now.
@@ -96,22 +89,13 @@ impl Vehicle {
                 });
                 self.stride = stride * 2;
             }
-            self.poses.push(StampedPose {
+            self.poses.push(StampedPose::new(
                 stamp_ns,
-                position_m: pose.position_m,
-                quaternion_xyzw: pose.quaternion_xyzw.map(f64::from),
-            });
+                pose.position_m,
+                pose.quaternion_xyzw.map(f64::from),
+            ));
         }
         self.came += 1;
-    }
-
-    fn thin_trail(&mut self) {
-        let old = self.trail.len() / 2;
-        let mut index = 0;
-        self.trail.retain(|_| {
-            index += 1;
-            index > old || index % 2 == 1
-        });
     }
 }
 
@@ -130,19 +114,13 @@ mod tests {
     }
 
     #[test]
-    fn the_trail_has_steps_and_a_limit_and_keeps_its_ends() {
+    fn poses_that_differ_too_little_for_the_trail_are_kept_for_the_export() {
         let mut vehicle = Vehicle::default();
         let now = Monotonic::default();
         assert!(vehicle.take(pose(0.0, 0.0, 1.0), 0, now));
         assert!(!vehicle.take(pose(0.0, 0.0, 1.0), 1, now));
         assert!(vehicle.take(pose(0.05, 0.0, 1.0), 2, now));
         assert_eq!((vehicle.trail().len(), vehicle.poses().len()), (1, 3));
-        for step in 1..100_000 {
-            vehicle.take(pose(f64::from(step), 0.0, 1.0), 2 + i64::from(step), now);
-        }
-        assert!(vehicle.trail().len() <= MAX_TRAIL);
-        assert_eq!(vehicle.trail().front(), Some(&[0.0, 0.0]));
-        assert_eq!(vehicle.trail().back(), Some(&[99_999.0, 0.0]));
     }
 
     #[test]

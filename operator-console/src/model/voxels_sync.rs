@@ -1,6 +1,4 @@
 //! The octree's files, fetched part by part when somebody wants them. Pure: the present is a parameter.
-//!
-//! One question at a time, so that they never take a link that something more urgent needs.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,13 +9,10 @@ use robot_edge::clock::Monotonic;
 
 use super::incoming::RequestId;
 use super::refusals::Refusal;
+use super::repeated::Repeated;
 
-/// An answer that takes longer is not waited for.
-const PATIENCE: Duration = Duration::from_secs(4);
 /// Until files that are being made are asked for again.
 const PREPARING: Duration = Duration::from_millis(500);
-const FIRST_BACK_OFF: Duration = Duration::from_millis(500);
-const LONGEST_BACK_OFF: Duration = Duration::from_secs(8);
 /// Longest file, packed. An octree of the greatest memory that a vehicle may be given makes less.
 const MAX_PACKED_BYTES: u64 = 512 << 20;
 
@@ -58,10 +53,7 @@ pub enum VoxelsProgress {
 #[derive(Clone, Debug, Default)]
 pub(super) struct VoxelsSync {
     phase: Phase,
-    asked: Option<(RequestId, Monotonic)>,
-    not_before: Monotonic,
-    /// Questions in a row that were not answered.
-    failures: u32,
+    question: Repeated,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -138,14 +130,11 @@ impl VoxelsSync {
         let Phase::Fetching(fetching) = &self.phase else {
             return None;
         };
-        let is_waiting = self
-            .asked
-            .is_some_and(|(_, asked_at)| now.since(asked_at) < PATIENCE);
-        if is_waiting || now < self.not_before {
+        if !self.question.is_due(now) {
             return None;
         }
         let request = number();
-        self.asked = Some((request, now));
+        self.question.ask(request, now);
         Some((request, fetching.next()))
     }
 
@@ -157,16 +146,15 @@ impl VoxelsSync {
         request: RequestId,
         now: Monotonic,
     ) -> Result<(), Refusal> {
-        if self.asked.is_none_or(|(asked, _)| asked != request) {
+        if !self.question.is_answered(request) {
             return Err(Refusal::OldRevision);
         }
         let Phase::Fetching(fetching) = &mut self.phase else {
             return Err(Refusal::OldRevision);
         };
-        self.asked = None;
         match reply {
             VoxelsReply::None => self.phase = Phase::None,
-            VoxelsReply::Preparing => self.not_before = now + PREPARING,
+            VoxelsReply::Preparing => self.question.rests_until(now + PREPARING),
             VoxelsReply::Gone => self.want(),
             VoxelsReply::Part(part) => {
                 if part.packed_bytes > MAX_PACKED_BYTES {
@@ -175,7 +163,7 @@ impl VoxelsSync {
                 }
                 let taken = fetching.take(part, stamp_ns);
                 if taken.is_err() {
-                    self.backs_off(now);
+                    self.question.backs_off(now);
                     return taken;
                 }
                 if let Some(files) = fetching.take_all() {
@@ -183,24 +171,13 @@ impl VoxelsSync {
                 }
             }
         }
-        self.failures = 0;
+        self.question.goes_well();
         Ok(())
     }
 
     /// No more answers to a question will come; true if it was asked here.
     pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) -> bool {
-        let is_unanswered = self.asked.is_some_and(|(asked, _)| asked == request);
-        if is_unanswered {
-            self.asked = None;
-            self.backs_off(now);
-        }
-        is_unanswered
-    }
-
-    fn backs_off(&mut self, now: Monotonic) {
-        let back_off = FIRST_BACK_OFF * 2u32.saturating_pow(self.failures.min(8));
-        self.not_before = now + back_off.min(LONGEST_BACK_OFF);
-        self.failures += 1;
+        self.question.ended(request, now)
     }
 }
 

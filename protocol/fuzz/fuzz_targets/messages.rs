@@ -4,7 +4,8 @@
 use libfuzzer_sys::fuzz_target;
 use protocol::message::{
     Answer, Digests, DigestsRequest, Event, Info, MapHead, Pong, Pose, Scan, ShoresNews,
-    ShoresRequest, Status, TileBand, TilesReply, TilesRequest, View, VoxelsReply, VoxelsRequest,
+    ShoresRequest, Status, TileBand, TilesReply, TilesRequest, TrajectoryPart,
+    TrajectoryRequest, View, VoxelsReply, VoxelsRequest,
 };
 use protocol::wire::{decode, encode};
 use serde::Serialize;
@@ -37,6 +38,8 @@ fuzz_target!(|bytes: &[u8]| {
     check::<ShoresNews>(bytes);
     check::<VoxelsRequest>(bytes);
     check::<VoxelsReply>(bytes);
+    check::<TrajectoryRequest>(bytes);
+    check::<TrajectoryPart>(bytes);
     if let Ok((_, scan)) = decode::<Scan>(bytes)
         && let Some(points) = scan.points_m()
     {

@@ -6,15 +6,52 @@ use std::path::Path;
 use super::ExportError;
 use super::whole_file::write_whole;
 
-/// A pose of the vehicle in `odom` at a sensor stamp.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Parts of a metre in [`StampedPose::position`]: steps of 0.1 µm.
+const PER_M: f64 = 1e7;
+/// Parts of 1 in [`StampedPose::quaternion_xyzw`]: steps of 10⁻⁹.
+const PER_ONE: f64 = 1e9;
+
+/// A pose of the vehicle in `odom` at a sensor stamp, in the steps that files and messages tell it in: whoever hears of it
+/// writes the same bytes as the vehicle does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StampedPose {
     /// Nanoseconds since the epoch of the clock that stamped the data.
     pub stamp_ns: i64,
-    /// Position of `base_link`, metres.
-    pub position_m: [f64; 3],
-    /// Orientation of `base_link`: x, y, z, w.
-    pub quaternion_xyzw: [f64; 4],
+    /// Position of `base_link`: x, y, z, 0.1 µm.
+    position: [i64; 3],
+    /// Orientation of `base_link`: x, y, z, w, 10⁻⁹.
+    quaternion_xyzw: [i64; 4],
+}
+
+impl StampedPose {
+    /// `base_link` at `position_m` (metres in `odom`), turned by a unit quaternion (x, y, z, w).
+    pub fn new(stamp_ns: i64, position_m: [f64; 3], quaternion_xyzw: [f64; 4]) -> Self {
+        // What is not finite or too far becomes 0 or the farthest that there is.
+        Self {
+            stamp_ns,
+            position: position_m.map(|m| (m * PER_M).round() as i64),
+            quaternion_xyzw: quaternion_xyzw.map(|part| (part * PER_ONE).round() as i64),
+        }
+    }
+
+    /// Position of `base_link`, metres in `odom`.
+    pub fn position_m(&self) -> [f64; 3] {
+        self.position.map(|steps| steps as f64 / PER_M)
+    }
+
+    /// Stamp, position and quaternion, as messages tell them.
+    pub(crate) const fn to_row(self) -> [i64; 8] {
+        let ([x, y, z], [qx, qy, qz, qw]) = (self.position, self.quaternion_xyzw);
+        [self.stamp_ns, x, y, z, qx, qy, qz, qw]
+    }
+
+    pub(crate) const fn from_row([stamp_ns, x, y, z, qx, qy, qz, qw]: [i64; 8]) -> Self {
+        Self {
+            stamp_ns,
+            position: [x, y, z],
+            quaternion_xyzw: [qx, qy, qz, qw],
+        }
+    }
 }
 
 /// Writes one line a pose: `stamp_s tx ty tz qx qy qz qw`.
@@ -27,7 +64,7 @@ pub fn write_trajectory(
     write_whole(path, |writer| {
         let mut lines = poses.into_iter();
         lines
-            .try_for_each(|pose| write_line(writer, &pose))
+            .try_for_each(|pose| write_line(writer, pose))
             .map_err(|source| ExportError::Io {
                 path: path.to_owned(),
                 source,
@@ -35,16 +72,25 @@ pub fn write_trajectory(
     })
 }
 
-fn write_line(writer: &mut impl Write, pose: &StampedPose) -> std::io::Result<()> {
-    let sign = if pose.stamp_ns < 0 { "-" } else { "" };
-    let nanos = pose.stamp_ns.unsigned_abs();
-    let (whole_s, rest_ns) = (nanos / 1_000_000_000, nanos % 1_000_000_000);
-    let [x, y, z] = pose.position_m;
-    let [qx, qy, qz, qw] = pose.quaternion_xyzw;
-    writeln!(
-        writer,
-        "{sign}{whole_s}.{rest_ns:09} {x:.7} {y:.7} {z:.7} {qx:.9} {qy:.9} {qz:.9} {qw:.9}"
-    )
+fn write_line(writer: &mut impl Write, pose: StampedPose) -> std::io::Result<()> {
+    write_steps(writer, pose.stamp_ns, 9)?;
+    for steps in pose.position {
+        write!(writer, " ")?;
+        write_steps(writer, steps, 7)?;
+    }
+    for steps in pose.quaternion_xyzw {
+        write!(writer, " ")?;
+        write_steps(writer, steps, 9)?;
+    }
+    writeln!(writer)
+}
+
+/// Writes a number of steps of 10^-`digits`.
+fn write_steps(writer: &mut impl Write, steps: i64, digits: usize) -> std::io::Result<()> {
+    let sign = if steps < 0 { "-" } else { "" };
+    let one = 10u64.pow(digits as u32);
+    let (whole, rest) = (steps.unsigned_abs() / one, steps.unsigned_abs() % one);
+    write!(writer, "{sign}{whole}.{rest:0digits$}")
 }
 
 #[cfg(test)]
@@ -53,11 +99,7 @@ mod tests {
 
     #[test]
     fn stamps_keep_their_nanoseconds() {
-        let pose = |stamp_ns| StampedPose {
-            stamp_ns,
-            position_m: [1.5, -2.0, 0.25],
-            quaternion_xyzw: [0.0, 0.0, -0.6, 0.8],
-        };
+        let pose = |stamp_ns| StampedPose::new(stamp_ns, [1.5, -2.0, 0.25], [0.0, 0.0, -0.6, 0.8]);
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("trajectory.tum");
         write_trajectory(&path, [1_700_000_000_000_000_001, -5].map(pose)).unwrap();
@@ -65,6 +107,29 @@ mod tests {
             std::fs::read_to_string(path).unwrap(),
             "1700000000.000000001 1.5000000 -2.0000000 0.2500000 0.000000000 0.000000000 -0.600000000 0.800000000\n\
              -0.000000005 1.5000000 -2.0000000 0.2500000 0.000000000 0.000000000 -0.600000000 0.800000000\n"
+        );
+    }
+
+    #[test]
+    fn poses_are_told_in_the_steps_they_are_written_in() {
+        let pose = StampedPose::new(
+            0,
+            [1.234_567_89, -1e-9, f64::NAN],
+            [1.0 / 3.0, 0.0, -0.5e-9, 2.0],
+        );
+        assert_eq!(
+            pose.to_row(),
+            [0, 12_345_679, 0, 0, 333_333_333, 0, -1, 2_000_000_000]
+        );
+        assert_eq!(StampedPose::from_row(pose.to_row()), pose);
+        let far = StampedPose::new(0, [f64::INFINITY, f64::NEG_INFINITY, 1e300], [0.0; 4]);
+        assert_eq!(far.to_row()[1..4], [i64::MAX, i64::MIN, i64::MAX]);
+        let mut line = Vec::new();
+        write_line(&mut line, far).unwrap();
+        let line = String::from_utf8(line).unwrap();
+        assert!(
+            line.starts_with("0.000000000 922337203685.4775807 -922337203685.4775808 "),
+            "{line}"
         );
     }
 }

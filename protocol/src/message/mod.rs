@@ -9,6 +9,7 @@ mod scan;
 mod sensors;
 mod shores;
 mod teleop;
+mod trajectory;
 mod voxels;
 
 pub use map::{
@@ -28,6 +29,7 @@ pub use teleop::{
     Arming, Clamp, CommandCounters, EStopStatus, FaultReason, Guard, GuardLimits, LeaseEnd,
     LeaseStatus, RefusedCount, Settings, StopReason, TeleopState, TeleopStatus, Velocity,
 };
+pub use trajectory::{MAX_TRAJECTORY_POSES, TrajectoryPart, TrajectoryRequest};
 pub use voxels::{MAX_PART_BYTES, VoxelFile, VoxelsPart, VoxelsReply, VoxelsRequest};
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use std::path::Path;
 use protocol::message::{
     Answer, Digests, DigestsRequest, Drive, EStop, Event, Info, LeaseRequest, MapHead, Pong, Pose,
     Reset, Scan, Setting, ShoresNews, ShoresRequest, Status, TileBand, TilesReply, TilesRequest,
-    View, VoxelsReply, VoxelsRequest,
+    TrajectoryPart, TrajectoryRequest, View, VoxelsReply, VoxelsRequest,
 };
 use protocol::tile::BootId;
 use protocol::wire::{Header, WireError, decode, encode};
@@ -21,7 +21,7 @@ use super::signed::check_signed;
 /// Checks the example of a name, knowing its type.
 type Check = fn(&str);
 
-const EXAMPLES: [(&str, Check); 39] = [
+const EXAMPLES: [(&str, Check); 41] = [
     ("Info", check::<Info>),
     ("Pong", check::<Pong>),
     ("Pose", check::<Pose>),
@@ -44,6 +44,8 @@ const EXAMPLES: [(&str, Check); 39] = [
     ("VoxelsReply.Preparing", check::<VoxelsReply>),
     ("VoxelsReply.Gone", check::<VoxelsReply>),
     ("VoxelsReply.Part", check::<VoxelsReply>),
+    ("TrajectoryRequest", check::<TrajectoryRequest>),
+    ("TrajectoryPart", check::<TrajectoryPart>),
     ("Scan", check::<Scan>),
     ("Drive", check_signed::<Drive>),
     ("EStop", check_signed::<EStop>),

@@ -5,7 +5,8 @@ use protocol::keys::{
 };
 use protocol::layer::{LayerId, LayerKind};
 use protocol::message::{
-    Drive, MAX_PART_BYTES, MAX_SCAN_POINTS, MAX_SCAN_REACH_CM, MAX_SENSORS, Refusal,
+    Drive, MAX_PART_BYTES, MAX_SCAN_POINTS, MAX_SCAN_REACH_CM, MAX_SENSORS, MAX_TRAJECTORY_POSES,
+    Refusal,
 };
 use protocol::shores::{MAX_CLUSTERS, MAX_CORNERS, MAX_SITES};
 use protocol::signed::{ENVELOPE_BYTES, MAX_SIGNED_BYTES};
@@ -38,6 +39,7 @@ fn keys() {
         Topic::Tiles(layer),
         Topic::Shores,
         Topic::Voxels,
+        Topic::Trajectory,
         Topic::Scan,
     ]
     .map(|topic| topic.key(&robot))
@@ -100,6 +102,7 @@ fn version_and_limits() {
         format!("| corners of a shore's outline | {MAX_CORNERS} |"),
         format!("| docking sites in one message | {MAX_SITES} |"),
         format!("| `packed` of a `VoxelsPart` | {MAX_PART_BYTES} bytes |"),
+        format!("| poses in one `TrajectoryPart` | {MAX_TRAJECTORY_POSES} |"),
         format!("| sensors in one message | {MAX_SENSORS} |"),
         format!(
             "| points in one `Scan` | {MAX_SCAN_POINTS}, each at most {MAX_SCAN_REACH_CM} cm from its origin along x and \

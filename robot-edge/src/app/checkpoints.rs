@@ -27,6 +27,8 @@ pub(super) struct Kept {
     /// Of the mapping side.
     pub(super) clock: DataClock,
     pub(super) trail: Trail,
+    /// Scans that are mapped.
+    pub(super) scans: u64,
     pub(super) maps: Checkpoint,
 }
 

@@ -10,7 +10,6 @@ use super::event_log::EventLog;
 use super::feed::Batch;
 use super::live_recording::{LiveRecording, Problem};
 use super::network::Network;
-use super::outputs::Trajectory;
 use super::recorder::Recorder;
 use super::source::Item;
 use crate::clock::Monotonic;
@@ -27,6 +26,7 @@ use crate::recording::writer::WriteError;
 use crate::replay_control::{Mark, ReplayControl};
 use crate::robot_time::RobotTime;
 use crate::streaming::publisher::PublishError;
+use crate::streaming::trajectory::SharedTrajectory;
 
 /// What takes the batches of a source.
 pub(super) struct MappingSide {
@@ -41,7 +41,7 @@ pub(super) struct MappingSide {
     pub(super) not_recorded: Option<WriteError>,
     /// Somebody may drive the vehicle.
     pub(super) is_driven: bool,
-    pub(super) trajectory: Trajectory,
+    pub(super) trajectory: SharedTrajectory,
     pub(super) progress: Progress,
     pub(super) clock: DataClock,
     pub(super) started: Monotonic,
@@ -52,6 +52,13 @@ pub(super) struct MappingSide {
     pub(super) keeping_up: KeepingUp,
     /// Where a replay can be wound: what happens again is not told again.
     pub(super) marking: Option<Marking>,
+}
+
+/// What was published so that the map is that of a standstill, and how to go on from there.
+pub(super) struct Standing {
+    standstill: Standstill,
+    /// Scans up to there, without those that waited.
+    scans: u64,
 }
 
 /// Marks what happens on the time line of a replay.
@@ -129,7 +136,7 @@ impl MappingSide {
 
     fn push(&mut self, measurement: Measurement) -> Result<(), PublishError> {
         let watch = Watch {
-            trajectory: &mut self.trajectory,
+            trajectory: &self.trajectory,
             network: self.network.as_mut(),
             marking: self.marking.as_ref(),
         };
@@ -190,7 +197,7 @@ impl MappingSide {
                     recorder.reset_clock();
                 }
                 self.pipeline.reset_clock(Watch {
-                    trajectory: &mut self.trajectory,
+                    trajectory: &self.trajectory,
                     network: self.network.as_mut(),
                     marking: self.marking.as_ref(),
                 })?;
@@ -205,7 +212,7 @@ impl MappingSide {
     /// Where publishing stopped.
     pub(super) fn finish(&mut self, lost: u64) -> Result<(), PublishError> {
         let finished = self.pipeline.finish(Watch {
-            trajectory: &mut self.trajectory,
+            trajectory: &self.trajectory,
             network: self.network.as_mut(),
             marking: self.marking.as_ref(),
         });
@@ -218,15 +225,27 @@ impl MappingSide {
     ///
     /// # Errors
     /// Where publishing stopped.
-    pub(super) fn stand_still(&mut self, lost: u64) -> Result<Standstill, PublishError> {
-        let mut standstill = self.pipeline.stand_still()?;
+    pub(super) fn stand_still(&mut self, lost: u64) -> Result<Standing, PublishError> {
+        let scans = self.trajectory.lock().scans();
+        let trajectory = &self.trajectory;
+        let of_those_that_wait = |scan: &PosedScan| trajectory.lock().add(scan);
+        let mut standstill = self.pipeline.stand_still(of_those_that_wait)?;
         if let Some(network) = &self.network
             && let Some((stamp, shores)) = standstill.shores.take()
         {
             network.shores(stamp, Arc::new(shores));
         }
         self.tell_network(lost);
-        Ok(standstill)
+        Ok(Standing { standstill, scans })
+    }
+
+    /// Takes back what was published for a standstill: the data goes on.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub(super) fn go_on(&mut self, standing: Standing) -> Result<(), PublishError> {
+        self.trajectory.lock().wind(standing.scans);
+        self.pipeline.go_on(standing.standstill)
     }
 
     /// The data begins anew, and with it the maps.
@@ -239,7 +258,7 @@ impl MappingSide {
         placer: PlacerSettings,
     ) -> Result<(), PublishError> {
         self.pipeline.begin_anew(config, placer)?;
-        self.trajectory = Trajectory::new();
+        self.trajectory.lock().wind(0);
         self.clock = DataClock::default();
         self.streams.clear();
         if let Some(network) = &mut self.network {
@@ -248,7 +267,7 @@ impl MappingSide {
         Ok(())
     }
 
-    /// The data goes on where the maps were copied, and the clock of this side with them.
+    /// The data goes on where the maps were copied, so many scans from its beginning, and the clock of this side with them.
     ///
     /// # Errors
     /// Where publishing stopped.
@@ -256,8 +275,10 @@ impl MappingSide {
         &mut self,
         maps: &Checkpoint,
         clock: DataClock,
+        scans: u64,
     ) -> Result<(), PublishError> {
         self.pipeline.go_back(maps)?;
+        self.trajectory.lock().wind(scans);
         self.clock = clock;
         self.streams.clear();
         if let Some(network) = &mut self.network {
@@ -336,7 +357,7 @@ impl Marking {
 
 /// What is told of scans as they pass.
 struct Watch<'a> {
-    trajectory: &'a mut Trajectory,
+    trajectory: &'a SharedTrajectory,
     network: Option<&'a mut Network>,
     marking: Option<&'a Marking>,
 }
@@ -349,7 +370,7 @@ impl ScanObserver for Watch<'_> {
     }
 
     fn mapped(&mut self, scan: &PosedScan, mapper: &Mapper) {
-        self.trajectory.add(scan);
+        self.trajectory.lock().add(scan);
         if let Some(marking) = self.marking {
             let position_m = scan.odom_from_base.translation.vector;
             marking.control.pass([position_m.x, position_m.y]);

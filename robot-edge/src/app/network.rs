@@ -38,6 +38,7 @@ use crate::pose::Pose;
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::sensor_watch::{SensorWatch, listed};
 use crate::streaming::last_scan::last_scan;
+use crate::streaming::trajectory::SharedTrajectory;
 
 /// Consoles that lag when the data has ended are waited for this long.
 const FAREWELL: Duration = Duration::from_secs(10);
@@ -255,6 +256,11 @@ impl Network {
         if let Some(driving) = &self.driving {
             driving.handles().1.show_recording(is_running);
         }
+    }
+
+    /// Where the vehicle was, as consoles are told.
+    pub(super) fn trajectory(&self) -> SharedTrajectory {
+        self.link.shared().trajectory().clone()
     }
 
     /// The robot's name on the network.

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use protocol::export::Caption;
-use protocol::export::{StampedPose, Trinary, export_all, write_shores, write_trajectory};
+use protocol::export::{Trinary, export_all, write_shores, write_trajectory};
 use protocol::layer::LayerId;
 use protocol::tile_store::TileStore;
 
@@ -13,56 +13,10 @@ use super::feed::SourceEnd;
 use super::source::Lost;
 use crate::drops::{DropCounts, DropReason};
 use crate::export::voxels::{export_voxels, voxel_digest};
-use crate::mapping::posed_scan::PosedScan;
 use crate::pipeline::Pipeline;
 use crate::streaming::publisher::Publisher;
+use crate::streaming::trajectory::Trajectory;
 use crate::summary::{Beams, Event, LayerFigures, Scans, Summary, Tiles, Voxels, peak_rss_bytes};
-
-/// Poses kept for the trajectory: 64 MB. A longer one is thinned to every second pose, again and again.
-const MAX_POSES: usize = 1_000_000;
-
-/// Where the vehicle was at each mapped scan.
-#[derive(Debug)]
-pub(super) struct Trajectory {
-    poses: Vec<StampedPose>,
-    /// Every `stride`-th pose is kept.
-    stride: u64,
-    seen: u64,
-}
-
-impl Trajectory {
-    pub(super) const fn new() -> Self {
-        Self {
-            poses: Vec::new(),
-            stride: 1,
-            seen: 0,
-        }
-    }
-
-    pub(super) fn add(&mut self, scan: &PosedScan) {
-        if self.seen.is_multiple_of(self.stride) {
-            if self.poses.len() >= MAX_POSES {
-                self.thin();
-            }
-            let q = scan.odom_from_base.rotation.quaternion();
-            self.poses.push(StampedPose {
-                stamp_ns: scan.stamp.as_nanos(),
-                position_m: scan.odom_from_base.translation.vector.into(),
-                quaternion_xyzw: [q.i, q.j, q.k, q.w],
-            });
-        }
-        self.seen += 1;
-    }
-
-    fn thin(&mut self) {
-        let mut index = 0;
-        self.poses.retain(|_| {
-            index += 1;
-            index % 2 == 1
-        });
-        self.stride *= 2;
-    }
-}
 
 /// Writes the maps and the trajectory to `dir`, each even if another fails; says which files.
 pub(super) fn export(
@@ -79,7 +33,7 @@ pub(super) fn export(
     };
     let maps = export_all(dir, &pipeline.publisher().store(), &caption);
     let path = dir.join("trajectory.tum");
-    write_trajectory(&path, trajectory.poses.iter().copied())?;
+    write_trajectory(&path, trajectory.poses().iter().copied())?;
     let voxels = pipeline
         .mapper()
         .voxels()

@@ -17,7 +17,7 @@ use super::is_set;
 use super::mapping_side::MappingSide;
 use super::network::{Network, Subject};
 use super::network_plan::NetworkPlan;
-use super::outputs::{self, Trajectory};
+use super::outputs;
 use super::recorder::Recorder;
 use super::source::Source;
 use super::writable;
@@ -161,6 +161,10 @@ impl Run<'_> {
             }
             None => None,
         };
+        let trajectory = network
+            .as_ref()
+            .map(Network::trajectory)
+            .unwrap_or_default();
         let live = match &network {
             Some(network) => self
                 .drive
@@ -180,7 +184,7 @@ impl Run<'_> {
             told_problem: None,
             not_recorded: None,
             is_driven: self.drive.can_drive(),
-            trajectory: Trajectory::new(),
+            trajectory,
             progress: Progress::new(self.quiet),
             clock: DataClock::default(),
             started: Monotonic::now(),
@@ -217,7 +221,7 @@ impl Run<'_> {
             (None, None) => Ok(()),
         };
         let exported = self.export.as_ref().map_or(Ok(Vec::new()), |dir| {
-            outputs::export(dir, &side.pipeline, &side.trajectory, &self.title)
+            outputs::export(dir, &side.pipeline, &side.trajectory.lock(), &self.title)
         });
         let summarised = self.summary.as_ref().map_or(Ok(()), |path| {
             summary

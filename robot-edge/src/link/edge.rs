@@ -108,7 +108,7 @@ impl EdgeLink {
                 take_questions(&bulk, &topic.key(&context.robot), &questions, &shared)?;
             }
         }
-        for topic in [Topic::Shores, Topic::Voxels] {
+        for topic in [Topic::Shores, Topic::Voxels, Topic::Trajectory] {
             take_questions(&bulk, &topic.key(&context.robot), &questions, &shared)?;
         }
         views::watch(&context)?;

@@ -84,6 +84,10 @@ fn answer(
             let (stamp_ns, reply) = context.shared.voxels(request(query)?, Monotonic::now());
             messages(out, stamp_ns, &[reply])
         }
+        Topic::Trajectory => {
+            let (stamp_ns, part) = context.shared.trajectory().lock().answer(request(query)?);
+            messages(out, stamp_ns, &[part])
+        }
         Topic::Alive
         | Topic::Pose
         | Topic::Status

@@ -15,6 +15,7 @@ use crate::clock::Monotonic;
 use crate::mapping::posed_scan::SensorId;
 use crate::robot_time::RobotTime;
 use crate::streaming::outbox::Outbox;
+use crate::streaming::trajectory::SharedTrajectory;
 use crate::streaming::voxel_snapshots::{VoxelSnapshot, VoxelSnapshots};
 
 /// Events that wait to be told at most; the oldest goes.
@@ -32,6 +33,7 @@ pub struct Shared {
     events: Mutex<VecDeque<Event>>,
     shores: Mutex<ShoresState>,
     voxels: Mutex<VoxelSnapshots>,
+    trajectory: SharedTrajectory,
     /// What was found out of the sensors, and how often.
     sensors: Mutex<(u32, Vec<SensorInfo>)>,
     /// The last sweep of each sensor that was not sent yet.
@@ -192,6 +194,11 @@ impl Shared {
     /// What was wished for; `None` where it could not be made.
     pub fn put_voxels(&self, snapshot: Option<VoxelSnapshot>, now: Monotonic) {
         lock(&self.voxels).put(snapshot, now);
+    }
+
+    /// Where the vehicle was, for mapping to go on with.
+    pub const fn trajectory(&self) -> &SharedTrajectory {
+        &self.trajectory
     }
 
     /// Something happened that consoles should know.

@@ -6,7 +6,7 @@
 
 use protocol::message::Shores;
 
-use super::{Pipeline, PipelineReport};
+use super::{Pipeline, PipelineReport, ScanObserver};
 use crate::config::Config;
 use crate::localization::placer::{BeamPlacer, PlacerSettings};
 use crate::mapping::Mapper;
@@ -24,11 +24,11 @@ pub struct Standstill {
 impl Pipeline {
     /// Publishes the maps as if the data ended here: to the cell what [`Pipeline::finish`] would leave behind.
     ///
-    /// It takes a copy of the maps, for as long as this lasts.
+    /// It takes a copy of the maps, for as long as this lasts. `observer` hears of the scans that waited.
     ///
     /// # Errors
     /// Where publishing stopped.
-    pub fn stand_still(&mut self) -> Result<Standstill, PublishError> {
+    pub fn stand_still(&mut self, observer: impl ScanObserver) -> Result<Standstill, PublishError> {
         let mut ended = Self {
             placer: self.placer.clone(),
             mapper: self.mapper.clone(),
@@ -44,7 +44,7 @@ impl Pipeline {
             shores_taken: self.shores_taken,
             last_scan: self.last_scan,
         };
-        ended.finish(())?;
+        ended.finish(observer)?;
         let shores = ended.take_shores();
         self.publisher.add_changed(ended.publisher.take_changed());
         Ok(Standstill {

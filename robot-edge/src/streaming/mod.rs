@@ -9,4 +9,5 @@ pub mod last_scan;
 pub mod outbox;
 pub mod publisher;
 pub mod shores;
+pub mod trajectory;
 pub mod voxel_snapshots;

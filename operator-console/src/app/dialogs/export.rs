@@ -1,12 +1,12 @@
 //! Where to export to, and what.
 
-use std::collections::BTreeSet;
-use std::path::Path;
+mod progress;
 
 use eframe::egui::{
-    Align2, Button, Context, Key, ProgressBar, RichText, ScrollArea, TextEdit, Ui, Window, vec2,
+    Align2, Button, Context, Key, RichText, ScrollArea, TextEdit, Ui, Window, vec2,
 };
 use robot_edge::clock::wall_clock_label;
+use std::collections::BTreeSet;
 
 use crate::app::export_job::ExportProgress;
 use crate::app::pictures;
@@ -14,8 +14,7 @@ use crate::command::{Command, ExportWish};
 use crate::export::ExportPart;
 use crate::model::ConsoleModel;
 use crate::panels::layers::layer_name;
-use crate::theme::{Tone, state_ui};
-use crate::typed_path::typed_path;
+use crate::typed_path::{absolute, typed_path};
 
 /// Of the dialog, where the window is not narrower, points.
 const WIDTH: f32 = 460.0;
@@ -112,15 +111,13 @@ impl ExportDialog {
                 .on_hover_text("Where there is a desktop to show it");
         });
         ui.horizontal(|ui| {
-            let can_begin = !is_running
-                && model.is_some()
-                && !self.parts.is_empty()
-                && !self.folder.trim().is_empty();
+            let lacking = self.lacking(model);
+            let can_begin = !is_running && lacking.is_none();
             let button = ui.add_enabled(can_begin, Button::new("Export"));
             let button = button.on_hover_text("Files of the same name are replaced (Enter)");
             if can_begin && (button.clicked() || is_entered) {
                 command = Some(Command::Export(ExportWish {
-                    folder: typed_path(self.folder.trim()),
+                    folder: absolute(typed_path(self.folder.trim())),
                     parts: self.parts.clone(),
                     opens_folder: *opens_folder,
                 }));
@@ -128,11 +125,27 @@ impl ExportDialog {
             if is_running && ui.button("Cancel export").clicked() {
                 command = Some(Command::CancelExport);
             }
+            if let Some(lacking) = lacking.filter(|_| !is_running) {
+                ui.label(lacking);
+            }
         });
         if let Some(progress) = progress {
-            command = command.take().or(progress_ui(ui, progress));
+            command = command.take().or(progress::ui(ui, progress));
         }
         command
+    }
+
+    /// What has to be done before anything can be exported.
+    fn lacking(&self, model: Option<&ConsoleModel>) -> Option<&'static str> {
+        if model.is_none() {
+            Some("There is no robot to export from")
+        } else if self.parts.is_empty() {
+            Some("Choose what to export")
+        } else if self.folder.trim().is_empty() {
+            Some("Name a folder, which is made where it is missing")
+        } else {
+            None
+        }
     }
 
     fn part_ui(&mut self, ui: &mut Ui, part: ExportPart, model: Option<&ConsoleModel>) {
@@ -151,83 +164,18 @@ impl ExportDialog {
                 ui.label(RichText::new(part.files()).small().weak());
                 let is_hidden = |layer| model.is_some_and(|model| !model.map().is_followed(layer));
                 if is_there && matches!(part, ExportPart::Layer(layer) if is_hidden(layer)) {
-                    ui.label(RichText::new("as when it was hidden").small());
+                    ui.label(RichText::new("hidden: fetched first").small());
                 }
             });
         });
     }
 }
 
-fn part_words(part: ExportPart) -> &'static str {
+pub(super) fn part_words(part: ExportPart) -> &'static str {
     match part {
         ExportPart::Layer(layer) => layer_name(layer),
         ExportPart::Trajectory => "Trajectory",
         ExportPart::Shores => "Shores as outlines",
-        ExportPart::Voxels => "Voxels, fetched from the robot",
-    }
-}
-
-fn progress_ui(ui: &mut Ui, progress: &ExportProgress) -> Option<Command> {
-    match &progress.ended {
-        None => {
-            ui.add(ProgressBar::new(progress.share()).text(doing(progress)));
-            None
-        }
-        Some(Ok(words)) => {
-            state_ui(ui, Tone::Good, words, 15.0);
-            open_folder_ui(ui, &progress.folder)
-        }
-        Some(Err(why)) => {
-            state_ui(ui, Tone::Warning, "Not all was exported", 15.0);
-            ui.label(why);
-            (progress.files > 0)
-                .then(|| open_folder_ui(ui, &progress.folder))
-                .flatten()
-        }
-    }
-}
-
-/// What is done just now.
-fn doing(progress: &ExportProgress) -> String {
-    let [done, all] = progress.parts;
-    let what = progress.current.map(part_words).unwrap_or_default();
-    match progress.fetched {
-        None => format!("{done} of {all}: {what}"),
-        Some((file, [fetched, of])) => {
-            let [fetched_mb, of_mb] = [fetched, of].map(|bytes| bytes as f64 * 1e-6);
-            let name = file.name();
-            format!("{done} of {all}: {name}, {fetched_mb:.1} of {of_mb:.1} MB fetched")
-        }
-    }
-}
-
-fn open_folder_ui(ui: &mut Ui, folder: &Path) -> Option<Command> {
-    ui.button("Open folder")
-        .clicked()
-        .then(|| Command::OpenFolder(folder.to_owned()))
-}
-
-#[cfg(test)]
-mod tests {
-    use protocol::layer::LayerId;
-    use protocol::message::VoxelFile;
-
-    use super::*;
-
-    #[test]
-    fn the_bar_says_what_is_written_and_how_much_is_fetched() {
-        let progress = ExportProgress {
-            parts: [2, 5],
-            current: Some(ExportPart::Layer(LayerId::Cost)),
-            ..ExportProgress::default()
-        };
-        assert_eq!(doing(&progress), "2 of 5: Slope cost");
-        let progress = ExportProgress {
-            current: Some(ExportPart::Voxels),
-            fetched: Some((VoxelFile::Points, [1_300_000, 40_000_000])),
-            ..progress
-        };
-        let words = "2 of 5: points.ply, 1.3 of 40.0 MB fetched";
-        assert_eq!(doing(&progress), words);
+        ExportPart::Voxels => "Voxels",
     }
 }

@@ -23,6 +23,7 @@ use serde::Serialize;
 
 use super::*;
 use crate::alerts::Subject;
+use crate::app::ExportProgress;
 use crate::command::Look;
 use crate::export::ExportPart;
 use crate::link::{FoundRobot, Sighting};
@@ -47,6 +48,7 @@ struct Rig {
     robots: RobotsData,
     log: EventLog,
     alerts: Alerts,
+    export: Option<ExportProgress>,
     now: Monotonic,
     store: TileStore,
     commands: Vec<Command>,
@@ -67,6 +69,7 @@ impl Rig {
             robots: RobotsData::new(&[], None, Sought::Any, None, at(1_000)),
             log: EventLog::default(),
             alerts: Alerts::default(),
+            export: None,
             now: at(1_000),
             store,
             commands: Vec::new(),
@@ -231,7 +234,7 @@ impl Rig {
                         robots: &rig.robots,
                         log: &rig.log,
                         alerts: &rig.alerts,
-                        export: None,
+                        export: rig.export.as_ref(),
                     };
                     rig.screen.begin_frame(ui.ctx());
                     let commands = rig.screen.show(ui, around, robot, rig.now);

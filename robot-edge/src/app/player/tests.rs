@@ -1,6 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Parser as _;
+use protocol::export::StampedPose;
 use protocol::layer::LayerId;
 
 use super::super::checkpoints::MOST;
@@ -38,16 +39,19 @@ fn seconds(s: f64) -> RobotDuration {
     RobotDuration::from_secs_f64(s)
 }
 
-/// The digests of all layers.
-fn digests(side: &MappingSide) -> Vec<(LayerId, String)> {
+/// The digests of all layers, and the way.
+type Left = (Vec<(LayerId, String)>, Vec<StampedPose>);
+
+fn left(side: &MappingSide) -> Left {
     let store = side.pipeline.publisher().store();
     let grids = store.grids();
     let digest = |layer| store.root_digest(layer).unwrap().to_string();
-    grids.map(|grid| (grid.layer, digest(grid.layer))).collect()
+    let digests = grids.map(|grid| (grid.layer, digest(grid.layer))).collect();
+    (digests, side.trajectory.lock().poses().to_vec())
 }
 
 /// What `replay --duration` leaves behind; without one, `replay`.
-fn fresh(recording: &Path, duration_s: Option<f64>) -> Vec<(LayerId, String)> {
+fn fresh(recording: &Path, duration_s: Option<f64>) -> Left {
     let command = Replay {
         duration_s,
         ..command(recording)
@@ -62,7 +66,7 @@ fn fresh(recording: &Path, duration_s: Option<f64>) -> Vec<(LayerId, String)> {
     });
     end.result.unwrap();
     side.finish(0).unwrap();
-    digests(&side)
+    left(&side)
 }
 
 /// A player of `recording` at full speed, and whoever has it in his hands.
@@ -98,11 +102,7 @@ fn assert_wound(player: &mut Player<'_>, control: &ReplayControl, recording: &Pa
         (sight.state, sight.position),
         (ReplayState::Paused, seconds(to))
     );
-    assert_eq!(
-        digests(&player.side),
-        fresh(recording, Some(to)),
-        "at {to} s"
-    );
+    assert_eq!(left(&player.side), fresh(recording, Some(to)), "at {to} s");
 }
 
 #[test]
@@ -120,7 +120,7 @@ fn wherever_it_is_wound_the_map_is_that_of_a_replay_up_to_there() {
             player.step().unwrap();
         }
         assert_eq!(control.sight().state, ReplayState::Ended);
-        assert_eq!(digests(&player.side), fresh(&rooms, None));
+        assert_eq!(left(&player.side), fresh(&rooms, None));
     });
 }
 
@@ -180,7 +180,8 @@ fn voxels_costs_and_shores_too() {
         for to in [1.0, 1.7, 0.6] {
             assert_wound(player, control, &lake, to);
         }
-        let layers: Vec<_> = digests(&player.side)
+        let layers: Vec<_> = left(&player.side)
+            .0
             .into_iter()
             .map(|(layer, _)| layer)
             .collect();

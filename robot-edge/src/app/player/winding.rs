@@ -44,7 +44,7 @@ impl Player<'_> {
                 break;
             }
         }
-        self.side.go_back(&kept.maps, kept.clock)?;
+        self.side.go_back(&kept.maps, kept.clock, kept.scans)?;
         self.control.go_back(&kept.trail);
         let (at, items) = (kept.at, kept.items);
         self.stand_at(at, items);
@@ -75,6 +75,7 @@ impl Player<'_> {
             at: self.newest,
             items: self.items,
             clock: self.side.clock,
+            scans: self.side.trajectory.lock().scans(),
             trail: self.control.trail_so_far(),
             maps: self.side.pipeline.checkpoint(),
         };

@@ -30,7 +30,13 @@ fn asked(robot: &RobotId) -> Vec<String> {
     let layers = LayerId::ALL
         .into_iter()
         .flat_map(|layer| [Topic::Tiles(layer), Topic::Digests(layer)]);
-    let topics = [Topic::Info, Topic::Ping, Topic::Shores, Topic::Voxels];
+    let topics = [
+        Topic::Info,
+        Topic::Ping,
+        Topic::Shores,
+        Topic::Voxels,
+        Topic::Trajectory,
+    ];
     topics
         .into_iter()
         .chain(layers)

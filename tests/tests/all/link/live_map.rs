@@ -143,7 +143,7 @@ fn maps_that_were_erased_on_the_way_are_the_same_in_the_console() {
         said.contains("ground_plane: the ground plane was taken anew"),
         "{said}"
     );
-    assert_same_files(&at("edge"), &at("console"), 6);
+    assert_same_files(&at("edge"), &at("console"), 7);
 }
 
 /// The octree's files are made on the vehicle and fetched part by part, once the map is in step.
@@ -162,6 +162,6 @@ fn voxels_are_the_same_in_the_console() {
     for name in ["voxels.bt", "points.ply"] {
         assert!(at("console").join(name).exists(), "{name}");
     }
-    // Two files each of cost and rigidity, and of the octree.
-    assert_same_files(&at("edge"), &at("console"), 6);
+    // Two files each of cost and rigidity, and of the octree, and the trajectory.
+    assert_same_files(&at("edge"), &at("console"), 7);
 }

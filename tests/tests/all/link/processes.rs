@@ -202,8 +202,8 @@ pub(crate) fn console(port: u16, robot: &str, export: &Path) -> Running {
 
 /// Fails unless both folders hold the same maps, byte for byte.
 pub(crate) fn assert_same_maps(edge: &Path, console: &Path) {
-    // occupancy.tif, .png, .pgm and .yaml
-    assert_same_files(edge, console, 4);
+    // occupancy.tif, .png, .pgm and .yaml, and trajectory.tum
+    assert_same_files(edge, console, 5);
 }
 
 /// The same of any layers, which have so many files.
@@ -212,10 +212,6 @@ pub(crate) fn assert_same_files(edge: &Path, console: &Path, files: usize) {
     for entry in fs::read_dir(edge).unwrap() {
         let path = entry.unwrap().path();
         let name = path.file_name().unwrap();
-        // Poses arrive 20 times a second, whatever the rate of the scans.
-        if name == "trajectory.tum" {
-            continue;
-        }
         let [edge, console] = [&path, &console.join(name)].map(|path| fs::read(path).unwrap());
         assert!(
             edge == console,

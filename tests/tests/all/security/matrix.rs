@@ -31,11 +31,12 @@ const TOLD: [&str; 7] = [
     "map/occupancy/3/-4",
 ];
 /// What it answers to everybody.
-const ASKED: [&str; 6] = [
+const ASKED: [&str; 7] = [
     "info",
     "ping",
     "shores",
     "voxels",
+    "trajectory",
     "map/occupancy/tiles",
     "map/elevation/digests",
 ];

@@ -1,6 +1,7 @@
 //! Names, keys, dialogs, and what is kept.
 
 use super::*;
+use crate::export::Fetching;
 
 /// What a screen reader and a test find: the names of all that can be pressed, chosen or typed into, and those without.
 fn controls(window: &Harness<'_, Rig>) -> (Vec<String>, Vec<String>) {
@@ -154,6 +155,53 @@ fn an_export_to_the_home_folder_goes_there_and_what_is_unticked_is_kept() {
     let mut again = Settings::default();
     Screen::of(&settings).keep(&mut again);
     assert!(!again.opens_exports);
+}
+
+#[test]
+fn an_export_says_what_it_lacks_how_far_it_is_and_how_it_ended() {
+    let mut window = Rig::live().window();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+    window.run_steps(4);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.key_press(Key::Backspace);
+    window.run_steps(2);
+    check(&window, &["Name a folder"], &["It goes on"]);
+    window.event(egui::Event::Text("maps".to_owned()));
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    window.run_steps(2);
+    let asked = std::mem::take(&mut window.state_mut().commands);
+    let [Command::Export(wish)] = &asked[..] else {
+        panic!("{asked:?}");
+    };
+    let folder = std::env::current_dir().unwrap().join("maps");
+    assert_eq!(wish.folder, folder);
+
+    let mut progress = ExportProgress {
+        folder,
+        parts: [0, 3],
+        current: Some(ExportPart::Voxels),
+        fetching: Some(Fetching::Asked),
+        ..ExportProgress::default()
+    };
+    window.state_mut().export = Some(progress.clone());
+    window.run_steps(2);
+    check(
+        &window,
+        &["It goes on when this is closed"],
+        &["Name a folder"],
+    );
+    assert!(window.query_by_role(Role::ProgressIndicator).is_some());
+
+    progress.ended = Some(Err("maps is a file".to_owned()));
+    window.state_mut().export = Some(progress.clone());
+    window.run_steps(2);
+    let whole = ["Nothing was exported", "maps is a file"];
+    check(&window, &whole, &["It goes on", "Open folder"]);
+    progress.files = 2;
+    window.state_mut().export = Some(progress);
+    window.run_steps(2);
+    check(&window, &["Not all was exported", "Open folder"], &[]);
 }
 
 #[test]

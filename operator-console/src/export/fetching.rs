@@ -1,0 +1,227 @@
+//! What a part of an export needs of the robot first: layers that were hidden, the whole way, the octree.
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::ops::ControlFlow;
+use std::thread;
+use std::time::Duration;
+
+use anyhow::Error;
+use protocol::message::VoxelFile;
+use robot_edge::clock::Monotonic;
+
+use super::{ExportPart, Snapshot};
+use crate::link::ModelHandle;
+use crate::model::{ConsoleModel, LinkState, TrajectoryProgress, VoxelsProgress};
+
+/// Between two looks at what is being fetched.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// How far fetching a part is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fetching {
+    /// It is asked for, or being made.
+    Asked,
+    /// So many tiles of a layer are known to be missing.
+    Tiles(usize),
+    /// Poses that came, of how many.
+    Poses([u64; 2]),
+    /// Bytes of a file that came, of how many.
+    Voxels(VoxelFile, [u64; 2]),
+}
+
+impl Fetching {
+    /// How much of the part is here, 0 … 1.
+    pub fn share(self) -> f32 {
+        let share = |[came, of]: [u64; 2]| came as f32 / of.max(1) as f32;
+        match self {
+            Self::Asked | Self::Tiles(_) => 0.0,
+            Self::Poses(came) => share(came),
+            Self::Voxels(VoxelFile::Tree, came) => 0.5 * share(came),
+            Self::Voxels(VoxelFile::Points, came) => 0.5 + 0.5 * share(came),
+        }
+    }
+}
+
+impl fmt::Display for Fetching {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Asked => f.write_str("asked for"),
+            Self::Tiles(missing) => write!(f, "{missing} tiles to come"),
+            Self::Poses([came, of]) => write!(f, "{came} of {of} poses fetched"),
+            Self::Voxels(file, came) => {
+                let [came_mb, of_mb] = came.map(|bytes| bytes as f64 * 1e-6);
+                write!(f, "{}, {came_mb:.1} of {of_mb:.1} MB fetched", file.name())
+            }
+        }
+    }
+}
+
+/// Fetches what `part` needs, and takes it. A robot that is not heard is not waited for, and one that sends no more of it for
+/// no longer than `patience`. `watch` hears how far it is, and may break it off.
+///
+/// What cannot be fetched is taken as it is known here, and says so; of the octree nothing is.
+pub fn fetch(
+    model: &ModelHandle,
+    part: ExportPart,
+    patience: Duration,
+    mut watch: impl FnMut(Fetching) -> ControlFlow<()>,
+) -> ControlFlow<(), anyhow::Result<Snapshot>> {
+    let began = Monotonic::now();
+    let is_wanted = want(&mut model.lock(), part);
+    let (mut before, mut since) = (None, began);
+    let came = loop {
+        if !is_wanted {
+            break Ok(());
+        }
+        // The model is free while this waits.
+        let (state, is_heard) = {
+            let model = model.lock();
+            let link = model.connection().state(Monotonic::now());
+            (state(&model, part, began), link == LinkState::Live)
+        };
+        let fetching = match state {
+            Ok(None) => break Ok(()),
+            Ok(Some(fetching)) => fetching,
+            Err(why) => break Err(why),
+        };
+        if !is_heard {
+            break Err("the robot is not heard");
+        }
+        // Of a layer that goes on changing, more may always be missing.
+        let is_other = before.replace(fetching) != Some(fetching);
+        if is_other && !matches!(part, ExportPart::Layer(_)) {
+            since = Monotonic::now();
+        } else if since.elapsed() > patience {
+            break Err("the robot sends no more of it");
+        }
+        if watch(fetching).is_break() {
+            give_back(&mut model.lock(), part);
+            return ControlFlow::Break(());
+        }
+        thread::sleep(LOOK);
+    };
+    let mut model = model.lock();
+    let snapshot = Snapshot::of(&model, part);
+    give_back(&mut model, part);
+    ControlFlow::Continue(match (came, part) {
+        (Ok(()), _) => Ok(snapshot),
+        (Err(why), ExportPart::Voxels) => Err(Error::msg(format!("{why}. Export it again later"))),
+        (Err(why), ExportPart::Trajectory) => {
+            Ok(snapshot.lacking(format!("only what was heard here, since {why}")))
+        }
+        (Err(why), ExportPart::Layer(_) | ExportPart::Shores) => {
+            Ok(snapshot.lacking(format!("as far as it came, since {why}")))
+        }
+    })
+}
+
+/// Begins to fetch a part; false where nothing of it is to be fetched.
+fn want(model: &mut ConsoleModel, part: ExportPart) -> bool {
+    match part {
+        ExportPart::Layer(layer) if model.map().is_followed(layer) => return false,
+        ExportPart::Layer(layer) => model.follow_too([layer].into()),
+        ExportPart::Trajectory => model.want_trajectory(),
+        ExportPart::Voxels => model.want_voxels(),
+        ExportPart::Shores => return false,
+    }
+    true
+}
+
+/// The snapshot has it.
+fn give_back(model: &mut ConsoleModel, part: ExportPart) {
+    match part {
+        ExportPart::Layer(_) => model.follow_too(BTreeSet::new()),
+        ExportPart::Trajectory => model.drop_trajectory(),
+        ExportPart::Voxels => model.drop_voxels(),
+        ExportPart::Shores => {}
+    }
+}
+
+/// How far it is; `None` where nothing more will come, and why where nothing can.
+fn state(
+    model: &ConsoleModel,
+    part: ExportPart,
+    began: Monotonic,
+) -> Result<Option<Fetching>, &'static str> {
+    Ok(match part {
+        ExportPart::Layer(layer) => {
+            let step = model.map().steps().find(|step| step.layer == layer);
+            match step {
+                Some(step) if step.last_equal.is_some_and(|at| at >= began) => None,
+                Some(step) if step.missing > 0 => Some(Fetching::Tiles(step.missing)),
+                Some(_) | None => Some(Fetching::Asked),
+            }
+        }
+        ExportPart::Trajectory => match model.trajectory() {
+            TrajectoryProgress::Ready(_) | TrajectoryProgress::Unwanted => None,
+            TrajectoryProgress::Waiting => Some(Fetching::Asked),
+            TrajectoryProgress::Fetching { fetched, of } => Some(Fetching::Poses([fetched, of])),
+        },
+        ExportPart::Voxels => match model.voxels() {
+            VoxelsProgress::Ready(_) | VoxelsProgress::None | VoxelsProgress::Unwanted => None,
+            VoxelsProgress::Waiting => Some(Fetching::Asked),
+            VoxelsProgress::Fetching { file, fetched, of } => {
+                Some(Fetching::Voxels(file, [fetched, of]))
+            }
+            VoxelsProgress::TooLong => return Err("it is longer than a console takes"),
+        },
+        ExportPart::Shores => None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_fetched_is_told_and_moves_the_bar() {
+        for (fetching, words, share) in [
+            (Fetching::Asked, "asked for", 0.0),
+            (Fetching::Tiles(12), "12 tiles to come", 0.0),
+            (
+                Fetching::Poses([500, 2000]),
+                "500 of 2000 poses fetched",
+                0.25,
+            ),
+            (
+                Fetching::Voxels(VoxelFile::Tree, [50, 100]),
+                "voxels.bt, 0.0 of 0.0 MB fetched",
+                0.25,
+            ),
+            (
+                Fetching::Voxels(VoxelFile::Points, [1_300_000, 5_200_000]),
+                "points.ply, 1.3 of 5.2 MB fetched",
+                0.625,
+            ),
+        ] {
+            assert_eq!(fetching.to_string(), words);
+            assert_eq!(fetching.share().to_bits(), f32::to_bits(share), "{words}");
+        }
+    }
+
+    #[test]
+    fn a_robot_that_is_not_heard_is_not_waited_for() {
+        let model = ModelHandle::of(crate::pretend::scout());
+        let hour = Duration::from_hours(1);
+        let fetch = |part| fetch(&model, part, hour, |_| unreachable!());
+        let ControlFlow::Continue(Ok(way)) = fetch(ExportPart::Trajectory) else {
+            panic!();
+        };
+        let why = "only what was heard here, since the robot is not heard";
+        assert_eq!(way.lacks.as_deref(), Some(why));
+        let ControlFlow::Continue(Err(why)) = fetch(ExportPart::Voxels) else {
+            panic!();
+        };
+        assert_eq!(
+            why.to_string(),
+            "the robot is not heard. Export it again later"
+        );
+        assert_eq!(model.lock().trajectory(), TrajectoryProgress::Unwanted);
+        assert_eq!(model.lock().voxels(), VoxelsProgress::Unwanted);
+        assert!(matches!(
+            fetch(ExportPart::Shores),
+            ControlFlow::Continue(Ok(_))
+        ));
+    }
+}

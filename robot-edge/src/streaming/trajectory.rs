@@ -1,0 +1,207 @@
+//! Where the vehicle was at each mapped scan: what is exported, and what consoles ask for. Pure.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use protocol::export::StampedPose;
+use protocol::message::{TrajectoryPart, TrajectoryRequest};
+
+use crate::mapping::posed_scan::PosedScan;
+
+/// Poses kept: 64 MB. A longer trajectory is thinned to every second pose, again and again. Even, so that the next pose is kept.
+const MAX_POSES: usize = 1_000_000;
+
+/// A trajectory that mapping and link share.
+#[derive(Clone, Debug, Default)]
+pub struct SharedTrajectory(Arc<Mutex<Trajectory>>);
+
+impl SharedTrajectory {
+    /// The trajectory, for a moment.
+    pub fn lock(&self) -> MutexGuard<'_, Trajectory> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The poses of mapped scans, oldest first.
+#[derive(Clone, Debug)]
+pub struct Trajectory {
+    /// Those behind the last one that [`Self::poses`] shows are of a recording that was wound back: winding it on needs them.
+    poses: Vec<StampedPose>,
+    /// Every `stride`-th pose is kept.
+    stride: u64,
+    /// Scans so far.
+    scans: u64,
+    /// Counts how often poses changed their indices.
+    number: u64,
+}
+
+impl Default for Trajectory {
+    fn default() -> Self {
+        Self {
+            poses: Vec::new(),
+            stride: 1,
+            scans: 0,
+            number: 0,
+        }
+    }
+}
+
+impl Trajectory {
+    /// A scan was mapped.
+    pub fn add(&mut self, scan: &PosedScan) {
+        let q = scan.odom_from_base.rotation.quaternion();
+        self.add_pose(StampedPose::new(
+            scan.stamp.as_nanos(),
+            scan.odom_from_base.translation.vector.into(),
+            [q.i, q.j, q.k, q.w],
+        ));
+    }
+
+    fn add_pose(&mut self, pose: StampedPose) {
+        if self.scans.is_multiple_of(self.stride) {
+            if self.len() >= MAX_POSES {
+                self.thin();
+            }
+            let at = self.len();
+            match self.poses.get_mut(at) {
+                Some(known) => *known = pose,
+                None => self.poses.push(pose),
+            }
+        }
+        self.scans += 1;
+    }
+
+    /// The poses that are kept of it.
+    pub fn poses(&self) -> &[StampedPose] {
+        self.poses.get(..self.len()).unwrap_or_default()
+    }
+
+    /// Scans so far, for [`Self::wind`].
+    pub const fn scans(&self) -> u64 {
+        self.scans
+    }
+
+    /// The trajectory is now as it was, or will be, after so many scans of the same recording.
+    pub fn wind(&mut self, scans: u64) {
+        if scans != self.scans {
+            self.scans = scans;
+            self.number += 1;
+        }
+    }
+
+    /// The answer to a question, and the stamp of the newest pose, nanoseconds.
+    pub fn answer(&self, request: TrajectoryRequest) -> (i64, TrajectoryPart) {
+        let poses = self.poses();
+        let is_this = request
+            .trajectory
+            .is_none_or(|number| number == self.number);
+        let from = usize::try_from(request.from).unwrap_or(usize::MAX);
+        let step = usize::try_from(request.step.get()).unwrap_or(usize::MAX);
+        let asked_for = poses.get(from..).filter(|_| is_this).unwrap_or_default();
+        let part = asked_for.iter().step_by(step).copied();
+        let stamp_ns = poses.last().map_or(0, |pose| pose.stamp_ns);
+        (
+            stamp_ns,
+            TrajectoryPart::new(self.number, poses.len() as u64, part),
+        )
+    }
+
+    /// Poses so far.
+    fn len(&self) -> usize {
+        let len = usize::try_from(self.scans.div_ceil(self.stride)).unwrap_or(usize::MAX);
+        len.min(self.poses.len())
+    }
+
+    fn thin(&mut self) {
+        let mut index = 0;
+        self.poses.retain(|_| {
+            index += 1;
+            index % 2 == 1
+        });
+        self.stride *= 2;
+        self.number += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::num::NonZeroU32;
+
+    use protocol::message::MAX_TRAJECTORY_POSES;
+
+    use super::*;
+
+    fn pose(n: i64) -> StampedPose {
+        StampedPose::new(n, [0.1 * n as f64, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+    }
+
+    fn of(scans: i64) -> Trajectory {
+        let mut trajectory = Trajectory::default();
+        (0..scans).for_each(|n| trajectory.add_pose(pose(n)));
+        trajectory
+    }
+
+    fn stamps(poses: &[StampedPose]) -> Vec<i64> {
+        poses.iter().map(|pose| pose.stamp_ns).collect()
+    }
+
+    fn ask(trajectory: &Trajectory, of: Option<u64>, from: u64, step: u32) -> TrajectoryPart {
+        let step = NonZeroU32::new(step).unwrap();
+        let request = TrajectoryRequest {
+            trajectory: of,
+            from,
+            step,
+        };
+        trajectory.answer(request).1
+    }
+
+    #[test]
+    fn a_question_is_answered_with_the_poses_that_are_written() {
+        let trajectory = of(1200);
+        let mut fetched = Vec::new();
+        while fetched.len() < 1200 {
+            let part = ask(&trajectory, Some(0), fetched.len() as u64, 1);
+            assert_eq!((part.trajectory, part.poses), (0, 1200));
+            assert_eq!(
+                part.rows.len(),
+                (1200 - fetched.len()).min(MAX_TRAJECTORY_POSES)
+            );
+            fetched.extend(part.part());
+        }
+        assert_eq!(fetched, trajectory.poses());
+        let coarse: Vec<_> = ask(&trajectory, None, 100, 400).part().collect();
+        assert_eq!(stamps(&coarse), [100, 500, 900]);
+        assert_eq!(ask(&trajectory, None, 1200, 1).rows, [[0; 8]; 0]);
+        assert_eq!(ask(&trajectory, None, u64::MAX, u32::MAX).rows, [[0; 8]; 0]);
+        assert_eq!(ask(&trajectory, Some(1), 0, 1).rows, [[0; 8]; 0]);
+    }
+
+    #[test]
+    fn a_recording_that_is_wound_has_the_way_up_to_where_it_stands() {
+        let mut trajectory = of(100);
+        trajectory.wind(40);
+        assert_eq!(stamps(trajectory.poses()), (0..40).collect::<Vec<_>>());
+        assert_eq!(ask(&trajectory, Some(0), 0, 1).poses, 40);
+        assert_eq!(ask(&trajectory, Some(0), 0, 1).rows, [[0; 8]; 0]);
+        trajectory.add_pose(pose(40));
+        assert_eq!(trajectory.poses().len(), 41);
+        trajectory.wind(90);
+        assert_eq!(trajectory.poses(), of(90).poses());
+        assert_eq!(ask(&trajectory, None, 0, 1).trajectory, 2);
+        trajectory.wind(90);
+        assert_eq!(ask(&trajectory, Some(2), 0, 1).rows.len(), 90);
+        trajectory.wind(0);
+        assert_eq!(trajectory.poses(), []);
+    }
+
+    #[test]
+    fn a_long_way_is_thinned_and_keeps_its_beginning() {
+        let many = MAX_POSES as i64;
+        let trajectory = of(many + 5);
+        let kept = stamps(trajectory.poses());
+        assert_eq!(kept.len(), MAX_POSES / 2 + 3);
+        assert_eq!(kept[..3], [0, 2, 4]);
+        assert_eq!(kept[kept.len() - 3..], [many, many + 2, many + 4]);
+        let part = ask(&trajectory, None, 0, 1);
+        assert_eq!((part.trajectory, part.poses), (1, kept.len() as u64));
+    }
+}
