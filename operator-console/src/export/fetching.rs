@@ -119,7 +119,9 @@ pub fn fetch(
 /// Begins to fetch a part; false where nothing of it is to be fetched.
 fn want(model: &mut ConsoleModel, part: ExportPart) -> bool {
     match part {
-        ExportPart::Layer(layer) if model.map().is_followed(layer) => return false,
+        ExportPart::Layer(layer) if !part.is_in(model) || model.map().is_followed(layer) => {
+            return false;
+        }
         ExportPart::Layer(layer) => model.follow_too([layer].into()),
         ExportPart::Trajectory => model.want_trajectory(),
         ExportPart::Voxels => model.want_voxels(),

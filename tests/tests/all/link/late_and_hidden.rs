@@ -1,0 +1,84 @@
+//! A console that comes when the data has ended, and shows no layer, draws the whole way and exports what the robot does.
+
+use std::collections::BTreeSet;
+use std::ops::ControlFlow;
+use std::time::Duration;
+
+use operator_console::export::{ExportPart, export_parts, fetch};
+use operator_console::link::RobotSession;
+use operator_console::model::{ConsoleModel, LinkState, ModelSettings};
+use protocol::layer::LayerId;
+use protocol::tile::BootId;
+use robot_edge::clock::{self, Monotonic};
+use robot_edge::link::sessions::Endpoints;
+use tempfile::tempdir;
+
+use super::processes::{assert_same_maps, edge, free_port};
+
+const PATIENCE: Duration = Duration::from_secs(20);
+
+#[track_caller]
+fn wait_until(session: &RobotSession, what: &str, is_so: impl Fn(&ConsoleModel) -> bool) {
+    let is_late = clock::sleep_until(Monotonic::now() + PATIENCE, || is_so(&session.model()));
+    assert!(!is_late, "{what}");
+}
+
+#[test]
+fn a_late_console_that_shows_no_layer_exports_the_edges_map_and_way() {
+    let folder = tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let port = free_port();
+    let robot = edge(port, "scout", "max", &at("edge"));
+    let settings = ModelSettings {
+        robot: "scout".parse().unwrap(),
+        session: BootId([2; 16]),
+        store_mb: 64,
+        layers: BTreeSet::new(),
+    };
+    let endpoints = Endpoints {
+        connect: vec![format!("tcp/127.0.0.1:{port}")],
+        ..Endpoints::default()
+    };
+    let early = RobotSession::open(settings.clone(), &endpoints, || {}).unwrap();
+    wait_until(&early, "the data ends", ConsoleModel::has_ended);
+    drop(early);
+
+    let settings = ModelSettings {
+        session: BootId([3; 16]),
+        ..settings
+    };
+    let late = RobotSession::open(settings, &endpoints, || {}).unwrap();
+    // The vehicle of this recording drives 29 m, and stands still when this console comes.
+    wait_until(&late, "the way is there", |model| {
+        let trail_m = Vec::from_iter(model.vehicle().trail());
+        let steps = trail_m.windows(2);
+        let length_m: f64 = steps
+            .map(|ends| f64::hypot(ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]))
+            .sum();
+        model.connection().state(Monotonic::now()) == LinkState::Live && length_m > 20.0
+    });
+    assert_eq!(
+        late.model().vehicle().poses().len(),
+        1,
+        "it heard only where it stands"
+    );
+    let is_known = |model: &ConsoleModel| {
+        let store = model.map().store();
+        store.cell_m(LayerId::Occupancy).is_some() && store.cells_known(LayerId::Occupancy) > 0
+    };
+    assert!(!is_known(&late.model()), "occupancy is hidden");
+
+    let handle = late.handle();
+    let exported = export_parts(&at("console"), ExportPart::all(), |part, _| {
+        fetch(&handle, part, PATIENCE, |_| ControlFlow::Continue(()))
+    });
+    exported.unwrap().outcome(&at("console")).unwrap();
+    assert!(is_known(&late.model()));
+    assert!(
+        !late.model().map().is_followed(LayerId::Occupancy),
+        "it is hidden again"
+    );
+    robot.signal("INT");
+    robot.ends_well();
+    assert_same_maps(&at("edge"), &at("console"));
+}
