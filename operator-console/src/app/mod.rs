@@ -254,7 +254,7 @@ impl eframe::App for ConsoleApp {
             robots.looks_only_at(&self.asked_alone);
         }
         robots.has_keys = self.credentials.is_some();
-        robots.addresses = self.remembered();
+        robots.addresses = self.listed_addresses();
         let around = Around {
             robots: &robots,
             log: &self.log,

@@ -6,7 +6,8 @@ use eframe::egui::{Align, Color32, Layout, RichText, Sense, Ui, vec2};
 use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
-use super::addresses::{AddressEntry, Remembered, address_ui, addresses_ui};
+use super::address_list::{ListedAddress, remembered_ui, unanswered_ui};
+use super::addresses::{AddressEntry, address_ui};
 use super::wording::age;
 use crate::command::Command;
 use crate::link::{FleetState, FoundRobot, Sighting};
@@ -29,8 +30,8 @@ pub struct RobotsData {
     pub is_up_to_operator: bool,
     /// Why none can be found.
     pub problem: Option<String>,
-    /// Addresses that are remembered.
-    pub addresses: Vec<Remembered>,
+    /// Addresses that are remembered, or asked for robots in this run.
+    pub addresses: Vec<ListedAddress>,
     /// Whether this console has keys: addresses are of another kind then.
     pub has_keys: bool,
 }
@@ -199,7 +200,10 @@ pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Op
     }
     ui.add_space(4.0);
     let typed = address_ui(ui, entry, data.has_keys);
-    command.or(typed).or(addresses_ui(ui, &data.addresses))
+    command
+        .or(typed)
+        .or(unanswered_ui(ui, &data.addresses, data.has_keys))
+        .or(remembered_ui(ui, &data.addresses))
 }
 
 /// A robot's colour.
