@@ -35,7 +35,7 @@ impl ConsoleApp {
                 Some(_) => Subject::Recording,
                 None => Subject::Robot,
             };
-            for (_alarm, text) in self.alerts.look(&model, subject, &news, now) {
+            for (_alarm, text) in self.alerts.shown.look(&model, subject, &news, now) {
                 notes.push((Severity::Alarm, "alert", text));
             }
             // The link to a recording leaves this program as little as the recording does.
