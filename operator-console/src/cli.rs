@@ -48,7 +48,7 @@ pub struct Cli {
     /// Give up where the map is not in step this long after that, seconds (with --headless)
     #[arg(long, value_name = "S", default_value = "60", requires = "headless", value_parser = seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
-    /// Save a picture of the window and end
+    /// Save a picture of the window and end; --after says when
     #[arg(
         long,
         value_name = "FILE.png",
@@ -56,7 +56,7 @@ pub struct Cli {
         conflicts_with = "headless"
     )]
     pub screenshot: Option<PathBuf>,
-    /// Seconds from the start to the picture
+    /// Seconds from the start to the picture (with --screenshot, which needs it)
     #[arg(long, value_name = "S", requires = "screenshot", value_parser = seconds, allow_negative_numbers = true)]
     pub after: Option<Duration>,
     /// Write what a screen reader is told of the window, at every change
@@ -216,6 +216,14 @@ mod tests {
         let task = parse("completions zsh").unwrap().task;
         let shell = Shell::Zsh;
         assert_eq!(task, Some(Task::Completions(CompletionsArgs { shell })));
+    }
+
+    #[test]
+    fn help_says_what_a_picture_needs() {
+        let help = Cli::command().render_help().to_string();
+        let of = |option: &str| help.lines().find(|line| line.contains(option)).unwrap();
+        assert!(of("--screenshot <").contains("--after"), "{help}");
+        assert!(of("--after <").contains("with --screenshot"), "{help}");
     }
 
     #[test]

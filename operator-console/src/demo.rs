@@ -2,6 +2,7 @@
 
 use std::io;
 use std::net::TcpListener;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
@@ -25,6 +26,8 @@ pub struct Demo {
     pub robot: RobotId,
     /// Where it is.
     pub endpoint: String,
+    /// Where it records, where it can.
+    pub recordings: Option<PathBuf>,
     /// Why it ended, should it end by itself.
     pub failure: DemoFailure,
     is_over: Arc<AtomicBool>,
@@ -92,6 +95,7 @@ impl Demo {
         Ok(Self {
             robot: NAME.parse()?,
             endpoint,
+            recordings: recordings.map(PathBuf::from),
             failure,
             is_over,
             thread: Some(thread),

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::Parser as _;
 use operator_console::cli::Cli;
 use operator_console::link::LOG_FILTER;
-use operator_console::run::run;
+use operator_console::run::{complaint, run};
 use robot_edge::exit::{Exit, Interrupted};
 use tracing_subscriber::EnvFilter;
 
@@ -31,7 +31,11 @@ fn main() -> ExitCode {
         Err(err) => {
             if err.downcast_ref::<Interrupted>().is_none() {
                 // Nothing is left to be done where even standard error fails.
-                drop(writeln!(io::stderr(), "operator-console: {err:#}"));
+                drop(writeln!(
+                    io::stderr(),
+                    "operator-console: {}",
+                    complaint(&err)
+                ));
             }
             Exit::of(err.as_ref())
         }

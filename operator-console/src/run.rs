@@ -15,6 +15,7 @@ use crate::cli::{Cli, Task};
 use crate::demo::Demo;
 use crate::headless::{self, Headless};
 use crate::identity::Identity;
+use crate::playback::in_words;
 use crate::script::{self, Drive};
 use crate::settings::{ConfigPath, default_file};
 use crate::window::{self, WindowSettings};
@@ -91,6 +92,7 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         connect,
         robot,
         demo: demo.as_ref().map(|demo| demo.failure.clone()),
+        recordings: demo.as_ref().and_then(|demo| demo.recordings.clone()),
         identity,
         zenoh_config: zenoh_config_file(cli.zenoh_config.clone()),
         credentials,
@@ -108,11 +110,37 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
     }
 }
 
+/// Why the program ended, for the person who started it: an error and its causes, none of them twice.
+pub fn complaint(error: &anyhow::Error) -> String {
+    in_words(error)
+}
+
 /// A picture that is taken by itself shows what anybody would see, and changes nothing.
 fn config_path(cli: &Cli) -> ConfigPath {
     match (&cli.config, &cli.screenshot) {
         (Some(path), _) => ConfigPath::File(path.clone()),
         (None, Some(_)) => ConfigPath::None,
         (None, None) => default_file().map_or(ConfigPath::None, ConfigPath::File),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser as _;
+
+    use super::*;
+
+    #[test]
+    fn a_recording_that_is_not_there_is_said_once() {
+        let line = "operator-console --operator anna --open nowhere/nix.mcap";
+        let cli = Cli::try_parse_from(line.split(' ')).unwrap();
+        let error = run(&cli, &mut io::sink()).unwrap_err();
+        let words = complaint(&error);
+        assert!(
+            words.starts_with("nowhere/nix.mcap: No such file"),
+            "{words}"
+        );
+        assert_eq!(words.matches("No such file").count(), 1, "{words}");
+        assert_eq!(Exit::of(error.as_ref()), Exit::Unreadable);
     }
 }

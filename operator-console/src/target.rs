@@ -118,7 +118,7 @@ impl Target {
         };
         while !is_found(&found) {
             if deadline.since(Monotonic::now()).is_zero() {
-                return Err(self.nobody(&found, discovery.problem().as_deref()));
+                return Err(self.nobody(&found, discovery.complaints().as_deref()));
             }
             if !clock::sleep_until(Monotonic::now() + LOOK, is_interrupted) {
                 return Err(Interrupted.into());

@@ -32,6 +32,8 @@ pub struct WindowSettings {
     pub robot: Option<RobotId>,
     /// Why that robot is gone, where this program simulates it.
     pub demo: Option<DemoFailure>,
+    /// Where that robot's recordings are, where that is on this machine.
+    pub recordings: Option<PathBuf>,
     /// Who drives.
     pub identity: Identity,
     /// A Zenoh configuration to lay ours over.
@@ -106,6 +108,7 @@ pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
                 connect: settings.connect,
                 robot: settings.robot,
                 demo: settings.demo,
+                recordings: settings.recordings,
                 zenoh_config: settings.zenoh_config,
                 credentials: settings.credentials,
                 session,

@@ -8,6 +8,7 @@ mod first_run;
 mod menus;
 mod obedience;
 mod pictures;
+mod robot_alerts;
 mod screen;
 mod screenshot;
 mod surroundings;
@@ -15,7 +16,6 @@ mod time_line;
 mod upkeep;
 mod watch;
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::rc::Rc;
 use std::time::Duration;
@@ -28,7 +28,6 @@ use robot_edge::credentials::Credentials;
 use robot_edge::link::endpoints::check_console;
 use robot_edge::pacer::Rate;
 
-use crate::alerts::Alerts;
 use crate::command::Command;
 use crate::demo::DemoFailure;
 use crate::event_log::{EventLog, Severity};
@@ -46,6 +45,7 @@ use crate::theme;
 use choice::RobotChoice;
 use export_job::ExportJob;
 use obedience::Sort;
+use robot_alerts::RobotAlerts;
 use time_line::playback_ui;
 use watch::Watch;
 
@@ -66,6 +66,8 @@ pub struct AppSettings {
     pub robot: Option<RobotId>,
     /// Why that robot is gone, where this program simulates it.
     pub demo: Option<DemoFailure>,
+    /// Where that robot's recordings are, where that is on this machine.
+    pub recordings: Option<PathBuf>,
     /// A Zenoh configuration to lay ours over.
     pub zenoh_config: Option<PathBuf>,
     /// Who the operator is, where the link is secured.
@@ -98,6 +100,8 @@ pub struct ConsoleApp {
     /// Where robots are looked for and nowhere else, where that is so.
     asked_alone: Vec<String>,
     choice: RobotChoice,
+    /// The robot whose recordings are on this machine, and their folder.
+    recordings: Option<(RobotId, PathBuf)>,
     shown: Option<(FoundRobot, RobotSession)>,
     /// When the last robot was joined.
     joined: Monotonic,
@@ -111,11 +115,7 @@ pub struct ConsoleApp {
     keeper: Option<Keeper>,
     kept: Monotonic,
     log: EventLog,
-    alerts: Alerts,
-    /// Of which robot they are.
-    alerts_of: Option<RobotId>,
-    /// What nobody has acknowledged of robots that were shown before.
-    alerts_of_others: BTreeMap<RobotId, Alerts>,
+    alerts: RobotAlerts,
     watch: Watch,
     export: Option<ExportJob>,
     /// Screenshots that are being saved.
@@ -166,6 +166,7 @@ impl ConsoleApp {
             session_id: settings.session,
             discovery,
             asked_alone,
+            recordings: settings.robot.clone().zip(settings.recordings),
             choice: RobotChoice::new(settings.robot, settings.demo),
             shown: None,
             joined: Monotonic::default(),
@@ -178,9 +179,7 @@ impl ConsoleApp {
             keeper: settings.keeper,
             kept: Monotonic::default(),
             log,
-            alerts: Alerts::default(),
-            alerts_of: None,
-            alerts_of_others: BTreeMap::new(),
+            alerts: RobotAlerts::default(),
             watch: Watch::default(),
             export: None,
             pictures: Vec::new(),
@@ -254,11 +253,11 @@ impl eframe::App for ConsoleApp {
             robots.looks_only_at(&self.asked_alone);
         }
         robots.has_keys = self.credentials.is_some();
-        robots.addresses = self.remembered();
+        robots.addresses = self.listed_addresses();
         let around = Around {
             robots: &robots,
             log: &self.log,
-            alerts: &self.alerts,
+            alerts: &self.alerts.shown,
             export: export.as_ref(),
         };
         let commands = match &self.shown {
@@ -268,6 +267,11 @@ impl eframe::App for ConsoleApp {
                     problem: session.problem(),
                     recording: self.playback.as_ref().map(Playback::file_name),
                     transport: session.transport(),
+                    recordings: self
+                        .recordings
+                        .as_ref()
+                        .filter(|(robot, _)| *robot == found.robot)
+                        .map(|(_, folder)| folder.clone()),
                 };
                 let mut model = session.model();
                 if let Some(playback) = &mut self.playback {

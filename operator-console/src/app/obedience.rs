@@ -1,11 +1,9 @@
 //! What the operator asks for is done: robots and recordings are shown, commands obeyed.
 
-use std::mem;
 use std::path::Path;
 use std::time::Duration;
 
 use eframe::egui::ViewportCommand;
-use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 use robot_edge::link::sessions::Endpoints;
 use robot_edge::pacer::Rate;
@@ -16,7 +14,7 @@ use crate::event_log::Severity;
 use crate::helm::EStopSight;
 use crate::link::{FoundRobot, RobotSession};
 use crate::model::ModelSettings;
-use crate::playback::{Playback, in_words, is_recording};
+use crate::playback::{Playback, in_words};
 use crate::teleop_input::InputEvent;
 
 use super::export_job::ExportJob;
@@ -50,7 +48,7 @@ impl ConsoleApp {
         };
         let stop_is_underway = self.stop_is_underway(&found);
         self.screen.map_view_mut().forget();
-        self.change_alerts(&found.robot);
+        self.alerts.change_to(&found.robot);
         self.log.forget_robot();
         self.watch = Watch::default();
         let ctx = self.ctx.clone();
@@ -82,17 +80,6 @@ impl ConsoleApp {
                 self.shown = None;
             }
         }
-    }
-
-    /// What nobody has acknowledged of a robot is there again with it.
-    fn change_alerts(&mut self, robot: &RobotId) {
-        let alerts = mem::take(&mut self.alerts);
-        if let Some(before) = self.alerts_of.replace(robot.clone())
-            && !is_recording(&before)
-        {
-            self.alerts_of_others.insert(before, alerts);
-        }
-        self.alerts = self.alerts_of_others.remove(robot).unwrap_or_default();
     }
 
     /// Whether `found` is the robot that is shown, and an emergency stop is on its way to it: that goes on by the next link.
@@ -141,8 +128,8 @@ impl ConsoleApp {
                     map_view.obey(command, &session.model());
                 }
             }
-            Command::Acknowledge(alarm) => self.alerts.acknowledge(&alarm),
-            Command::AcknowledgeAll => self.alerts.acknowledge_all(),
+            Command::Acknowledge(alarm) => self.alerts.shown.acknowledge(&alarm),
+            Command::AcknowledgeAll => self.alerts.shown.acknowledge_all(),
             Command::Screenshot => {
                 let recording = self.playback.as_ref().map(Playback::file_name);
                 let shown = self

@@ -9,7 +9,7 @@ use crate::event_log::Severity;
 use crate::link::FoundRobot;
 use crate::locks::lock;
 use crate::model::LinkState;
-use crate::panels::addresses::Remembered;
+use crate::panels::address_list::{ListedAddress, listed};
 use crate::panels::driving::words;
 use crate::panels::robots::Seen;
 use crate::playback::is_recording;
@@ -35,7 +35,7 @@ impl ConsoleApp {
                 Some(_) => Subject::Recording,
                 None => Subject::Robot,
             };
-            for (_alarm, text) in self.alerts.look(&model, subject, &news, now) {
+            for (_alarm, text) in self.alerts.shown.look(&model, subject, &news, now) {
                 notes.push((Severity::Alarm, "alert", text));
             }
             // The link to a recording leaves this program as little as the recording does.
@@ -107,17 +107,17 @@ impl ConsoleApp {
         moved_to(shown, silent, &self.discovery.sightings(), now)
     }
 
-    /// The addresses that are remembered and could be asked in this run.
-    pub(super) fn remembered(&self) -> Vec<Remembered> {
+    /// The addresses that are remembered and could be asked in this run, and those that the command line names.
+    pub(super) fn listed_addresses(&self) -> Vec<ListedAddress> {
         let has_keys = self.credentials.is_some();
-        let addresses = self.settings.addresses.iter();
-        addresses
-            .filter(|address| check_console(address, has_keys).is_ok())
-            .map(|address| Remembered {
-                address: address.clone(),
-                is_asked: self.discovery.asks(address),
-            })
-            .collect()
+        let remembered = self.settings.addresses.iter();
+        let remembered = remembered.filter(|address| check_console(address, has_keys).is_ok());
+        listed(
+            &self.asked_alone,
+            remembered,
+            &self.discovery.asked(),
+            &self.discovery.found(),
+        )
     }
 
     /// The robots that were seen, with their colours.

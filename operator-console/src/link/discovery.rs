@@ -3,7 +3,7 @@
 //! Scouting finds Zenoh processes; which robots can be reached through one is asked over a short session, by
 //! presence tokens. So a router that was found or typed lists every robot behind it.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
@@ -23,6 +23,7 @@ use zenoh::Wait;
 use zenoh::config::WhatAmI;
 use zenoh::sample::Sample;
 
+use super::address_state::AddressState;
 use super::known_robots::{Answer, KnownRobots, MAX_ROBOTS, Round};
 use super::opening::close;
 use crate::locks::lock;
@@ -96,22 +97,16 @@ pub struct Discovery {
 }
 
 struct State {
-    typed: Mutex<BTreeSet<String>>,
+    /// The addresses that are asked in every round, and what came of it.
+    typed: Mutex<BTreeMap<String, AddressState>>,
     zenoh_config: Option<PathBuf>,
     credentials: Option<Credentials>,
     found: Mutex<KnownRobots>,
-    problem: Mutex<Option<Problem>>,
+    /// Why the local network cannot be searched.
+    problem: Mutex<Option<String>>,
     /// Somebody typed an address: do not wait for the next round.
     is_hurried: AtomicBool,
     is_closing: AtomicBool,
-}
-
-/// What kept a round from finding more.
-#[derive(Clone, Debug, PartialEq, Eq)]
-struct Problem {
-    /// The address that it is about.
-    address: Option<String>,
-    words: String,
 }
 
 impl Discovery {
@@ -125,7 +120,7 @@ impl Discovery {
         wake: impl Fn() + Send + 'static,
     ) -> Self {
         let state = Arc::new(State {
-            typed: Mutex::new(addresses.into_iter().collect()),
+            typed: Mutex::new(addresses.into_iter().map(asking).collect()),
             zenoh_config,
             credentials,
             found: Mutex::default(),
@@ -142,20 +137,29 @@ impl Discovery {
 
     /// Also asks at `address`, a control endpoint.
     pub fn add_address(&self, address: String) {
-        lock(&self.state.typed).insert(address);
+        let mut typed = lock(&self.state.typed);
+        let state = typed.entry(address).or_default();
+        if *state != AddressState::Found {
+            // Whoever types it again waits for what comes of it now.
+            *state = AddressState::Asking;
+        }
+        drop(typed);
         self.state.is_hurried.store(true, Ordering::Relaxed);
     }
 
     /// Asks at `address` no longer, and says no more of it. What was found there stays until it is missed.
     pub fn forget_address(&self, address: &str) {
-        let mut typed = lock(&self.state.typed);
-        typed.remove(address);
-        lock(&self.state.problem).take_if(|problem| problem.address.as_deref() == Some(address));
+        lock(&self.state.typed).remove(address);
     }
 
     /// Whether it is asked at `address` in every round.
     pub fn asks(&self, address: &str) -> bool {
-        lock(&self.state.typed).contains(address)
+        lock(&self.state.typed).contains_key(address)
+    }
+
+    /// The addresses that are asked in every round, and what came of it.
+    pub fn asked(&self) -> BTreeMap<String, AddressState> {
+        lock(&self.state.typed).clone()
     }
 
     /// The robots that are there, by name.
@@ -169,11 +173,24 @@ impl Discovery {
         lock(&self.state.found).sightings().collect()
     }
 
-    /// What kept the last round from finding more, in words.
+    /// Why the local network cannot be searched, in words.
     pub fn problem(&self) -> Option<String> {
-        let problem = lock(&self.state.problem);
-        problem.as_ref().map(|problem| problem.words.clone())
+        lock(&self.state.problem).clone()
     }
+
+    /// All that kept the last round from finding more, in words: of the network, and of each address that is asked.
+    pub fn complaints(&self) -> Option<String> {
+        let asked = lock(&self.state.typed);
+        let of_addresses = asked
+            .iter()
+            .filter_map(|(address, state)| state.complaint(address));
+        let all: Vec<_> = self.problem().into_iter().chain(of_addresses).collect();
+        (!all.is_empty()).then(|| all.join("; "))
+    }
+}
+
+fn asking(address: String) -> (String, AddressState) {
+    (address, AddressState::Asking)
 }
 
 impl Drop for Discovery {
@@ -186,13 +203,20 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
     let is_closing = || state.is_closing.load(Ordering::Relaxed);
     let mut is_first = true;
     while !is_closing() {
-        let typed: Vec<String> = lock(&state.typed).iter().cloned().collect();
-        let mut problems = Vec::new();
+        let typed: Vec<String> = lock(&state.typed).keys().cloned().collect();
+        let mut problem = None;
         let mut found = Round::new();
-        ask_all(state, &typed, &mut found, &mut problems);
+        let mut changed = false;
+        ask_all(state, &typed, &mut found, |address, came_of_it| {
+            changed |= state.tell(address, came_of_it);
+        });
+        if changed {
+            // What is known of an address waits for no scouting.
+            wake();
+        }
         if !is_first || typed.is_empty() || found.is_empty() {
             let scouted = if scouts {
-                scout(&mut problems)
+                scout(&mut problem)
             } else {
                 BTreeSet::new()
             };
@@ -201,11 +225,12 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
                 .filter(|address| !typed.contains(address))
                 .collect();
             // Nobody typed these: that one of them does not answer is no problem of the operator's.
-            ask_all(state, &scouted, &mut found, &mut Vec::new());
+            ask_all(state, &scouted, &mut found, |_, _| {});
         }
         is_first = false;
         let changed = lock(&state.found).take(found);
-        if state.tell(problems) | changed {
+        let before = std::mem::replace(&mut *lock(&state.problem), problem.clone());
+        if before != problem || changed {
             wake();
         }
         let is_found = !lock(&state.found).is_empty();
@@ -217,22 +242,24 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
 }
 
 impl State {
-    /// Says the first of these problems that still concerns anybody; whether that is another than before.
-    fn tell(&self, problems: Vec<Problem>) -> bool {
-        let typed = lock(&self.typed);
-        let problem = problems.into_iter().find(|problem| {
-            let address = problem.address.as_ref();
-            // It may have been forgotten while it was asked.
-            address.is_none_or(|address| typed.contains(address))
-        });
-        let mut told = lock(&self.problem);
-        let changed = *told != problem;
-        *told = problem;
-        changed
+    /// Notes what came of asking at an address that was typed; whether that is another than before.
+    fn tell(&self, address: &str, came_of_it: AddressState) -> bool {
+        // It may have been forgotten while it was asked.
+        let mut typed = lock(&self.typed);
+        typed.get_mut(address).is_some_and(|state| {
+            let before = std::mem::replace(state, came_of_it);
+            before != *state
+        })
     }
 }
 
-fn ask_all(state: &State, addresses: &[String], found: &mut Round, problems: &mut Vec<Problem>) {
+/// Asks at addresses, and tells what came of it at each.
+fn ask_all(
+    state: &State,
+    addresses: &[String],
+    found: &mut Round,
+    mut tell: impl FnMut(&str, AddressState),
+) {
     let addresses = &addresses[..addresses.len().min(MAX_ADDRESSES)];
     // Side by side: one that does not answer holds up no other.
     for some in addresses.chunks(ASKED_AT_ONCE) {
@@ -242,28 +269,35 @@ fn ask_all(state: &State, addresses: &[String], found: &mut Round, problems: &mu
         let answers: Vec<_> = thread::scope(|scope| {
             let asked: Vec<_> = some
                 .iter()
-                .map(|address| scope.spawn(move || robots_at(state, address)))
+                .map(|address| scope.spawn(move || ask(state, address)))
                 .collect();
             asked.into_iter().map(ScopedJoinHandle::join).collect()
         });
         for (address, answer) in some.iter().zip(answers) {
-            let words = match answer {
+            let came_of_it = match answer {
+                Ok(Ok(robots)) if robots.is_empty() => AddressState::NoRobot,
                 Ok(Ok(robots)) => {
                     found.extend(robots);
-                    continue;
+                    AddressState::Found
                 }
-                Ok(Err(LinkError::Open { .. })) => {
-                    format!("nobody answers at {address}; trying again")
-                }
-                Ok(Err(why)) => why.to_string(),
-                Err(_panic) => format!("{address} could not be asked"),
+                Ok(Err(why)) => why,
+                Err(_panic) => AddressState::Problem(format!("{address} could not be asked")),
             };
-            problems.push(Problem {
-                address: Some(address.clone()),
-                words,
-            });
+            tell(address, came_of_it);
         }
     }
+}
+
+fn ask(state: &State, address: &str) -> Result<Round, AddressState> {
+    robots_at(state, address).map_err(|why| {
+        // Whom nobody typed, nobody wants to know more of.
+        let is_typed = lock(&state.typed).contains_key(address);
+        if is_typed {
+            AddressState::of(&why, address)
+        } else {
+            AddressState::Silent
+        }
+    })
 }
 
 fn robots_at(state: &State, address: &str) -> Result<Round, LinkError> {
@@ -331,7 +365,7 @@ fn every_robot_status() -> String {
 }
 
 /// The endpoints of the Zenoh processes that answer on the local network.
-fn scout(problems: &mut Vec<Problem>) -> BTreeSet<String> {
+fn scout(problem: &mut Option<String>) -> BTreeSet<String> {
     let (sender, hellos): (SyncSender<Vec<String>>, _) = sync_channel(MAX_ADDRESSES);
     let scouting = zenoh::scout(WhatAmI::Peer | WhatAmI::Router, zenoh::Config::default())
         .callback(move |hello| {
@@ -347,11 +381,7 @@ fn scout(problems: &mut Vec<Problem>) -> BTreeSet<String> {
     let scouting = match scouting {
         Ok(scouting) => scouting,
         Err(why) => {
-            let words = format!("the local network cannot be searched: {why}");
-            problems.push(Problem {
-                address: None,
-                words,
-            });
+            *problem = Some(format!("the local network cannot be searched: {why}"));
             return BTreeSet::new();
         }
     };

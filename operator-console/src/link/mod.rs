@@ -4,6 +4,7 @@
 //! what the model wants, and wakes whoever draws, but only when there is something new to see. So a frozen
 //! window holds up neither, and a robot that stands still costs no frames.
 
+mod address_state;
 mod connect;
 mod discovery;
 mod driving;
@@ -26,6 +27,7 @@ use crate::locks::lock;
 use crate::model::{ConsoleModel, Incoming, ModelSettings};
 use connect::Connections;
 
+pub use address_state::{AddressState, place};
 pub use discovery::{Discovery, FleetState, FoundRobot, Sighting};
 pub use driving::DrivingLink;
 pub use transport::Transport;

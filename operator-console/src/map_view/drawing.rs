@@ -249,6 +249,9 @@ impl MapView {
         let mut points_m = ruler.points_m().to_vec();
         if let Some(at) = aim
             && points_m.len() < ruler::MAX_POINTS
+            && points_m
+                .last()
+                .is_none_or(|last_m| !self.rests_on(*last_m, at))
         {
             points_m.push(self.camera.to_odom(self.screen, at));
         }
@@ -258,6 +261,12 @@ impl MapView {
         overlays::ruler::paint(painter, &points_m, &legs, view, ink, paper);
         let words = legs.iter().map(Leg::label).chain(ruler::total(&legs));
         (!legs.is_empty()).then(|| words.collect::<Vec<_>>().join("; "))
+    }
+
+    /// Whether a place on the screen is where this point (metres in `odom`) is drawn.
+    fn rests_on(&self, point_m: [f64; 2], place: Pos2) -> bool {
+        let drawn = self.camera.to_screen(self.screen, point_m);
+        drawn.distance(place) <= overlays::ruler::POINT
     }
 
     fn vehicle_color(&self, is_old: bool) -> Color32 {

@@ -136,7 +136,9 @@ impl ProbedCell {
         };
         let parts = [
             self.age.map(|since| format!("{} old", age(since))),
-            Some(self.source.clone().unwrap_or_else(|| stage.to_owned())),
+            // Where nothing is known, it comes from nothing.
+            self.value
+                .map(|_| self.source.clone().unwrap_or_else(|| stage.to_owned())),
             self.revision
                 .map(|revision| format!("revision {}", count(revision))),
             (!self.is_shown).then(|| "hidden".to_owned()),

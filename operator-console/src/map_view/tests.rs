@@ -102,6 +102,8 @@ fn keys_read_and_measure_what_is_in_the_middle() {
 
     look(&mut window, Look::Measure(true));
     look(&mut window, Look::Point);
+    // It lies on the point, and is no piece.
+    assert!(window.query_by_label_contains("measured").is_none());
     look(&mut window, Look::At([5.0, 7.0]));
     // The open end is where the next point would be.
     window.get_by_label_contains("Map, measured: 5.00 m");

@@ -1,9 +1,9 @@
-//! A box for the address of a robot or router, and the addresses that are remembered.
+//! A box for the address of a robot or router.
 
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::text_edit::TextEditState;
-use eframe::egui::{Align, Button, CollapsingHeader, Id, Key, Layout, RichText, TextEdit, Ui};
-use robot_edge::link::endpoints::check_console;
+use eframe::egui::{Id, Key, RichText, TextEdit, Ui};
+use robot_edge::link::endpoints::{DEFAULT_PORT, check_console};
 
 use crate::command::Command;
 use crate::shortcuts::Action;
@@ -14,15 +14,6 @@ pub struct AddressEntry {
     text: String,
     error: Option<String>,
     wants_keyboard: bool,
-}
-
-/// An address that is remembered.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Remembered {
-    /// A control endpoint.
-    pub address: String,
-    /// Whether it is asked for robots in this run.
-    pub is_asked: bool,
 }
 
 impl AddressEntry {
@@ -50,7 +41,9 @@ impl AddressEntry {
                 Some(Command::AddAddress(address))
             }
             Err(why) => {
-                self.error = Some(why.to_string());
+                let typed = self.text.trim();
+                let words = without_port(typed, &address);
+                self.error = Some(words.unwrap_or_else(|| why.to_string()));
                 None
             }
         }
@@ -61,33 +54,19 @@ const fn protocol(has_keys: bool) -> &'static str {
     if has_keys { "quic" } else { "tcp" }
 }
 
-/// Addresses that are asked at every start that names none, and may be forgotten.
-pub(super) fn addresses_ui(ui: &mut Ui, addresses: &[Remembered]) -> Option<Command> {
-    let mut command = None;
-    if addresses.is_empty() {
-        return None;
-    }
-    CollapsingHeader::new(format!("Remembered addresses ({})", addresses.len())).show(ui, |ui| {
-        for Remembered { address, is_asked } in addresses.iter().rev() {
-            ui.horizontal(|ui| {
-                ui.label(RichText::new(address).small());
-                ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                    let forget = Button::new(RichText::new("Forget").small());
-                    let hint = format!("Ask {address} no longer, now and from the next start on");
-                    if ui.add(forget).on_hover_text(hint).clicked() {
-                        command = Some(Command::ForgetAddress(address.clone()));
-                    }
-                    let ask = Button::new(RichText::new("Ask").small());
-                    let hint =
-                        format!("Ask {address} too: with --connect it is not asked by itself");
-                    if !is_asked && ui.add(ask).on_hover_text(hint).clicked() {
-                        command = Some(Command::AddAddress(address.clone()));
-                    }
-                });
-            });
-        }
-    });
-    command
+/// What to say of an address that lacks its port and nothing else; `typed` may lack its protocol, too.
+fn without_port(typed: &str, address: &str) -> Option<String> {
+    let (protocol, host) = address.split_once('/')?;
+    let is_bracketed = host.starts_with('[') && host.ends_with(']');
+    let is_host = !host.is_empty()
+        && !host.contains(|sign: char| sign == '/' || sign.is_whitespace())
+        && (is_bracketed || !host.contains(':'));
+    let is_known = matches!(protocol, "tcp" | "tls" | "quic");
+    (is_known && is_host).then(|| {
+        format!(
+            "The port is missing: for example {typed}:{DEFAULT_PORT}, which is usual for robots."
+        )
+    })
 }
 
 /// Draws the box; the address, where one was entered.
@@ -168,15 +147,24 @@ mod tests {
             assert_eq!(entry, AddressEntry::default());
         }
         for (typed, has_keys, says) in [
-            ("boat", false, "for example tcp/"),
-            ("tcp/boat", false, "for example tcp/"),
+            (
+                "nosuchhost",
+                false,
+                "The port is missing: for example nosuchhost:7447",
+            ),
+            ("10.0.0.5", false, "for example 10.0.0.5:7447"),
+            ("tcp/boat", false, "for example tcp/boat:7447"),
+            ("[::1]", false, "for example [::1]:7447"),
+            ("my boat", false, "for example tcp/192"),
+            ("boat:", false, "for example tcp/192"),
+            ("udp/boat", false, "for example tcp/192"),
             ("tcp/boat:0", false, "for example tcp/"),
             ("tcp/boat:65535", false, "for example tcp/"),
             ("http://boat:80", false, "for example tcp/"),
             ("fe80::1:7447", false, "for example tcp/"),
             ("quic/boat:7447", false, "need --keys"),
             ("udp/boat:7447", false, "without --keys it is tcp/"),
-            ("boat", true, "quic/192.168.1.20:7447 with --keys"),
+            ("boat", true, "The port is missing: for example boat:7447"),
             ("tcp/boat:7447", true, "with --keys it is quic/"),
             ("[::1]:7447", true, "IPv6"),
         ] {

@@ -1,5 +1,6 @@
 //! How the link does, and whether the map is the robot's.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use eframe::egui::{RichText, Ui};
@@ -27,6 +28,8 @@ pub struct LinkSight {
     pub recording: Option<String>,
     /// By what way messages about driving go; none while that is not known.
     pub transport: Option<Transport>,
+    /// Where the robot's recordings are, where that is on this machine.
+    pub recordings: Option<PathBuf>,
 }
 
 impl LinkSight {
@@ -183,6 +186,7 @@ mod tests {
         let model = console("recording-1", &[]);
         let link = LinkSight {
             transport: None,
+            recordings: None,
             recording: Some("rooms.mcap".to_owned()),
             problem: Some("nobody answers at tcp/127.0.0.1:9".to_owned()),
             is_connected: false,

@@ -1,6 +1,7 @@
 //! The panels beside the map: each a pure `FooData` made from the model and a function that draws it and
 //! returns what the operator asks for.
 
+pub mod address_list;
 pub mod addresses;
 pub mod alerts;
 pub mod connection;

@@ -1,5 +1,7 @@
 //! The recording on the robot: whether it runs, how large it is, and how to start and stop it.
 
+use std::path::{Path, PathBuf};
+
 use eframe::egui::{Button, Label, RichText, Ui, vec2};
 use protocol::message::{Answer, RecordingState, RecordingStatus, Setting};
 use robot_edge::clock::Monotonic;
@@ -26,6 +28,10 @@ pub struct RecordingData {
     pub rows: Vec<(String, String)>,
     /// What the button does; `None` where the robot cannot record.
     pub button: Option<RecordingButton>,
+    /// Its folder, where that is on this machine.
+    pub folder: Option<PathBuf>,
+    /// The last file, where it is finished and on this machine, and the words to open it.
+    pub finished: Option<(PathBuf, &'static str)>,
     /// Why the last wish was not done.
     pub refusal: Option<String>,
 }
@@ -40,8 +46,14 @@ pub struct RecordingButton {
 }
 
 impl RecordingData {
-    /// The recording at `now`; `helm` is of this console, where it can ask the robot for anything.
-    pub fn new(model: &ConsoleModel, helm: Option<&HelmSight>, now: Monotonic) -> Self {
+    /// The recording at `now`; `helm` is of this console, where it can ask the robot for anything; `folder` is that of the
+    /// robot's recordings, where it is on this machine.
+    pub fn new(
+        model: &ConsoleModel,
+        helm: Option<&HelmSight>,
+        folder: Option<&Path>,
+        now: Monotonic,
+    ) -> Self {
         let is_live = model.connection().state(now) == LinkState::Live;
         let Some((recording, (status, at))) = model.recording().zip(model.status()) else {
             return Self::unavailable(model);
@@ -64,7 +76,9 @@ impl RecordingData {
             tone: if is_live { tone } else { Tone::Waiting },
             state: state.to_owned(),
             advice,
-            rows: rows(recording),
+            rows: rows(recording, folder),
+            folder: folder.map(Path::to_owned),
+            finished: finished(recording, folder),
             button: Some(RecordingButton {
                 starts: recording.state != RecordingState::Recording,
                 blocked,
@@ -89,6 +103,8 @@ impl RecordingData {
             advice,
             rows: Vec::new(),
             button: None,
+            folder: None,
+            finished: None,
             refusal: None,
         }
     }
@@ -119,10 +135,27 @@ fn state_words(state: RecordingState, has_ended: bool) -> (Tone, &'static str, O
     }
 }
 
-fn rows(recording: &RecordingStatus) -> Vec<Row> {
+/// The last file, which nobody writes to any more, and the words to open it: a file ends after a minute.
+fn finished(recording: &RecordingStatus, folder: Option<&Path>) -> Option<(PathBuf, &'static str)> {
+    let is_finished = recording.files > 0 && recording.state != RecordingState::Recording;
+    let path = folder.filter(|_| is_finished)?.join(&recording.file);
+    let words = if recording.files == 1 {
+        "Open it"
+    } else {
+        "Open its last file"
+    };
+    Some((path, words))
+}
+
+fn rows(recording: &RecordingStatus, folder: Option<&Path>) -> Vec<Row> {
     let mut rows = Vec::new();
     if recording.files > 0 {
         rows.push(row("File", recording.file.clone()));
+        let folder = folder.map_or_else(
+            || "the robot's folder of recordings".to_owned(),
+            |folder| folder.display().to_string(),
+        );
+        rows.push(row("Folder", folder));
         let files = if recording.files == 1 {
             "file"
         } else {
@@ -194,7 +227,26 @@ pub fn recording_ui(ui: &mut Ui, data: &RecordingData) -> Option<Command> {
         ui.add(Label::new(RichText::new(refusal).small().color(warning)).wrap());
     }
     rows_ui(ui, "recording", &data.rows);
-    pressed
+    pressed.or(files_ui(ui, data))
+}
+
+/// What can be done with files that are on this machine.
+fn files_ui(ui: &mut Ui, data: &RecordingData) -> Option<Command> {
+    let folder = data.folder.as_ref()?;
+    let mut command = None;
+    ui.horizontal_wrapped(|ui| {
+        let show = ui.button("Open folder");
+        if show.on_hover_text(folder.display().to_string()).clicked() {
+            command = Some(Command::OpenFolder(folder.clone()));
+        }
+        if let Some((path, words)) = &data.finished {
+            let hint = "Shown in this window instead of the robot";
+            if ui.button(*words).on_hover_text(hint).clicked() {
+                command = Some(Command::Open(path.clone()));
+            }
+        }
+    });
+    command
 }
 
 fn button_ui(ui: &mut Ui, button: &RecordingButton) -> Option<Command> {

@@ -5,7 +5,7 @@ use robot_edge::clock::Monotonic;
 
 use super::rows::{Row, row, rows_ui};
 use super::stale::is_position_old;
-use super::wording::{age, bearing, count, signed};
+use super::wording::{age, bearing, count, signed, turn};
 use crate::model::{ConsoleModel, LinkState};
 
 /// What the panel shows.
@@ -63,12 +63,12 @@ fn pose_rows(model: &ConsoleModel) -> Vec<Row> {
         .to_degrees();
     let knows_north = model.shores().is_some_and(|shores| shores.datum.is_some());
     let speed = signed(f64::from(pose.speed_mps), 2);
-    let turning = signed(f64::from(pose.turn_rate_radps).to_degrees(), 0);
+    let turning = turn(f64::from(pose.turn_rate_radps));
     vec![
         row("Position", format!("x {x}  y {y} m")),
         row("Height", format!("{z} m")),
         row("Heading", heading(heading_deg, knows_north)),
-        row("Speed", format!("{speed} m/s, turning {turning}°/s")),
+        row("Speed", format!("{speed} m/s, turning {turning}")),
     ]
 }
 
@@ -94,7 +94,27 @@ pub fn robot_ui(ui: &mut Ui, data: &RobotData) {
 
 #[cfg(test)]
 mod tests {
+    use protocol::keys::Topic;
+    use protocol::message::Pose;
+
     use super::*;
+    use crate::pretend::{at, says, scout};
+
+    #[test]
+    fn turning_has_its_way_in_words() {
+        let mut model = scout();
+        let pose = Pose {
+            position_m: [1.0, 2.0, 0.0],
+            quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
+            speed_mps: -0.5,
+            turn_rate_radps: -0.21,
+            token: None,
+        };
+        says(&mut model, Topic::Pose, &pose, at(1_000));
+        let rows = RobotData::new(&model, at(1_100)).rows;
+        let speed = row("Speed", "−0.50 m/s, turning 12 °/s right");
+        assert_eq!(rows.last(), Some(&speed));
+    }
 
     #[test]
     fn a_heading_is_the_compasss_where_north_is_known() {

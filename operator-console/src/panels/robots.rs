@@ -6,7 +6,8 @@ use eframe::egui::{Align, Color32, Layout, RichText, Sense, Ui, vec2};
 use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
-use super::addresses::{AddressEntry, Remembered, address_ui, addresses_ui};
+use super::address_list::{ListedAddress, remembered_ui, unanswered_ui};
+use super::addresses::{AddressEntry, address_ui};
 use super::wording::age;
 use crate::command::Command;
 use crate::link::{FleetState, FoundRobot, Sighting};
@@ -29,8 +30,8 @@ pub struct RobotsData {
     pub is_up_to_operator: bool,
     /// Why none can be found.
     pub problem: Option<String>,
-    /// Addresses that are remembered.
-    pub addresses: Vec<Remembered>,
+    /// Addresses that are remembered, or asked for robots in this run.
+    pub addresses: Vec<ListedAddress>,
     /// Whether this console has keys: addresses are of another kind then.
     pub has_keys: bool,
 }
@@ -122,10 +123,11 @@ impl RobotsData {
     /// Says that nobody looks but at these addresses.
     pub fn looks_only_at(&mut self, addresses: &[String]) {
         if self.current.is_none() && self.found.is_empty() && self.is_up_to_operator {
+            let are = if addresses.len() > 1 { "are" } else { "is" };
             let addresses = addresses.join(", ");
             let advice = self.advice.take().unwrap_or_default();
             self.advice = Some(format!(
-                "{advice} Only {addresses} is asked, as --connect says."
+                "{advice} Only {addresses} {are} asked, as --connect says."
             ));
         }
     }
@@ -199,7 +201,10 @@ pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Op
     }
     ui.add_space(4.0);
     let typed = address_ui(ui, entry, data.has_keys);
-    command.or(typed).or(addresses_ui(ui, &data.addresses))
+    command
+        .or(typed)
+        .or(unanswered_ui(ui, &data.addresses, data.has_keys))
+        .or(remembered_ui(ui, &data.addresses))
 }
 
 /// A robot's colour.
@@ -249,6 +254,32 @@ mod tests {
         let second = data.numbered(2).unwrap();
         assert_eq!(second.robot.as_str(), "b");
         assert_eq!((data.numbered(0), data.numbered(3)), (None, None));
+    }
+
+    #[test]
+    fn where_robots_are_looked_for_alone_is_said_while_that_matters() {
+        let addresses = ["tcp/a:7447".to_owned(), "tcp/b:7447".to_owned()];
+        let said = |seen: &[Seen], current, sought: Sought<'_>| {
+            let mut data = RobotsData::new(seen, current, sought, None, NOW);
+            let before = data.advice.clone();
+            data.looks_only_at(&addresses);
+            (data.advice != before).then_some(data.advice).flatten()
+        };
+        let only = " Only tcp/a:7447, tcp/b:7447 are asked, as --connect says.";
+        assert_eq!(
+            said(&[], None, Sought::Any),
+            Some(format!("No robot found yet.{only}"))
+        );
+        let boat = "boat".parse().unwrap();
+        let named = said(&[], None, Sought::Named(&boat));
+        let looking = "Looking for boat. Start it, or type its address.";
+        assert_eq!(named, Some(format!("{looking}{only}")));
+        let found = [seen("a", 0, None)];
+        assert_eq!(said(&found, None, Sought::Any), None, "one is there");
+        let shown = Some((&boat, LinkState::Live));
+        assert_eq!(said(&[], shown, Sought::Any), None, "one is shown");
+        let demo = Sought::Demo { failure: None };
+        assert_eq!(said(&[], None, demo), None, "it comes by itself");
     }
 
     #[test]

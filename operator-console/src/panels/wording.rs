@@ -24,6 +24,19 @@ pub fn signed(number: f64, decimals: usize) -> String {
     }
 }
 
+/// How fast it turns, rad/s, left being plus, in degrees and with the way in words.
+pub fn turn(radps: f64) -> String {
+    let deg = radps.to_degrees().round();
+    let speed = signed(deg.abs(), 0);
+    if deg > 0.0 {
+        format!("{speed} °/s left")
+    } else if deg < 0.0 {
+        format!("{speed} °/s right")
+    } else {
+        format!("{speed} °/s")
+    }
+}
+
 /// A direction, degrees clockwise from north, as a compass has it: three digits.
 pub fn bearing(deg: f64) -> String {
     // 359.7° is north, and so is −0.3°, without a sign.
@@ -85,6 +98,10 @@ mod tests {
         assert_eq!(signed(-0.004, 2), "0.00");
         assert_eq!(signed(-12.345, 2), "−12.35");
         assert_eq!(signed(7.0, 1), "7.0");
+        assert_eq!(turn(0.21), "12 °/s left");
+        assert_eq!(turn(-0.21), "12 °/s right");
+        assert_eq!(turn(-0.008), "0 °/s");
+        assert_eq!(turn(f64::NAN), "NaN °/s");
         assert_eq!(bytes(999), "999 B");
         assert_eq!(bytes(4_100), "4 kB");
         assert_eq!(bytes(4_149_999), "4.1 MB");

@@ -130,7 +130,7 @@ impl Panels<'_> {
             PanelId::Link => link_ui(ui, &LinkData::new(model, link, now)),
             PanelId::Sensors => sensors_ui(ui, &SensorsData::new(model, now)),
             PanelId::Recording => {
-                let data = RecordingData::new(model, helm, now);
+                let data = RecordingData::new(model, helm, link.recordings.as_deref(), now);
                 commands.extend(recording_ui(ui, &data));
             }
             PanelId::Losses => losses_ui(ui, &LossesData::new(model)),

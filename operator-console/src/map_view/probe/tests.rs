@@ -230,4 +230,12 @@ fn a_probe_says_where_what_and_when() {
         measured.origin(),
         "3.2 s old, laser 0.2 s ago, revision 1\u{2009}234"
     );
+    for source in [None, measured.source.clone()] {
+        let unknown = ProbedCell {
+            value: None,
+            source,
+            ..measured.clone()
+        };
+        assert_eq!(unknown.origin(), "3.2 s old, revision 1\u{2009}234");
+    }
 }

@@ -6,6 +6,7 @@ use protocol::keys::OperatorId;
 use protocol::message::{Arming, Clamp, Settings, StopReason, TeleopState, TeleopStatus};
 use robot_edge::clock::Monotonic;
 
+use super::gauge::{self, Gauge};
 use super::{figures, words};
 use crate::helm::{EStopSight, HelmSight, Lease};
 use crate::model::{ConsoleModel, LinkState, Stream};
@@ -44,7 +45,7 @@ pub struct DrivingData {
     pub asks: Option<OperatorId>,
     /// How fast keys drive.
     pub step: SpeedStep,
-    /// Forwards, m/s, and turning to the left, rad/s.
+    /// Forwards, and turning.
     pub gauges: Option<[Gauge; 2]>,
     /// Why the two differ.
     pub clamp: Option<String>,
@@ -91,30 +92,6 @@ pub enum LeaseFace {
     Mine,
 }
 
-/// A speed that is asked for, and the one that is applied.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Gauge {
-    /// What it is.
-    pub name: &'static str,
-    /// Its unit.
-    pub unit: &'static str,
-    /// What is asked for.
-    pub requested: f32,
-    /// What the motors are told.
-    pub applied: f32,
-    /// The greatest either way.
-    pub limit: f32,
-    /// The names of its two ends.
-    pub ends: [&'static str; 2],
-}
-
-impl Gauge {
-    /// Whether less is applied than is asked for, or more.
-    pub fn is_held_back(&self) -> bool {
-        (self.applied - self.requested).abs() > 0.02 * self.limit
-    }
-}
-
 impl DrivingData {
     /// The state at `now`; `None` where the robot cannot be driven.
     pub fn new(model: &ConsoleModel, helm: &HelmSight, now: Monotonic) -> Option<Self> {
@@ -124,29 +101,11 @@ impl DrivingData {
             Some(silence) => lost(silence, helm),
             None => heard(teleop, helm, moves(model)),
         };
-        let gauges = model.info().map(|_| {
-            let [speed_mps, turn_rate_radps] = helm.limits;
-            let [requested, applied] = [teleop.requested, teleop.applied];
-            [
-                Gauge {
-                    name: "Speed",
-                    unit: "m/s",
-                    requested: requested.linear_mps,
-                    applied: applied.linear_mps,
-                    limit: speed_mps,
-                    ends: ["back", "forward"],
-                },
-                Gauge {
-                    name: "Turning",
-                    unit: "rad/s",
-                    // To the left is on the left.
-                    requested: -requested.angular_radps,
-                    applied: -applied.angular_radps,
-                    limit: turn_rate_radps,
-                    ends: ["left", "right"],
-                },
-            ]
-        });
+        // Where nobody drives from here nothing is asked for, whatever moves the vehicle.
+        let is_driven = teleop.state != TeleopState::Idle;
+        let gauges = model
+            .info()
+            .map(|_| gauge::gauges(teleop, helm.limits, is_driven));
         let gauges = gauges.filter(|_| silence.is_none());
         let is_held_back = gauges.iter().flatten().any(Gauge::is_held_back);
         let clamp = teleop.clamp.filter(|_| is_held_back);
@@ -171,7 +130,7 @@ impl DrivingData {
             clamp: clamp
                 .filter(|clamp| *clamp != Clamp::Stop)
                 .map(|clamp| format!("Held back by {}", words::clamp(clamp))),
-            rows: figures::rows(teleop, helm, silence),
+            rows: figures::rows(model, teleop, helm, silence),
             link: figures::link_rows(model, now),
             settings: Some(teleop.settings).filter(|_| silence.is_none()),
             refused: figures::refused_rows(teleop),

@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
-use protocol::message::{Arming, Clamp, StopReason, TeleopStatus};
+use protocol::message::{Arming, Clamp, TeleopStatus};
 use robot_edge::clock::Monotonic;
 
+use super::last_stop::last_stop;
 use super::words;
 use crate::helm::HelmSight;
 use crate::model::{ConsoleModel, LinkState, Stream};
@@ -16,6 +17,7 @@ use crate::theme::Tone;
 const OLD_MS: u32 = 200;
 
 pub(super) fn rows(
+    model: &ConsoleModel,
     teleop: &TeleopStatus,
     helm: &HelmSight,
     silence: Option<Duration>,
@@ -47,15 +49,9 @@ pub(super) fn rows(
     rows.push((tone, row("Age allows", allowed)));
     let (tone, guard) = words::guard(teleop.guard);
     rows.push((tone, row("Guard", guard)));
-    if let Some(stop) = teleop.last_stop {
-        let tone = match stop {
-            StopReason::Released => Tone::Waiting,
-            StopReason::Age
-            | StopReason::NotFinite
-            | StopReason::GuardStale
-            | StopReason::LeaseEnded(_) => Tone::Warning,
-        };
-        rows.push((tone, row("Last stop", words::stop(stop))));
+    let events = model.events().iter().map(|(event, _)| event);
+    if let Some((tone, stop)) = last_stop(teleop, events) {
+        rows.push((tone, row("Last stop", stop)));
     }
     if helm.lease.held().is_some() {
         // The vehicle would obey, and hears nothing: the keyboard is another window's, or a field's.

@@ -2,8 +2,9 @@
 
 use eframe::egui::{Align, Align2, FontId, Layout, Rect, Sense, Stroke, TextStyle, Ui, pos2, vec2};
 
-use super::data::Gauge;
-use crate::panels::wording::signed;
+use protocol::message::{TeleopStatus, Velocity};
+
+use crate::panels::wording::{signed, turn};
 use crate::theme::Tone;
 
 const BAR_HEIGHT: f32 = 14.0;
@@ -11,22 +12,85 @@ const MARK: f32 = 3.0;
 /// Narrower panels have the figures below the name, points.
 const LEAST: f32 = 200.0;
 
+/// A speed that is asked for, and the one that is applied.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gauge {
+    /// What it is.
+    pub name: &'static str,
+    /// Both speeds in words, with their unit; a dash where nothing is asked for.
+    pub figures: String,
+    /// What is asked for: m/s, or °/s to the right.
+    pub requested: f32,
+    /// What the motors are told, the same way.
+    pub applied: f32,
+    /// The greatest either way.
+    pub limit: f32,
+    /// The names of its two ends.
+    pub ends: [&'static str; 2],
+}
+
+impl Gauge {
+    /// Whether less is applied than is asked for, or more.
+    pub fn is_held_back(&self) -> bool {
+        (self.applied - self.requested).abs() > 0.02 * self.limit
+    }
+}
+
+/// Forwards, and turning; `limits` are m/s and rad/s. Where the vehicle is not driven there are no figures.
+pub(super) fn gauges(teleop: &TeleopStatus, limits: [f32; 2], is_driven: bool) -> [Gauge; 2] {
+    let [requested, applied] = [teleop.requested, teleop.applied];
+    let [speed_mps, turn_rate_radps] = limits;
+    let figures = |words: String| if is_driven { words } else { "–".to_owned() };
+    // To the left is on the left.
+    let to_the_right = |velocity: Velocity| -velocity.angular_radps.to_degrees();
+    [
+        Gauge {
+            name: "Speed",
+            figures: figures(format!(
+                "{} of {} m/s",
+                signed(f64::from(applied.linear_mps), 2),
+                signed(f64::from(requested.linear_mps), 2)
+            )),
+            requested: requested.linear_mps,
+            applied: applied.linear_mps,
+            limit: speed_mps,
+            ends: ["back", "forward"],
+        },
+        Gauge {
+            name: "Turning",
+            figures: figures(turn_of(applied.angular_radps, requested.angular_radps)),
+            requested: to_the_right(requested),
+            applied: to_the_right(applied),
+            limit: turn_rate_radps.to_degrees(),
+            ends: ["left", "right"],
+        },
+    ]
+}
+
+/// How fast it turns, of how fast it is to, rad/s to the left. The way is said once where it is the same.
+fn turn_of(applied_radps: f32, requested_radps: f32) -> String {
+    let [applied, requested] = [applied_radps, requested_radps].map(|radps| turn(f64::from(radps)));
+    let (speed, unit) = applied.split_once(' ').unwrap_or((&applied, ""));
+    let (_, unit_requested) = requested.split_once(' ').unwrap_or((&requested, ""));
+    if unit == unit_requested || speed == "0" {
+        format!("{speed} of {requested}")
+    } else {
+        format!("{applied} of {requested}")
+    }
+}
+
 /// Draws the gauge and, above it, its figures.
 pub(super) fn gauge_ui(ui: &mut Ui, gauge: &Gauge) {
     let weak = ui.visuals().weak_text_color();
-    let figures = format!(
-        "{} of {} {}",
-        signed(f64::from(gauge.applied), 2),
-        signed(f64::from(gauge.requested), 2),
-        gauge.unit
-    );
     if ui.available_width() < LEAST {
         ui.colored_label(weak, gauge.name);
-        ui.label(figures);
+        ui.label(&gauge.figures);
     } else {
         ui.horizontal(|ui| {
             ui.colored_label(weak, gauge.name);
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| ui.label(figures));
+            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+                ui.label(&gauge.figures)
+            });
         });
     }
     let small = TextStyle::Small.resolve(ui.style());
@@ -73,5 +137,25 @@ fn ends(ui: &Ui, rect: Rect, gauge: &Gauge, font: &FontId) {
     ] {
         ui.painter()
             .text(pos2(x, rect.bottom()), align, text, font.clone(), weak);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn turning_is_said_in_degrees_and_words() {
+        for (applied_radps, requested_radps, says) in [
+            (0.0, 0.0, "0 of 0 °/s"),
+            (0.2, 0.4, "11 of 23 °/s left"),
+            (-0.2, -0.4, "11 of 23 °/s right"),
+            (0.0, -0.4, "0 of 23 °/s right"),
+            (0.001, -0.4, "0 of 23 °/s right"),
+            (0.2, 0.0, "11 °/s left of 0 °/s"),
+            (-0.2, 0.4, "11 °/s right of 23 °/s left"),
+        ] {
+            assert_eq!(turn_of(applied_radps, requested_radps), says);
+        }
     }
 }

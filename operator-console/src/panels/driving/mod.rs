@@ -3,6 +3,7 @@
 mod data;
 mod figures;
 mod gauge;
+mod last_stop;
 pub mod words;
 
 use eframe::egui::{
@@ -12,7 +13,8 @@ use eframe::egui::{
 use protocol::keys::OperatorId;
 use protocol::message::{LeaseRequest, Setting, Settings};
 
-pub use data::{DrivingData, EStopFace, Gauge, LeaseFace};
+pub use data::{DrivingData, EStopFace, LeaseFace};
+pub use gauge::Gauge;
 
 use super::rows::{rows_ui, toned_rows_ui};
 use crate::command::Command;

@@ -148,6 +148,15 @@ fn what_is_asked_for_what_is_applied_and_what_holds_it_back_are_seen() {
         (0.8, 0.4, 1.0)
     );
     assert!(speed.is_held_back() && !turning.is_held_back());
+    assert_eq!(speed.figures, "0.40 of 0.80 m/s");
+    let mut left = Rig::driving();
+    left.teleop.requested.angular_radps = 0.5;
+    left.teleop.applied.angular_radps = 0.25;
+    let [_, turning] = left.data().gauges.unwrap();
+    assert_eq!(turning.figures, "14 of 29 °/s left");
+    // To the left is on the left.
+    assert!(turning.applied < -14.0 && turning.requested < -28.0);
+    assert!((turning.limit - 1.5_f32.to_degrees()).abs() < 1e-3);
     let age = Some((Tone::Good, "40 ms, at most 90 ms".to_owned()));
     assert_eq!(rig.row("Command age"), age);
     assert_eq!(rig.row("Keys"), Some((Tone::Good, "Obeyed".to_owned())));
@@ -239,6 +248,9 @@ fn an_emergency_stop_is_seen_from_press_to_reset() {
         is_stored: false,
     });
     assert_eq!(rig.data().headline, "Emergency stop");
+    rig.teleop.last_stop = Some(StopReason::Released);
+    let stop = Some((Tone::Warning, "emergency stop 3".to_owned()));
+    assert_eq!(rig.row("Last stop"), stop);
     assert_eq!(rig.click("Reset it"), None, "it is not stored yet");
     rig.teleop.estop = Some(EStopStatus {
         number: 3,
@@ -267,6 +279,12 @@ fn a_vehicle_that_moves_untold_does_not_stand() {
         let data = rig.data();
         assert_eq!((data.headline.as_str(), data.tone), (headline, tone));
         assert!(data.advice.unwrap().contains("−0.55 m/s"));
+        let figures = data.gauges.unwrap().map(|gauge| gauge.figures);
+        if state == TeleopState::Idle {
+            assert_eq!(figures, ["–", "–"], "nothing was asked for");
+        } else {
+            assert_eq!(figures, ["0.00 of 0.00 m/s", "0 of 0 °/s"]);
+        }
     }
     let mut boat = Rig::new();
     boat.teleop.is_drifting = true;

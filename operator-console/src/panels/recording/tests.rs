@@ -33,7 +33,7 @@ fn model(recording: Option<RecordingStatus>) -> ConsoleModel {
 }
 
 fn data(recording: Option<RecordingStatus>, helm: &HelmSight) -> RecordingData {
-    RecordingData::new(&model(recording), Some(helm), at(1_100))
+    RecordingData::new(&model(recording), Some(helm), None, at(1_100))
 }
 
 fn text(data: &RecordingData) -> String {
@@ -62,6 +62,7 @@ fn a_recording_that_runs_says_how_long_and_how_large_it_is() {
         "Good Recording\n\
          [stop] \n\
          File: scout-2026-03-01T123456Z.mcap\n\
+         Folder: the robot's folder of recordings\n\
          Length: 1:15\n\
          Size: 4.1 MB in 2 files\n\
          Free on disk: 52.0 GB"
@@ -122,7 +123,7 @@ fn a_refusal_is_said_in_words() {
 fn who_cannot_ask_is_told_why() {
     let blocked = |helm: Option<&HelmSight>, ms| {
         let model = model(Some(recording(RecordingState::Stopped)));
-        RecordingData::new(&model, helm, at(ms))
+        RecordingData::new(&model, helm, None, at(ms))
             .button
             .unwrap()
             .blocked
@@ -166,10 +167,49 @@ fn the_button_asks_for_what_it_says() {
 fn a_recording_that_is_shown_is_no_robot_that_does_not_record() {
     let mut model = console("recording-1a2b3c", &[]);
     says(&mut model, Topic::Status, &Status::default(), at(1_000));
-    let data = RecordingData::new(&model, None, at(1_100));
+    let data = RecordingData::new(&model, None, None, at(1_100));
     assert_eq!(
         text(&data),
         "Waiting This is a recording itself\n\
          What robots record is started and stopped here while one is shown."
     );
+}
+
+#[test]
+fn files_on_this_machine_are_shown_and_opened() {
+    let folder = Path::new("/home/anna/recordings");
+    let data = |state, files| {
+        let recording = RecordingStatus {
+            files,
+            ..recording(state)
+        };
+        let helm = helm_of_anna();
+        RecordingData::new(
+            &model(Some(recording)),
+            Some(&helm),
+            Some(folder),
+            at(1_100),
+        )
+    };
+    let row = ("Folder".to_owned(), "/home/anna/recordings".to_owned());
+    assert!(data(RecordingState::Recording, 1).rows.contains(&row));
+    let words = |state, files| data(state, files).finished.map(|(_, words)| words);
+    assert_eq!(words(RecordingState::Recording, 1), None, "it is written");
+    assert_eq!(words(RecordingState::Stopped, 0), None, "there is none");
+    assert_eq!(words(RecordingState::Stopped, 1), Some("Open it"));
+    let several = Some("Open its last file");
+    assert_eq!(words(RecordingState::StoppedDiskLow, 2), several);
+
+    let stopped = data(RecordingState::Stopped, 1);
+    let asked = Rc::new(RefCell::new(Vec::new()));
+    let heard = Rc::clone(&asked);
+    let mut panel =
+        Harness::new_ui(move |ui| heard.borrow_mut().extend(recording_ui(ui, &stopped)));
+    for label in ["Open folder", "Open it"] {
+        panel.get_by_label(label).click();
+        panel.run();
+    }
+    let file = folder.join("scout-2026-03-01T123456Z.mcap");
+    let expected = [Command::OpenFolder(folder.to_owned()), Command::Open(file)];
+    assert_eq!(*asked.borrow(), expected);
 }

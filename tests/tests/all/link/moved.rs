@@ -61,16 +61,16 @@ fn a_robot_is_found_where_it_answers_now_and_a_forgotten_address_is_told_of_no_m
         is_at(&new)
     });
     let nobody = format!("nobody answers at {old}; trying again");
-    wait_until("told", || discovery.problem().as_ref() == Some(&nobody));
+    wait_until("told", || discovery.complaints().as_ref() == Some(&nobody));
 
     discovery.forget_address(&old);
-    assert_eq!(discovery.problem(), None);
+    assert_eq!(discovery.complaints(), None);
     assert!(!discovery.asks(&old) && discovery.asks(&new));
     // A round that asked it may have been under way.
     let seen = discovery.sightings()[0].seen;
     wait_until("asked again", || {
         discovery.add_address(new.clone());
-        assert_eq!(discovery.problem(), None);
+        assert_eq!(discovery.complaints(), None);
         discovery.sightings()[0].seen > seen + Duration::from_secs(2)
     });
 }

@@ -122,7 +122,11 @@ fn the_operator_chooses_robots_addresses_and_layers() {
     window.run_steps(2);
     window.get_by_label("Add").click();
     window.run_steps(2);
-    check(&window, &["for example tcp/192.168.1.20:7447"], &[]);
+    check(
+        &window,
+        &["The port is missing: for example 10.0.0.5:7447"],
+        &[],
+    );
     let entry = window.get_by_role_and_label(Role::TextInput, "Address");
     assert!(entry.is_focused(), "it can be mended");
     entry.type_text(":7447");

@@ -1,0 +1,176 @@
+//! What has come of asking at an address: who answers there, or what is in the way.
+
+use std::io::ErrorKind;
+use std::net::{IpAddr, SocketAddr, TcpStream, ToSocketAddrs};
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::thread;
+use std::time::Duration;
+
+use robot_edge::link::LinkError;
+
+/// A name that is not found for so long is not known. The system may go on looking for it.
+const NAME_TIME: Duration = Duration::from_secs(2);
+/// Whoever listens takes a connection within this.
+const KNOCK_TIME: Duration = Duration::from_millis(700);
+
+/// How it is at an address that is asked for robots.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum AddressState {
+    /// It was not asked yet.
+    #[default]
+    Asking,
+    /// Robots are behind it.
+    Found,
+    /// Zenoh answers there, and knows of no robot.
+    NoRobot,
+    /// The name is of no computer.
+    UnknownName,
+    /// The computer is there, and nothing listens at the port.
+    Refused,
+    /// Nothing comes back.
+    Silent,
+    /// Something listens there that does not answer as it was asked: without keys, or with them.
+    Foreign,
+    /// Something else, in words.
+    Problem(String),
+}
+
+impl AddressState {
+    /// What a failure to ask at `address` means. May look up its name, and knock at its port: takes seconds at most.
+    pub(super) fn of(why: &LinkError, address: &str) -> Self {
+        match why {
+            LinkError::Open { .. } => place(address).map_or(Self::Silent, knock),
+            LinkError::Endpoint(_)
+            | LinkError::Protocol { .. }
+            | LinkError::Credentials(_)
+            | LinkError::Stranger { .. }
+            | LinkError::Config { .. }
+            | LinkError::Setting { .. }
+            | LinkError::Declare { .. }
+            | LinkError::NoRandomness(_)
+            | LinkError::Encoder(_) => Self::Problem(why.to_string()),
+        }
+    }
+
+    /// What keeps whoever waits for a robot from one at `address`, in a line of text.
+    pub fn complaint(&self, address: &str) -> Option<String> {
+        match self {
+            Self::Asking | Self::Found | Self::NoRobot => None,
+            Self::UnknownName => Some(format!("the name in {address} is not known")),
+            Self::Refused | Self::Silent => {
+                Some(format!("nobody answers at {address}; trying again"))
+            }
+            Self::Foreign => Some(format!(
+                "what listens at {address} does not answer as a robot: keys on one side only, or of another fleet?"
+            )),
+            Self::Problem(why) => Some(why.clone()),
+        }
+    }
+}
+
+/// The host and the port of an endpoint.
+pub fn place(address: &str) -> Option<(&str, u16)> {
+    let address = address.split(['?', '#']).next()?;
+    let (_protocol, place) = address.split_once('/')?;
+    let (host, port) = place.rsplit_once(':')?;
+    let host = host.trim_start_matches('[').trim_end_matches(']');
+    Some((host, port.parse().ok()?))
+}
+
+/// Tries to reach a port by TCP, which every robot has open: with keys TLS is offered beside QUIC.
+fn knock((host, port): (&str, u16)) -> AddressState {
+    let Some(found) = look_up(host, port) else {
+        return AddressState::UnknownName;
+    };
+    match TcpStream::connect_timeout(&found, KNOCK_TIME) {
+        Ok(_closed_at_once) => AddressState::Foreign,
+        Err(why) if why.kind() == ErrorKind::ConnectionRefused => AddressState::Refused,
+        Err(_) => AddressState::Silent,
+    }
+}
+
+/// The first computer of this name.
+fn look_up(host: &str, port: u16) -> Option<SocketAddr> {
+    if let Ok(ip) = host.parse::<IpAddr>() {
+        return Some(SocketAddr::new(ip, port));
+    }
+    let (sender, found): (SyncSender<Option<SocketAddr>>, _) = sync_channel(1);
+    let name = host.to_owned();
+    // The system may take its time, and nobody could stop it.
+    thread::spawn(move || {
+        let found = (name.as_str(), port).to_socket_addrs();
+        let first = found.ok().and_then(|mut all| all.next());
+        if sender.send(first).is_err() {
+            tracing::debug!(name, "nobody waits for this name any more");
+        }
+    });
+    found.recv_timeout(NAME_TIME).ok().flatten()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::TcpListener;
+
+    use robot_edge::link::endpoints::Channel;
+
+    use super::*;
+
+    fn of(address: &str) -> AddressState {
+        let why = LinkError::Open {
+            channel: Channel::Control,
+            endpoints: address.to_owned(),
+            why: "no".into(),
+        };
+        AddressState::of(&why, address)
+    }
+
+    #[test]
+    fn what_is_in_the_way_is_told_apart() {
+        let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
+        let address = format!("tcp/{}", listener.local_addr().unwrap());
+        assert_eq!(of(&address), AddressState::Foreign);
+        drop(listener);
+        assert_eq!(of(&address), AddressState::Refused);
+        // RFC 6761: never the name of a computer.
+        let unknown = "tcp/nosuchhost.invalid:7447";
+        assert_eq!(of(unknown), AddressState::UnknownName);
+        let why = LinkError::Stranger {
+            endpoints: "quic/boat:7447".to_owned(),
+            name: "eve".to_owned(),
+        };
+        let AddressState::Problem(words) = AddressState::of(&why, "quic/boat:7447") else {
+            panic!("a stranger is a problem");
+        };
+        assert!(words.contains("certificate of eve"), "{words}");
+    }
+
+    #[test]
+    fn an_endpoint_has_a_place() {
+        for (address, expected) in [
+            ("tcp/boat:7447", Some(("boat", 7447))),
+            ("quic/10.0.0.5:9?mixed_rel=1#a=b", Some(("10.0.0.5", 9))),
+            ("tcp/[::1]:7447", Some(("::1", 7447))),
+            ("boat:7447", None),
+            ("tcp/boat", None),
+        ] {
+            assert_eq!(place(address), expected, "{address}");
+        }
+    }
+
+    #[test]
+    fn only_what_is_in_the_way_is_complained_of() {
+        let complaint = |state: AddressState| state.complaint("tcp/boat:7447");
+        for quiet in [
+            AddressState::Asking,
+            AddressState::Found,
+            AddressState::NoRobot,
+        ] {
+            assert_eq!(complaint(quiet), None);
+        }
+        let nobody = Some("nobody answers at tcp/boat:7447; trying again".to_owned());
+        assert_eq!(complaint(AddressState::Silent), nobody);
+        assert_eq!(complaint(AddressState::Refused), nobody);
+        let unknown = Some("the name in tcp/boat:7447 is not known".to_owned());
+        assert_eq!(complaint(AddressState::UnknownName), unknown);
+    }
+}

@@ -1,0 +1,195 @@
+//! The addresses that are remembered or asked for robots, and what came of asking.
+
+use std::collections::BTreeMap;
+
+use eframe::egui::{Align, Button, CollapsingHeader, Label, Layout, RichText, Ui};
+
+use crate::command::Command;
+use crate::link::{AddressState, FoundRobot, place};
+use crate::theme::Tone;
+
+/// An address that is remembered, or asked.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ListedAddress {
+    /// A control endpoint.
+    pub address: String,
+    /// What came of asking there; `None` where it is not asked in this run.
+    pub state: Option<AddressState>,
+    /// Whether it is asked at every start that names none, until it is forgotten.
+    pub is_remembered: bool,
+}
+
+/// What is said of an address.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Words {
+    tone: Tone,
+    state: String,
+    /// What to look at.
+    hint: Option<String>,
+}
+
+/// The addresses that the command line names, and those that are `remembered`, the newest first, with what came of
+/// asking. Where a robot is found, it answers although it may have missed a round.
+pub fn listed<'a>(
+    named: &'a [String],
+    remembered: impl DoubleEndedIterator<Item = &'a String>,
+    asked: &BTreeMap<String, AddressState>,
+    found: &[FoundRobot],
+) -> Vec<ListedAddress> {
+    let state = |address: &String| {
+        let answers = found.iter().any(|found| found.endpoint == *address);
+        match asked.get(address) {
+            Some(_) if answers => Some(AddressState::Found),
+            state => state.cloned(),
+        }
+    };
+    let mut all: Vec<_> = remembered
+        .rev()
+        .map(|address| ListedAddress {
+            address: address.clone(),
+            state: state(address),
+            is_remembered: true,
+        })
+        .collect();
+    for address in named {
+        if all.iter().all(|listed| listed.address != *address) {
+            all.push(ListedAddress {
+                address: address.clone(),
+                state: state(address),
+                is_remembered: false,
+            });
+        }
+    }
+    all
+}
+
+impl ListedAddress {
+    /// Whether it is asked, and no robot is behind it.
+    fn is_unanswered(&self) -> bool {
+        self.state
+            .as_ref()
+            .is_some_and(|state| *state != AddressState::Found)
+    }
+
+    /// How it is there; `has_keys`: this console asks with keys.
+    fn words(&self, has_keys: bool) -> Words {
+        let (host, port) = place(&self.address).unwrap_or((&self.address, 0));
+        let warning = |state: String, hint: String| Words {
+            tone: Tone::Warning,
+            state,
+            hint: Some(hint),
+        };
+        let is_started = || format!("Is the robot started, and is {port} the right port?");
+        match &self.state {
+            None => Words {
+                tone: Tone::Waiting,
+                state: "not asked".to_owned(),
+                hint: None,
+            },
+            Some(AddressState::Asking) => Words {
+                tone: Tone::Waiting,
+                state: "asking…".to_owned(),
+                hint: None,
+            },
+            Some(AddressState::Found) => Words {
+                tone: Tone::Good,
+                state: "answers".to_owned(),
+                hint: None,
+            },
+            Some(AddressState::NoRobot) => warning(
+                "no robot there".to_owned(),
+                "Whoever answers is a router, or a robot that is still starting.".to_owned(),
+            ),
+            Some(AddressState::UnknownName) => warning(
+                "name not known".to_owned(),
+                format!("No computer is called {host}. Its IP address does without a name."),
+            ),
+            Some(AddressState::Refused) => warning("nobody listens".to_owned(), is_started()),
+            Some(AddressState::Silent) => warning(
+                "nobody answers".to_owned(),
+                format!("{} Is its network reached from here?", is_started()),
+            ),
+            Some(AddressState::Foreign) if has_keys => warning(
+                "answers without TLS of this fleet".to_owned(),
+                "Was the robot started with --keys, and is its certificate of this fleet?"
+                    .to_owned(),
+            ),
+            Some(AddressState::Foreign) => warning(
+                "does not answer as a robot".to_owned(),
+                format!(
+                    "A robot with keys is asked at quic/{host}:{port}, by a console that was started with --keys."
+                ),
+            ),
+            Some(AddressState::Problem(why)) => warning("cannot be asked".to_owned(), why.clone()),
+        }
+    }
+}
+
+/// Draws the addresses that are asked and behind which there is no robot: each says why.
+pub(super) fn unanswered_ui(
+    ui: &mut Ui,
+    addresses: &[ListedAddress],
+    has_keys: bool,
+) -> Option<Command> {
+    let mut command = None;
+    for listed in addresses.iter().filter(|listed| listed.is_unanswered()) {
+        let Words { tone, state, hint } = listed.words(has_keys);
+        ui.horizontal_wrapped(|ui| {
+            ui.label(RichText::new(&listed.address).small());
+            let color = tone.color(ui.visuals());
+            ui.label(RichText::new(state).small().color(color));
+            command = command.take().or(buttons_ui(ui, listed));
+        });
+        if let Some(hint) = hint {
+            ui.add(Label::new(RichText::new(hint).small().weak()).wrap());
+        }
+    }
+    command
+}
+
+/// Draws the other addresses that are remembered: they may be forgotten.
+pub(super) fn remembered_ui(ui: &mut Ui, addresses: &[ListedAddress]) -> Option<Command> {
+    let mut command = None;
+    let quiet: Vec<_> = addresses
+        .iter()
+        .filter(|listed| listed.is_remembered && !listed.is_unanswered())
+        .collect();
+    if quiet.is_empty() {
+        return None;
+    }
+    let heading = CollapsingHeader::new(format!("Remembered addresses ({})", quiet.len()));
+    heading.id_salt("remembered addresses").show(ui, |ui| {
+        for listed in quiet {
+            ui.horizontal(|ui| {
+                ui.label(RichText::new(&listed.address).small());
+                ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+                    command = command.take().or(buttons_ui(ui, listed));
+                });
+            });
+        }
+    });
+    command
+}
+
+fn buttons_ui(ui: &mut Ui, listed: &ListedAddress) -> Option<Command> {
+    let mut command = None;
+    let address = &listed.address;
+    if listed.is_remembered {
+        let forget = Button::new(RichText::new("Forget").small());
+        let hint = format!("Ask {address} no longer, now and from the next start on");
+        if ui.add(forget).on_hover_text(hint).clicked() {
+            command = Some(Command::ForgetAddress(address.clone()));
+        }
+    }
+    if listed.state.is_none() {
+        let ask = Button::new(RichText::new("Ask").small());
+        let hint = format!("Ask {address} too: with --connect it is not asked by itself");
+        if ui.add(ask).on_hover_text(hint).clicked() {
+            command = Some(Command::AddAddress(address.clone()));
+        }
+    }
+    command
+}
+
+#[cfg(test)]
+mod tests;

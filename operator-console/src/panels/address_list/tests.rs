@@ -1,0 +1,139 @@
+use eframe::egui::vec2;
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable as _;
+
+use super::*;
+
+fn listed_as(address: &str, state: Option<AddressState>) -> ListedAddress {
+    ListedAddress {
+        address: address.to_owned(),
+        state,
+        is_remembered: true,
+    }
+}
+
+#[test]
+fn every_address_has_the_state_of_its_own() {
+    let owned = |all: &[&str]| all.iter().map(|one| (*one).to_owned()).collect::<Vec<_>>();
+    let named = owned(&["tcp/named:7447", "tcp/both:7447"]);
+    let remembered = owned(&["tcp/both:7447", "tcp/other:7447", "tcp/missed:7447"]);
+    let asked = [
+        ("tcp/named:7447", AddressState::Silent),
+        ("tcp/both:7447", AddressState::Refused),
+        ("tcp/missed:7447", AddressState::Silent),
+    ];
+    let asked = asked.map(|(address, state)| (address.to_owned(), state));
+    let found = FoundRobot {
+        robot: "boat".parse().unwrap(),
+        endpoint: "tcp/missed:7447".to_owned(),
+    };
+    let all = listed(&named, remembered.iter(), &asked.into(), &[found]);
+    let expected = [
+        listed_as("tcp/missed:7447", Some(AddressState::Found)),
+        listed_as("tcp/other:7447", None),
+        listed_as("tcp/both:7447", Some(AddressState::Refused)),
+        ListedAddress {
+            is_remembered: false,
+            ..listed_as("tcp/named:7447", Some(AddressState::Silent))
+        },
+    ];
+    assert_eq!(all, expected);
+}
+
+#[test]
+fn what_is_in_the_way_is_said_with_what_to_look_at() {
+    let words = |state, has_keys| {
+        let words = listed_as("tcp/boat:7450", Some(state)).words(has_keys);
+        (words.tone, words.state, words.hint.unwrap_or_default())
+    };
+    for (state, has_keys, tone, says, hint) in [
+        (AddressState::Asking, false, Tone::Waiting, "asking…", ""),
+        (AddressState::Found, false, Tone::Good, "answers", ""),
+        (
+            AddressState::Refused,
+            false,
+            Tone::Warning,
+            "nobody listens",
+            "Is the robot started, and is 7450 the right port?",
+        ),
+        (
+            AddressState::Silent,
+            false,
+            Tone::Warning,
+            "nobody answers",
+            "Is the robot started, and is 7450 the right port? Is its network reached from here?",
+        ),
+        (
+            AddressState::UnknownName,
+            false,
+            Tone::Warning,
+            "name not known",
+            "No computer is called boat. Its IP address does without a name.",
+        ),
+        (
+            AddressState::NoRobot,
+            false,
+            Tone::Warning,
+            "no robot there",
+            "Whoever answers is a router, or a robot that is still starting.",
+        ),
+        (
+            AddressState::Foreign,
+            false,
+            Tone::Warning,
+            "does not answer as a robot",
+            "A robot with keys is asked at quic/boat:7450, by a console that was started with --keys.",
+        ),
+        (
+            AddressState::Foreign,
+            true,
+            Tone::Warning,
+            "answers without TLS of this fleet",
+            "Was the robot started with --keys, and is its certificate of this fleet?",
+        ),
+        (
+            AddressState::Problem("eve is there".to_owned()),
+            true,
+            Tone::Warning,
+            "cannot be asked",
+            "eve is there",
+        ),
+    ] {
+        let expected = (tone, says.to_owned(), hint.to_owned());
+        assert_eq!(words(state, has_keys), expected);
+    }
+}
+
+#[test]
+fn silent_addresses_are_all_in_sight_and_can_be_forgotten() {
+    let addresses = [
+        listed_as("tcp/nosuch:7447", Some(AddressState::UnknownName)),
+        listed_as("tcp/10.0.0.5:7447", Some(AddressState::Silent)),
+        listed_as("tcp/here:7447", Some(AddressState::Found)),
+    ];
+    let mut window = Harness::builder()
+        .with_size(vec2(260.0, 600.0))
+        .build_ui_state(
+            move |ui, asked: &mut Option<Command>| {
+                let command = unanswered_ui(ui, &addresses, false);
+                let other = remembered_ui(ui, &addresses);
+                *asked = asked.take().or(command).or(other);
+            },
+            None,
+        );
+    window.run_steps(2);
+    for words in [
+        "name not known",
+        "nobody answers",
+        "Remembered addresses (1)",
+    ] {
+        let place = window.get_by_label(words).rect();
+        assert!(place.right() <= 260.0, "{words}: {place}");
+    }
+    assert!(window.query_by_label("tcp/here:7447").is_none());
+    let second = window.get_all_by_label("Forget").nth(1).unwrap();
+    second.click();
+    window.run_steps(2);
+    let expected = Command::ForgetAddress("tcp/10.0.0.5:7447".to_owned());
+    assert_eq!(window.state().clone(), Some(expected));
+}

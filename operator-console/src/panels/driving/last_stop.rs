@@ -1,0 +1,93 @@
+//! Why the vehicle stopped last. Its status tells only of stops on the way; an emergency stop may be newer than those.
+
+use protocol::message::{Event, StopReason, TeleopState, TeleopStatus};
+
+use super::words;
+use crate::theme::Tone;
+
+/// The newest stop, in words; `events` of the robot, the oldest first. `None` before the first.
+pub(super) fn last_stop<'a>(
+    teleop: &TeleopStatus,
+    events: impl DoubleEndedIterator<Item = &'a Event>,
+) -> Option<(Tone, String)> {
+    if let Some(estop) = teleop.estop {
+        let words = format!("emergency stop {}", estop.number);
+        return Some((Tone::Warning, words));
+    }
+    let is_stopping = matches!(teleop.state, TeleopState::Stopping(_));
+    let newest = events.rev().find_map(is_emergency);
+    if newest == Some(true) && !is_stopping {
+        return Some((Tone::Warning, "emergency stop, reset since".to_owned()));
+    }
+    let stop = teleop.last_stop?;
+    let tone = match stop {
+        StopReason::Released => Tone::Waiting,
+        StopReason::Age
+        | StopReason::NotFinite
+        | StopReason::GuardStale
+        | StopReason::LeaseEnded(_) => Tone::Warning,
+    };
+    Some((tone, words::stop(stop).to_owned()))
+}
+
+/// Whether an event is an emergency stop, or another stop; `None` where it is none.
+fn is_emergency(event: &Event) -> Option<bool> {
+    match event.kind.as_str() {
+        "estop" => Some(true),
+        "involuntary_stop" => Some(false),
+        "teleop_state" if event.message.starts_with("stopping") => Some(false),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::message::{EStopStatus, Severity};
+
+    use super::*;
+    use crate::pretend::standing;
+
+    fn event(kind: &str, message: &str) -> Event {
+        Event {
+            kind: kind.to_owned(),
+            severity: Severity::Info,
+            message: message.to_owned(),
+        }
+    }
+
+    #[test]
+    fn the_newest_stop_is_told_whatever_told_of_it() {
+        let released = event("teleop_state", "stopping after driving");
+        let estop = event("estop", "emergency stop 3, by anna");
+        let rest = [
+            event("teleop_state", "emergency stop after driving"),
+            event("estop_reset", "emergency stop 3 reset by anna"),
+            event("teleop_state", "held after idle"),
+            event("teleop_state", "driving after held"),
+        ];
+        let mut teleop = standing();
+        teleop.last_stop = Some(StopReason::Released);
+        let told = |teleop: &TeleopStatus, before: &[&Event]| {
+            let events = before.iter().copied().chain(&rest);
+            last_stop(teleop, events)
+        };
+        let let_go = Some((Tone::Waiting, "keys let go".to_owned()));
+        let emergency = |words: &str| Some((Tone::Warning, words.to_owned()));
+        assert_eq!(told(&teleop, &[]), let_go);
+        let reset = emergency("emergency stop, reset since");
+        assert_eq!(told(&teleop, &[&released, &estop]), reset);
+        assert_eq!(told(&teleop, &[&estop, &released]), let_go);
+        let involuntary = event("involuntary_stop", "stopping after driving");
+        assert_eq!(told(&teleop, &[&estop, &involuntary]), let_go);
+        // What it does is newer than what was heard of it.
+        teleop.state = TeleopState::Stopping(StopReason::Released);
+        assert_eq!(told(&teleop, &[&released, &estop]), let_go);
+        teleop.state = TeleopState::EStop;
+        teleop.estop = Some(EStopStatus {
+            number: 3,
+            is_stored: true,
+        });
+        assert_eq!(told(&teleop, &[]), emergency("emergency stop 3"));
+        assert_eq!(last_stop(&standing(), rest.iter()), None);
+    }
+}
