@@ -178,11 +178,7 @@ impl MappingSide {
                     network.came(&measurement, came, elapsed);
                 }
                 self.push(measurement)?;
-                if let Some(network) = &mut self.network
-                    && let Some(pose) = self.pipeline.placer().newest_pose()
-                {
-                    network.moved(pose);
-                }
+                self.tell_newest_pose();
             }
             Ordered::ClockReset { from, to } => {
                 tracing::info!(%from, "the clock of the data started anew");
@@ -206,6 +202,14 @@ impl MappingSide {
         Ok(())
     }
 
+    fn tell_newest_pose(&mut self) {
+        if let Some(network) = &mut self.network
+            && let Some(pose) = self.pipeline.placer().newest_pose()
+        {
+            network.moved(pose);
+        }
+    }
+
     /// The data has ended: maps what still waits.
     ///
     /// # Errors
@@ -216,6 +220,7 @@ impl MappingSide {
             network: self.network.as_mut(),
             marking: self.marking.as_ref(),
         });
+        self.tell_newest_pose();
         self.tell_network(lost);
         self.progress.finish();
         finished

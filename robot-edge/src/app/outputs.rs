@@ -25,10 +25,9 @@ pub(super) fn export(
     trajectory: &Trajectory,
     title: &str,
 ) -> anyhow::Result<Vec<String>> {
-    let vehicle = pipeline.mapper().vehicle_in_odom();
     let caption = Caption {
         title,
-        vehicle_m: Some([vehicle.x, vehicle.y]),
+        vehicle_m: Some(vehicle_m(pipeline)),
         labels: &[],
     };
     let maps = export_all(dir, &pipeline.publisher().store(), &caption);
@@ -58,6 +57,16 @@ pub(super) fn export(
         }
     }
     Ok(told)
+}
+
+/// Where consoles were told that the vehicle is: their pictures have its mark at the same place.
+fn vehicle_m(pipeline: &Pipeline) -> [f64; 2] {
+    let newest = pipeline.placer().newest_pose();
+    let [x, y, _] = match newest.filter(|(stamp, _)| Some(*stamp) >= pipeline.last_scan()) {
+        Some((_, pose)) => pose.translation.vector.into(),
+        None => pipeline.mapper().vehicle_in_odom().coords.into(),
+    };
+    [x, y]
 }
 
 /// Kind of the events that say what was decided before the run.

@@ -13,7 +13,7 @@ use robot_edge::clock::{self, Monotonic};
 use robot_edge::link::sessions::Endpoints;
 use tempfile::tempdir;
 
-use super::processes::{assert_same_maps, edge, free_port};
+use super::processes::{Running, assert_same_maps, free_port, program};
 
 const PATIENCE: Duration = Duration::from_secs(20);
 
@@ -28,7 +28,21 @@ fn a_late_console_that_shows_no_layer_exports_the_edges_map_and_way() {
     let folder = tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let port = free_port();
-    let robot = edge(port, "scout", "max", &at("edge"));
+    // It ends while the vehicle moves.
+    let mut command = program("robot-edge");
+    command.args([
+        "simulate",
+        "rooms",
+        "--duration",
+        "60",
+        "--rate",
+        "max",
+        "--stay",
+    ]);
+    command.args(["--robot", "scout", "--insecure", "--listen"]);
+    command.arg(format!("tcp/127.0.0.1:{port}"));
+    command.arg("--export").arg(at("edge"));
+    let robot = Running::start(&mut command, "edge");
     let settings = ModelSettings {
         robot: "scout".parse().unwrap(),
         session: BootId([2; 16]),
@@ -48,7 +62,7 @@ fn a_late_console_that_shows_no_layer_exports_the_edges_map_and_way() {
         ..settings
     };
     let late = RobotSession::open(settings, &endpoints, || {}).unwrap();
-    // The vehicle of this recording drives 29 m, and stands still when this console comes.
+    // The vehicle drives 29 m, and its data has ended when this console comes.
     wait_until(&late, "the way is there", |model| {
         let trail_m = Vec::from_iter(model.vehicle().trail());
         let steps = trail_m.windows(2);
@@ -60,7 +74,7 @@ fn a_late_console_that_shows_no_layer_exports_the_edges_map_and_way() {
     assert_eq!(
         late.model().vehicle().poses().len(),
         1,
-        "it heard only where it stands"
+        "it heard only where it ended"
     );
     let is_known = |model: &ConsoleModel| {
         let store = model.map().store();
