@@ -43,24 +43,7 @@ impl ConsoleModel {
 
     fn take_pushed(&mut self, topic: Topic, payload: &[u8], now: Monotonic) -> Result<(), Refusal> {
         match topic {
-            Topic::Pose => {
-                let (header, pose): (_, Pose) = decode(payload)?;
-                let numbers = pose
-                    .position_m
-                    .into_iter()
-                    .chain(pose.quaternion_xyzw.map(f64::from));
-                if !numbers.into_iter().all(f64::is_finite) {
-                    return Err(Refusal::Malformed);
-                }
-                self.of_this_boot(header)?;
-                self.quality.pose(now);
-                let before = self.vehicle.pose();
-                if before.is_none_or(|(_, at)| now.since(at) > GAP) {
-                    self.trail.gap();
-                }
-                self.connection.set_steady(self.quality.is_steady());
-                self.changes += u64::from(self.vehicle.take(pose, header.robot_time_ns, now));
-            }
+            Topic::Pose => self.take_pose(payload, now)?,
             Topic::Status => {
                 let (header, status): (_, Status) = decode(payload)?;
                 self.of_this_boot(header)?;
@@ -145,6 +128,26 @@ impl ConsoleModel {
             | Topic::Trajectory
             | Topic::Operator(_) => return Err(Refusal::Key),
         }
+        Ok(())
+    }
+
+    fn take_pose(&mut self, payload: &[u8], now: Monotonic) -> Result<(), Refusal> {
+        let (header, pose): (_, Pose) = decode(payload)?;
+        let numbers = pose
+            .position_m
+            .into_iter()
+            .chain(pose.quaternion_xyzw.map(f64::from));
+        if !numbers.into_iter().all(f64::is_finite) {
+            return Err(Refusal::Malformed);
+        }
+        self.of_this_boot(header)?;
+        self.quality.pose(now);
+        let before = self.vehicle.pose();
+        if before.is_none_or(|(_, at)| now.since(at) > GAP) {
+            self.trail.gap();
+        }
+        self.connection.set_steady(self.quality.is_steady());
+        self.changes += u64::from(self.vehicle.take(pose, header.robot_time_ns, now));
         Ok(())
     }
 

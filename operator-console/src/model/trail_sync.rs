@@ -142,7 +142,7 @@ mod tests {
         let asked = (request.from..poses)
             .step_by(request.step.get() as usize)
             .filter(|_| is_this)
-            .map(|n| StampedPose::new(n as i64, [n as f64, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]));
+            .map(|n| StampedPose::new(n.cast_signed(), [n as f64, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]));
         TrajectoryPart::new(trajectory, poses, asked)
     }
 

@@ -174,7 +174,7 @@ mod tests {
     use super::*;
 
     fn pose(n: u64) -> StampedPose {
-        StampedPose::new(n as i64, [n as f64, 0.5, 0.0], [0.0, 0.0, 0.0, 1.0])
+        StampedPose::new(n.cast_signed(), [n as f64, 0.5, 0.0], [0.0, 0.0, 0.0, 1.0])
     }
 
     fn part(trajectory: u64, poses: u64, from: u64) -> TrajectoryPart {

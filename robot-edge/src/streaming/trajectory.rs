@@ -195,7 +195,7 @@ mod tests {
 
     #[test]
     fn a_long_way_is_thinned_and_keeps_its_beginning() {
-        let many = MAX_POSES as i64;
+        let many = i64::try_from(MAX_POSES).unwrap();
         let trajectory = of(many + 5);
         let kept = stamps(trajectory.poses());
         assert_eq!(kept.len(), MAX_POSES / 2 + 3);
