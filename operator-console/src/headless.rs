@@ -110,7 +110,10 @@ pub fn run(
         )
     });
     let handle = session.handle();
-    let exported = export_parts(&settings.export, ExportPart::all(), |part, _| {
+    // What is fetched comes first: a robot whose data has ended does not wait for files that are written.
+    let mut parts: Vec<_> = ExportPart::all().collect();
+    parts.sort_by_key(|part| !matches!(part, ExportPart::Trajectory | ExportPart::Voxels));
+    let exported = export_parts(&settings.export, parts, |part, _| {
         match watched {
             Watched::InStep => fetch(&handle, part, settings.timeout, |_| {
                 if is_interrupted() {

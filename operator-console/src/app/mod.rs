@@ -101,7 +101,7 @@ pub struct ConsoleApp {
     asked_alone: Vec<String>,
     choice: RobotChoice,
     /// The robot whose recordings are on this machine, and their folder.
-    recordings: Option<(RobotId, PathBuf)>,
+    recordings: Option<(FoundRobot, PathBuf)>,
     shown: Option<(FoundRobot, RobotSession)>,
     /// When the last robot was joined.
     joined: Monotonic,
@@ -145,6 +145,9 @@ impl ConsoleApp {
         } else {
             Vec::new()
         };
+        let demo = settings.robot.clone().zip(addresses.first().cloned());
+        let demo = demo.map(|(robot, endpoint)| FoundRobot { robot, endpoint });
+        let recordings = demo.zip(settings.recordings);
         let discovery = Discovery::start(
             addresses,
             scouts,
@@ -166,7 +169,7 @@ impl ConsoleApp {
             session_id: settings.session,
             discovery,
             asked_alone,
-            recordings: settings.robot.clone().zip(settings.recordings),
+            recordings,
             choice: RobotChoice::new(settings.robot, settings.demo),
             shown: None,
             joined: Monotonic::default(),
@@ -270,7 +273,8 @@ impl eframe::App for ConsoleApp {
                     recordings: self
                         .recordings
                         .as_ref()
-                        .filter(|(robot, _)| *robot == found.robot)
+                        // Another computer's robot may have the same name.
+                        .filter(|(robot, _)| robot == found)
                         .map(|(_, folder)| folder.clone()),
                 };
                 let mut model = session.model();

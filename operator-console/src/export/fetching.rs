@@ -16,6 +16,8 @@ use crate::model::{ConsoleModel, LinkState, TrajectoryProgress, VoxelsProgress};
 
 /// Between two looks at what is being fetched.
 const LOOK: Duration = Duration::from_millis(20);
+/// Longer than a link stalls that comes back.
+const SILENCE: Duration = Duration::from_secs(10);
 
 /// How far fetching a part is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,6 +43,16 @@ impl Fetching {
             Self::Voxels(VoxelFile::Points, came) => 0.5 + 0.5 * share(came),
         }
     }
+
+    /// Rises with what came.
+    const fn progress(self) -> (u8, u64) {
+        match self {
+            Self::Asked => (0, 0),
+            Self::Tiles(missing) => (1, u64::MAX - missing as u64),
+            Self::Poses([came, _]) | Self::Voxels(VoxelFile::Tree, [came, _]) => (1, came),
+            Self::Voxels(VoxelFile::Points, [came, _]) => (2, came),
+        }
+    }
 }
 
 impl fmt::Display for Fetching {
@@ -57,8 +69,8 @@ impl fmt::Display for Fetching {
     }
 }
 
-/// Fetches what `part` needs, and takes it. A robot that is not heard is not waited for, and one that sends no more of it for
-/// no longer than `patience`. `watch` hears how far it is, and may break it off.
+/// Fetches what `part` needs, and takes it. A robot that has said nothing for [`SILENCE`] is not waited for, and one that sends
+/// no more of it for no longer than `patience`. `watch` hears how far it is, and may break it off.
 ///
 /// What cannot be fetched is taken as it is known here, and says so; of the octree nothing is.
 pub fn fetch(
@@ -68,66 +80,58 @@ pub fn fetch(
     mut watch: impl FnMut(Fetching) -> ControlFlow<()>,
 ) -> ControlFlow<(), anyhow::Result<Snapshot>> {
     let began = Monotonic::now();
-    let is_wanted = want(&mut model.lock(), part);
-    let (mut before, mut since) = (None, began);
-    let came = loop {
-        if !is_wanted {
-            break Ok(());
-        }
+    want(&mut model.lock(), part);
+    let (mut most, mut since) = (None, began);
+    loop {
         // The model is free while this waits.
-        let (state, is_heard) = {
-            let model = model.lock();
-            let link = model.connection().state(Monotonic::now());
-            (state(&model, part, began), link == LinkState::Live)
+        let mut guard = model.lock();
+        let now = Monotonic::now();
+        let age = guard.connection().age(now);
+        let came = match state(&guard, part, began) {
+            Ok(Some(_)) if age.is_none_or(|age| age > SILENCE) => Err("the robot is not heard"),
+            Ok(Some(_)) if now.since(since) > patience => Err("the robot sends no more of it"),
+            Ok(Some(fetching)) => {
+                drop(guard);
+                // What is begun anew again and again is no progress.
+                if most < Some(fetching.progress()) {
+                    most = Some(fetching.progress());
+                    since = now;
+                }
+                if watch(fetching).is_break() {
+                    give_back(&mut model.lock(), part);
+                    return ControlFlow::Break(());
+                }
+                thread::sleep(LOOK);
+                continue;
+            }
+            Ok(None) => Ok(()),
+            Err(why) => Err(why),
         };
-        let fetching = match state {
-            Ok(None) => break Ok(()),
-            Ok(Some(fetching)) => fetching,
-            Err(why) => break Err(why),
-        };
-        if !is_heard {
-            break Err("the robot is not heard");
-        }
-        // Of a layer that goes on changing, more may always be missing.
-        let is_other = before.replace(fetching) != Some(fetching);
-        if is_other && !matches!(part, ExportPart::Layer(_)) {
-            since = Monotonic::now();
-        } else if since.elapsed() > patience {
-            break Err("the robot sends no more of it");
-        }
-        if watch(fetching).is_break() {
-            give_back(&mut model.lock(), part);
-            return ControlFlow::Break(());
-        }
-        thread::sleep(LOOK);
-    };
-    let mut model = model.lock();
-    let snapshot = Snapshot::of(&model, part);
-    give_back(&mut model, part);
-    ControlFlow::Continue(match (came, part) {
-        (Ok(()), _) => Ok(snapshot),
-        (Err(why), ExportPart::Voxels) => Err(Error::msg(format!("{why}. Export it again later"))),
-        (Err(why), ExportPart::Trajectory) => {
-            Ok(snapshot.lacking(format!("only what was heard here, since {why}")))
-        }
-        (Err(why), ExportPart::Layer(_) | ExportPart::Shores) => {
-            Ok(snapshot.lacking(format!("as far as it came, since {why}")))
-        }
-    })
+        let snapshot = Snapshot::of(&guard, part);
+        give_back(&mut guard, part);
+        return ControlFlow::Continue(match (came, part) {
+            (Ok(()), _) => Ok(snapshot),
+            (Err(why), ExportPart::Voxels) => {
+                Err(Error::msg(format!("{why}. Export it again later")))
+            }
+            (Err(why), ExportPart::Trajectory) => {
+                Ok(snapshot.lacking(format!("only what was heard here, since {why}")))
+            }
+            (Err(why), ExportPart::Layer(_) | ExportPart::Shores) => {
+                Ok(snapshot.lacking(format!("as far as it came, since {why}")))
+            }
+        });
+    }
 }
 
-/// Begins to fetch a part; false where nothing of it is to be fetched.
-fn want(model: &mut ConsoleModel, part: ExportPart) -> bool {
+/// Begins to fetch a part.
+fn want(model: &mut ConsoleModel, part: ExportPart) {
     match part {
-        ExportPart::Layer(layer) if !part.is_in(model) || model.map().is_followed(layer) => {
-            return false;
-        }
-        ExportPart::Layer(layer) => model.follow_too([layer].into()),
+        ExportPart::Layer(layer) if part.is_in(model) => model.follow_too([layer].into()),
         ExportPart::Trajectory => model.want_trajectory(),
         ExportPart::Voxels => model.want_voxels(),
-        ExportPart::Shores => return false,
+        ExportPart::Layer(_) | ExportPart::Shores => {}
     }
-    true
 }
 
 /// The snapshot has it.
@@ -146,34 +150,51 @@ fn state(
     part: ExportPart,
     began: Monotonic,
 ) -> Result<Option<Fetching>, &'static str> {
+    if !part.is_in(model) && part != ExportPart::Voxels {
+        return Ok(None);
+    }
+    let another_run = "the robot began anew meanwhile";
     Ok(match part {
         ExportPart::Layer(layer) => {
             let step = model.map().steps().find(|step| step.layer == layer);
+            let is_whole = step.is_some_and(|step| {
+                let is_last = model.has_ended() && step.is_equal;
+                is_last || step.last_equal.is_some_and(|at| at >= began)
+            });
             match step {
-                Some(step) if step.last_equal.is_some_and(|at| at >= began) => None,
+                Some(_) if is_whole => None,
                 Some(step) if step.missing > 0 => Some(Fetching::Tiles(step.missing)),
                 Some(_) | None => Some(Fetching::Asked),
             }
         }
         ExportPart::Trajectory => match model.trajectory() {
-            TrajectoryProgress::Ready(_) | TrajectoryProgress::Unwanted => None,
+            TrajectoryProgress::Ready(_) => None,
+            TrajectoryProgress::Unwanted => return Err(another_run),
             TrajectoryProgress::Waiting => Some(Fetching::Asked),
             TrajectoryProgress::Fetching { fetched, of } => Some(Fetching::Poses([fetched, of])),
         },
         ExportPart::Voxels => match model.voxels() {
-            VoxelsProgress::Ready(_) | VoxelsProgress::None | VoxelsProgress::Unwanted => None,
+            VoxelsProgress::Ready(_) | VoxelsProgress::None => None,
+            VoxelsProgress::Unwanted => return Err(another_run),
             VoxelsProgress::Waiting => Some(Fetching::Asked),
             VoxelsProgress::Fetching { file, fetched, of } => {
                 Some(Fetching::Voxels(file, [fetched, of]))
             }
             VoxelsProgress::TooLong => return Err("it is longer than a console takes"),
         },
-        ExportPart::Shores => None,
+        // They come by themselves, while the robot is heard.
+        ExportPart::Shores => {
+            let is_heard = model.connection().state(Monotonic::now()) == LinkState::Live;
+            (!is_heard && !model.has_ended()).then_some(Fetching::Asked)
+        }
     })
 }
 
 #[cfg(test)]
 mod tests {
+    use protocol::keys::Topic;
+    use protocol::message::MapHead;
+
     use super::*;
 
     #[test]
@@ -219,11 +240,51 @@ mod tests {
             why.to_string(),
             "the robot is not heard. Export it again later"
         );
+        let outlines = fetch(ExportPart::Shores);
         assert_eq!(model.lock().trajectory(), TrajectoryProgress::Unwanted);
         assert_eq!(model.lock().voxels(), VoxelsProgress::Unwanted);
-        assert!(matches!(
-            fetch(ExportPart::Shores),
-            ControlFlow::Continue(Ok(_))
-        ));
+        assert!(
+            matches!(outlines, ControlFlow::Continue(Ok(_))),
+            "there are none"
+        );
+    }
+
+    /// How long a robot is waited for that was heard just now and answers nothing.
+    fn waits(patience: Duration) -> Duration {
+        let mut model = crate::pretend::scout();
+        let head = MapHead { layers: Vec::new() };
+        crate::pretend::says(&mut model, Topic::MapHead, &head, Monotonic::now());
+        let model = ModelHandle::of(model);
+        let started = Monotonic::now();
+        let fetched = fetch(&model, ExportPart::Trajectory, patience, |_| {
+            ControlFlow::Continue(())
+        });
+        let ControlFlow::Continue(Ok(way)) = fetched else {
+            panic!();
+        };
+        let why = "only what was heard here, since the robot sends no more of it";
+        assert_eq!(way.lacks.as_deref(), Some(why));
+        started.elapsed()
+    }
+
+    #[test]
+    fn a_robot_that_stalls_is_waited_for() {
+        // The link counts as silent after 0.4 s, or 1.5 s.
+        let patience = Duration::from_millis(1_800);
+        assert!(waits(patience) >= patience);
+    }
+
+    #[test]
+    fn what_begins_anew_is_no_progress() {
+        let rising = [Fetching::Asked, Fetching::Tiles(9), Fetching::Tiles(8)];
+        let of_voxels = [
+            Fetching::Voxels(VoxelFile::Tree, [5, 9]),
+            Fetching::Voxels(VoxelFile::Tree, [6, 9]),
+            Fetching::Voxels(VoxelFile::Points, [0, 9]),
+        ];
+        for rising in [rising, of_voxels] {
+            assert!(rising.is_sorted_by(|a, b| a.progress() < b.progress()));
+        }
+        assert!(Fetching::Poses([500, 600]).progress() > Fetching::Poses([0, 600]).progress());
     }
 }

@@ -31,7 +31,9 @@ use std::time::Duration;
 
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
-use protocol::message::{Event, Info, RecordingStatus, SensorInfo, SensorStatus, Shores, Status};
+use protocol::message::{
+    Event, Info, RecordingStatus, SensorInfo, SensorStatus, Shores, Status, StopReason,
+};
 use protocol::tile::BootId;
 use robot_edge::clock::Monotonic;
 
@@ -90,6 +92,8 @@ pub struct ConsoleModel {
     ended_seq: Option<u64>,
     head_seq: u64,
     events: VecDeque<(Event, Monotonic)>,
+    /// The last stop on the way that was told of when an emergency stop was heard last, in this run of the robot.
+    before_estop: Option<Option<StopReason>>,
     /// Layers that an export wants, shown or not.
     exported: BTreeSet<LayerId>,
     rectangle_m: [f32; 4],
@@ -130,6 +134,7 @@ impl ConsoleModel {
             ended_seq: None,
             head_seq: 0,
             events: VecDeque::new(),
+            before_estop: None,
             exported: BTreeSet::new(),
             rectangle_m: [0.0; 4],
             asked_info: None,
@@ -293,6 +298,12 @@ impl ConsoleModel {
     /// What happened, oldest first, and when it was heard.
     pub const fn events(&self) -> &VecDeque<(Event, Monotonic)> {
         &self.events
+    }
+
+    /// The last stop on the way that the robot told of when an emergency stop was heard; `None` where no such was heard since
+    /// it began to run.
+    pub const fn stop_before_estop(&self) -> Option<Option<StopReason>> {
+        self.before_estop
     }
 
     /// Whether the robot's data has ended and its last announcement is known, so that nothing new will come.

@@ -7,8 +7,8 @@ use robot_edge::clock::Monotonic;
 
 use super::incoming::RequestId;
 
-/// An answer that takes longer is not waited for.
-const PATIENCE: Duration = Duration::from_secs(4);
+/// The link says when no answer will come, after 10 s at most. That may be lost as anything else.
+const PATIENCE: Duration = Duration::from_secs(12);
 const FIRST_BACK_OFF: Duration = Duration::from_millis(500);
 const LONGEST_BACK_OFF: Duration = Duration::from_secs(8);
 

@@ -3,8 +3,8 @@
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
-    Digests, Info, LayerHead, MapHead, Pong, Pose, Scan, ShoresNews, Status, TileBand, TilesReply,
-    TrajectoryPart, VoxelsReply,
+    Digests, Event, Info, LayerHead, MapHead, Pong, Pose, Scan, ShoresNews, Status, TileBand,
+    TilesReply, TrajectoryPart, VoxelsReply,
 };
 use protocol::wire::{self, Header, WireError};
 use robot_edge::clock::Monotonic;
@@ -68,7 +68,14 @@ impl ConsoleModel {
                 self.status = Some((status, now));
             }
             Topic::Event => {
-                let (_, event) = decode(payload)?;
+                let (_, event): (_, Event) = decode(payload)?;
+                if event.kind == "estop" {
+                    let teleop = self
+                        .status
+                        .as_ref()
+                        .and_then(|(status, _)| status.teleop.as_ref());
+                    self.before_estop = Some(teleop.and_then(|teleop| teleop.last_stop));
+                }
                 if self.events.len() >= MAX_EVENTS {
                     self.events.pop_front();
                 }
@@ -87,6 +94,7 @@ impl ConsoleModel {
                     self.trajectory.forget();
                     self.trail = TrailSync::default();
                     self.scans.forget();
+                    self.before_estop = None;
                     self.ended_seq = None;
                     if self
                         .info
@@ -197,8 +205,8 @@ impl ConsoleModel {
             Topic::Trajectory => {
                 let (header, part): (_, TrajectoryPart) = decode(payload)?;
                 self.of_this_boot(header)?;
-                if let Some(known) = self.trail.take(&part, request) {
-                    self.vehicle.fill_trail(known);
+                if let Some(known) = self.trail.take(&part, request, now) {
+                    self.vehicle.fill_trail(&known);
                 } else if !self.trajectory.take(&part, request, now)? {
                     return Err(Refusal::OldRevision);
                 }

@@ -36,19 +36,24 @@ impl Trail {
         }
     }
 
-    /// The vehicle was there too, oldest first: what is far enough from the points before and behind it is put between them.
-    pub(super) fn fill(&mut self, known: impl IntoIterator<Item = (i64, [f64; 2])>) {
-        let mut here = self
-            .stamps_ns
-            .drain(..)
-            .zip(self.points_m.drain(..))
-            .peekable();
-        let mut filled: Vec<(i64, [f64; 2])> = Vec::new();
-        for (stamp_ns, point_m) in known {
+    /// The vehicle was there too, oldest first, up to a stamp: what is far enough from the points before and behind it is put
+    /// between them. Of data whose clock began anew, that is done with the points since.
+    pub(super) fn fill(&mut self, known: &[(i64, [f64; 2])], newest_ns: i64) {
+        let stamps: Vec<_> = self.stamps_ns.iter().copied().collect();
+        let here = since_last_fall(&stamps, |stamp_ns| *stamp_ns);
+        let known = &known[since_last_fall(known, |(stamp_ns, _)| *stamp_ns)..];
+        let mut all = self.stamps_ns.drain(..).zip(self.points_m.drain(..));
+        let mut filled: Vec<(i64, [f64; 2])> = all.by_ref().take(here).collect();
+        let before_fall = filled.len();
+        let mut here = all.peekable();
+        for (stamp_ns, point_m) in known.iter().copied() {
+            if stamp_ns > newest_ns {
+                break;
+            }
             while let Some(earlier) = here.next_if(|(here_ns, _)| *here_ns <= stamp_ns) {
                 filled.push(earlier);
             }
-            let before = filled
+            let before = filled[before_fall..]
                 .last()
                 .is_none_or(|(_, before_m)| is_far(*before_m, point_m));
             let behind = here
@@ -81,6 +86,14 @@ impl Trail {
     }
 }
 
+/// Where the last stretch of rising stamps begins.
+fn since_last_fall<T>(points: &[T], stamp_ns: impl Fn(&T) -> i64) -> usize {
+    let falls = points
+        .windows(2)
+        .rposition(|pair| stamp_ns(&pair[1]) < stamp_ns(&pair[0]));
+    falls.map_or(0, |index| index + 1)
+}
+
 fn is_far([ax, ay]: [f64; 2], [bx, by]: [f64; 2]) -> bool {
     let (dx, dy) = (bx - ax, by - ay);
     dx * dx + dy * dy >= STEP_M * STEP_M
@@ -104,6 +117,26 @@ mod tests {
         trail.points_m.iter().map(|[x, _]| *x as i64).collect()
     }
 
+    /// Up to 22.
+    fn fill(trail: &mut Trail, known: impl IntoIterator<Item = i64>) {
+        trail.fill(&along_x(known).collect::<Vec<_>>(), 22);
+    }
+
+    #[test]
+    fn a_clock_that_began_anew_draws_no_line_across_the_map() {
+        // The stamps are those of a clock that leapt back by 100.
+        let mut trail = of([100, 101, 102]);
+        for x in [3, 7] {
+            trail.add(x, [100.0 + x as f64, 0.0]);
+        }
+        let known = [101, 102, 4, 5].map(|stamp_ns| (stamp_ns, [100.0 + stamp_ns as f64, 0.0]));
+        trail.fill(&known, 7);
+        assert_eq!(xs(&trail), [100, 101, 102, 103, 104, 105, 107]);
+        // Those of before, told by themselves.
+        trail.fill(&[(100, [90.0, 0.0]), (101, [91.0, 0.0])], 7);
+        assert_eq!(trail.points_m.len(), 7);
+    }
+
     #[test]
     fn it_has_steps_and_a_limit_and_keeps_its_ends() {
         let mut trail = of([0]);
@@ -119,13 +152,13 @@ mod tests {
     #[test]
     fn gaps_are_filled_and_what_is_known_stays() {
         let mut trail = of([10, 11, 12, 20, 21]);
-        trail.fill(along_x([0, 5, 10, 15, 20, 22]));
+        fill(&mut trail, [0, 5, 10, 15, 20, 22, 30]);
         assert_eq!(xs(&trail), [0, 5, 10, 11, 12, 15, 20, 21, 22]);
         let stamps: Vec<_> = trail.stamps_ns.iter().copied().collect();
         assert_eq!(stamps, xs(&trail));
-        trail.fill([(13, [12.05, 0.0]), (14, [14.95, 0.0])]);
+        trail.fill(&[(13, [12.05, 0.0]), (14, [14.95, 0.0])], 22);
         assert_eq!(xs(&trail).len(), 9);
-        trail.fill(along_x(-50_000..0));
+        fill(&mut trail, -50_000..0);
         assert!(trail.points_m.len() <= MAX_POINTS);
         assert_eq!(trail.points_m.back(), Some(&[22.0, 0.0]));
     }
@@ -133,7 +166,7 @@ mod tests {
     #[test]
     fn nothing_known_is_filled_with_all() {
         let mut trail = Trail::default();
-        trail.fill(along_x([0, 1, 2]));
+        fill(&mut trail, [0, 1, 2]);
         assert_eq!(xs(&trail), [0, 1, 2]);
         trail.replace([[7.0, 0.0]]);
         trail.add(9, [8.0, 0.0]);

@@ -12,7 +12,7 @@ use super::refusals::Refusal;
 use super::repeated::Repeated;
 
 /// Longest way. A robot keeps no more poses.
-const MAX_POSES: u64 = 1_000_000;
+pub(super) const MAX_POSES: u64 = 1_000_000;
 
 /// How far fetching is.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -135,6 +135,7 @@ impl TrajectorySync {
         };
         if of.is_some_and(|(trajectory, _)| trajectory != part.trajectory) {
             self.phase = Phase::begin();
+            self.question.backs_off(now);
             return Ok(true);
         }
         let (_, wanted) = *of.get_or_insert((part.trajectory, part.poses));
@@ -169,6 +170,8 @@ impl Phase {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use protocol::message::MAX_TRAJECTORY_POSES;
 
     use super::*;
@@ -236,7 +239,14 @@ mod tests {
         ask(&mut sync, 2);
         let other = TrajectoryPart::new(8, 3, std::iter::empty());
         assert_eq!(take(&mut sync, &other, 2), Ok(true));
-        assert_eq!(ask(&mut sync, 3).map(|request| request.from), Some(0));
+        assert_eq!(
+            ask(&mut sync, 3),
+            None,
+            "not at once: it may be wound on and on"
+        );
+        let later = Monotonic::default() + Duration::from_millis(500);
+        let (_, request) = sync.question(later, || RequestId(3)).unwrap();
+        assert_eq!(request.from, 0);
         assert_eq!(take(&mut sync, &part(8, 3, 0), 3), Ok(true));
         let ready = TrajectoryProgress::Ready((0..3).map(pose).collect());
         assert_eq!(sync.progress(), ready);

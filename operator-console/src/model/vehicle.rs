@@ -69,8 +69,9 @@ impl Vehicle {
     }
 
     /// The vehicle was there too, which was not heard: stamps, nanoseconds, and metres in `odom`, oldest first.
-    pub(super) fn fill_trail(&mut self, known: Vec<(i64, [f64; 2])>) {
-        self.trail.fill(known);
+    pub(super) fn fill_trail(&mut self, known: &[(i64, [f64; 2])]) {
+        let newest_ns = self.pose.map_or(i64::MAX, |(_, stamp_ns, _)| stamp_ns);
+        self.trail.fill(known, newest_ns);
     }
 
     /// Another run of the robot began: it is somewhere else now.

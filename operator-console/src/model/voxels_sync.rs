@@ -155,7 +155,11 @@ impl VoxelsSync {
         match reply {
             VoxelsReply::None => self.phase = Phase::None,
             VoxelsReply::Preparing => self.question.rests_until(now + PREPARING),
-            VoxelsReply::Gone => self.want(),
+            VoxelsReply::Gone => {
+                self.want();
+                self.question.backs_off(now);
+                return Ok(());
+            }
             VoxelsReply::Part(part) => {
                 if part.packed_bytes > MAX_PACKED_BYTES {
                     self.phase = Phase::TooLong;

@@ -138,7 +138,10 @@ fn state_words(state: RecordingState, has_ended: bool) -> (Tone, &'static str, O
 /// The last file, which nobody writes to any more, and the words to open it: a file ends after a minute.
 fn finished(recording: &RecordingStatus, folder: Option<&Path>) -> Option<(PathBuf, &'static str)> {
     let is_finished = recording.files > 0 && recording.state != RecordingState::Recording;
-    let path = folder.filter(|_| is_finished)?.join(&recording.file);
+    let file = Path::new(&recording.file);
+    // The robot's word: it may be anybody's, and names no other place of this computer.
+    let is_name = file.file_name().is_some_and(|name| name == file);
+    let path = folder.filter(|_| is_finished && is_name)?.join(file);
     let words = if recording.files == 1 {
         "Open it"
     } else {

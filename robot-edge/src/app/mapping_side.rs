@@ -54,13 +54,6 @@ pub(super) struct MappingSide {
     pub(super) marking: Option<Marking>,
 }
 
-/// What was published so that the map is that of a standstill, and how to go on from there.
-pub(super) struct Standing {
-    standstill: Standstill,
-    /// Scans up to there, without those that waited.
-    scans: u64,
-}
-
 /// Marks what happens on the time line of a replay.
 pub(super) struct Marking {
     pub(super) control: ReplayControl,
@@ -230,27 +223,32 @@ impl MappingSide {
     ///
     /// # Errors
     /// Where publishing stopped.
-    pub(super) fn stand_still(&mut self, lost: u64) -> Result<Standing, PublishError> {
-        let scans = self.trajectory.lock().scans();
+    pub(super) fn stand_still(&mut self, lost: u64) -> Result<Standstill, PublishError> {
         let trajectory = &self.trajectory;
-        let of_those_that_wait = |scan: &PosedScan| trajectory.lock().add(scan);
+        let of_those_that_wait = |scan: &PosedScan| trajectory.lock().add_standing(scan);
         let mut standstill = self.pipeline.stand_still(of_those_that_wait)?;
-        if let Some(network) = &self.network
-            && let Some((stamp, shores)) = standstill.shores.take()
-        {
-            network.shores(stamp, Arc::new(shores));
+        if let Some(network) = &mut self.network {
+            if let Some((stamp, shores)) = standstill.shores.take() {
+                network.shores(stamp, Arc::new(shores));
+            }
+            if let Some(pose) = standstill.newest_pose {
+                network.moved(pose);
+            }
         }
         self.tell_network(lost);
-        Ok(Standing { standstill, scans })
+        Ok(standstill)
     }
 
     /// Takes back what was published for a standstill: the data goes on.
     ///
     /// # Errors
     /// Where publishing stopped.
-    pub(super) fn go_on(&mut self, standing: Standing) -> Result<(), PublishError> {
-        self.trajectory.lock().wind(standing.scans);
-        self.pipeline.go_on(standing.standstill)
+    pub(super) fn go_on(&mut self, standstill: Standstill) -> Result<(), PublishError> {
+        let mut trajectory = self.trajectory.lock();
+        let scans = trajectory.scans();
+        trajectory.wind(scans);
+        drop(trajectory);
+        self.pipeline.go_on(standstill)
     }
 
     /// The data begins anew, and with it the maps.

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use protocol::export::Caption;
-use protocol::export::{Trinary, export_all, write_shores, write_trajectory};
+use protocol::export::{StampedPose, Trinary, export_all, write_shores, write_trajectory};
 use protocol::layer::LayerId;
 use protocol::tile_store::TileStore;
 
@@ -15,14 +15,13 @@ use crate::drops::{DropCounts, DropReason};
 use crate::export::voxels::{export_voxels, voxel_digest};
 use crate::pipeline::Pipeline;
 use crate::streaming::publisher::Publisher;
-use crate::streaming::trajectory::Trajectory;
 use crate::summary::{Beams, Event, LayerFigures, Scans, Summary, Tiles, Voxels, peak_rss_bytes};
 
 /// Writes the maps and the trajectory to `dir`, each even if another fails; says which files.
 pub(super) fn export(
     dir: &Path,
     pipeline: &Pipeline,
-    trajectory: &Trajectory,
+    way: &[StampedPose],
     title: &str,
 ) -> anyhow::Result<Vec<String>> {
     let caption = Caption {
@@ -32,7 +31,7 @@ pub(super) fn export(
     };
     let maps = export_all(dir, &pipeline.publisher().store(), &caption);
     let path = dir.join("trajectory.tum");
-    write_trajectory(&path, trajectory.poses().iter().copied())?;
+    write_trajectory(&path, way.iter().copied())?;
     let voxels = pipeline
         .mapper()
         .voxels()

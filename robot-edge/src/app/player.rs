@@ -11,7 +11,7 @@ use std::time::Duration;
 use super::checkpoints::Checkpoints;
 use super::feed::Batch;
 use super::is_set;
-use super::mapping_side::{MappingSide, Marking, Standing};
+use super::mapping_side::{MappingSide, Marking};
 use super::outputs;
 use super::run::{Run, nothing_mapped, pool_around_this_thread};
 use super::source::{Item, Replayed, Source as _};
@@ -19,6 +19,7 @@ use crate::clock::Monotonic;
 use crate::config::Config;
 use crate::localization::placer::PlacerSettings;
 use crate::pacer::{LONGEST_GAP, Pacer, Rate};
+use crate::pipeline::Standstill;
 use crate::recording::stamp_order::Ordered;
 use crate::replay_control::{Length, Mark, Progress, RateMeter, ReplayControl, Wishes};
 use crate::robot_time::RobotDuration;
@@ -77,7 +78,7 @@ struct Player<'a> {
     seeking: Option<RobotDuration>,
     has_ended: bool,
     /// What was published so that the map is that of the position.
-    standstill: Option<Standing>,
+    standstill: Option<Standstill>,
     pacer: Pacer,
     /// The rate of `pacer`.
     paced: Rate,

@@ -221,7 +221,9 @@ impl Run<'_> {
             (None, None) => Ok(()),
         };
         let exported = self.export.as_ref().map_or(Ok(Vec::new()), |dir| {
-            outputs::export(dir, &side.pipeline, &side.trajectory.lock(), &self.title)
+            // Consoles may still ask for it.
+            let way = side.trajectory.lock().poses();
+            outputs::export(dir, &side.pipeline, &way, &self.title)
         });
         let summarised = self.summary.as_ref().map_or(Ok(()), |path| {
             summary

@@ -10,6 +10,7 @@ use super::{Pipeline, PipelineReport, ScanObserver};
 use crate::config::Config;
 use crate::localization::placer::{BeamPlacer, PlacerSettings};
 use crate::mapping::Mapper;
+use crate::pose::Pose;
 use crate::robot_time::RobotTime;
 use crate::streaming::publisher::{PublishError, Published};
 
@@ -19,6 +20,8 @@ pub struct Standstill {
     published: Published,
     /// Shores and docking sites if they are other than those taken before, and the stamp of the last scan.
     pub shores: Option<(RobotTime, Shores)>,
+    /// Where the vehicle is by then, as [`BeamPlacer::newest_pose`] tells it.
+    pub newest_pose: Option<(RobotTime, Pose)>,
 }
 
 impl Pipeline {
@@ -48,6 +51,7 @@ impl Pipeline {
         let shores = ended.take_shores();
         self.publisher.add_changed(ended.publisher.take_changed());
         Ok(Standstill {
+            newest_pose: ended.placer.newest_pose(),
             published: ended.publisher.into_published(),
             shores,
         })

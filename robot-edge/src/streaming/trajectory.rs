@@ -24,8 +24,10 @@ impl SharedTrajectory {
 /// The poses of mapped scans, oldest first.
 #[derive(Clone, Debug)]
 pub struct Trajectory {
-    /// Those behind the last one that [`Self::poses`] shows are of a recording that was wound back: winding it on needs them.
+    /// Those behind the last that is shown are of a recording that was wound back: winding it on needs them.
     poses: Vec<StampedPose>,
+    /// Of scans that wait while a recording stands still, as if its data ended there.
+    standing: Vec<StampedPose>,
     /// Every `stride`-th pose is kept.
     stride: u64,
     /// Scans so far.
@@ -38,6 +40,7 @@ impl Default for Trajectory {
     fn default() -> Self {
         Self {
             poses: Vec::new(),
+            standing: Vec::new(),
             stride: 1,
             scans: 0,
             number: 0,
@@ -48,12 +51,12 @@ impl Default for Trajectory {
 impl Trajectory {
     /// A scan was mapped.
     pub fn add(&mut self, scan: &PosedScan) {
-        let q = scan.odom_from_base.rotation.quaternion();
-        self.add_pose(StampedPose::new(
-            scan.stamp.as_nanos(),
-            scan.odom_from_base.translation.vector.into(),
-            [q.i, q.j, q.k, q.w],
-        ));
+        self.add_pose(pose_of(scan));
+    }
+
+    /// A scan was mapped for a standstill: until the recording [goes on](Self::wind).
+    pub fn add_standing(&mut self, scan: &PosedScan) {
+        self.standing.push(pose_of(scan));
     }
 
     fn add_pose(&mut self, pose: StampedPose) {
@@ -71,8 +74,17 @@ impl Trajectory {
     }
 
     /// The poses that are kept of it.
-    pub fn poses(&self) -> &[StampedPose] {
-        self.poses.get(..self.len()).unwrap_or_default()
+    pub fn poses(&self) -> Vec<StampedPose> {
+        (0..self.shown()).filter_map(|at| self.pose(at)).collect()
+    }
+
+    fn pose(&self, at: usize) -> Option<StampedPose> {
+        let len = self.len();
+        let pose = match at.checked_sub(len) {
+            None => self.poses.get(at),
+            Some(behind) => self.standing.get(behind),
+        };
+        pose.copied()
     }
 
     /// Scans so far, for [`Self::wind`].
@@ -82,27 +94,34 @@ impl Trajectory {
 
     /// The trajectory is now as it was, or will be, after so many scans of the same recording.
     pub fn wind(&mut self, scans: u64) {
-        if scans != self.scans {
+        if scans != self.scans || !self.standing.is_empty() {
             self.scans = scans;
+            self.standing.clear();
             self.number += 1;
         }
     }
 
     /// The answer to a question, and the stamp of the newest pose, nanoseconds.
     pub fn answer(&self, request: TrajectoryRequest) -> (i64, TrajectoryPart) {
-        let poses = self.poses();
+        let shown = self.shown();
         let is_this = request
             .trajectory
             .is_none_or(|number| number == self.number);
         let from = usize::try_from(request.from).unwrap_or(usize::MAX);
         let step = usize::try_from(request.step.get()).unwrap_or(usize::MAX);
-        let asked_for = poses.get(from..).filter(|_| is_this).unwrap_or_default();
-        let part = asked_for.iter().step_by(step).copied();
-        let stamp_ns = poses.last().map_or(0, |pose| pose.stamp_ns);
+        let until = if is_this { shown } else { 0 };
+        let part = (from..until).step_by(step).filter_map(|at| self.pose(at));
+        let newest = shown.checked_sub(1).and_then(|at| self.pose(at));
+        let stamp_ns = newest.map_or(0, |pose| pose.stamp_ns);
         (
             stamp_ns,
-            TrajectoryPart::new(self.number, poses.len() as u64, part),
+            TrajectoryPart::new(self.number, shown as u64, part),
         )
+    }
+
+    /// Poses that are shown.
+    fn shown(&self) -> usize {
+        self.len() + self.standing.len()
     }
 
     /// Poses so far.
@@ -120,6 +139,15 @@ impl Trajectory {
         self.stride *= 2;
         self.number += 1;
     }
+}
+
+fn pose_of(scan: &PosedScan) -> StampedPose {
+    let q = scan.odom_from_base.rotation.quaternion();
+    StampedPose::new(
+        scan.stamp.as_nanos(),
+        scan.odom_from_base.translation.vector.into(),
+        [q.i, q.j, q.k, q.w],
+    )
 }
 
 #[cfg(test)]
@@ -179,7 +207,7 @@ mod tests {
     fn a_recording_that_is_wound_has_the_way_up_to_where_it_stands() {
         let mut trajectory = of(100);
         trajectory.wind(40);
-        assert_eq!(stamps(trajectory.poses()), (0..40).collect::<Vec<_>>());
+        assert_eq!(stamps(&trajectory.poses()), (0..40).collect::<Vec<_>>());
         assert_eq!(ask(&trajectory, Some(0), 0, 1).poses, 40);
         assert_eq!(ask(&trajectory, Some(0), 0, 1).rows, [[0; 8]; 0]);
         trajectory.add_pose(pose(40));
@@ -197,11 +225,25 @@ mod tests {
     fn a_long_way_is_thinned_and_keeps_its_beginning() {
         let many = i64::try_from(MAX_POSES).unwrap();
         let trajectory = of(many + 5);
-        let kept = stamps(trajectory.poses());
+        let kept = stamps(&trajectory.poses());
         assert_eq!(kept.len(), MAX_POSES / 2 + 3);
         assert_eq!(kept[..3], [0, 2, 4]);
         assert_eq!(kept[kept.len() - 3..], [many, many + 2, many + 4]);
         let part = ask(&trajectory, None, 0, 1);
         assert_eq!((part.trajectory, part.poses), (1, kept.len() as u64));
+    }
+
+    #[test]
+    fn what_is_shown_for_a_standstill_changes_nothing_of_the_way() {
+        let mut trajectory = of(100);
+        trajectory.wind(40);
+        trajectory.standing = [1_000, 1_001].map(pose).into();
+        assert_eq!(stamps(&trajectory.poses())[38..], [38, 39, 1_000, 1_001]);
+        let part = ask(&trajectory, Some(1), 39, 1);
+        assert_eq!((part.poses, part.rows.len()), (42, 3));
+        trajectory.wind(40);
+        assert_eq!(ask(&trajectory, None, 0, 1).trajectory, 2);
+        trajectory.wind(90);
+        assert_eq!(trajectory.poses(), of(90).poses());
     }
 }

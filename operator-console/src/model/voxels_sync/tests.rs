@@ -91,7 +91,8 @@ fn a_moment_that_is_gone_is_begun_anew() {
     let (request, asked) = sync.question(at(0), &mut number).unwrap();
     assert_eq!((asked.snapshot, asked.offset), (Some(7), 20));
     sync.take(VoxelsReply::Gone, 0, request, at(0)).unwrap();
-    let (_, asked) = sync.question(at(0), &mut number).unwrap();
+    assert_eq!(sync.question(at(499), &mut number), None);
+    let (_, asked) = sync.question(at(500), &mut number).unwrap();
     assert_eq!((asked.snapshot, asked.offset), (None, 0));
 }
 
@@ -166,10 +167,10 @@ fn silence_is_asked_again_less_and_less_often() {
         now += rest;
     }
     let (request, _) = sync.question(at(now), &mut number).unwrap();
-    assert_eq!(sync.question(at(now + 3_999), &mut number), None);
-    let (again, _) = sync.question(at(now + 4_000), &mut number).unwrap();
-    assert!(!sync.ended(request, at(now + 4_000)));
-    sync.take(VoxelsReply::None, 0, again, at(now + 4_000))
+    assert_eq!(sync.question(at(now + 11_999), &mut number), None);
+    let (again, _) = sync.question(at(now + 12_000), &mut number).unwrap();
+    assert!(!sync.ended(request, at(now + 12_000)));
+    sync.take(VoxelsReply::None, 0, again, at(now + 12_000))
         .unwrap();
     assert_eq!(sync.progress(), VoxelsProgress::None);
 }

@@ -5,9 +5,11 @@ use protocol::message::{Event, StopReason, TeleopState, TeleopStatus};
 use super::words;
 use crate::theme::Tone;
 
-/// The newest stop, in words; `events` of the robot, the oldest first. `None` before the first.
+/// The newest stop, in words; `events` of the robot, the oldest first, and the last stop on the way that it told of when an
+/// emergency stop was heard. `None` before the first.
 pub(super) fn last_stop<'a>(
     teleop: &TeleopStatus,
+    before_estop: Option<Option<StopReason>>,
     events: impl DoubleEndedIterator<Item = &'a Event>,
 ) -> Option<(Tone, String)> {
     if let Some(estop) = teleop.estop {
@@ -16,7 +18,9 @@ pub(super) fn last_stop<'a>(
     }
     let is_stopping = matches!(teleop.state, TeleopState::Stopping(_));
     let newest = events.rev().find_map(is_emergency);
-    if newest == Some(true) && !is_stopping {
+    // Events are heard once or never: what the status tells of since is newer.
+    let is_newest = before_estop == Some(teleop.last_stop);
+    if newest == Some(true) && is_newest && !is_stopping {
         return Some((Tone::Warning, "emergency stop, reset since".to_owned()));
     }
     let stop = teleop.last_stop?;
@@ -69,7 +73,7 @@ mod tests {
         teleop.last_stop = Some(StopReason::Released);
         let told = |teleop: &TeleopStatus, before: &[&Event]| {
             let events = before.iter().copied().chain(&rest);
-            last_stop(teleop, events)
+            last_stop(teleop, Some(Some(StopReason::Released)), events)
         };
         let let_go = Some((Tone::Waiting, "keys let go".to_owned()));
         let emergency = |words: &str| Some((Tone::Warning, words.to_owned()));
@@ -79,6 +83,10 @@ mod tests {
         assert_eq!(told(&teleop, &[&estop, &released]), let_go);
         let involuntary = event("involuntary_stop", "stopping after driving");
         assert_eq!(told(&teleop, &[&estop, &involuntary]), let_go);
+        // While nobody heard it.
+        let late = |before| last_stop(&teleop, before, [&released, &estop].into_iter());
+        assert_eq!(late(Some(Some(StopReason::Age))), let_go);
+        assert_eq!(late(None), let_go, "it began anew since");
         // What it does is newer than what was heard of it.
         teleop.state = TeleopState::Stopping(StopReason::Released);
         assert_eq!(told(&teleop, &[&released, &estop]), let_go);
@@ -88,6 +96,6 @@ mod tests {
             is_stored: true,
         });
         assert_eq!(told(&teleop, &[]), emergency("emergency stop 3"));
-        assert_eq!(last_stop(&standing(), rest.iter()), None);
+        assert_eq!(last_stop(&standing(), None, rest.iter()), None);
     }
 }

@@ -47,7 +47,7 @@ fn left(side: &MappingSide) -> Left {
     let grids = store.grids();
     let digest = |layer| store.root_digest(layer).unwrap().to_string();
     let digests = grids.map(|grid| (grid.layer, digest(grid.layer))).collect();
-    (digests, side.trajectory.lock().poses().to_vec())
+    (digests, side.trajectory.lock().poses())
 }
 
 /// What `replay --duration` leaves behind; without one, `replay`.
