@@ -96,7 +96,9 @@ pub fn run(
         if model.connection().state(now) == LinkState::Waiting {
             unanswered.complain(now);
         }
-        let is_in_step = model.is_in_step(now);
+        // A picture marks the vehicle: a map without one is not all there is.
+        let is_placed = model.vehicle().pose().is_some() || is_empty(&model);
+        let is_in_step = model.is_in_step(now) && is_placed;
         milestones.look(&model, is_in_step);
         if is_in_step != was_in_step {
             tracing::info!(is_in_step, "step");
@@ -155,6 +157,12 @@ pub fn run(
             ))
         }
     }
+}
+
+/// Whether nothing is known of any layer.
+fn is_empty(model: &ConsoleModel) -> bool {
+    let store = model.map().store();
+    store.grids().all(|grid| store.cells_known(grid.layer) == 0)
 }
 
 /// What is near the vehicle comes first, as it would in a window.

@@ -109,10 +109,14 @@ struct Rig {
 
 impl Rig {
     fn new() -> Self {
+        Self::of_epoch(0)
+    }
+
+    fn of_epoch(epoch: u32) -> Self {
         let mut rig = Self {
             boot: BootId([7; 16]),
             seq: 0,
-            epoch: 0,
+            epoch,
             model: ConsoleModel::new(settings()).unwrap(),
         };
         rig.announce(0);
@@ -303,6 +307,44 @@ fn docking_sites_keep_their_names_until_a_recording_is_wound_back() {
             .iter()
             .all(|name| !rig.model.site_names().contains(name))
     );
+}
+
+#[test]
+fn letters_are_kept_while_another_robot_is_shown() {
+    let [ramp, bank] = [1, 2].map(|n| DockingSite {
+        center_m: [100.0 * n as f32, 0.0],
+        ..shores(1).sites[0]
+    });
+    let told = |revision, sites: &[DockingSite]| ShoresNews {
+        revision,
+        shores: Some(Shores {
+            sites: sites.to_vec(),
+            ..shores(1)
+        }),
+    };
+    let letters = |rig: &Rig| {
+        rig.model
+            .site_names()
+            .iter()
+            .map(ToString::to_string)
+            .collect::<String>()
+    };
+    let mut before = Rig::new();
+    before.announce(0);
+    before.say(Topic::Shores, &told(1, &[ramp, bank]), 100);
+    assert_eq!(letters(&before), "AB");
+    let kept = before.model.take_site_names().unwrap();
+
+    // Others came meanwhile, in another order.
+    let mut again = Rig::new();
+    again.model.keep_site_names(kept.clone());
+    again.say(Topic::Shores, &told(5, &[bank, ramp]), 100);
+    assert_eq!(letters(&again), "BA");
+
+    let mut anew = Rig::of_epoch(1);
+    anew.model.keep_site_names(kept);
+    anew.say(Topic::Shores, &told(5, &[bank, ramp]), 100);
+    assert_eq!(letters(&anew), "AB", "these are other maps");
 }
 
 /// A control endpoint of this machine whose port and the next are free.

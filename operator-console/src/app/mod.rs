@@ -16,6 +16,7 @@ mod time_line;
 mod upkeep;
 mod watch;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::rc::Rc;
 use std::time::Duration;
@@ -34,6 +35,7 @@ use crate::event_log::{EventLog, Severity};
 use crate::hands::Hands;
 use crate::identity::Identity;
 use crate::link::{Discovery, FoundRobot, RobotSession};
+use crate::model::KeptSiteNames;
 use crate::panels::connection::LinkSight;
 use crate::panels::robots::RobotsData;
 use crate::playback::{OpenDialog, Playback, drop_hint_ui, is_recording};
@@ -116,6 +118,8 @@ pub struct ConsoleApp {
     kept: Monotonic,
     log: EventLog,
     alerts: RobotAlerts,
+    /// Of robots that were shown before.
+    site_names: BTreeMap<RobotId, KeptSiteNames>,
     watch: Watch,
     export: Option<ExportJob>,
     /// Screenshots that are being saved.
@@ -183,6 +187,7 @@ impl ConsoleApp {
             kept: Monotonic::default(),
             log,
             alerts: RobotAlerts::default(),
+            site_names: BTreeMap::new(),
             watch: Watch::default(),
             export: None,
             pictures: Vec::new(),

@@ -47,6 +47,11 @@ impl ConsoleApp {
             audit: None,
         };
         let stop_is_underway = self.stop_is_underway(&found);
+        if let Some((before, session)) = &self.shown
+            && let Some(names) = session.model().take_site_names()
+        {
+            self.site_names.insert(before.robot.clone(), names);
+        }
         self.screen.map_view_mut().forget();
         self.alerts.change_to(&found.robot);
         self.log.forget_robot();
@@ -67,6 +72,9 @@ impl ConsoleApp {
         match opened {
             Ok((session, cockpit)) => {
                 self.problem = None;
+                if let Some(names) = self.site_names.remove(&found.robot) {
+                    session.model().keep_site_names(names);
+                }
                 self.shown = Some((found, session));
                 self.joined = Monotonic::now();
                 self.hands.take(cockpit);

@@ -154,14 +154,14 @@ impl Screen {
         mut robot: Option<RobotSight<'_>>,
         now: Monotonic,
     ) -> Vec<Command> {
-        if let Some(RobotSight {
-            model, color, link, ..
-        }) = &mut robot
-        {
+        // A recording is none of those on the network, and a robot alone need not be told from others.
+        let found = around.robots.found.len();
+        let color = robot.as_ref().and_then(|robot| {
+            let is_alone = found < 2 || robot.link.recording.is_some();
+            (!is_alone).then_some(robot.color)
+        });
+        if let Some(RobotSight { model, .. }) = &mut robot {
             model.want_scan(self.map_view.look_state().has(Overlay::Sensors));
-            // A recording is none of those on the network.
-            let is_alone = around.robots.found.len() < 2 || link.recording.is_some();
-            let color = (!is_alone).then_some(*color);
             self.map_view.surround(surroundings(model, color, now));
             self.map_view.update(model);
             ui.ctx().request_repaint_after(AGES_PERIOD);
@@ -170,7 +170,7 @@ impl Screen {
         let is_driving = helm.is_some_and(|helm| helm.lease.held().is_some());
         let bar = robot
             .as_ref()
-            .map(|robot| TopBarData::new(robot.model, robot.link, robot.helm, robot.color, now));
+            .map(|robot| TopBarData::new(robot.model, robot.link, robot.helm, color, now));
         let robot = robot.map(|RobotSight { model, link, .. }| (&*model, link));
         let driving = robot
             .zip(helm)

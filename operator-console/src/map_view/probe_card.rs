@@ -57,7 +57,9 @@ pub(super) fn probe_card_ui(ui: &mut Ui, data: &ProbeData, is_pinned: bool, widt
                         .clicked();
                 }
             });
-            Grid::new("probe")
+            // Columns are as wide as they were: those of other layers would overlap.
+            let layers: Vec<_> = data.cells.iter().map(|cell| cell.layer).collect();
+            Grid::new(("probe", layers))
                 .num_columns(3)
                 .min_row_height(16.0)
                 .spacing([10.0, 2.0])

@@ -71,12 +71,21 @@ pub struct ModelSettings {
     pub layers: BTreeSet<LayerId>,
 }
 
+/// Names of docking sites of a robot that is not shown.
+#[derive(Clone, Debug)]
+pub struct KeptSiteNames {
+    boot: BootId,
+    epoch: Option<u32>,
+    names: SiteNames,
+}
+
 /// One robot. See the [module](self).
 pub struct ConsoleModel {
     settings: ModelSettings,
     map: MapSync,
     vehicle: Vehicle,
     shores: ShoresSync,
+    kept_names: Option<KeptSiteNames>,
     voxels: VoxelsSync,
     trajectory: TrajectorySync,
     trail: TrailSync,
@@ -120,6 +129,7 @@ impl ConsoleModel {
             map,
             vehicle: Vehicle::default(),
             shores: ShoresSync::default(),
+            kept_names: None,
             voxels: VoxelsSync::default(),
             trajectory: TrajectorySync::default(),
             trail: TrailSync::default(),
@@ -186,6 +196,31 @@ impl ConsoleModel {
     /// What the docking sites are called, in the order of [`Self::shores`]: the best first.
     pub fn site_names(&self) -> &[SiteName] {
         self.shores.site_names()
+    }
+
+    /// The names of docking sites, for [`Self::keep_site_names`] when this robot is shown again. Nothing is named here any more.
+    pub fn take_site_names(&mut self) -> Option<KeptSiteNames> {
+        let boot = self.map.boot()?;
+        let (epoch, names) = self.shores.take_names();
+        Some(KeptSiteNames { boot, epoch, names })
+    }
+
+    /// Names docking sites as before, where they turn out to be of the same maps of the same run of the robot.
+    pub fn keep_site_names(&mut self, kept: KeptSiteNames) {
+        self.kept_names = Some(kept);
+        self.go_on_with_names();
+    }
+
+    fn go_on_with_names(&mut self) {
+        let of_this_run = self
+            .kept_names
+            .take_if(|kept| self.map.boot() == Some(kept.boot));
+        if let Some(kept) = of_this_run
+            && !self.shores.go_on_with(kept.epoch, &kept.names)
+        {
+            // Its maps are not told of yet, or are others.
+            self.kept_names = Some(kept);
+        }
     }
 
     /// Whether there is more to fetch once the map is in step: a robot whose data has ended waits for that.

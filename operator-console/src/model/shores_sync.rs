@@ -86,6 +86,20 @@ impl ShoresSync {
         };
     }
 
+    /// The names of its docking sites, to be kept while another robot is shown.
+    pub(super) fn take_names(&mut self) -> (Option<u32>, SiteNames) {
+        (self.epoch, std::mem::take(&mut self.names))
+    }
+
+    /// Goes on with names that were kept, where they are of the same maps and no site was named yet; whether it does.
+    pub(super) fn go_on_with(&mut self, epoch: Option<u32>, names: &SiteNames) -> bool {
+        let is_same = self.epoch.is_some() && self.epoch == epoch && self.shores.is_none();
+        if is_same {
+            self.names = names.clone();
+        }
+        is_same
+    }
+
     /// Asks as soon as may be.
     pub(super) fn hurry(&mut self) {
         self.not_before = Monotonic::default();

@@ -107,6 +107,7 @@ impl ConsoleModel {
                 if epoch.is_some_and(|epoch| self.shores.of_epoch(epoch)) {
                     self.changes += 1;
                 }
+                self.go_on_with_names();
                 self.quality.heard(Stream::MapHead, now);
                 self.head_seq = seq;
             }

@@ -76,7 +76,7 @@ pub(super) fn address_ui(ui: &mut Ui, entry: &mut AddressEntry, has_keys: bool) 
         let label = ui.label("Address");
         let width = (ui.available_width() - 56.0).max(60.0);
         let text = TextEdit::singleline(&mut entry.text)
-            .hint_text(format!("{}/192.168.1.20:7447", protocol(has_keys)))
+            .hint_text(format!("host:{DEFAULT_PORT}"))
             .char_limit(200)
             .desired_width(width);
         let text = ui.add(text).labelled_by(label.id);
@@ -90,6 +90,9 @@ pub(super) fn address_ui(ui: &mut Ui, entry: &mut AddressEntry, has_keys: bool) 
         let text = text.on_hover_text(format!("Address of a robot or router ({keys})"));
         if text.changed() {
             entry.error = None;
+        }
+        if text.lost_focus() && ui.input(|input| input.key_pressed(Key::Escape)) {
+            *entry = AddressEntry::default();
         }
         let is_entered = text.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
         let button = ui

@@ -9,6 +9,9 @@ use crate::command::Command;
 use crate::shortcuts::Action;
 use crate::theme::{Tone, long_state_ui};
 
+/// Narrower panels have the buttons below the words, points.
+const NARROW: f32 = 300.0;
+
 /// What the panel shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AlertsData {
@@ -78,25 +81,38 @@ pub fn alerts_ui(ui: &mut Ui, data: &AlertsData) -> Option<Command> {
     });
     for line in &data.lines {
         ui.separator();
-        // The button first: words give way to it, not it to words.
-        ui.with_layout(Layout::right_to_left(Align::Min), |ui| {
-            let tone = match (line.is_active, line.is_acknowledged) {
-                (_, false) => Tone::Warning,
-                (true, true) => Tone::Waiting,
-                (false, true) => Tone::Good,
-            };
-            if line.is_acknowledged {
-                ui.weak("Acknowledged");
-            } else if ui.button("Acknowledge").clicked() {
-                command = Some(Command::Acknowledge(line.alarm.clone()));
-            }
-            ui.with_layout(Layout::top_down(Align::Min), |ui| {
-                long_state_ui(ui, tone, &line.text, 15.0);
-                ui.label(RichText::new(&line.detail).small().weak());
+        if ui.available_width() < NARROW {
+            words_ui(ui, line);
+            command = command.take().or(seen_ui(ui, line));
+        } else {
+            // The button first: words give way to it, not it to words.
+            ui.with_layout(Layout::right_to_left(Align::Min), |ui| {
+                command = command.take().or(seen_ui(ui, line));
+                ui.with_layout(Layout::top_down(Align::Min), |ui| words_ui(ui, line));
             });
-        });
+        }
     }
     command
+}
+
+fn words_ui(ui: &mut Ui, line: &AlertLine) {
+    let tone = match (line.is_active, line.is_acknowledged) {
+        (_, false) => Tone::Warning,
+        (true, true) => Tone::Waiting,
+        (false, true) => Tone::Good,
+    };
+    long_state_ui(ui, tone, &line.text, 15.0);
+    ui.label(RichText::new(&line.detail).small().weak());
+}
+
+/// Says that somebody has seen it, or lets somebody say so.
+fn seen_ui(ui: &mut Ui, line: &AlertLine) -> Option<Command> {
+    if line.is_acknowledged {
+        ui.weak("Acknowledged");
+        return None;
+    }
+    let is_seen = ui.button("Acknowledge").clicked();
+    is_seen.then(|| Command::Acknowledge(line.alarm.clone()))
 }
 
 #[cfg(test)]
@@ -108,8 +124,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn in_a_narrow_panel_words_give_way_to_the_button() {
-        const WIDTH: f32 = 240.0;
+    fn words_give_way_to_the_button_and_it_to_them_in_a_narrow_panel() {
         let data = AlertsData {
             lines: vec![AlertLine {
                 alarm: Alarm::EStop,
@@ -122,16 +137,21 @@ mod tests {
             unseen: 1,
         };
         let words = data.lines[0].text.clone();
-        let mut window = Harness::builder()
-            .with_size(vec2(WIDTH, 300.0))
-            .build_ui(move |ui| {
-                alerts_ui(ui, &data);
-            });
-        window.run_steps(2);
-        let button = window.get_by_label("Acknowledge").rect();
-        let words = window.get_by_label(&words).rect();
-        assert!(button.right() <= WIDTH, "{button}");
-        assert!(words.right() <= button.left(), "{words} {button}");
-        assert!(words.bottom() < 200.0, "{words}");
+        for width in [180.0, 240.0, 340.0] {
+            let data = data.clone();
+            let mut window = Harness::builder()
+                .with_size(vec2(width, 300.0))
+                .build_ui(move |ui| {
+                    alerts_ui(ui, &data);
+                });
+            window.run_steps(2);
+            let button = window.get_by_label("Acknowledge").rect();
+            let words = window.get_by_label(&words).rect();
+            assert!(button.right() <= width && words.right() <= width);
+            let is_beside = words.right() <= button.left();
+            assert_eq!(is_beside, width > NARROW, "{width}: {words} {button}");
+            assert!(is_beside || words.bottom() <= button.top(), "{width}");
+            assert!(words.width() > 100.0, "{width}: {words}");
+        }
     }
 }

@@ -78,7 +78,10 @@ impl LayersData {
             } else {
                 state_of(step, view.tiles(layer), now)
             };
-            if let Some(newest) = view.newest(layer) {
+            // What is not received is as old as it is, whatever an export has fetched of it.
+            if held.is_shown
+                && let Some(newest) = view.newest(layer)
+            {
                 state = format!("{state}, newest {} old", age(now.since(newest)));
             }
             LayerRow {

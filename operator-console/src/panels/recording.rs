@@ -229,8 +229,9 @@ pub fn recording_ui(ui: &mut Ui, data: &RecordingData) -> Option<Command> {
         let warning = Tone::Warning.color(ui.visuals());
         ui.add(Label::new(RichText::new(refusal).small().color(warning)).wrap());
     }
+    let asked = pressed.or(files_ui(ui, data));
     rows_ui(ui, "recording", &data.rows);
-    pressed.or(files_ui(ui, data))
+    asked
 }
 
 /// What can be done with files that are on this machine.

@@ -62,13 +62,17 @@ fn pose_rows(model: &ConsoleModel) -> Vec<Row> {
         .unwrap_or_default()
         .to_degrees();
     let knows_north = model.shores().is_some_and(|shores| shores.datum.is_some());
-    let speed = signed(f64::from(pose.speed_mps), 2);
+    // Nothing new will come: the last that was measured is no speed of now.
+    let has_ended = model.status().is_some_and(|(status, _)| status.has_ended);
+    let now = |words: String| if has_ended { "–".to_owned() } else { words };
+    let speed = format!("{} m/s", signed(f64::from(pose.speed_mps), 2));
     let turning = turn(f64::from(pose.turn_rate_radps));
     vec![
         row("Position", format!("x {x}  y {y} m")),
         row("Height", format!("{z} m")),
         row("Heading", heading(heading_deg, knows_north)),
-        row("Speed", format!("{speed} m/s, turning {turning}")),
+        row("Speed", now(speed)),
+        row("Turning", now(turning)),
     ]
 }
 
@@ -95,7 +99,7 @@ pub fn robot_ui(ui: &mut Ui, data: &RobotData) {
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::Pose;
+    use protocol::message::{Pose, Status};
 
     use super::*;
     use crate::pretend::{at, says, scout};
@@ -112,8 +116,15 @@ mod tests {
         };
         says(&mut model, Topic::Pose, &pose, at(1_000));
         let rows = RobotData::new(&model, at(1_100)).rows;
-        let speed = row("Speed", "−0.50 m/s, turning 12 °/s right");
-        assert_eq!(rows.last(), Some(&speed));
+        let moves = [row("Speed", "−0.50 m/s"), row("Turning", "12 °/s right")];
+        assert_eq!(rows[rows.len() - 2..], moves);
+        let ended = Status {
+            has_ended: true,
+            ..Status::default()
+        };
+        says(&mut model, Topic::Status, &ended, at(1_100));
+        let rows = RobotData::new(&model, at(1_100)).rows;
+        assert!(rows.contains(&row("Speed", "–")) && rows.contains(&row("Turning", "–")));
     }
 
     #[test]

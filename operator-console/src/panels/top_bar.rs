@@ -24,7 +24,7 @@ const NARROW: f32 = 330.0;
 pub struct TopBarData {
     /// Its name; of a recording, the file's.
     pub name: String,
-    /// Its own colour; a recording has none.
+    /// Its own colour, where it is to be told from others.
     pub color: Option<Color32>,
     /// How the link is.
     pub link: (Tone, String),
@@ -44,7 +44,7 @@ impl TopBarData {
         model: &ConsoleModel,
         link: &LinkSight,
         helm: Option<&HelmSight>,
-        color: Color32,
+        color: Option<Color32>,
         now: Monotonic,
     ) -> Self {
         let connection = ConnectionData::new(model, link, now);
@@ -60,7 +60,7 @@ impl TopBarData {
         });
         Self {
             name: link.name_of(model.robot()),
-            color: (!is_recording).then_some(color),
+            color,
             link: (connection.tone, connection.state),
             age,
             map: (connection.map_tone, connection.map),

@@ -316,7 +316,7 @@ impl MappingSide {
     /// Gives consoles the octree's files that they asked for, while nothing is mapped.
     pub(super) fn serve_voxels(&self) {
         if let Some(network) = &self.network {
-            network.serve_voxels(&self.pipeline);
+            network.serve_voxels(&self.pipeline, true);
         }
     }
 

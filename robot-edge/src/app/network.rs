@@ -282,12 +282,13 @@ impl Network {
 
     /// Makes the octree's files where a console has asked for them, on a thread that gives way to all others: mapping waits
     /// only for a copy of the octree.
-    pub(super) fn serve_voxels(&self, pipeline: &Pipeline) {
+    /// Nothing is mapped behind that for now where it `is_still`.
+    pub(super) fn serve_voxels(&self, pipeline: &Pipeline, is_still: bool) {
         let Some((voxels, stamp)) = pipeline.mapper().voxels().zip(pipeline.last_scan()) else {
             return;
         };
         let shared = self.link.shared();
-        if !shared.take_voxels_wish(stamp) {
+        if !shared.take_voxels_wish(stamp, is_still) {
             return;
         }
         let octree = voxels.octree().clone();
@@ -329,7 +330,7 @@ impl Network {
             recording,
             ..status(pipeline, counts, clock, lost)
         });
-        self.serve_voxels(pipeline);
+        self.serve_voxels(pipeline, false);
     }
 
     /// Something happened that consoles should know.

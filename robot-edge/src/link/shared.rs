@@ -186,9 +186,10 @@ impl Shared {
         lock(&self.voxels).offer();
     }
 
-    /// Whether files of the octree are wanted, as it was up to `stamp`: to be made now, and put or given up.
-    pub fn take_voxels_wish(&self, stamp: RobotTime) -> bool {
-        lock(&self.voxels).take_wish(stamp)
+    /// Whether files of the octree are wanted, as it was up to `stamp`: to be made now, and put or given up. It `is_still` where
+    /// nothing newer comes for now.
+    pub fn take_voxels_wish(&self, stamp: RobotTime, is_still: bool) -> bool {
+        lock(&self.voxels).take_wish(stamp, is_still)
     }
 
     /// What was wished for; `None` where it could not be made.

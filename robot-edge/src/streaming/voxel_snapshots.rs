@@ -36,6 +36,8 @@ pub struct VoxelSnapshots {
     wish: Wish,
     /// Stamp of the newest measurement in the map, as far as is known.
     newest: Option<RobotTime>,
+    /// Nothing newer comes for now: what is older than that is not as new as can be.
+    is_still: bool,
     /// The newest is last.
     kept: VecDeque<Kept>,
     number: u64,
@@ -72,13 +74,13 @@ impl VoxelSnapshots {
         if !self.is_offered {
             return (0, VoxelsReply::None);
         }
-        let newest = self.newest;
+        let (newest, is_still) = (self.newest, self.is_still);
         let found = match request.snapshot {
             Some(number) => self.kept.iter_mut().find(|kept| kept.number == number),
-            None => self
-                .kept
-                .back_mut()
-                .filter(|kept| now.since(kept.made) < FRESH || Some(kept.snapshot.stamp) == newest),
+            None => self.kept.back_mut().filter(|kept| {
+                let is_fresh = !is_still && now.since(kept.made) < FRESH;
+                is_fresh || Some(kept.snapshot.stamp) == newest
+            }),
         };
         if let Some(kept) = found {
             kept.asked = now;
@@ -96,9 +98,11 @@ impl VoxelSnapshots {
         (0, VoxelsReply::Preparing)
     }
 
-    /// Whether files of the map up to `stamp` are wanted. Whoever hears so makes them and [puts](Self::put) them.
-    pub fn take_wish(&mut self, stamp: RobotTime) -> bool {
+    /// Whether files of the map up to `stamp` are wanted, behind which nothing comes for now where it `is_still`. Whoever hears
+    /// so makes them and [puts](Self::put) them.
+    pub fn take_wish(&mut self, stamp: RobotTime, is_still: bool) -> bool {
         self.newest = Some(stamp);
+        self.is_still = is_still;
         let is_wanted = self.wish == Wish::Open;
         if is_wanted {
             self.wish = Wish::Taken;
@@ -191,19 +195,19 @@ mod tests {
         let mut voxels = VoxelSnapshots::default();
         let ask = newest(VoxelFile::Tree);
         assert_eq!(voxels.answer(ask, at(0)), (0, VoxelsReply::None));
-        assert!(!voxels.take_wish(stamp(1)));
+        assert!(!voxels.take_wish(stamp(1), false));
         voxels.offer();
         for _ in 0..2 {
             assert_eq!(voxels.answer(ask, at(0)), (0, VoxelsReply::Preparing));
         }
-        assert!(voxels.take_wish(stamp(1)));
-        assert!(!voxels.take_wish(stamp(2)));
+        assert!(voxels.take_wish(stamp(1), false));
+        assert!(!voxels.take_wish(stamp(2), false));
         assert_eq!(voxels.answer(ask, at(1)), (0, VoxelsReply::Preparing));
         voxels.put(Some(snapshot(1, 10)), at(2));
         let (stamp_ns, reply) = voxels.answer(ask, at(3));
         assert_eq!(stamp_ns, 1_000_000_000);
         assert_eq!(part(reply).snapshot, 1);
-        assert!(!voxels.take_wish(stamp(3)));
+        assert!(!voxels.take_wish(stamp(3), false));
     }
 
     #[test]
@@ -242,14 +246,14 @@ mod tests {
         let mut voxels = VoxelSnapshots::default();
         voxels.offer();
         let ask = newest(VoxelFile::Points);
-        assert!(!voxels.take_wish(stamp(1)));
+        assert!(!voxels.take_wish(stamp(1), false));
         voxels.put(Some(snapshot(1, 10)), at(0));
         assert_eq!(part(voxels.answer(ask, at(30)).1).snapshot, 1);
-        assert!(!voxels.take_wish(stamp(2)));
+        assert!(!voxels.take_wish(stamp(2), false));
         assert_eq!(voxels.answer(ask, at(31)).1, VoxelsReply::Preparing);
-        assert!(voxels.take_wish(stamp(3)));
+        assert!(voxels.take_wish(stamp(3), false));
         voxels.put(Some(snapshot(3, 10)), at(32));
-        assert!(!voxels.take_wish(stamp(4)));
+        assert!(!voxels.take_wish(stamp(4), false));
         assert_eq!(part(voxels.answer(ask, at(41)).1).snapshot, 2);
         assert_eq!(voxels.answer(ask, at(42)).1, VoxelsReply::Preparing);
     }
@@ -278,11 +282,26 @@ mod tests {
         voxels.offer();
         let ask = newest(VoxelFile::Tree);
         assert_eq!(voxels.answer(ask, at(0)).1, VoxelsReply::Preparing);
-        assert!(voxels.take_wish(stamp(0)));
+        assert!(voxels.take_wish(stamp(0), false));
         voxels.put(None, at(1));
         assert_eq!(voxels.answer(ask, at(10)).1, VoxelsReply::Preparing);
-        assert!(!voxels.take_wish(stamp(0)));
+        assert!(!voxels.take_wish(stamp(0), false));
         assert_eq!(voxels.answer(ask, at(11)).1, VoxelsReply::Preparing);
-        assert!(voxels.take_wish(stamp(0)));
+        assert!(voxels.take_wish(stamp(0), false));
+    }
+
+    #[test]
+    fn where_nothing_comes_any_more_only_the_end_is_new_enough() {
+        let mut voxels = VoxelSnapshots::default();
+        voxels.offer();
+        let ask = newest(VoxelFile::Tree);
+        voxels.put(Some(snapshot(1, 10)), at(0));
+        assert!(!voxels.take_wish(stamp(2), false));
+        assert_eq!(part(voxels.answer(ask, at(1)).1).snapshot, 1);
+        assert!(!voxels.take_wish(stamp(2), true));
+        assert_eq!(voxels.answer(ask, at(1)).1, VoxelsReply::Preparing);
+        assert!(voxels.take_wish(stamp(2), true));
+        voxels.put(Some(snapshot(2, 10)), at(2));
+        assert_eq!(part(voxels.answer(ask, at(30)).1).snapshot, 2);
     }
 }

@@ -45,7 +45,7 @@ fn both_files_are_fetched_from_what_a_vehicle_answers() {
     while sync.is_wanted() {
         now += 10;
         assert!(now < 10_000, "{sync:?}");
-        if vehicle.take_wish(RobotTime::from_nanos(5)) {
+        if vehicle.take_wish(RobotTime::from_nanos(5), false) {
             vehicle.put(Some(snapshot(5)), at(now));
         }
         let Some((request, asked)) = sync.question(at(now), &mut number) else {

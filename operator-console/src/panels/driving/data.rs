@@ -97,8 +97,10 @@ impl DrivingData {
     pub fn new(model: &ConsoleModel, helm: &HelmSight, now: Monotonic) -> Option<Self> {
         let teleop = model.status()?.0.teleop.as_ref()?;
         let silence = silence(model, now);
+        let status = &model.status()?.0;
         let (tone, headline, advice) = match silence {
             Some(silence) => lost(silence, helm),
+            None if status.has_ended && teleop.state == TeleopState::Idle => ended(),
             None => heard(teleop, helm, moves(model)),
         };
         // Where nobody drives from here nothing is asked for, whatever moves the vehicle.
@@ -115,7 +117,7 @@ impl DrivingData {
             advice,
             estop: estop_face(teleop, helm),
             driver: driver(teleop, helm),
-            lease: lease_face(teleop, helm, silence.is_some()),
+            lease: lease_face(teleop, helm, silence.is_some() || status.has_ended),
             asks: teleop
                 .lease
                 .waiting
@@ -166,6 +168,13 @@ fn lost(silence: Duration, helm: &HelmSight) -> (Tone, String, Option<String>) {
     };
     let headline = format!("Link lost for {}", age(silence));
     (Tone::Warning, headline, Some(advice.to_owned()))
+}
+
+/// Where it was and how fast it went are the last that there is.
+fn ended() -> (Tone, String, Option<String>) {
+    let advice = "Nothing new will come of this robot";
+    let headline = "Its data has ended".to_owned();
+    (Tone::Waiting, headline, Some(advice.to_owned()))
 }
 
 /// The speed of a vehicle that moves, forwards, m/s.

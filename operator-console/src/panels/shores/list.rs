@@ -12,6 +12,8 @@ use super::{ShoreRow, ShoresData, SortBy, sort};
 use crate::command::Look;
 use crate::map_view::ShoreMark;
 
+/// The columns need it, points.
+const LEAST_WIDTH: f32 = 310.0;
 const ROW_HEIGHT: f32 = 24.0;
 /// Of a row with its reason below.
 const TALL_ROW_HEIGHT: f32 = 40.0;
@@ -51,8 +53,19 @@ struct Asked {
     hovered: Option<ShoreMark>,
 }
 
-/// Draws the panel; where to look when a row was clicked, and what to mark when the hand is over another.
+/// Draws the panel; where to look when a row was clicked, and what to mark when the hand is over another. Where it is too narrow
+/// for the columns, it scrolls sideways.
 pub fn shores_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
+    let shown = ScrollArea::horizontal()
+        .auto_shrink([false, true])
+        .show(ui, |ui| {
+            ui.set_min_width(LEAST_WIDTH);
+            lists_ui(ui, data)
+        });
+    shown.inner
+}
+
+fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
     for note in &data.notes {
         ui.label(RichText::new(note).small());
     }

@@ -18,9 +18,11 @@ impl Network {
         let revision = head_revision(pipeline);
         let shared = self.link.shared();
         let is_interrupted = || {
-            self.serve_voxels(pipeline);
+            self.serve_voxels(pipeline, true);
             is_interrupted()
         };
+        // Who hears of the end and asks hears of the whole.
+        self.serve_voxels(pipeline, true);
         shared.end();
         if self.stay {
             if !quiet {
