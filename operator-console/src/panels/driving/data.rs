@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use protocol::keys::OperatorId;
-use protocol::message::{Arming, Clamp, Settings, StopReason, TeleopState, TeleopStatus};
+use protocol::message::{Arming, Clamp, Guard, Settings, StopReason, TeleopState, TeleopStatus};
 use robot_edge::clock::Monotonic;
 
 use super::gauge::{self, Gauge};
@@ -250,6 +250,12 @@ fn heard(
         )),
         (TeleopState::EStop, _) => Some("Nothing moves until it is reset.".to_owned()),
         (_, Some(why)) if is_mine => Some(format!("Let go of all keys: {}", words::loss(why))),
+        // Whatever is pressed: without this it would be for the operator to guess.
+        (TeleopState::Held, None)
+            if is_mine && matches!(teleop.guard, Guard::Stale | Guard::Silent) =>
+        {
+            Some("The guard sees nothing new, so nothing moves: the robot's sensors or its machine are late. When it sees, press anew".to_owned())
+        }
         (TeleopState::Held, None)
             if is_mine && !helm.wish.is_neutral() && teleop.arming == Arming::Locked =>
         {

@@ -338,6 +338,11 @@ fn keys_that_are_ignored_are_said_to_be_and_why() {
         rig.data().advice.unwrap(),
         "Let go of all keys, then press anew"
     );
+    for guard in [Guard::Stale, Guard::Silent] {
+        rig.teleop.guard = guard;
+        let advice = rig.data().advice.unwrap();
+        assert!(advice.starts_with("The guard sees nothing new, so nothing moves"));
+    }
 }
 
 #[test]
