@@ -69,7 +69,7 @@ impl fmt::Display for Fetching {
     }
 }
 
-/// Fetches what `part` needs, and takes it. A robot that has said nothing for [`SILENCE`] is not waited for, and one that sends
+/// Fetches what `part` needs, and takes it. A robot that has said nothing for ten seconds is not waited for, and one that sends
 /// no more of it for no longer than `patience`. `watch` hears how far it is, and may break it off.
 ///
 /// What cannot be fetched is taken as it is known here, and says so; of the octree nothing is.

@@ -71,6 +71,13 @@ pub struct ModelSettings {
     pub layers: BTreeSet<LayerId>,
 }
 
+/// What a robot told of when an emergency stop was heard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BeforeEStop {
+    /// The last stop on the way.
+    pub last_stop: Option<StopReason>,
+}
+
 /// Names of docking sites of a robot that is not shown.
 #[derive(Clone, Debug)]
 pub struct KeptSiteNames {
@@ -102,7 +109,7 @@ pub struct ConsoleModel {
     head_seq: u64,
     events: VecDeque<(Event, Monotonic)>,
     /// The last stop on the way that was told of when an emergency stop was heard last, in this run of the robot.
-    before_estop: Option<Option<StopReason>>,
+    before_estop: Option<BeforeEStop>,
     /// Layers that an export wants, shown or not.
     exported: BTreeSet<LayerId>,
     rectangle_m: [f32; 4],
@@ -335,9 +342,8 @@ impl ConsoleModel {
         &self.events
     }
 
-    /// The last stop on the way that the robot told of when an emergency stop was heard; `None` where no such was heard since
-    /// it began to run.
-    pub const fn stop_before_estop(&self) -> Option<Option<StopReason>> {
+    /// What the robot told of when an emergency stop was heard; `None` where no such was heard since it began to run.
+    pub const fn before_estop(&self) -> Option<BeforeEStop> {
         self.before_estop
     }
 

@@ -13,7 +13,7 @@ use serde::de::DeserializeOwned;
 use super::sight::is_news;
 use super::soundness::{is_info_sound, is_status_sound};
 use super::trail_sync::{GAP, TrailSync};
-use super::{ConsoleModel, MAX_EVENTS, Refusal, RequestId, Stream};
+use super::{BeforeEStop, ConsoleModel, MAX_EVENTS, Refusal, RequestId, Stream};
 
 impl ConsoleModel {
     /// Takes a message that arrived with a key, pushed or in answer to a request.
@@ -74,7 +74,8 @@ impl ConsoleModel {
                         .status
                         .as_ref()
                         .and_then(|(status, _)| status.teleop.as_ref());
-                    self.before_estop = Some(teleop.and_then(|teleop| teleop.last_stop));
+                    let last_stop = teleop.and_then(|teleop| teleop.last_stop);
+                    self.before_estop = Some(BeforeEStop { last_stop });
                 }
                 if self.events.len() >= MAX_EVENTS {
                     self.events.pop_front();

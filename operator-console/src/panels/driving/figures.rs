@@ -50,7 +50,7 @@ pub(super) fn rows(
     let (tone, guard) = words::guard(teleop.guard);
     rows.push((tone, row("Guard", guard)));
     let events = model.events().iter().map(|(event, _)| event);
-    if let Some((tone, stop)) = last_stop(teleop, model.stop_before_estop(), events) {
+    if let Some((tone, stop)) = last_stop(teleop, model.before_estop(), events) {
         rows.push((tone, row("Last stop", stop)));
     }
     if helm.lease.held().is_some() {

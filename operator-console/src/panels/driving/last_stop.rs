@@ -3,13 +3,14 @@
 use protocol::message::{Event, StopReason, TeleopState, TeleopStatus};
 
 use super::words;
+use crate::model::BeforeEStop;
 use crate::theme::Tone;
 
-/// The newest stop, in words; `events` of the robot, the oldest first, and the last stop on the way that it told of when an
-/// emergency stop was heard. `None` before the first.
+/// The newest stop, in words; `events` of the robot, the oldest first, and what it told of when an emergency stop
+/// was heard. `None` before the first.
 pub(super) fn last_stop<'a>(
     teleop: &TeleopStatus,
-    before_estop: Option<Option<StopReason>>,
+    before_estop: Option<BeforeEStop>,
     events: impl DoubleEndedIterator<Item = &'a Event>,
 ) -> Option<(Tone, String)> {
     if let Some(estop) = teleop.estop {
@@ -19,7 +20,7 @@ pub(super) fn last_stop<'a>(
     let is_stopping = matches!(teleop.state, TeleopState::Stopping(_));
     let newest = events.rev().find_map(is_emergency);
     // Events are heard once or never: what the status tells of since is newer.
-    let is_newest = before_estop == Some(teleop.last_stop);
+    let is_newest = before_estop.is_some_and(|before| before.last_stop == teleop.last_stop);
     if newest == Some(true) && is_newest && !is_stopping {
         return Some((Tone::Warning, "emergency stop, reset since".to_owned()));
     }
@@ -71,9 +72,13 @@ mod tests {
         ];
         let mut teleop = standing();
         teleop.last_stop = Some(StopReason::Released);
-        let told = |teleop: &TeleopStatus, before: &[&Event]| {
-            let events = before.iter().copied().chain(&rest);
-            last_stop(teleop, Some(Some(StopReason::Released)), events)
+        let before = |stop| {
+            let last_stop = Some(stop);
+            Some(BeforeEStop { last_stop })
+        };
+        let told = |teleop: &TeleopStatus, first: &[&Event]| {
+            let events = first.iter().copied().chain(&rest);
+            last_stop(teleop, before(StopReason::Released), events)
         };
         let let_go = Some((Tone::Waiting, "keys let go".to_owned()));
         let emergency = |words: &str| Some((Tone::Warning, words.to_owned()));
@@ -85,7 +90,7 @@ mod tests {
         assert_eq!(told(&teleop, &[&estop, &involuntary]), let_go);
         // While nobody heard it.
         let late = |before| last_stop(&teleop, before, [&released, &estop].into_iter());
-        assert_eq!(late(Some(Some(StopReason::Age))), let_go);
+        assert_eq!(late(before(StopReason::Age)), let_go);
         assert_eq!(late(None), let_go, "it began anew since");
         // What it does is newer than what was heard of it.
         teleop.state = TeleopState::Stopping(StopReason::Released);
