@@ -43,6 +43,8 @@ KINDS = {
     "ShoresNews.nothing": wire.SHORES_NEWS,
     "Scan": wire.SCAN,
     "VoxelsRequest": wire.VOXELS_REQUEST,
+    "TrajectoryRequest": wire.TRAJECTORY_REQUEST,
+    "TrajectoryPart": wire.TRAJECTORY_PART,
     **{f"VoxelsReply.{name}": wire.VOXELS_REPLY for name in ("None", "Preparing", "Gone", "Part")},
     **{f"Answer.{name}": wire.ANSWER for name in ("Done", "Granted", "Waiting", "EStopped", "Refused")},
 }

@@ -353,6 +353,8 @@ SHORES = Struct(
 )
 SHORES_NEWS = Struct(revision=U64, shores=Option(SHORES))
 SCAN = Struct(sensor=TEXT, origin_m=Tuple(F64, F64), steps_cm=List(Tuple(I32, I32)))
+TRAJECTORY_REQUEST = Struct(trajectory=Option(U64), **{"from": U64}, step=U32)
+TRAJECTORY_PART = Struct(trajectory=U64, poses=U64, rows=List(Tuple(*[I64] * 8)))
 VOXEL_FILE = Enum(Tree=None, Points=None)
 VOXELS_REQUEST = Struct(snapshot=Option(U64), file=VOXEL_FILE, offset=U64)
 VOXELS_REPLY = Enum(
