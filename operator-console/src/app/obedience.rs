@@ -14,7 +14,7 @@ use crate::event_log::Severity;
 use crate::helm::EStopSight;
 use crate::link::{FoundRobot, RobotSession};
 use crate::model::ModelSettings;
-use crate::playback::{Playback, in_words};
+use crate::playback::{Playback, in_words, is_recording};
 use crate::teleop_input::InputEvent;
 
 use super::export_job::ExportJob;
@@ -47,7 +47,9 @@ impl ConsoleApp {
             audit: None,
         };
         let stop_is_underway = self.stop_is_underway(&found);
+        // A recording's maps are others whenever it is opened.
         if let Some((before, session)) = &self.shown
+            && !is_recording(&before.robot)
             && let Some(names) = session.model().take_site_names()
         {
             self.site_names.insert(before.robot.clone(), names);

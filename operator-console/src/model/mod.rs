@@ -4,7 +4,9 @@
 //! send, and draws or exports what it holds. The present is always a parameter.
 
 mod connection;
+mod exports;
 mod incoming;
+mod kept_names;
 mod layer_sync;
 mod link_quality;
 mod map_questions;
@@ -39,6 +41,7 @@ use robot_edge::clock::Monotonic;
 
 pub use connection::{Connection, LinkState, SILENT_AFTER, SLOWLY_SILENT_AFTER};
 pub use incoming::{Incoming, OpenSessions, Outgoing, RequestId};
+pub use kept_names::KeptSiteNames;
 pub use link_quality::{LinkQuality, LinkSample, Stream};
 pub use map_sync::{LayerStep, MapSync};
 pub use refusals::{Refusal, Refusals};
@@ -76,14 +79,6 @@ pub struct ModelSettings {
 pub struct BeforeEStop {
     /// The last stop on the way.
     pub last_stop: Option<StopReason>,
-}
-
-/// Names of docking sites of a robot that is not shown.
-#[derive(Clone, Debug)]
-pub struct KeptSiteNames {
-    boot: BootId,
-    epoch: Option<u32>,
-    names: SiteNames,
 }
 
 /// One robot. See the [module](self).
@@ -205,70 +200,9 @@ impl ConsoleModel {
         self.shores.site_names()
     }
 
-    /// The names of docking sites, for [`Self::keep_site_names`] when this robot is shown again. Nothing is named here any more.
-    pub fn take_site_names(&mut self) -> Option<KeptSiteNames> {
-        let boot = self.map.boot()?;
-        let (epoch, names) = self.shores.take_names();
-        Some(KeptSiteNames { boot, epoch, names })
-    }
-
-    /// Names docking sites as before, where they turn out to be of the same maps of the same run of the robot.
-    pub fn keep_site_names(&mut self, kept: KeptSiteNames) {
-        self.kept_names = Some(kept);
-        self.go_on_with_names();
-    }
-
-    fn go_on_with_names(&mut self) {
-        let of_this_run = self
-            .kept_names
-            .take_if(|kept| self.map.boot() == Some(kept.boot));
-        if let Some(kept) = of_this_run
-            && !self.shores.go_on_with(kept.epoch, &kept.names)
-        {
-            // Its maps are not told of yet, or are others.
-            self.kept_names = Some(kept);
-        }
-    }
-
     /// Whether there is more to fetch once the map is in step: a robot whose data has ended waits for that.
     pub const fn set_unfinished(&mut self, is_unfinished: bool) {
         self.is_unfinished = is_unfinished;
-    }
-
-    /// Follows these layers too, whatever is shown: an export wants them.
-    pub fn follow_too(&mut self, layers: BTreeSet<LayerId>) {
-        self.exported = layers;
-        self.follow();
-    }
-
-    /// Fetches the octree's files as they are now, for an export.
-    pub fn want_voxels(&mut self) {
-        self.voxels.want();
-    }
-
-    /// Gives back the memory of the octree's files.
-    pub fn drop_voxels(&mut self) {
-        self.voxels.drop_all();
-    }
-
-    /// How far the octree's files are.
-    pub fn voxels(&self) -> VoxelsProgress {
-        self.voxels.progress()
-    }
-
-    /// Fetches the whole way as it is now, for an export.
-    pub fn want_trajectory(&mut self) {
-        self.trajectory.want();
-    }
-
-    /// Gives back the memory of the fetched way.
-    pub fn drop_trajectory(&mut self) {
-        self.trajectory.drop_all();
-    }
-
-    /// How far fetching the whole way is.
-    pub fn trajectory(&self) -> TrajectoryProgress {
-        self.trajectory.progress()
     }
 
     /// The tiles that changed since the last call.

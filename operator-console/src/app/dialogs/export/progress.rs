@@ -7,7 +7,7 @@ use eframe::egui::{ProgressBar, RichText, Ui};
 use super::part_words;
 use crate::app::export_job::ExportProgress;
 use crate::command::Command;
-use crate::theme::{Tone, state_ui};
+use crate::theme::{Tone, long_state_ui, state_ui};
 
 const GOES_ON: &str =
     "It goes on when this is closed. Ctrl+E shows it again, and Events tells its end.";
@@ -21,7 +21,8 @@ pub(super) fn ui(ui: &mut Ui, progress: &ExportProgress) -> Option<Command> {
             None
         }
         Some(Ok(words)) => {
-            state_ui(ui, Tone::Good, words, 15.0);
+            // A folder may be longer than the dialog is wide.
+            long_state_ui(ui, Tone::Good, words, 15.0);
             open_folder_ui(ui, &progress.folder)
         }
         Some(Err(why)) => {
