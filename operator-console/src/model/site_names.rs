@@ -13,6 +13,9 @@
 //! where a small site once was would take that site's letter. Headings are not asked: they turn while a bank is still being
 //! seen.
 //!
+//! Two sites that grow into one leave a place behind that is inside another. It is a site of its own again where both are
+//! told of, and not where one of them is cut off by the window's edge: what was told of last time goes before what was not.
+//!
 //! A place is remembered as it was seen last and as it was widest. The robot tells only of what is in its window, and
 //! of a bank that enters it first one end, perhaps not the one that was seen last.
 
@@ -116,10 +119,22 @@ impl SiteNames {
         // The nearest pair of those left over is one of which each is nearest to the other.
         let mut known = vec![None; sites.len()];
         let mut is_taken = vec![false; self.places.len()];
+        for (_, rank, at) in &pairs {
+            if known[*rank].is_none() && !is_taken[*at] {
+                known[*rank] = Some(*at);
+                is_taken[*at] = true;
+            }
+        }
+        // What was not told of last time gives way to what was and would be without a site.
+        let was_told = |at: usize| self.places[at].seen_in + 1 == self.lists;
         for (_, rank, at) in pairs {
-            if known[rank].is_none() && !is_taken[at] {
+            if let Some(other) = known[rank].filter(|other| !was_told(*other))
+                && was_told(at)
+                && !is_taken[at]
+            {
                 known[rank] = Some(at);
                 is_taken[at] = true;
+                is_taken[other] = false;
             }
         }
         known

@@ -122,6 +122,21 @@ fn two_sites_that_were_one_for_a_moment_are_as_before() {
 }
 
 #[test]
+fn a_part_of_what_was_two_once_keeps_the_letter_of_both() {
+    let (left, right) = (site(-4.0, 0.0, 6.0), site(4.0, 0.0, 6.0));
+    let both = [site(0.5, 0.0, 15.0)];
+    let mut names = SiteNames::default();
+    assert_eq!(next(&mut names, &[left, right]), "A B");
+    // Its left half alone lies where A was.
+    for part in [&left, &right, &left] {
+        assert_eq!(next(&mut names, &both), "B");
+        assert_eq!(next(&mut names, std::slice::from_ref(part)), "B");
+    }
+    assert_eq!(next(&mut names, &both), "B");
+    assert_eq!(next(&mut names, &[left, right]), "A B");
+}
+
+#[test]
 fn after_z_comes_aa() {
     let mut names = SiteNames::default();
     let sites: Vec<_> = (0..703)
