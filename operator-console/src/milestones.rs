@@ -77,7 +77,9 @@ impl Milestones {
             let tiles = map.store().tiles(grid.layer).map(|(key, _)| key);
             tiles.filter(move |key| is_near(*key, grid.cell_m))
         });
-        let last = near.filter_map(|key| map.changed_at(key)).max()?;
+        let last = near
+            .filter_map(|key| Some(map.measured(key)?.came()))
+            .max()?;
         Some(last.since(self.discovered))
     }
 }

@@ -6,9 +6,12 @@ use std::time::Duration;
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
-    Arming, CommandCounters, Guard, LeaseStatus, Settings, TeleopState, TeleopStatus, Velocity,
+    Arming, CommandCounters, Guard, LayerHead, LeaseStatus, MapHead, Settings, TeleopState,
+    TeleopStatus, TileBand, Velocity,
 };
-use protocol::tile::BootId;
+use protocol::tile::codec::Encoder;
+use protocol::tile::{BootId, TileKey};
+use protocol::tile_store::{LayerGrid, TileStore};
 use protocol::wire::{self, Header};
 use robot_edge::clock::Monotonic;
 use serde::Serialize;
@@ -43,11 +46,49 @@ pub(crate) fn scout() -> ConsoleModel {
 
 /// The robot publishes this, and the console hears it at `now`.
 pub(crate) fn says<T: Serialize>(model: &mut ConsoleModel, topic: Topic, body: &T, now: Monotonic) {
+    says_of(model, 0, topic, body, now);
+}
+
+/// The same of data with this stamp, nanoseconds.
+pub(crate) fn says_of<T: Serialize>(
+    model: &mut ConsoleModel,
+    stamp_ns: i64,
+    topic: Topic,
+    body: &T,
+    now: Monotonic,
+) {
     let sample = Incoming::Sample {
         key: topic.key(model.robot()),
-        payload: payload(body),
+        payload: payload(stamp_ns, body),
     };
     model.apply(sample, now);
+}
+
+/// The robot announces what its map is.
+pub(crate) fn announces(model: &mut ConsoleModel, store: &TileStore, now: Monotonic) {
+    let layers = store.grids().map(|LayerGrid { layer, .. }| LayerHead {
+        layer,
+        epoch: store.epoch(layer),
+        head_revision: store.head_revision(layer),
+        tiles: store.tile_count(layer) as u32,
+        root: store.root_digest(layer).unwrap(),
+    });
+    let layers = layers.collect();
+    says(model, Topic::MapHead, &MapHead { layers }, now);
+}
+
+/// The robot pushes a tile.
+pub(crate) fn pushes(model: &mut ConsoleModel, store: &TileStore, key: TileKey, now: Monotonic) {
+    let tile = store.tile(key).unwrap();
+    for rows in Encoder::new().unwrap().encode(&tile.cells) {
+        let band = TileBand {
+            epoch: tile.epoch,
+            revision: tile.revision,
+            digest: tile.digest,
+            rows,
+        };
+        says_of(model, tile.stamp_ns, Topic::Tile(key), &band, now);
+    }
 }
 
 /// The robot answers a question with this, and the console hears it at `now`.
@@ -61,17 +102,17 @@ pub(crate) fn answers<T: Serialize>(
     let reply = Incoming::Reply {
         request,
         key: topic.key(model.robot()),
-        payload: payload(body),
+        payload: payload(0, body),
     };
     model.apply(reply, now);
 }
 
 /// Every message is the first of its run.
-fn payload<T: Serialize>(body: &T) -> Vec<u8> {
+fn payload<T: Serialize>(stamp_ns: i64, body: &T) -> Vec<u8> {
     let header = Header {
         boot: BOOT,
         seq: 1,
-        robot_time_ns: 0,
+        robot_time_ns: stamp_ns,
     };
     wire::encode(&header, body).unwrap()
 }

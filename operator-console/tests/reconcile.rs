@@ -98,7 +98,7 @@ impl Edge {
         let bands = answers::bands(&self.store, &mut self.encoder, key);
         bands
             .iter()
-            .map(|band| self.message(Topic::Tile(key), band))
+            .map(|(_, band)| self.message(Topic::Tile(key), band))
             .collect()
     }
 
@@ -132,7 +132,7 @@ impl Edge {
                 );
                 replies
                     .iter()
-                    .map(|reply| self.message(topic, reply))
+                    .map(|(_, reply)| self.message(topic, reply))
                     .collect()
             }
             Topic::Digests(layer) => {

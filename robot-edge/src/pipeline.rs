@@ -268,7 +268,9 @@ impl Pipeline {
 
     fn publish(&mut self) -> Result<(), PublishError> {
         let started = Monotonic::now();
-        self.publisher.publish(&mut self.mapper)?;
+        // Before the first scan there is nothing to publish.
+        let stamp = self.last_scan.unwrap_or_default();
+        self.publisher.publish(&mut self.mapper, stamp)?;
         self.report.stages.publish.record(started.elapsed());
         Ok(())
     }

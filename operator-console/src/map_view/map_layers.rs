@@ -5,8 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use eframe::egui::{Context, Painter, Rect};
 use protocol::layer::{LayerId, Palette, Scheme};
 use protocol::tile::TileKey;
-use protocol::tile_store::TileStore;
-use robot_edge::clock::Monotonic;
+use protocol::tile_store::{StoredTile, TileStore};
 
 use super::camera::Camera;
 use super::chunk_build::LayerLook;
@@ -15,7 +14,7 @@ use super::frame_time::FrameTime;
 use super::known_tiles::KnownTiles;
 use super::stack::{LayerStack, StackLayer};
 use super::tile_textures::TileTextures;
-use crate::model::MapSync;
+use crate::model::{MapSync, Measured};
 
 /// Textures of all layers together, a mebibyte each.
 pub(super) const MAX_TEXTURES: usize = 192;
@@ -27,7 +26,8 @@ struct MapLayer {
     textures: TileTextures,
     /// Tiles known when the colours were fitted last.
     fitted_at: usize,
-    newest: Option<Monotonic>,
+    /// The tile that was measured last.
+    newest: Option<(TileKey, Measured)>,
 }
 
 /// See the [module](self).
@@ -48,6 +48,33 @@ impl MapLayer {
             textures: TileTextures::default(),
             fitted_at: 0,
             newest: None,
+        }
+    }
+
+    /// A tile changed: it may be the newest now, or no longer.
+    fn see(&mut self, map: &MapSync, key: TileKey) {
+        let known = |stored: &StoredTile| stored.cells().is_some();
+        let is_known = map.store().get(key).is_some_and(known);
+        let measured = map.measured(key).filter(|_| is_known);
+        match (self.newest, measured) {
+            (None, measured) => self.newest = measured.map(|measured| (key, measured)),
+            (Some((_, newest)), Some(measured)) if !newest.is_newer_than(measured) => {
+                self.newest = Some((key, measured));
+            }
+            // Gone, perhaps with all others of its epoch, or of an earlier time of a recording.
+            (Some((newest, _)), _) if newest == key => {
+                let held = map.store().tiles(key.layer);
+                let held = held.filter(|(_, stored)| known(stored));
+                let measured = held.filter_map(|(key, _)| Some((key, map.measured(key)?)));
+                self.newest = measured.reduce(|one, other| {
+                    if other.1.is_newer_than(one.1) {
+                        other
+                    } else {
+                        one
+                    }
+                });
+            }
+            (Some(_), _) => {}
         }
     }
 
@@ -95,9 +122,10 @@ impl MapLayers {
         self.layers.get(&layer).map_or(0, |held| held.known.len())
     }
 
-    /// When a tile of a layer last changed.
-    pub(super) fn newest(&self, layer: LayerId) -> Option<Monotonic> {
-        self.layers.get(&layer).and_then(|held| held.newest)
+    /// When what is newest in a layer was measured.
+    pub(super) fn newest(&self, layer: LayerId) -> Option<Measured> {
+        let newest = self.layers.get(&layer)?.newest;
+        newest.map(|(_, measured)| measured)
     }
 
     /// Textures of all layers.
@@ -136,7 +164,7 @@ impl MapLayers {
                 .or_insert_with(|| MapLayer::new(layer));
             held.known.update(store, key);
             held.textures.changed((key.tx, key.ty));
-            held.newest = held.newest.max(map.changed_at(key));
+            held.see(map, key);
         }
         self.color(stack, store);
         self.waiting.is_empty()

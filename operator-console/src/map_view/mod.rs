@@ -29,7 +29,6 @@ use std::f64::consts::FRAC_PI_2;
 
 use eframe::egui::{Pos2, Rect, vec2};
 use protocol::layer::{LayerId, Palette};
-use robot_edge::clock::Monotonic;
 
 pub use camera::Camera;
 pub use look::{MapLook, Orientation, Overlay, Sight};
@@ -41,7 +40,7 @@ pub use surroundings::{LastScan, SensorField, Stopping, Surroundings};
 pub use toolbar::ToolbarData;
 
 use crate::command::Look;
-use crate::model::ConsoleModel;
+use crate::model::{ConsoleModel, Measured};
 
 use frame_time::FrameTime;
 use gestures::Gestures;
@@ -128,8 +127,8 @@ impl MapView {
         self.layers.tiles(layer)
     }
 
-    /// When a tile of a layer last changed here.
-    pub fn newest(&self, layer: LayerId) -> Option<Monotonic> {
+    /// When what is newest in a layer was measured.
+    pub fn newest(&self, layer: LayerId) -> Option<Measured> {
         self.layers.newest(layer)
     }
 

@@ -1,7 +1,5 @@
 //! What the map says at a point: every layer's value, how old that is, and where it comes from.
 
-use std::time::Duration;
-
 use protocol::layer::{LayerId, Quantisation};
 use protocol::tile::TileKey;
 use protocol::tile_store::StoredTile;
@@ -11,7 +9,8 @@ use super::chunks::TILE_CELLS;
 use super::probe_source;
 use super::stack::LayerStack;
 use crate::model::{ConsoleModel, MapSync};
-use crate::panels::wording::{age, count, signed};
+use crate::panels::data_age::DataAge;
+use crate::panels::wording::{count, signed};
 
 /// One point of the map.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,8 +30,8 @@ pub struct ProbedCell {
     pub is_shown: bool,
     /// The cell's value as exports have it; `None` where it is unknown.
     pub value: Option<f32>,
-    /// Since the cells around it last changed here.
-    pub age: Option<Duration>,
+    /// How old the last change of the cells around it is.
+    pub age: Option<DataAge>,
     /// The revision of the tile around it.
     pub revision: Option<u64>,
     /// The sensors that it comes from, and when each measured last; `None` where the robot names none.
@@ -51,7 +50,7 @@ impl ProbeData {
         let held = stack.layers().iter().rev();
         let cells = held.filter_map(|held| {
             let cell_m = map.store().cell_m(held.layer)?;
-            let cell = ProbedCell::new(map, held.layer, cell_m, point_m, now);
+            let cell = ProbedCell::new(model, held.layer, cell_m, point_m, now);
             let cell = ProbedCell {
                 is_shown: held.is_shown,
                 source: probe_source::source(model, held.layer, now),
@@ -73,15 +72,22 @@ impl ProbeData {
 }
 
 impl ProbedCell {
-    fn new(map: &MapSync, layer: LayerId, cell_m: f64, point_m: [f64; 2], now: Monotonic) -> Self {
+    fn new(
+        model: &ConsoleModel,
+        layer: LayerId,
+        cell_m: f64,
+        point_m: [f64; 2],
+        now: Monotonic,
+    ) -> Self {
+        let map = model.map();
         let key = cell_at(layer, point_m, cell_m).map(|(key, _, _)| key);
         let stored = key.and_then(|key| map.store().get(key));
-        let changed_at = key.and_then(|key| map.changed_at(key));
+        let measured = key.and_then(|key| map.measured(key));
         Self {
             layer,
             is_shown: true,
             value: value_at(map, layer, point_m),
-            age: changed_at.map(|at| now.since(at)),
+            age: measured.map(|measured| DataAge::new(model, measured, now)),
             revision: stored.map(StoredTile::revision),
             source: None,
         }
@@ -135,7 +141,7 @@ impl ProbedCell {
             LayerId::Shore => "voxels, clusters",
         };
         let parts = [
-            self.age.map(|since| format!("{} old", age(since))),
+            self.age.map(DataAge::words),
             // Where nothing is known, it comes from nothing.
             self.value
                 .map(|_| self.source.clone().unwrap_or_else(|| stage.to_owned())),

@@ -6,7 +6,9 @@ use egui_kittest::kittest::Queryable;
 
 use super::probe::tests::{model_of, store};
 use super::*;
-use crate::pretend::{BOOT, at};
+use crate::pretend::{BOOT, announces, at, pushes};
+use protocol::tile::{TileCells, TileKey};
+use protocol::tile_store::TileStore;
 
 struct Rig {
     view: MapView,
@@ -45,6 +47,48 @@ fn click(window: &mut Harness<'_, Rig>, place: Pos2) {
 fn look(window: &mut Harness<'_, Rig>, look: Look) {
     window.state_mut().view.look(look);
     window.run_steps(1);
+}
+
+/// The robot measures a tile at a stamp, and the console hears of it.
+fn maps(window: &mut Harness<'_, Rig>, robot: &mut TileStore, tx: i32, code: u16, stamp_ns: i64) {
+    let layer = LayerId::Obstacle;
+    let key = TileKey { layer, tx, ty: 9 };
+    robot.set_stamp(stamp_ns);
+    drop(robot.publish(key, TileCells::from_fn(|_, _| code)).unwrap());
+    let model = &mut window.state_mut().model;
+    pushes(model, robot, key, at(2_400));
+    window.run_steps(4);
+}
+
+#[test]
+fn the_newest_of_a_layer_is_what_is_still_there() {
+    let mut window = window();
+    let newest = |window: &Harness<'_, Rig>| {
+        let newest = window.state().view.newest(LayerId::Obstacle);
+        newest.map(|newest| newest.age(at(2_500)))
+    };
+    let old = |secs: i64| Some(Duration::from_millis(100 + 1_000 * secs.unsigned_abs()));
+    let mut robot = store();
+    // The robot's data is at 0 s: what was measured before is old when it comes.
+    robot.set_stamp(0);
+    let second_ns = -1_000_000_000;
+    robot.erase_layer(LayerId::Obstacle).unwrap();
+    let now = at(2_400);
+    announces(&mut window.state_mut().model, &robot, now);
+    window.run_steps(4);
+    assert_eq!(newest(&window), None, "the layer was erased");
+    maps(&mut window, &mut robot, 0, 1, 9 * second_ns);
+    maps(&mut window, &mut robot, 1, 1, 5 * second_ns);
+    maps(&mut window, &mut robot, 2, 1, 7 * second_ns);
+    assert_eq!(newest(&window), old(5));
+    // The tile that is newest changes, to what is newer still.
+    maps(&mut window, &mut robot, 1, 2, 3 * second_ns);
+    assert_eq!(newest(&window), old(3));
+    // A recording that is wound back: it is older now than others are.
+    maps(&mut window, &mut robot, 1, 1, 8 * second_ns);
+    assert_eq!(newest(&window), old(7));
+    maps(&mut window, &mut robot, 2, 0, 2 * second_ns);
+    assert_eq!(newest(&window), old(8), "it is gone");
 }
 
 #[test]

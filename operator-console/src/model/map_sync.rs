@@ -10,8 +10,10 @@ use protocol::message::{DigestsRequest, Info, MapHead, TileBand, TilesReply, Til
 use protocol::tile::codec::DecodeError;
 use protocol::tile::{BootId, TileCells, TileDigest, TileKey};
 use protocol::tile_store::{Applied, LayerGrid, RootDigest, StoreError, TileStore};
+use protocol::wire::Header;
 use robot_edge::clock::Monotonic;
 
+use super::data_clock::{DataClock, Measured};
 use super::incoming::RequestId;
 use super::layer_sync::{LayerSync, SILENCE};
 use super::refusals::Refusal;
@@ -60,7 +62,8 @@ pub struct MapSync {
     /// Own roots, while no tile has changed them.
     pub(super) roots: BTreeMap<LayerId, RootDigest>,
     changed: BTreeSet<TileKey>,
-    changed_at: BTreeMap<TileKey, Monotonic>,
+    measured: BTreeMap<TileKey, Measured>,
+    data_clock: DataClock,
     /// Tiles named by the lists that are arriving.
     listed: BTreeMap<LayerId, BTreeSet<(i32, i32)>>,
     pub(super) asked: BTreeMap<RequestId, Asked>,
@@ -84,7 +87,8 @@ impl MapSync {
             layers: BTreeMap::new(),
             roots: BTreeMap::new(),
             changed: BTreeSet::new(),
-            changed_at: BTreeMap::new(),
+            measured: BTreeMap::new(),
+            data_clock: DataClock::default(),
             listed: BTreeMap::new(),
             asked: BTreeMap::new(),
             unknown: TileCells::unknown().digest(),
@@ -98,9 +102,21 @@ impl MapSync {
         &self.store
     }
 
-    /// When the cells of a tile last changed here.
-    pub fn changed_at(&self, key: TileKey) -> Option<Monotonic> {
-        self.changed_at.get(&key).copied()
+    /// When the cells of a tile were measured that changed last.
+    pub fn measured(&self, key: TileKey) -> Option<Measured> {
+        self.measured.get(&key).copied()
+    }
+
+    /// The clock of what is measured.
+    pub const fn data_clock(&self) -> &DataClock {
+        &self.data_clock
+    }
+
+    /// A message whose stamp is that of the robot's newest data came.
+    pub(super) fn tell_clock(&mut self, header: Header, now: Monotonic) {
+        if self.has_boot && header.boot == self.store.boot() {
+            self.data_clock.tell(header.robot_time_ns, now);
+        }
     }
 
     /// How far each layer that the robot announces and this console wants is behind.
@@ -196,7 +212,8 @@ impl MapSync {
             self.has_boot = true;
             self.layers.clear();
             self.roots.clear();
-            self.changed_at.clear();
+            self.measured.clear();
+            self.data_clock = DataClock::default();
             self.forget_questions();
         }
         let was_silent = self.head_at().is_none_or(|at| now.since(at) > SILENCE);
@@ -223,12 +240,12 @@ impl MapSync {
     pub(super) fn take_band(
         &mut self,
         key: TileKey,
-        boot: BootId,
+        header: Header,
         band: &TileBand,
         request: Option<RequestId>,
         now: Monotonic,
     ) -> Result<(), Refusal> {
-        if !self.has_boot || boot != self.store.boot() {
+        if !self.has_boot || header.boot != self.store.boot() {
             return Err(Refusal::OtherBoot);
         }
         if self.store.cell_m(key.layer).is_none() {
@@ -241,12 +258,13 @@ impl MapSync {
         }
         let tile = self
             .intake
-            .take(key, boot, band)
+            .take(key, header, band)
             .map_err(|why| refusal(&why))?;
         let Some(tile) = tile else { return Ok(()) };
         if tile.epoch > self.store.epoch(key.layer) {
             self.erase_layer(key.layer, tile.epoch);
         }
+        let stamp_ns = tile.stamp_ns;
         let applied = self.store.apply(tile).map_err(|_why| Refusal::BadTile)?;
         let sync = self.layers.entry(key.layer).or_insert_with(LayerSync::new);
         match request {
@@ -257,10 +275,11 @@ impl MapSync {
             Applied::Stored => {
                 self.roots.remove(&key.layer);
                 self.changed.insert(key);
-                self.changed_at.insert(key, now);
-                if self.changed_at.len() > MAX_AGES {
+                let measured = self.data_clock.measured(stamp_ns, now);
+                self.measured.insert(key, measured);
+                if self.measured.len() > MAX_AGES {
                     let store = &self.store;
-                    self.changed_at.retain(|key, _| store.get(*key).is_some());
+                    self.measured.retain(|key, _| store.get(*key).is_some());
                 }
                 Ok(())
             }
@@ -274,7 +293,7 @@ impl MapSync {
     pub(super) fn take_reply(
         &mut self,
         layer: LayerId,
-        boot: BootId,
+        header: Header,
         reply: &TilesReply,
         request: RequestId,
         now: Monotonic,
@@ -284,7 +303,7 @@ impl MapSync {
             tx: reply.tx,
             ty: reply.ty,
         };
-        self.take_band(key, boot, &reply.band, Some(request), now)
+        self.take_band(key, header, &reply.band, Some(request), now)
     }
 
     /// No more replies to a question will come.

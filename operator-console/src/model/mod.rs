@@ -4,6 +4,7 @@
 //! send, and draws or exports what it holds. The present is always a parameter.
 
 mod connection;
+mod data_clock;
 mod exports;
 mod incoming;
 mod kept_names;
@@ -40,6 +41,7 @@ use protocol::tile::BootId;
 use robot_edge::clock::Monotonic;
 
 pub use connection::{Connection, LinkState, SILENT_AFTER, SLOWLY_SILENT_AFTER};
+pub use data_clock::{DataClock, Measured};
 pub use incoming::{Incoming, OpenSessions, Outgoing, RequestId};
 pub use kept_names::KeptSiteNames;
 pub use link_quality::{LinkQuality, LinkSample, Stream};
@@ -279,6 +281,11 @@ impl ConsoleModel {
     /// What the robot told of when an emergency stop was heard; `None` where no such was heard since it began to run.
     pub const fn before_estop(&self) -> Option<BeforeEStop> {
         self.before_estop
+    }
+
+    /// Whether the robot says that its data has ended.
+    pub fn says_ended(&self) -> bool {
+        self.status().is_some_and(|(status, _)| status.has_ended)
     }
 
     /// Whether the robot's data has ended and its last announcement is known, so that nothing new will come.

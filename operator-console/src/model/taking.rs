@@ -65,6 +65,7 @@ impl ConsoleModel {
                 let before = self.status.as_ref();
                 let is_news = before.is_none_or(|(before, _)| is_news(before, &status));
                 self.changes += u64::from(is_news);
+                self.map.tell_clock(header, now);
                 self.status = Some((status, now));
             }
             Topic::Event => {
@@ -108,13 +109,14 @@ impl ConsoleModel {
                 if epoch.is_some_and(|epoch| self.shores.of_epoch(epoch)) {
                     self.changes += 1;
                 }
+                self.map.tell_clock(header, now);
                 self.go_on_with_names();
                 self.quality.heard(Stream::MapHead, now);
                 self.head_seq = seq;
             }
             Topic::Tile(tile) => {
                 let (header, band): (_, TileBand) = decode(payload)?;
-                self.map.take_band(tile, header.boot, &band, None, now)?;
+                self.map.take_band(tile, header, &band, None, now)?;
                 self.quality.heard(Stream::Tiles, now);
                 self.surveys += 1;
             }
@@ -151,6 +153,7 @@ impl ConsoleModel {
             return Err(Refusal::Malformed);
         }
         self.of_this_boot(header)?;
+        self.map.tell_clock(header, now);
         self.quality.pose(now);
         let before = self.vehicle.pose();
         if before.is_none_or(|(_, at)| now.since(at) > GAP) {
@@ -171,8 +174,7 @@ impl ConsoleModel {
         match topic {
             Topic::Tiles(layer) => {
                 let (header, reply): (_, TilesReply) = decode(payload)?;
-                self.map
-                    .take_reply(layer, header.boot, &reply, request, now)?;
+                self.map.take_reply(layer, header, &reply, request, now)?;
                 self.changes += 1;
             }
             Topic::Digests(layer) => {

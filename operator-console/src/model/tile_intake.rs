@@ -6,6 +6,7 @@ use std::io;
 use protocol::message::TileBand;
 use protocol::tile::codec::{DecodeError, Decoder, PartialTile};
 use protocol::tile::{BootId, Tile, TileKey};
+use protocol::wire::Header;
 
 /// Tiles of which one half may wait for the other; beyond that the oldest half is given up.
 const MAX_HALVES: usize = 64;
@@ -34,9 +35,10 @@ impl TileIntake {
     pub(super) fn take(
         &mut self,
         key: TileKey,
-        boot: BootId,
+        header: Header,
         band: &TileBand,
     ) -> Result<Option<Tile>, DecodeError> {
+        let boot = header.boot;
         let whole = (key, boot, band.revision);
         let mut partial = self
             .halves
@@ -74,6 +76,7 @@ impl TileIntake {
             boot,
             epoch: band.epoch,
             revision: band.revision,
+            stamp_ns: header.robot_time_ns,
             digest: band.digest,
             cells: partial.finish()?,
         }))
@@ -104,7 +107,11 @@ mod tests {
 
     use super::*;
 
-    const BOOT: BootId = BootId([5; 16]);
+    const HEADER: Header = Header {
+        boot: BootId([5; 16]),
+        seq: 1,
+        robot_time_ns: 42,
+    };
 
     fn key(tx: i32) -> TileKey {
         TileKey {
@@ -139,13 +146,14 @@ mod tests {
         let (cells, bands) = noise();
         for order in [[0, 0, 1], [1, 1, 0]] {
             let mut intake = TileIntake::new().unwrap();
-            assert_eq!(intake.take(key(0), BOOT, &bands[order[0]]).unwrap(), None);
-            assert_eq!(intake.take(key(0), BOOT, &bands[order[1]]).unwrap(), None);
+            assert_eq!(intake.take(key(0), HEADER, &bands[order[0]]).unwrap(), None);
+            assert_eq!(intake.take(key(0), HEADER, &bands[order[1]]).unwrap(), None);
             let tile = intake
-                .take(key(0), BOOT, &bands[order[2]])
+                .take(key(0), HEADER, &bands[order[2]])
                 .unwrap()
                 .unwrap();
-            assert_eq!((tile.revision, tile.cells), (7, cells.clone()));
+            assert_eq!((tile.revision, tile.stamp_ns), (7, 42));
+            assert_eq!(tile.cells, cells);
             assert!(intake.halves.is_empty());
         }
     }
@@ -154,18 +162,19 @@ mod tests {
     fn halves_of_two_revisions_or_boots_do_not_mix_and_are_bounded() {
         let (_, bands) = noise();
         let mut intake = TileIntake::new().unwrap();
+        let other = Header {
+            boot: BootId([6; 16]),
+            ..HEADER
+        };
         let newer = TileBand {
             revision: 8,
             ..bands[1].clone()
         };
-        assert_eq!(intake.take(key(0), BOOT, &bands[0]).unwrap(), None);
-        assert_eq!(intake.take(key(0), BOOT, &newer).unwrap(), None);
-        assert_eq!(
-            intake.take(key(0), BootId([6; 16]), &bands[1]).unwrap(),
-            None
-        );
+        assert_eq!(intake.take(key(0), HEADER, &bands[0]).unwrap(), None);
+        assert_eq!(intake.take(key(0), HEADER, &newer).unwrap(), None);
+        assert_eq!(intake.take(key(0), other, &bands[1]).unwrap(), None);
         for tx in 1..=100 {
-            intake.take(key(tx), BOOT, &bands[0]).unwrap();
+            intake.take(key(tx), HEADER, &bands[0]).unwrap();
         }
         assert_eq!(intake.halves.len(), MAX_HALVES);
         assert_eq!(intake.given_up(), 103 - MAX_HALVES as u64);
@@ -173,6 +182,6 @@ mod tests {
             rows: vec![9; 40],
             ..newer
         };
-        assert!(intake.take(key(0), BOOT, &garbage).is_err());
+        assert!(intake.take(key(0), HEADER, &garbage).is_err());
     }
 }

@@ -66,6 +66,7 @@ impl ConnectionData {
             (state, _) => state,
         };
         let robot = model.robot();
+        let has_ended = model.says_ended();
         let (tone, word, advice) = match state {
             // What comes out of a file is never live.
             LinkState::Live if link.recording.is_some() => {
@@ -74,6 +75,10 @@ impl ConnectionData {
             LinkState::Waiting if link.recording.is_some() => {
                 let advice = "The recording is looked through before it is mapped.";
                 (Tone::Waiting, "Opening".to_owned(), Some(advice.to_owned()))
+            }
+            LinkState::Live if has_ended && link.problem.is_none() => {
+                let advice = "Its data has ended: nothing new will come.";
+                (Tone::Waiting, "Ended".to_owned(), Some(advice.to_owned()))
             }
             LinkState::Live => {
                 let tone = match link.problem {
@@ -128,11 +133,11 @@ fn rows(model: &ConsoleModel, state: LinkState, now: Monotonic) -> Vec<Row> {
             0 => "< 1 ms".to_owned(),
             ms => format!("{ms} ms"),
         });
-    let newest = connection
+    let heard = connection
         .age(now)
-        .map_or_else(none, |time| format!("{} old", age(time)));
+        .map_or_else(none, |time| format!("{} ago", age(time)));
     vec![
-        row("Newest data", newest),
+        row("Last heard", heard),
         row("Round trip", round_trip),
         row("Receiving", format!("{:.0} kbit/s", connection.kbps(now))),
     ]
@@ -218,5 +223,22 @@ mod tests {
         let why = "nobody answers at tcp/boat:7448, where maps come from; trying again";
         let told = (Tone::Warning, "Live".to_owned(), Some(why.to_owned()));
         assert_eq!(of(Some(why)), told);
+    }
+
+    #[test]
+    fn a_robot_whose_data_has_ended_is_not_called_live() {
+        let mut model = console("scout", &[]);
+        let ended = Status {
+            has_ended: true,
+            ..Status::default()
+        };
+        says(&mut model, Topic::Status, &ended, at(1_000));
+        let link = LinkSight::default();
+        let data = ConnectionData::new(&model, &link, at(1_100));
+        assert_eq!((data.tone, &*data.state), (Tone::Waiting, "Ended"));
+        let advice = "Its data has ended: nothing new will come.";
+        assert_eq!(data.advice.as_deref(), Some(advice));
+        let data = ConnectionData::new(&model, &link, at(9_000));
+        assert_eq!((data.tone, &*data.state), (Tone::Warning, "Silent"));
     }
 }

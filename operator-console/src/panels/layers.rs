@@ -11,6 +11,7 @@ use robot_edge::clock::Monotonic;
 
 use dragging::{drop_ui, grip_ui};
 
+use super::data_age::DataAge;
 use super::stale::StaleData;
 use super::wording::{age, count};
 use crate::map_view::{LayerCommand, MapView};
@@ -82,7 +83,8 @@ impl LayersData {
             if held.is_shown
                 && let Some(newest) = view.newest(layer)
             {
-                state = format!("{state}, newest {} old", age(now.since(newest)));
+                let age = DataAge::new(model, newest, now);
+                state = format!("{state}, newest {}", age.words());
             }
             LayerRow {
                 layer,

@@ -5,6 +5,7 @@ pub mod address_list;
 pub mod addresses;
 pub mod alerts;
 pub mod connection;
+pub mod data_age;
 pub mod driving;
 pub mod events;
 pub mod layers;

@@ -38,7 +38,7 @@ impl RobotData {
             rows.push(row("Consoles", status.consoles.to_string()));
         }
         let is_silent = model.connection().state(now) == LinkState::Silent;
-        let has_ended = model.status().is_some_and(|(status, _)| status.has_ended);
+        let has_ended = model.says_ended();
         let note = match (is_silent, model.vehicle().pose()) {
             (true, Some((_, at))) => Some(format!("As of {} ago", age(now.since(at)))),
             (true, None) => Some("Nothing was heard of its position".to_owned()),
@@ -63,7 +63,7 @@ fn pose_rows(model: &ConsoleModel) -> Vec<Row> {
         .to_degrees();
     let knows_north = model.shores().is_some_and(|shores| shores.datum.is_some());
     // Nothing new will come: the last that was measured is no speed of now.
-    let has_ended = model.status().is_some_and(|(status, _)| status.has_ended);
+    let has_ended = model.says_ended();
     let now = |words: String| if has_ended { "–".to_owned() } else { words };
     let speed = format!("{} m/s", signed(f64::from(pose.speed_mps), 2));
     let turning = turn(f64::from(pose.turn_rate_radps));

@@ -28,7 +28,8 @@ pub struct TopBarData {
     pub color: Option<Color32>,
     /// How the link is.
     pub link: (Tone, String),
-    /// How old the newest data is; none before the first, and of a recording, where it says nothing.
+    /// How long ago the robot was heard; none before that, and of a recording and a robot whose data has ended, where it
+    /// says nothing.
     pub age: Option<String>,
     /// Whether the map is the robot's.
     pub map: (Tone, String),
@@ -50,7 +51,10 @@ impl TopBarData {
         let connection = ConnectionData::new(model, link, now);
         let driving = helm.and_then(|helm| DrivingData::new(model, helm, now));
         let is_recording = link.recording.is_some();
-        let old = model.connection().age(now).filter(|_| !is_recording);
+        let is_live = model.connection().state(now) == LinkState::Live;
+        let has_ended = model.says_ended();
+        let says_nothing = is_recording || (is_live && has_ended);
+        let old = model.connection().age(now).filter(|_| !says_nothing);
         // Live data is some milliseconds old: figures that flicker say less than this.
         let age = old.map(|old| match model.connection().state(now) {
             LinkState::Live if old.as_millis() < 200 => "< 0.2 s old".to_owned(),

@@ -103,6 +103,7 @@ fn take(store: &mut TileStore, step: [u8; 8], all: &[(TileCells, TileDigest)]) {
                 boot,
                 epoch,
                 revision,
+                stamp_ns: 0,
                 digest,
                 cells,
             };

@@ -83,6 +83,8 @@ pub struct Tile {
     pub epoch: u32,
     /// Its place in that run's publications, over all layers; the greatest of a tile is its present state.
     pub revision: u64,
+    /// Stamp of the newest measurement when it changed last, nanoseconds on the clock of the robot's data.
+    pub stamp_ns: i64,
     /// The digest of `cells`.
     pub digest: TileDigest,
     /// The cells; all unknown where the publisher holds the tile no longer.

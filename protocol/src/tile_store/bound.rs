@@ -29,12 +29,12 @@ impl TileStore {
         let evicted = self.farthest(count);
         for &key in &evicted {
             let Some(held) = self.get(key) else { continue };
-            let revision = if is_publisher {
-                self.last_revision + 1
+            let (revision, stamp_ns) = if is_publisher {
+                (self.last_revision + 1, self.stamp_ns)
             } else {
-                held.revision
+                (held.revision, held.stamp_ns)
             };
-            let tombstone = self.tombstone(revision, Content::Evicted);
+            let tombstone = self.tombstone(revision, stamp_ns, Content::Evicted);
             self.insert(key, tombstone);
         }
         self.counters.tiles_evicted += evicted.len() as u64;

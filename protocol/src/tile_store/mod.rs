@@ -53,6 +53,7 @@ pub struct TileStore {
     last_revision: u64,
     layers: BTreeMap<LayerId, LayerTiles>,
     focus_m: [f64; 2],
+    stamp_ns: i64,
     limit_bytes: usize,
     tiles_held: usize,
     tombstones: usize,
@@ -84,6 +85,7 @@ impl TileStore {
             last_revision: 0,
             layers: BTreeMap::new(),
             focus_m: [0.0; 2],
+            stamp_ns: 0,
             limit_bytes,
             tiles_held: 0,
             tombstones: 0,
@@ -121,6 +123,12 @@ impl TileStore {
     /// Where the vehicle is, metres in `odom`: when space runs out, the tiles farthest from here go first.
     pub fn set_focus(&mut self, focus_m: [f64; 2]) {
         self.focus_m = focus_m;
+    }
+
+    /// Stamp of the newest measurement in what is [published](Self::publish) from now on, nanoseconds on the clock of
+    /// the data.
+    pub fn set_stamp(&mut self, stamp_ns: i64) {
+        self.stamp_ns = stamp_ns;
     }
 
     /// The run whose revisions the store holds.
@@ -164,6 +172,7 @@ impl TileStore {
             boot: self.boot,
             epoch: self.epoch(key.layer),
             revision: stored.revision,
+            stamp_ns: stored.stamp_ns,
             digest: stored.digest,
             cells: stored.cells().cloned().unwrap_or_else(TileCells::unknown),
         })
@@ -276,11 +285,12 @@ impl TileStore {
     }
 
     /// The entry for `cells`; all-unknown cells take no space.
-    fn entry(&self, revision: u64, cells: TileCells) -> StoredTile {
+    fn entry(&self, revision: u64, stamp_ns: i64, cells: TileCells) -> StoredTile {
         match cells.known() {
-            0 => self.tombstone(revision, Content::Blank),
+            0 => self.tombstone(revision, stamp_ns, Content::Blank),
             known => StoredTile {
                 revision,
+                stamp_ns,
                 digest: cells.digest(),
                 known: known as u16,
                 content: Content::Cells(cells),
@@ -288,9 +298,10 @@ impl TileStore {
         }
     }
 
-    fn tombstone(&self, revision: u64, content: Content) -> StoredTile {
+    fn tombstone(&self, revision: u64, stamp_ns: i64, content: Content) -> StoredTile {
         StoredTile {
             revision,
+            stamp_ns,
             digest: self.unknown_digest,
             known: 0,
             content,

@@ -34,7 +34,7 @@ impl TileStore {
             return Ok(Publication::Unchanged);
         }
         let revision = self.last_revision + 1;
-        let stored = self.entry(revision, cells);
+        let stored = self.entry(revision, self.stamp_ns, cells);
         self.insert(key, stored);
         let evicted = self.evict_beyond_limit(true);
         Ok(Publication::Published { revision, evicted })

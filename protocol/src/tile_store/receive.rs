@@ -33,6 +33,7 @@ impl TileStore {
             boot,
             epoch,
             revision,
+            stamp_ns,
             digest,
             cells,
         } = tile;
@@ -42,7 +43,7 @@ impl TileStore {
         cells
             .check(key.layer)
             .map_err(|source| StoreError::Code { key, source })?;
-        let stored = self.entry(revision, cells);
+        let stored = self.entry(revision, stamp_ns, cells);
         if stored.digest != digest {
             return Err(StoreError::Digest { key, revision });
         }

@@ -6,6 +6,7 @@ use crate::tile::{TILE_CELLS, TileCells, TileDigest};
 #[derive(Clone, Debug)]
 pub struct StoredTile {
     pub(super) revision: u64,
+    pub(super) stamp_ns: i64,
     pub(super) digest: TileDigest,
     pub(super) known: u16,
     pub(super) content: Content,
@@ -24,6 +25,11 @@ impl StoredTile {
     /// The revision of its present state.
     pub fn revision(&self) -> u64 {
         self.revision
+    }
+
+    /// Stamp of the newest measurement when it changed last, nanoseconds on the clock of the data.
+    pub fn stamp_ns(&self) -> i64 {
+        self.stamp_ns
     }
 
     /// The digest of its cells; of all-unknown cells where it holds none.

@@ -51,6 +51,25 @@ fn a_store_too_small_for_a_tile_keeps_none() {
 }
 
 #[test]
+fn a_tile_has_the_stamp_of_its_last_change_here_and_there() {
+    let mut edge = store();
+    let [here, there] = [0, 1].map(|tx| key(LayerId::Occupancy, tx, 0));
+    edge.set_stamp(100);
+    publish(&mut edge, here, filled(6));
+    publish(&mut edge, there, filled(6));
+    edge.set_stamp(200);
+    publish(&mut edge, here, filled(6));
+    publish(&mut edge, there, filled(7));
+    let mut console = store();
+    for (tile, stamp_ns) in [(here, 100), (there, 200)] {
+        let published = edge.tile(tile).unwrap();
+        assert_eq!(published.stamp_ns, stamp_ns);
+        assert_eq!(console.apply(published), Ok(Applied::Stored));
+        assert_eq!(console.get(tile).unwrap().stamp_ns(), stamp_ns);
+    }
+}
+
+#[test]
 fn revisions_count_changes_over_all_layers() {
     let mut store = store();
     let (a, b) = (

@@ -141,6 +141,7 @@ fn root_digests() {
             boot,
             epoch: 0,
             revision,
+            stamp_ns: 0,
             digest: cells.digest(),
             cells,
         };

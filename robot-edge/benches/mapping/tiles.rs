@@ -155,7 +155,7 @@ fn map(
         let due = published_at.is_none_or(|at| scan.stamp.since(at) >= period);
         if due || index + 1 == scans.len() {
             published_at = Some(scan.stamp);
-            let (done, time_s) = timed(|| publisher.publish(&mut mapper));
+            let (done, time_s) = timed(|| publisher.publish(&mut mapper, scan.stamp));
             done?;
             publish_s += time_s;
             published(&publisher)?;

@@ -64,11 +64,10 @@ fn answer(
         Topic::Ping => messages(out, stamp_ns, &[Pong]),
         Topic::Tiles(layer) => {
             let near_m = context.shared.position_m().unwrap_or_default();
-            messages(
-                out,
-                stamp_ns,
-                &answers::tiles(store, encoder, layer, &request(query)?, near_m),
-            )
+            answers::tiles(store, encoder, layer, &request(query)?, near_m)
+                .iter()
+                .filter_map(|(stamp_ns, reply)| out.message(*stamp_ns, reply))
+                .collect()
         }
         Topic::Digests(layer) => messages(
             out,

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
-use protocol::message::{AgeToken, MapHead, TileBand, View};
+use protocol::message::{AgeToken, MapHead, View};
 use protocol::tile::TileKey;
 use protocol::tile::codec::Encoder;
 use protocol::tile_store::LayerGrid;
@@ -201,8 +201,9 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder
             }
             has_sent = true;
             for key in keys {
-                for band in answers::bands(&context.store, &mut encoder, key) {
-                    let bytes = send_band(context, out, key, &band);
+                for (stamp_ns, band) in answers::bands(&context.store, &mut encoder, key) {
+                    let message = out.message(stamp_ns, &band);
+                    let bytes = message.map_or(0, |message| send_band(context, key, message));
                     flow.pushed(band.revision, bytes, Monotonic::now());
                 }
             }
@@ -267,10 +268,7 @@ fn next_tiles(context: &Context, near: &[[f64; 2]]) -> Vec<TileKey> {
 }
 
 /// Sends a tile, or half of one; how many bytes that were.
-fn send_band(context: &Context, out: &Outgoing, key: TileKey, band: &TileBand) -> usize {
-    let Some(message) = out.message(context.shared.stamp_ns(), band) else {
-        return 0;
-    };
+fn send_band(context: &Context, key: TileKey, message: Vec<u8>) -> usize {
     let bytes = put_bulk(context, Topic::Tile(key), message);
     context.shared.pushed(bytes);
     bytes

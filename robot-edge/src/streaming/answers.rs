@@ -41,8 +41,13 @@ pub fn head(store: &Mutex<TileStore>) -> MapHead {
     })
 }
 
-/// The bands of a tile as the store holds it now; none where it does not.
-pub fn bands(store: &Mutex<TileStore>, encoder: &mut Encoder, key: TileKey) -> Vec<TileBand> {
+/// The bands of a tile as the store holds it now, each with the tile's stamp (nanoseconds on the clock of the data); none
+/// where it does not.
+pub fn bands(
+    store: &Mutex<TileStore>,
+    encoder: &mut Encoder,
+    key: TileKey,
+) -> Vec<(i64, TileBand)> {
     let Some(tile) = with(store, |store| store.tile(key)) else {
         return Vec::new();
     };
@@ -54,19 +59,20 @@ pub fn bands(store: &Mutex<TileStore>, encoder: &mut Encoder, key: TileKey) -> V
             revision: tile.revision,
             digest: tile.digest,
             rows,
-        });
+        })
+        .map(|band| (tile.stamp_ns, band));
     bands.collect()
 }
 
 /// The tiles asked for, as many as fit one answer: listed ones in the order of the list, newer ones from
-/// `near_m` (metres in `odom`) outwards.
+/// `near_m` (metres in `odom`) outwards; with the stamps of their tiles, as [`bands`] gives them.
 pub fn tiles(
     store: &Mutex<TileStore>,
     encoder: &mut Encoder,
     layer: LayerId,
     request: &TilesRequest,
     near_m: [f64; 2],
-) -> Vec<TilesReply> {
+) -> Vec<(i64, TilesReply)> {
     let keys = match request {
         TilesRequest::NewerThan(revision) => newer_than(store, layer, *revision, near_m),
         TilesRequest::These(tiles) => {
@@ -74,26 +80,29 @@ pub fn tiles(
             keys.map(|&(tx, ty)| TileKey { layer, tx, ty }).collect()
         }
     };
-    let mut found: Vec<(TileKey, TileBand)> = Vec::new();
+    let mut found: Vec<(TileKey, i64, TileBand)> = Vec::new();
     let mut bytes = 0;
     for key in keys {
         if bytes >= MAX_ANSWER_BYTES {
             break;
         }
-        for band in bands(store, encoder, key) {
+        for (stamp_ns, band) in bands(store, encoder, key) {
             bytes += band.rows.len();
-            found.push((key, band));
+            found.push((key, stamp_ns, band));
         }
     }
     let count = found.len();
     let replies = found
         .into_iter()
         .enumerate()
-        .map(|(index, (key, band))| TilesReply {
-            tx: key.tx,
-            ty: key.ty,
-            band,
-            following: u32::try_from(count - 1 - index).unwrap_or(u32::MAX),
+        .map(|(index, (key, stamp_ns, band))| {
+            let reply = TilesReply {
+                tx: key.tx,
+                ty: key.ty,
+                band,
+                following: u32::try_from(count - 1 - index).unwrap_or(u32::MAX),
+            };
+            (stamp_ns, reply)
         });
     replies.collect()
 }

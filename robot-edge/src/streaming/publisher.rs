@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use protocol::layer::LayerId;
 use protocol::tile::codec::Encoder;
 use protocol::tile::{BootId, TILE_CELLS, TileCells, TileKey};
-use protocol::tile_store::{LayerGrid, Publication, StoreError, TileStore};
+use protocol::tile_store::{LayerGrid, Publication, StoreError, StoredTile, TileStore};
 
 use super::cells_to_tiles::{CellCoder, keep_known, key, put};
 use crate::mapping::Mapper;
@@ -14,6 +14,7 @@ use crate::mapping::cost_map::{CostCell, CostMap};
 use crate::mapping::grid::{CellIndex, TileIndex};
 use crate::mapping::terrain::Terrain;
 use crate::mapping::voxel_layers::VoxelLayers;
+use crate::robot_time::RobotTime;
 
 mod checkpoint;
 mod standstill;
@@ -35,7 +36,7 @@ pub struct Publisher {
     voxels_erased: u32,
     traffic: TileTraffic,
     /// The cells that were replaced, where they are to be put back.
-    replaced: Option<BTreeMap<TileKey, Option<TileCells>>>,
+    replaced: Option<BTreeMap<TileKey, Option<StampedCells>>>,
 }
 
 /// What publishing amounted to so far.
@@ -90,10 +91,14 @@ impl Publisher {
         })
     }
 
-    /// Publishes every tile that changed since the last call, then keeps the mapper's memory limits.
-    pub fn publish(&mut self, mapper: &mut Mapper) -> Result<(), PublishError> {
+    /// Publishes every tile that changed since the last call, then keeps the mapper's memory limits. `stamp`: of the newest
+    /// scan in the maps.
+    pub fn publish(&mut self, mapper: &mut Mapper, stamp: RobotTime) -> Result<(), PublishError> {
         let vehicle = mapper.vehicle_in_odom();
-        self.store().set_focus([vehicle.x, vehicle.y]);
+        let mut store = self.store();
+        store.set_focus([vehicle.x, vehicle.y]);
+        store.set_stamp(stamp.as_nanos());
+        drop(store);
         self.publish_erasures(mapper)?;
         if let Some(occupancy) = mapper.occupancy_mut() {
             for index in occupancy.take_changed() {
@@ -206,7 +211,7 @@ impl Publisher {
     fn store_tile(&mut self, key: TileKey, cells: TileCells) -> Result<(), PublishError> {
         let mut store = self.store.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(replaced) = &mut self.replaced {
-            let before = || store.get(key).and_then(|stored| stored.cells().cloned());
+            let before = || store.get(key).and_then(stamped_cells);
             replaced.entry(key).or_insert_with(before);
         }
         if let Publication::Published { evicted, .. } = store.publish(key, cells)? {
@@ -244,6 +249,13 @@ impl Publisher {
     pub const fn traffic(&self) -> TileTraffic {
         self.traffic
     }
+}
+
+/// Cells, and their [`StoredTile::stamp_ns`].
+type StampedCells = (i64, TileCells);
+
+fn stamped_cells(stored: &StoredTile) -> Option<StampedCells> {
+    Some((stored.stamp_ns(), stored.cells()?.clone()))
 }
 
 /// The layers of a mapper.

@@ -12,10 +12,9 @@ use egui_kittest::kittest::{NodeT as _, Queryable};
 use protocol::keys::{RobotId, Topic};
 use protocol::layer::LayerId;
 use protocol::message::{
-    Digests, DockingSite, Event, Info, LayerHead, LayerInfo, MapHead, Pose, Reason, Severity,
-    ShoreClass, ShoreCluster, Shores, ShoresNews, Status, TileBand, TileSummary,
+    Digests, DockingSite, Event, Info, LayerInfo, Pose, Reason, Severity, ShoreClass, ShoreCluster,
+    Shores, ShoresNews, Status, TileSummary,
 };
-use protocol::tile::codec::Encoder;
 use protocol::tile::{TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 use robot_edge::robot_time::RobotDuration;
@@ -31,7 +30,7 @@ use crate::map_view::{LayerCommand, Orientation, Overlay, ShoreMark, Sight};
 use crate::model::{LinkState, OpenSessions, Outgoing, RequestId};
 use crate::panels::robots::Sought;
 use crate::playback::PlaybackCommand;
-use crate::pretend::{BOOT, answers, at, console, says};
+use crate::pretend::{BOOT, announces, answers, at, console, pushes, says};
 
 const LAYER: LayerId = LayerId::Occupancy;
 
@@ -163,28 +162,12 @@ impl Rig {
     }
 
     fn push(&mut self, key: TileKey) {
-        let tile = self.store.tile(key).unwrap();
-        for rows in Encoder::new().unwrap().encode(&tile.cells) {
-            let band = TileBand {
-                epoch: tile.epoch,
-                revision: tile.revision,
-                digest: tile.digest,
-                rows,
-            };
-            self.say(Topic::Tile(key), &band);
-        }
+        let model = self.model.as_mut().unwrap();
+        pushes(model, &self.store, key, self.now);
     }
 
     fn announce(&mut self) {
-        let head = |layer| LayerHead {
-            layer,
-            epoch: 0,
-            head_revision: self.store.head_revision(layer),
-            tiles: self.store.tile_count(layer) as u32,
-            root: self.store.root_digest(layer).unwrap(),
-        };
-        let layers = vec![head(LAYER), head(LayerId::Elevation)];
-        self.say(Topic::MapHead, &MapHead { layers });
+        announces(self.model.as_mut().unwrap(), &self.store, self.now);
     }
 
     fn say<T: Serialize>(&mut self, topic: Topic, body: &T) {

@@ -1,17 +1,17 @@
 use std::fs::File;
+use std::time::Duration;
 
 use protocol::keys::Topic;
-use protocol::message::{Info, LayerHead, LayerInfo, MapHead, TileBand};
+use protocol::message::{Info, LayerInfo};
 use protocol::mosaic::{MAX_RASTER_CELLS, Raster};
 use protocol::tile::TileCells;
-use protocol::tile::codec::Encoder;
 use protocol::tile_store::{LayerGrid, TileStore};
 use tiff::decoder::{Decoder, DecodingResult};
 
 use super::super::stack::LayerCommand;
 use super::*;
 use crate::model::{ConsoleModel, RequestId};
-use crate::pretend::{BOOT, answers, at, console, says};
+use crate::pretend::{BOOT, announces, answers, at, console, pushes};
 
 const CELL_M: f64 = 0.1;
 
@@ -19,18 +19,6 @@ const CELL_M: f64 = 0.1;
 pub(in crate::map_view) fn model_of(store: &TileStore) -> ConsoleModel {
     let mut model = console("scout", &LayerId::ALL);
     let grids: Vec<_> = store.grids().collect();
-    let head = MapHead {
-        layers: grids
-            .iter()
-            .map(|grid| LayerHead {
-                layer: grid.layer,
-                epoch: 0,
-                head_revision: store.head_revision(grid.layer),
-                tiles: store.tile_count(grid.layer) as u32,
-                root: store.root_digest(grid.layer).unwrap(),
-            })
-            .collect(),
-    };
     let info = Info {
         vehicle: String::new(),
         source: String::new(),
@@ -45,21 +33,11 @@ pub(in crate::map_view) fn model_of(store: &TileStore) -> ConsoleModel {
             .collect(),
         ..Info::default()
     };
-    says(&mut model, Topic::MapHead, &head, at(1_000));
+    announces(&mut model, store, at(1_000));
     answers(&mut model, RequestId(1), Topic::Info, &info, at(1_000));
-    let mut encoder = Encoder::new().unwrap();
     for grid in grids {
         for (key, _) in store.tiles(grid.layer) {
-            let tile = store.tile(key).unwrap();
-            for rows in encoder.encode(&tile.cells) {
-                let band = TileBand {
-                    epoch: 0,
-                    revision: tile.revision,
-                    digest: tile.digest,
-                    rows,
-                };
-                says(&mut model, Topic::Tile(key), &band, at(2_000));
-            }
+            pushes(&mut model, store, key, at(2_000));
         }
     }
     model
@@ -184,7 +162,7 @@ fn cell(layer: LayerId, number: f32) -> ProbedCell {
         layer,
         is_shown: true,
         value: quantisation.decode(quantisation.encode(number)),
-        age: Some(Duration::from_millis(3_240)),
+        age: Some(DataAge::Old(Duration::from_millis(3_240))),
         revision: Some(1_234),
         source: None,
     }

@@ -3,6 +3,7 @@ use std::path::{Path, PathBuf};
 use clap::Parser as _;
 use protocol::export::StampedPose;
 use protocol::layer::LayerId;
+use protocol::tile::TileKey;
 
 use super::super::checkpoints::MOST;
 use super::super::feed::feed;
@@ -39,15 +40,22 @@ fn seconds(s: f64) -> RobotDuration {
     RobotDuration::from_secs_f64(s)
 }
 
-/// The digests of all layers, and the way.
-type Left = (Vec<(LayerId, String)>, Vec<StampedPose>);
+/// The digests of all layers, the stamps of their tiles, and the way.
+type Left = (
+    Vec<(LayerId, String)>,
+    Vec<(TileKey, i64)>,
+    Vec<StampedPose>,
+);
 
 fn left(side: &MappingSide) -> Left {
     let store = side.pipeline.publisher().store();
     let grids = store.grids();
     let digest = |layer| store.root_digest(layer).unwrap().to_string();
     let digests = grids.map(|grid| (grid.layer, digest(grid.layer))).collect();
-    (digests, side.trajectory.lock().poses())
+    let tiles = store.grids().flat_map(|grid| store.tiles(grid.layer));
+    let known = tiles.filter(|(_, stored)| stored.known() > 0);
+    let stamps = known.map(|(key, stored)| (key, stored.stamp_ns()));
+    (digests, stamps.collect(), side.trajectory.lock().poses())
 }
 
 /// What `replay --duration` leaves behind; without one, `replay`.

@@ -1,14 +1,14 @@
 //! What was published, to go back to.
 
 use protocol::layer::LayerId;
-use protocol::tile::{TILE_CELLS, TileCells, TileKey};
+use protocol::tile::{TILE_CELLS, TileKey};
 
-use super::{PublishError, Publisher, TileTraffic};
+use super::{PublishError, Publisher, StampedCells, TileTraffic, stamped_cells};
 
 /// All that a publisher knows, and all tiles that it published.
 #[derive(Clone, Debug)]
 pub(crate) struct PublisherState {
-    tiles: Vec<(TileKey, TileCells)>,
+    tiles: Vec<(TileKey, StampedCells)>,
     resets: u32,
     terrain_erased: u32,
     voxels_erased: u32,
@@ -28,7 +28,7 @@ impl Publisher {
         let tiles = layers.into_iter().flat_map(|layer| store.tiles(layer));
         PublisherState {
             tiles: tiles
-                .filter_map(|(key, stored)| Some((key, stored.cells()?.clone())))
+                .filter_map(|(key, stored)| Some((key, stamped_cells(stored)?)))
                 .collect(),
             resets: self.resets,
             terrain_erased: self.terrain_erased,
@@ -46,7 +46,8 @@ impl Publisher {
         }
         drop(store);
         self.changed.clear();
-        for (key, cells) in &state.tiles {
+        for (key, (stamp_ns, cells)) in &state.tiles {
+            self.store().set_stamp(*stamp_ns);
             self.store_tile(*key, cells.clone())?;
         }
         self.resets = state.resets;

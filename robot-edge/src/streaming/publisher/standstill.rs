@@ -5,7 +5,7 @@ use std::sync::{Arc, PoisonError};
 
 use protocol::tile::{TileCells, TileKey};
 
-use super::{PublishError, Publisher, TileTraffic, grids};
+use super::{PublishError, Publisher, StampedCells, TileTraffic, grids};
 use crate::mapping::Mapper;
 use crate::mapping::terrain::Terrain;
 use crate::mapping::voxel_layers::VoxelLayers;
@@ -13,7 +13,7 @@ use crate::streaming::cells_to_tiles::CellCoder;
 
 /// What was in the tiles before they were published; `None` where nothing was.
 #[derive(Debug)]
-pub struct Published(BTreeMap<TileKey, Option<TileCells>>);
+pub struct Published(BTreeMap<TileKey, Option<StampedCells>>);
 
 impl Publisher {
     /// Another publisher into the same store, which remembers what it replaces.
@@ -39,7 +39,9 @@ impl Publisher {
     /// Puts back what was replaced.
     pub(crate) fn take_back(&mut self, published: Published) -> Result<(), PublishError> {
         for (key, before) in published.0 {
-            self.store_tile(key, before.unwrap_or_else(TileCells::unknown))?;
+            let (stamp_ns, cells) = before.unwrap_or_else(|| (0, TileCells::unknown()));
+            self.store().set_stamp(stamp_ns);
+            self.store_tile(key, cells)?;
         }
         Ok(())
     }

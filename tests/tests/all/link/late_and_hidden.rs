@@ -93,6 +93,19 @@ fn a_late_console_that_shows_no_layer_exports_the_edges_map_and_way() {
     });
     exported.unwrap().outcome(&at("console")).unwrap();
     assert!(is_known(&late.model()));
+    // What it sees of the map is as old as it is, and not as long ago as it came.
+    let ages_s = {
+        let model = late.model();
+        let (map, layer) = (model.map(), LayerId::Occupancy);
+        let tiles = map.store().tiles(layer);
+        let measured = tiles.map(|(key, _)| map.measured(key).unwrap());
+        let ages = measured.map(|measured| map.data_clock().before_newest(measured));
+        ages.map(|age| age.as_secs_f64()).collect::<Vec<_>>()
+    };
+    let newest_s = ages_s.iter().copied().fold(f64::MAX, f64::min);
+    let oldest_s = ages_s.iter().copied().fold(0.0, f64::max);
+    assert!(newest_s < 1.0, "the last scan is in the map: {ages_s:?}");
+    assert!((20.0..60.0).contains(&oldest_s), "{ages_s:?}");
     assert!(
         !late.model().map().is_followed(LayerId::Occupancy),
         "it is hidden again"

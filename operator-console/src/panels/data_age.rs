@@ -1,0 +1,142 @@
+//! How old what the map shows is, in words.
+
+use std::time::Duration;
+
+use robot_edge::clock::Monotonic;
+
+use super::wording::age;
+use crate::model::{ConsoleModel, Measured};
+use crate::playback::is_recording;
+
+/// Nothing comes closer to the end than this.
+const AT_ONCE: Duration = Duration::from_millis(50);
+
+/// How old something is that was measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DataAge {
+    /// So much; of a recording, where it is shown.
+    Old(Duration),
+    /// The robot's data has ended: so long before its end.
+    BeforeEnd(Duration),
+}
+
+impl DataAge {
+    /// The age of what `model` holds.
+    pub fn new(model: &ConsoleModel, measured: Measured, now: Monotonic) -> Self {
+        let before_newest = || model.map().data_clock().before_newest(measured);
+        if is_recording(model.robot()) {
+            // It stands while it is paused.
+            return Self::Old(before_newest());
+        }
+        if model.says_ended() {
+            return Self::BeforeEnd(before_newest());
+        }
+        Self::Old(measured.age(now))
+    }
+
+    /// In words, as they follow "newest" or begin a line.
+    pub fn words(self) -> String {
+        match self {
+            Self::Old(time) => format!("{} old", age(time)),
+            Self::BeforeEnd(time) if time < AT_ONCE => "as of the data's end".to_owned(),
+            Self::BeforeEnd(time) => format!("{} before the data's end", age(time)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::keys::Topic;
+    use protocol::layer::LayerId;
+    use protocol::message::{Info, LayerInfo, Pose, Status};
+    use protocol::tile::{TileCells, TileKey};
+    use protocol::tile_store::{LayerGrid, TileStore};
+
+    use super::*;
+    use crate::model::RequestId;
+    use crate::pretend::{BOOT, announces, answers, at, console, pushes, says_of};
+
+    const LAYER: LayerId = LayerId::Occupancy;
+    const KEY: TileKey = TileKey {
+        layer: LAYER,
+        tx: 0,
+        ty: 0,
+    };
+    const SECOND_NS: i64 = 1_000_000_000;
+
+    /// A robot whose data is at 100 s when it is heard first, and a tile that was measured at 60 s.
+    fn late(robot: &str) -> ConsoleModel {
+        let mut store = TileStore::new(BOOT, 10);
+        let cell_m = 0.1;
+        store
+            .set_grid(LayerGrid {
+                layer: LAYER,
+                cell_m,
+            })
+            .unwrap();
+        store.set_stamp(60 * SECOND_NS);
+        drop(store.publish(KEY, TileCells::from_fn(|_, _| 7)).unwrap());
+        let mut model = console(robot, &[LAYER]);
+        let info = Info {
+            layers: vec![LayerInfo {
+                layer: LAYER,
+                cell_m,
+            }],
+            ..Info::default()
+        };
+        announces(&mut model, &store, at(1_000));
+        answers(&mut model, RequestId(1), Topic::Info, &info, at(1_000));
+        stands(&mut model, 1_000);
+        pushes(&mut model, &store, KEY, at(1_000));
+        model
+    }
+
+    fn stands(model: &mut ConsoleModel, ms: u64) {
+        let pose = Pose {
+            position_m: [0.0; 3],
+            quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
+            speed_mps: 0.0,
+            turn_rate_radps: 0.0,
+            token: None,
+        };
+        says_of(model, 100 * SECOND_NS, Topic::Pose, &pose, at(ms));
+    }
+
+    fn words(model: &ConsoleModel, ms: u64) -> String {
+        let measured = model.map().measured(KEY).unwrap();
+        DataAge::new(model, measured, at(ms)).words()
+    }
+
+    #[test]
+    fn a_robots_map_is_as_old_as_its_measurements_and_grows_older() {
+        let model = late("scout");
+        assert_eq!(words(&model, 1_000), "40 s old");
+        assert_eq!(words(&model, 6_000), "45 s old");
+    }
+
+    #[test]
+    fn what_stands_does_not_grow_older() {
+        let mut recording = late("recording-1");
+        let mut ended = late("scout");
+        let status = Status {
+            has_ended: true,
+            ..Status::default()
+        };
+        says_of(
+            &mut ended,
+            100 * SECOND_NS,
+            Topic::Status,
+            &status,
+            at(1_500),
+        );
+        for ms in [6_000, 60_000] {
+            for model in [&mut recording, &mut ended] {
+                stands(model, ms);
+            }
+            assert_eq!(words(&recording, ms), "40 s old");
+            assert_eq!(words(&ended, ms), "40 s before the data's end");
+        }
+        let end = DataAge::BeforeEnd(Duration::from_millis(20));
+        assert_eq!(end.words(), "as of the data's end");
+    }
+}
