@@ -4,17 +4,18 @@
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::thread::sleep;
 use std::time::Duration;
 
 use clap::Parser as _;
+use operator_console::export::{ExportPart, export_parts, fetch};
 use operator_console::link::RobotSession;
 use operator_console::map_view::{LayerStack, ProbeData};
 use operator_console::model::{ConsoleModel, ModelSettings};
 use operator_console::playback::{Playback, PlaybackCommand};
-use protocol::export::{Caption, export_all};
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
 use robot_edge::clock::Monotonic;
@@ -82,6 +83,24 @@ impl Rig {
             assert!(started.elapsed() < PATIENCE, "{what}: {sight:?}");
             drop(model);
             sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// What the console exports now is, byte for byte, what `robot-edge replay` left in `edge`.
+    #[track_caller]
+    fn assert_exports(&self, edge: &Path, folder: &Path) {
+        let model = self.session.handle();
+        let exported = export_parts(folder, ExportPart::all(), |part, _| {
+            fetch(&model, part, PATIENCE, |_| ControlFlow::Continue(()))
+        });
+        exported.unwrap().outcome(folder).unwrap();
+        for file in ["tif", "pgm", "yaml", "png"]
+            .map(|kind| format!("occupancy.{kind}"))
+            .into_iter()
+            .chain(["trajectory.tum".to_owned()])
+        {
+            let [edge, console] = [edge, folder].map(|at| fs::read(at.join(&file)).unwrap());
+            assert!(edge == console, "{file}");
         }
     }
 
@@ -185,23 +204,14 @@ fn a_scrubbed_recording_shows_the_map_of_a_replay_up_to_there() {
         probed[class] += 1;
     }
     assert!(probed.iter().all(|&count| count > 50), "{probed:?}");
-    let caption = Caption {
-        title: "rooms.mcap",
-        vehicle_m: None,
-        labels: &[],
-    };
-    export_all(&maps("console"), model.map().store(), &caption).unwrap();
     drop(model);
-    for file in ["occupancy.tif", "occupancy.pgm", "occupancy.yaml"] {
-        let [edge, console] =
-            ["60", "console"].map(|name| fs::read(maps(name).join(file)).unwrap());
-        assert!(edge == console, "{file}");
-    }
+    rig.assert_exports(&maps("60"), &maps("console at 60"));
 
     // Back, and on by a step.
     rig.ask(PlaybackCommand::Seek(seconds(20)));
     rig.wait_for_map(seconds(20), &at_20);
     assert!(rig.playback.sight().rounds >= 1);
+    rig.assert_exports(&maps("20"), &maps("console at 20"));
     rig.ask(PlaybackCommand::Seek(seconds(59)));
     rig.ask(PlaybackCommand::Step(seconds(1)));
     rig.wait_for_map(seconds(60), &at_60);

@@ -19,6 +19,9 @@ const LOOK: Duration = Duration::from_millis(20);
 /// Longer than a link stalls that comes back.
 const SILENCE: Duration = Duration::from_secs(10);
 
+/// Ten times as long as a robot with a pose says nothing of it.
+const POSE_WAIT: Duration = Duration::from_millis(500);
+
 /// How far fetching a part is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fetching {
@@ -87,7 +90,7 @@ pub fn fetch(
         let mut guard = model.lock();
         let now = Monotonic::now();
         let age = guard.connection().age(now);
-        let came = match state(&guard, part, began) {
+        let came = match state(&guard, part, began, now) {
             Ok(Some(_)) if age.is_none_or(|age| age > SILENCE) => Err("the robot is not heard"),
             Ok(Some(_)) if now.since(since) > patience => Err("the robot sends no more of it"),
             Ok(Some(fetching)) => {
@@ -149,6 +152,7 @@ fn state(
     model: &ConsoleModel,
     part: ExportPart,
     began: Monotonic,
+    now: Monotonic,
 ) -> Result<Option<Fetching>, &'static str> {
     if !part.is_in(model) && part != ExportPart::Voxels {
         return Ok(None);
@@ -161,8 +165,11 @@ fn state(
                 let is_last = model.has_ended() && step.is_equal;
                 is_last || step.last_equal.is_some_and(|at| at >= began)
             });
+            // Pictures mark where the vehicle is by then.
+            let pose = model.vehicle().pose();
+            let knows_pose = pose.is_some_and(|(_, at)| at >= began);
             match step {
-                Some(_) if is_whole => None,
+                Some(_) if is_whole && (knows_pose || now.since(began) > POSE_WAIT) => None,
                 Some(step) if step.missing > 0 => Some(Fetching::Tiles(step.missing)),
                 Some(_) | None => Some(Fetching::Asked),
             }
@@ -184,7 +191,7 @@ fn state(
         },
         // They come by themselves, while the robot is heard.
         ExportPart::Shores => {
-            let is_heard = model.connection().state(Monotonic::now()) == LinkState::Live;
+            let is_heard = model.connection().state(now) == LinkState::Live;
             (!is_heard && !model.has_ended()).then_some(Fetching::Asked)
         }
     })
