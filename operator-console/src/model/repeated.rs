@@ -24,9 +24,14 @@ pub(super) struct Repeated {
 impl Repeated {
     /// Whether it is time to ask.
     pub(super) fn is_due(&self, now: Monotonic) -> bool {
+        self.is_due_after(PATIENCE, now)
+    }
+
+    /// The same where an answer is waited for no longer than that.
+    pub(super) fn is_due_after(&self, patience: Duration, now: Monotonic) -> bool {
         let is_waiting = self
             .asked
-            .is_some_and(|(_, asked_at)| now.since(asked_at) < PATIENCE);
+            .is_some_and(|(_, asked_at)| now.since(asked_at) < patience);
         !is_waiting && now >= self.not_before
     }
 

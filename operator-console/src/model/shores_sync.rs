@@ -13,14 +13,13 @@ use robot_edge::clock::Monotonic;
 
 use super::incoming::RequestId;
 use super::refusals::Refusal;
+use super::repeated::Repeated;
 use super::site_names::{SiteName, SiteNames};
 
 /// Between an answer and the next question.
 const PERIOD: Duration = Duration::from_secs(2);
 /// An answer that takes longer is not waited for, but taken when it comes.
 const PATIENCE: Duration = Duration::from_secs(4);
-const FIRST_BACK_OFF: Duration = Duration::from_millis(500);
-const LONGEST_BACK_OFF: Duration = Duration::from_secs(8);
 
 /// Shores and docking sites of one run of a robot.
 #[derive(Clone, Debug, Default)]
@@ -34,10 +33,7 @@ pub(super) struct ShoresSync {
     epoch: Option<u32>,
     /// Number of the newest message that told of them; `None` before the first.
     told_seq: Option<u64>,
-    asked: Option<(RequestId, Monotonic)>,
-    not_before: Monotonic,
-    /// Questions in a row that were not answered.
-    failures: u32,
+    question: Repeated,
 }
 
 impl ShoresSync {
@@ -102,7 +98,7 @@ impl ShoresSync {
 
     /// Asks as soon as may be.
     pub(super) fn hurry(&mut self) {
-        self.not_before = Monotonic::default();
+        self.question.rests_until(Monotonic::default());
     }
 
     /// What to ask now; `number` numbers the question.
@@ -111,14 +107,11 @@ impl ShoresSync {
         now: Monotonic,
         number: impl FnOnce() -> RequestId,
     ) -> Option<(RequestId, ShoresRequest)> {
-        let is_waiting = self
-            .asked
-            .is_some_and(|(_, asked_at)| now.since(asked_at) < PATIENCE);
-        if is_waiting || now < self.not_before {
+        if !self.question.is_due_after(PATIENCE, now) {
             return None;
         }
         let request = number();
-        self.asked = Some((request, now));
+        self.question.ask(request, now);
         let newer_than = self.revision;
         Some((request, ShoresRequest { newer_than }))
     }
@@ -135,10 +128,9 @@ impl ShoresSync {
         if shores.as_ref().is_some_and(|shores| !shores.is_valid()) {
             return Err(Refusal::Malformed);
         }
-        if self.asked.is_some_and(|(asked, _)| Some(asked) == request) {
-            self.asked = None;
-            self.failures = 0;
-            self.not_before = now + PERIOD;
+        if request.is_some_and(|request| self.question.is_answered(request)) {
+            self.question.goes_well();
+            self.question.rests_until(now + PERIOD);
         }
         if revision < self.revision {
             return Err(Refusal::OldRevision);
@@ -160,14 +152,7 @@ impl ShoresSync {
 
     /// No more answers to a question will come; true if it was asked here.
     pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) -> bool {
-        let is_unanswered = self.asked.is_some_and(|(asked, _)| asked == request);
-        if is_unanswered {
-            self.asked = None;
-            let back_off = FIRST_BACK_OFF * 2u32.saturating_pow(self.failures.min(8));
-            self.not_before = now + back_off.min(LONGEST_BACK_OFF);
-            self.failures += 1;
-        }
-        is_unanswered
+        self.question.ended(request, now)
     }
 }
 
