@@ -220,8 +220,19 @@ mod tests {
         sync.gap();
         let points = sync.take(&robot(0, 950, body), first, at(0)).unwrap();
         assert_eq!(points.len(), 500, "what was asked for is not thrown away");
-        let (rest, _) = fetch(&mut sync, 0, 1000, 0);
-        assert_eq!(rest, stamps(500, 1000, 1));
+        let (rest, _) = fetch(&mut sync, 0, 1500, 0);
+        assert_eq!(rest, stamps(500, 1500, 1));
+    }
+
+    #[test]
+    fn a_trajectory_that_begins_anew_while_it_is_filled_is_fetched_whole() {
+        let mut sync = TrailSync::default();
+        sync.gap();
+        let (open, body) = sync.question(at(0), || RequestId(1)).unwrap();
+        assert_eq!(sync.take(&robot(0, 900, body), open, at(0)), Some(vec![]));
+        let (first, body) = sync.question(at(0), || RequestId(2)).unwrap();
+        assert_eq!(sync.take(&robot(1, 20, body), first, at(0)), Some(vec![]));
+        assert_eq!(fetch(&mut sync, 1, 30, 1_000).0, stamps(0, 30, 1));
     }
 
     #[test]
