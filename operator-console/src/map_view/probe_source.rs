@@ -14,11 +14,17 @@ const MAX_NAMED: usize = 2;
 
 /// The sensors of `model` that feed a layer; `None` where it names none.
 pub(super) fn source(model: &ConsoleModel, layer: LayerId, now: Monotonic) -> Option<String> {
+    let statuses = if model.says_ended() {
+        // It measures no more.
+        &[]
+    } else {
+        model.sensor_statuses()
+    };
     let since_told = model.status().map(|(_, at)| now.since(*at));
     words(
         layer,
         model.sensors(),
-        model.sensor_statuses(),
+        statuses,
         since_told.unwrap_or_default(),
     )
 }
@@ -74,7 +80,12 @@ const fn feeds(kind: SensorKind, layer: LayerId) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use protocol::keys::Topic;
+    use protocol::message::{Info, Status};
+
     use super::*;
+    use crate::model::RequestId;
+    use crate::pretend::{answers, at, says, scout};
 
     fn info(name: &str, kind: SensorKind) -> SensorInfo {
         SensorInfo {
@@ -126,5 +137,25 @@ mod tests {
             LayerId::Shore,
             Some("laser 0.2 s ago, sonar and 2 more"),
         );
+    }
+
+    #[test]
+    fn a_sensor_whose_data_has_ended_measured_at_no_time() {
+        let mut model = scout();
+        let described = Info {
+            sensors: vec![info("laser", SensorKind::PlanarLaser)],
+            ..Info::default()
+        };
+        answers(&mut model, RequestId(0), Topic::Info, &described, at(1_000));
+        let mut told = Status {
+            sensors: vec![status("laser", Some(200))],
+            ..Status::default()
+        };
+        for (has_ended, words) in [(false, "laser 0.2 s ago"), (true, "laser")] {
+            told.has_ended = has_ended;
+            says(&mut model, Topic::Status, &told, at(1_000));
+            let source = source(&model, LayerId::Cost, at(1_000));
+            assert_eq!(source.as_deref(), Some(words));
+        }
     }
 }

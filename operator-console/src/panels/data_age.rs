@@ -38,8 +38,8 @@ impl DataAge {
     pub fn words(self) -> String {
         match self {
             Self::Old(time) => format!("{} old", age(time)),
-            Self::BeforeEnd(time) if time < AT_ONCE => "as of the data's end".to_owned(),
-            Self::BeforeEnd(time) => format!("{} before the data's end", age(time)),
+            Self::BeforeEnd(time) if time < AT_ONCE => "as of the end".to_owned(),
+            Self::BeforeEnd(time) => format!("{} before the end", age(time)),
         }
     }
 }
@@ -134,9 +134,9 @@ mod tests {
                 stands(model, ms);
             }
             assert_eq!(words(&recording, ms), "40 s old");
-            assert_eq!(words(&ended, ms), "40 s before the data's end");
+            assert_eq!(words(&ended, ms), "40 s before the end");
         }
         let end = DataAge::BeforeEnd(Duration::from_millis(20));
-        assert_eq!(end.words(), "as of the data's end");
+        assert_eq!(end.words(), "as of the end");
     }
 }

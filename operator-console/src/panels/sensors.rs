@@ -6,6 +6,7 @@ use eframe::egui::{Grid, Label, RichText, ScrollArea, Ui};
 use protocol::message::{SensorFault, SensorInfo, SensorKind, SensorStatus};
 use robot_edge::clock::Monotonic;
 
+use super::data_age::DataAge;
 use super::wording::{age, count};
 use crate::model::{ConsoleModel, LinkState};
 use crate::theme::{Tone, state_ui};
@@ -45,10 +46,15 @@ impl SensorsData {
     pub fn new(model: &ConsoleModel, now: Monotonic) -> Self {
         let since_told = model.status().map(|(_, at)| now.since(*at));
         let is_silent = model.connection().state(now) == LinkState::Silent;
+        let sight = match (is_silent, model.says_ended()) {
+            (true, _) => Sight::Silent,
+            (false, true) => Sight::Ended,
+            (false, false) => Sight::Live,
+        };
         let described = model.sensors();
         let lines = model.sensor_statuses().iter().map(|status| {
             let info = described.iter().find(|info| info.name == status.name);
-            line(status, info, since_told.unwrap_or_default(), is_silent)
+            line(status, info, since_told.unwrap_or_default(), sight)
         });
         let sensors: Vec<_> = lines.collect();
         let note = match (sensors.is_empty(), since_told) {
@@ -61,21 +67,36 @@ impl SensorsData {
     }
 }
 
+/// How what is told of sensors is to be taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Sight {
+    Live,
+    /// The robot is not heard.
+    Silent,
+    /// Its data has ended.
+    Ended,
+}
+
 fn line(
     status: &SensorStatus,
     info: Option<&SensorInfo>,
     since_told: Duration,
-    is_link_silent: bool,
+    sight: Sight,
 ) -> SensorLine {
     let kind = info.map(|info| info.kind);
     let (tone, state, advice) = match (status.fault, status.messages) {
         (Some(fault), _) => fault_words(fault, kind),
         (None, 0) => (Tone::Waiting, "Waiting", "Nothing has come from it yet."),
         // What was well when the link fell silent may not be any more.
-        (None, _) if is_link_silent => (
+        (None, _) if sight == Sight::Silent => (
             Tone::Waiting,
             "Was good",
             "So it was when the robot was heard last.",
+        ),
+        (None, _) if sight == Sight::Ended => (
+            Tone::Waiting,
+            "Was good",
+            "So it was when the robot's data ended.",
         ),
         (None, _) => (Tone::Good, "Good", "It measures as it should."),
     };
@@ -83,8 +104,13 @@ fn line(
     let last_seen = status.age_ms.map_or_else(
         || "never".to_owned(),
         |ms| {
-            let since = Duration::from_millis(ms.into()).saturating_add(since_told);
-            format!("{} ago", age(since))
+            let before = Duration::from_millis(ms.into());
+            match sight {
+                Sight::Ended => DataAge::BeforeEnd(before).words(),
+                Sight::Live | Sight::Silent => {
+                    format!("{} ago", age(before.saturating_add(since_told)))
+                }
+            }
         },
     );
     SensorLine {

@@ -130,3 +130,17 @@ fn the_panel_can_be_read_without_its_colours() {
         panel.get_by_label(label);
     }
 }
+
+#[test]
+fn what_was_well_when_the_data_ended_is_not_called_well() {
+    let mut model = boat();
+    let ended = Status {
+        sensors: vec![status("laser", 5.0, None)],
+        has_ended: true,
+        ..Status::default()
+    };
+    says(&mut model, Topic::Status, &ended, at(2_000));
+    let data = SensorsData::new(&model, at(2_300));
+    let line = "Waiting Was good | laser | Tilting laser | 5.0 of 5 Hz | as of the end | 0";
+    assert_eq!(text(&data), line);
+}
