@@ -77,9 +77,7 @@ impl Milestones {
             let tiles = map.store().tiles(grid.layer).map(|(key, _)| key);
             tiles.filter(move |key| is_near(*key, grid.cell_m))
         });
-        let last = near
-            .filter_map(|key| Some(map.measured(key)?.came()))
-            .max()?;
+        let last = near.filter_map(|key| map.ages().when_came(key)).max()?;
         Some(last.since(self.discovered))
     }
 }

@@ -165,9 +165,9 @@ fn state(
                 let is_last = model.has_ended() && step.is_equal;
                 is_last || step.last_equal.is_some_and(|at| at >= began)
             });
-            // Pictures mark where the vehicle is by then.
+            // Pictures mark where the vehicle is by then. Where the data has ended, it goes nowhere.
             let pose = model.vehicle().pose();
-            let knows_pose = pose.is_some_and(|(_, at)| at >= began);
+            let knows_pose = pose.is_some_and(|(_, at)| at >= began || model.has_ended());
             match step {
                 Some(_) if is_whole && (knows_pose || now.since(began) > POSE_WAIT) => None,
                 Some(step) if step.missing > 0 => Some(Fetching::Tiles(step.missing)),

@@ -14,7 +14,7 @@ use super::frame_time::FrameTime;
 use super::known_tiles::KnownTiles;
 use super::stack::{LayerStack, StackLayer};
 use super::tile_textures::TileTextures;
-use crate::model::{MapSync, Measured};
+use crate::model::{AgeOrder, MapSync};
 
 /// Textures of all layers together, a mebibyte each.
 pub(super) const MAX_TEXTURES: usize = 192;
@@ -27,7 +27,7 @@ struct MapLayer {
     /// Tiles known when the colours were fitted last.
     fitted_at: usize,
     /// The tile that was measured last.
-    newest: Option<(TileKey, Measured)>,
+    newest: Option<(TileKey, AgeOrder)>,
 }
 
 /// See the [module](self).
@@ -53,26 +53,19 @@ impl MapLayer {
 
     /// A tile changed: it may be the newest now, or no longer.
     fn see(&mut self, map: &MapSync, key: TileKey) {
-        let known = |stored: &StoredTile| stored.cells().is_some();
-        let is_known = map.store().get(key).is_some_and(known);
-        let measured = map.measured(key).filter(|_| is_known);
-        match (self.newest, measured) {
-            (None, measured) => self.newest = measured.map(|measured| (key, measured)),
-            (Some((_, newest)), Some(measured)) if !newest.is_newer_than(measured) => {
-                self.newest = Some((key, measured));
-            }
+        let (store, ages) = (map.store(), map.ages());
+        let is_known = |stored: &StoredTile| stored.cells().is_some();
+        let order = ages.order(key);
+        let order = order.filter(|_| store.get(key).is_some_and(is_known));
+        match (self.newest, order) {
+            (None, order) => self.newest = order.map(|order| (key, order)),
+            (Some((_, newest)), Some(order)) if order >= newest => self.newest = Some((key, order)),
             // Gone, perhaps with all others of its epoch, or of an earlier time of a recording.
             (Some((newest, _)), _) if newest == key => {
-                let held = map.store().tiles(key.layer);
-                let held = held.filter(|(_, stored)| known(stored));
-                let measured = held.filter_map(|(key, _)| Some((key, map.measured(key)?)));
-                self.newest = measured.reduce(|one, other| {
-                    if other.1.is_newer_than(one.1) {
-                        other
-                    } else {
-                        one
-                    }
-                });
+                let held = store.tiles(key.layer);
+                let held = held.filter(|(_, stored)| is_known(stored));
+                let orders = held.filter_map(|(key, _)| Some((key, ages.order(key)?)));
+                self.newest = orders.max_by_key(|(_, order)| *order);
             }
             (Some(_), _) => {}
         }
@@ -122,10 +115,10 @@ impl MapLayers {
         self.layers.get(&layer).map_or(0, |held| held.known.len())
     }
 
-    /// When what is newest in a layer was measured.
-    pub(super) fn newest(&self, layer: LayerId) -> Option<Measured> {
+    /// The tile of a layer that was measured last.
+    pub(super) fn newest(&self, layer: LayerId) -> Option<TileKey> {
         let newest = self.layers.get(&layer)?.newest;
-        newest.map(|(_, measured)| measured)
+        newest.map(|(key, _)| key)
     }
 
     /// Textures of all layers.

@@ -29,6 +29,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use eframe::egui::{Pos2, Rect, vec2};
 use protocol::layer::{LayerId, Palette};
+use protocol::tile::TileKey;
 
 pub use camera::Camera;
 pub use look::{MapLook, Orientation, Overlay, Sight};
@@ -40,7 +41,7 @@ pub use surroundings::{LastScan, SensorField, Stopping, Surroundings};
 pub use toolbar::ToolbarData;
 
 use crate::command::Look;
-use crate::model::{ConsoleModel, Measured};
+use crate::model::ConsoleModel;
 
 use frame_time::FrameTime;
 use gestures::Gestures;
@@ -127,8 +128,8 @@ impl MapView {
         self.layers.tiles(layer)
     }
 
-    /// When what is newest in a layer was measured.
-    pub fn newest(&self, layer: LayerId) -> Option<Measured> {
+    /// The tile of a layer that was measured last.
+    pub fn newest(&self, layer: LayerId) -> Option<TileKey> {
         self.layers.newest(layer)
     }
 

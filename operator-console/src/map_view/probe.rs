@@ -82,12 +82,13 @@ impl ProbedCell {
         let map = model.map();
         let key = cell_at(layer, point_m, cell_m).map(|(key, _, _)| key);
         let stored = key.and_then(|key| map.store().get(key));
-        let measured = key.and_then(|key| map.measured(key));
         Self {
             layer,
             is_shown: true,
             value: value_at(map, layer, point_m),
-            age: measured.map(|measured| DataAge::new(model, measured, now)),
+            age: key
+                .filter(|_| stored.is_some_and(|stored| stored.cells().is_some()))
+                .map(|key| DataAge::new(model, key, now)),
             revision: stored.map(StoredTile::revision),
             source: None,
         }

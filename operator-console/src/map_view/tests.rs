@@ -7,7 +7,7 @@ use egui_kittest::kittest::Queryable;
 use super::probe::tests::{model_of, store};
 use super::*;
 use crate::pretend::{BOOT, announces, at, pushes};
-use protocol::tile::{TileCells, TileKey};
+use protocol::tile::TileCells;
 use protocol::tile_store::TileStore;
 
 struct Rig {
@@ -64,8 +64,8 @@ fn maps(window: &mut Harness<'_, Rig>, robot: &mut TileStore, tx: i32, code: u16
 fn the_newest_of_a_layer_is_what_is_still_there() {
     let mut window = window();
     let newest = |window: &Harness<'_, Rig>| {
-        let newest = window.state().view.newest(LayerId::Obstacle);
-        newest.map(|newest| newest.age(at(2_500)))
+        let newest = window.state().view.newest(LayerId::Obstacle)?;
+        window.state().model.map().ages().age(newest, at(2_500))
     };
     let old = |secs: i64| Some(Duration::from_millis(100 + 1_000 * secs.unsigned_abs()));
     let mut robot = store();

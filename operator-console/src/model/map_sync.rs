@@ -13,7 +13,7 @@ use protocol::tile_store::{Applied, LayerGrid, RootDigest, StoreError, TileStore
 use protocol::wire::Header;
 use robot_edge::clock::Monotonic;
 
-use super::data_clock::{DataClock, Measured};
+use super::ages::Ages;
 use super::incoming::RequestId;
 use super::layer_sync::{LayerSync, SILENCE};
 use super::refusals::Refusal;
@@ -62,8 +62,7 @@ pub struct MapSync {
     /// Own roots, while no tile has changed them.
     pub(super) roots: BTreeMap<LayerId, RootDigest>,
     changed: BTreeSet<TileKey>,
-    measured: BTreeMap<TileKey, Measured>,
-    data_clock: DataClock,
+    pub(super) ages: Ages,
     /// Tiles named by the lists that are arriving.
     listed: BTreeMap<LayerId, BTreeSet<(i32, i32)>>,
     pub(super) asked: BTreeMap<RequestId, Asked>,
@@ -87,8 +86,7 @@ impl MapSync {
             layers: BTreeMap::new(),
             roots: BTreeMap::new(),
             changed: BTreeSet::new(),
-            measured: BTreeMap::new(),
-            data_clock: DataClock::default(),
+            ages: Ages::default(),
             listed: BTreeMap::new(),
             asked: BTreeMap::new(),
             unknown: TileCells::unknown().digest(),
@@ -102,20 +100,15 @@ impl MapSync {
         &self.store
     }
 
-    /// When the cells of a tile were measured that changed last.
-    pub fn measured(&self, key: TileKey) -> Option<Measured> {
-        self.measured.get(&key).copied()
-    }
-
-    /// The clock of what is measured.
-    pub const fn data_clock(&self) -> &DataClock {
-        &self.data_clock
+    /// How old its tiles are.
+    pub const fn ages(&self) -> &Ages {
+        &self.ages
     }
 
     /// A message whose stamp is that of the robot's newest data came.
     pub(super) fn tell_clock(&mut self, header: Header, now: Monotonic) {
         if self.has_boot && header.boot == self.store.boot() {
-            self.data_clock.tell(header.robot_time_ns, now);
+            self.ages.tell(header.robot_time_ns, now);
         }
     }
 
@@ -212,8 +205,7 @@ impl MapSync {
             self.has_boot = true;
             self.layers.clear();
             self.roots.clear();
-            self.measured.clear();
-            self.data_clock = DataClock::default();
+            self.ages = Ages::default();
             self.forget_questions();
         }
         let was_silent = self.head_at().is_none_or(|at| now.since(at) > SILENCE);
@@ -275,11 +267,10 @@ impl MapSync {
             Applied::Stored => {
                 self.roots.remove(&key.layer);
                 self.changed.insert(key);
-                let measured = self.data_clock.measured(stamp_ns, now);
-                self.measured.insert(key, measured);
-                if self.measured.len() > MAX_AGES {
+                self.ages.came(key, stamp_ns, now);
+                if self.ages.len() > MAX_AGES {
                     let store = &self.store;
-                    self.measured.retain(|key, _| store.get(*key).is_some());
+                    self.ages.retain(|key| store.get(key).is_some());
                 }
                 Ok(())
             }
@@ -322,6 +313,8 @@ impl MapSync {
         self.changed.extend(gone);
         self.roots.remove(&layer);
         self.store.adopt_epoch(layer, epoch);
+        self.ages.forget(layer);
+        self.ages.begin_anew();
         self.layers.insert(layer, LayerSync::new());
     }
 
@@ -332,6 +325,7 @@ impl MapSync {
             self.store.forget(*key);
         }
         self.changed.extend(gone);
+        self.ages.forget(layer);
         self.layers.insert(layer, LayerSync::new());
     }
 

@@ -3,8 +3,8 @@
 //! The model owns no thread, socket or clock: whoever holds it feeds it what the link brings, asks it what to
 //! send, and draws or exports what it holds. The present is always a parameter.
 
+mod ages;
 mod connection;
-mod data_clock;
 mod exports;
 mod incoming;
 mod kept_names;
@@ -40,8 +40,8 @@ use protocol::message::{
 use protocol::tile::BootId;
 use robot_edge::clock::Monotonic;
 
+pub use ages::{AgeOrder, Ages};
 pub use connection::{Connection, LinkState, SILENT_AFTER, SLOWLY_SILENT_AFTER};
-pub use data_clock::{DataClock, Measured};
 pub use incoming::{Incoming, OpenSessions, Outgoing, RequestId};
 pub use kept_names::KeptSiteNames;
 pub use link_quality::{LinkQuality, LinkSample, Stream};

@@ -131,6 +131,8 @@ impl SiteNames {
             if let Some(other) = known[rank].filter(|other| !was_told(*other))
                 && was_told(at)
                 && !is_taken[at]
+                // As it was seen last, and not only as it was once.
+                && self.places[at].last.moved_m(Extent::of(&sites[rank])).is_some()
             {
                 known[rank] = Some(at);
                 is_taken[at] = true;

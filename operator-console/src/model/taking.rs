@@ -98,6 +98,8 @@ impl ConsoleModel {
                     self.scans.forget();
                     self.before_estop = None;
                     self.ended_seq = None;
+                    // Another run has not ended because the last one had.
+                    self.status.take_if(|(status, _)| status.has_ended);
                     if self
                         .info
                         .as_ref()

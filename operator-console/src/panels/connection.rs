@@ -76,16 +76,15 @@ impl ConnectionData {
                 let advice = "The recording is looked through before it is mapped.";
                 (Tone::Waiting, "Opening".to_owned(), Some(advice.to_owned()))
             }
-            LinkState::Live if has_ended && link.problem.is_none() => {
-                let advice = "Its data has ended: nothing new will come.";
-                (Tone::Waiting, "Ended".to_owned(), Some(advice.to_owned()))
-            }
             LinkState::Live => {
-                let tone = match link.problem {
-                    Some(_) => Tone::Warning,
-                    None => Tone::Good,
+                let (word, tone, advice) = if has_ended {
+                    let advice = "Its data has ended: nothing new will come.";
+                    ("Ended", Tone::Waiting, Some(advice.to_owned()))
+                } else {
+                    ("Live", Tone::Good, None)
                 };
-                (tone, "Live".to_owned(), link.problem.clone())
+                let tone = link.problem.as_ref().map_or(tone, |_| Tone::Warning);
+                (tone, word.to_owned(), link.problem.clone().or(advice))
             }
             LinkState::Waiting => {
                 let advice = match (&link.problem, link.is_connected) {

@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
+use protocol::tile::TileKey;
 use robot_edge::clock::Monotonic;
 
 use super::wording::age;
-use crate::model::{ConsoleModel, Measured};
+use crate::model::ConsoleModel;
 use crate::playback::is_recording;
 
 /// Nothing comes closer to the end than this.
@@ -18,12 +19,15 @@ pub enum DataAge {
     Old(Duration),
     /// The robot's data has ended: so long before its end.
     BeforeEnd(Duration),
+    /// The clock of the data was set back behind it, before this console came.
+    Unknown,
 }
 
 impl DataAge {
-    /// The age of what `model` holds.
-    pub fn new(model: &ConsoleModel, measured: Measured, now: Monotonic) -> Self {
-        let before_newest = || model.map().data_clock().before_newest(measured);
+    /// The age of a tile that `model` holds.
+    pub fn new(model: &ConsoleModel, key: TileKey, now: Monotonic) -> Self {
+        let ages = model.map().ages();
+        let before_newest = || ages.before_newest(key);
         if is_recording(model.robot()) {
             // It stands while it is paused.
             return Self::Old(before_newest());
@@ -31,7 +35,7 @@ impl DataAge {
         if model.says_ended() {
             return Self::BeforeEnd(before_newest());
         }
-        Self::Old(measured.age(now))
+        ages.age(key, now).map_or(Self::Unknown, Self::Old)
     }
 
     /// In words, as they follow "newest" or begin a line.
@@ -40,6 +44,7 @@ impl DataAge {
             Self::Old(time) => format!("{} old", age(time)),
             Self::BeforeEnd(time) if time < AT_ONCE => "as of the end".to_owned(),
             Self::BeforeEnd(time) => format!("{} before the end", age(time)),
+            Self::Unknown => "of before the robot's clock was set back".to_owned(),
         }
     }
 }
@@ -49,7 +54,7 @@ mod tests {
     use protocol::keys::Topic;
     use protocol::layer::LayerId;
     use protocol::message::{Info, LayerInfo, Pose, Status};
-    use protocol::tile::{TileCells, TileKey};
+    use protocol::tile::TileCells;
     use protocol::tile_store::{LayerGrid, TileStore};
 
     use super::*;
@@ -103,8 +108,7 @@ mod tests {
     }
 
     fn words(model: &ConsoleModel, ms: u64) -> String {
-        let measured = model.map().measured(KEY).unwrap();
-        DataAge::new(model, measured, at(ms)).words()
+        DataAge::new(model, KEY, at(ms)).words()
     }
 
     #[test]

@@ -176,20 +176,22 @@ impl MappingSide {
             Ordered::ClockReset { from, to } => {
                 tracing::info!(%from, "the clock of the data started anew");
                 self.clock.reset();
-                if let Some(network) = &mut self.network {
-                    network.reset_clock(to == RobotTime::MIN);
-                }
                 if let Some(live) = &mut self.live {
                     live.reset_clock();
                 }
                 if let Some(recorder) = &mut self.recorder {
                     recorder.reset_clock();
                 }
-                self.pipeline.reset_clock(Watch {
+                let mapped = self.pipeline.reset_clock(Watch {
                     trajectory: &self.trajectory,
                     network: self.network.as_mut(),
                     marking: self.marking.as_ref(),
-                })?;
+                });
+                // Scans that waited tell where the vehicle was by the clock of before.
+                if let Some(network) = &mut self.network {
+                    network.reset_clock(to == RobotTime::MIN);
+                }
+                mapped?;
             }
         }
         Ok(())
@@ -383,3 +385,6 @@ impl ScanObserver for Watch<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -76,7 +76,7 @@ pub(super) struct Network {
     told_sensors: Option<u32>,
     /// Stamp of the newest pose that was told.
     moved: Option<RobotTime>,
-    link: EdgeLink,
+    pub(super) link: EdgeLink,
     // Last: it writes down how the others end.
     _audit_log: Option<AuditLog>,
     stay: bool,

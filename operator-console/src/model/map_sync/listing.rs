@@ -75,7 +75,7 @@ impl MapSync {
         for key in gone {
             self.store.forget(key);
             self.roots.remove(&layer);
-            self.measured.remove(&key);
+            self.ages.remove(key);
             self.changed.insert(key);
         }
     }

@@ -134,6 +134,10 @@ fn a_part_of_what_was_two_once_keeps_the_letter_of_both() {
     }
     assert_eq!(next(&mut names, &both), "B");
     assert_eq!(next(&mut names, &[left, right]), "A B");
+    // Apart again, each is itself, whichever is in sight.
+    for (site, letter) in [(right, "B"), (left, "A"), (right, "B")] {
+        assert_eq!(next(&mut names, &[site]), letter);
+    }
 }
 
 #[test]

@@ -39,9 +39,13 @@ impl Publisher {
     /// Puts back what was replaced.
     pub(crate) fn take_back(&mut self, published: Published) -> Result<(), PublishError> {
         for (key, before) in published.0 {
-            let (stamp_ns, cells) = before.unwrap_or_else(|| (0, TileCells::unknown()));
-            self.store().set_stamp(stamp_ns);
-            self.store_tile(key, cells)?;
+            match before {
+                Some((stamp_ns, cells)) => {
+                    self.store().set_stamp(stamp_ns);
+                    self.store_tile(key, cells)?;
+                }
+                None => self.store_tile(key, TileCells::unknown())?,
+            }
         }
         Ok(())
     }

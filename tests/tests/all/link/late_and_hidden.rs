@@ -98,8 +98,7 @@ fn a_late_console_that_shows_no_layer_exports_the_edges_map_and_way() {
         let model = late.model();
         let (map, layer) = (model.map(), LayerId::Occupancy);
         let tiles = map.store().tiles(layer);
-        let measured = tiles.map(|(key, _)| map.measured(key).unwrap());
-        let ages = measured.map(|measured| map.data_clock().before_newest(measured));
+        let ages = tiles.map(|(key, _)| map.ages().before_newest(key));
         ages.map(|age| age.as_secs_f64()).collect::<Vec<_>>()
     };
     let newest_s = ages_s.iter().copied().fold(f64::MAX, f64::min);

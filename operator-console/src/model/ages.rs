@@ -1,0 +1,262 @@
+//! How old the tiles of the map are, by the stamps of the robot: who joins late is told the age of the map, not of its arrival.
+//!
+//! Stamps are of the clock of the robot's sensors, which no clock here is compared with. Only how far two stamps lie apart
+//! counts: that of a tile, and the newest that the robot told of when the tile came. From then on this machine's own clock
+//! tells how much older it gets, so that it ages by what it should even where the robot's clock is set. Pure: the present is
+//! a parameter.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use protocol::layer::LayerId;
+use protocol::tile::TileKey;
+use robot_edge::clock::Monotonic;
+
+/// Poses may overtake each other, and tiles poses. By more than this only a clock goes back that was set.
+const OVERTAKEN: Duration = Duration::from_millis(500);
+/// A pose with the stamp of a tile's data, or a newer one, comes within this.
+const POSE_COMES: Duration = Duration::from_secs(1);
+
+/// What is later has a greater one, also where the clock of the data was set back in between.
+pub type AgeOrder = (u32, i64);
+
+/// When the tiles of one run of a robot were measured.
+#[derive(Clone, Debug, Default)]
+pub struct Ages {
+    /// The newest stamp that was told of, nanoseconds, and when that was first.
+    newest: Option<(i64, Monotonic)>,
+    times_set_back: u32,
+    tiles: BTreeMap<TileKey, Came>,
+    /// Tiles of which nobody knows how old they were, since nothing as new was told of yet; by stamp.
+    ahead: BTreeMap<i64, Vec<TileKey>>,
+}
+
+/// A tile that came.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Came {
+    stamp_ns: i64,
+    at: Monotonic,
+    /// How old it was.
+    before: Option<Duration>,
+    times_set_back: u32,
+}
+
+impl Ages {
+    /// The robot told of its newest data, `stamp_ns` being its stamp.
+    pub(super) fn tell(&mut self, stamp_ns: i64, now: Monotonic) {
+        if let Some((newest_ns, _)) = self.newest
+            && stamp_ns <= newest_ns
+        {
+            if apart(newest_ns, stamp_ns) <= Some(OVERTAKEN) {
+                // It says the same again, or was overtaken.
+                return;
+            }
+            self.times_set_back += 1;
+        }
+        self.newest = Some((stamp_ns, now));
+        while let Some(first) = self.ahead.first_entry()
+            && *first.key() <= stamp_ns
+        {
+            let (ahead_ns, keys) = first.remove_entry();
+            let apart = apart(stamp_ns, ahead_ns).unwrap_or_default();
+            for key in keys {
+                if let Some(came) = self.tiles.get_mut(&key)
+                    && came.stamp_ns == ahead_ns
+                {
+                    came.before = Some(apart.saturating_sub(now.since(came.at)));
+                }
+            }
+        }
+    }
+
+    /// The data's time begins anew, where it began or elsewhere: a recording was wound, or maps were erased.
+    pub(super) const fn begin_anew(&mut self) {
+        self.newest = None;
+    }
+
+    /// A tile came whose newest data has this stamp.
+    pub(super) fn came(&mut self, key: TileKey, stamp_ns: i64, now: Monotonic) {
+        let before = self.newest.and_then(|(newest_ns, told)| {
+            // The data went on since it was told of; a new stamp would have been told.
+            Some(apart(newest_ns, stamp_ns)?.saturating_add(now.since(told)))
+        });
+        if before.is_none() {
+            self.ahead.entry(stamp_ns).or_default().push(key);
+        }
+        let came = Came {
+            stamp_ns,
+            at: now,
+            before,
+            times_set_back: self.times_set_back,
+        };
+        self.tiles.insert(key, came);
+    }
+
+    /// How old a tile is; `None` where nobody knows, as the clock of the data was set back behind it.
+    pub fn age(&self, key: TileKey, now: Monotonic) -> Option<Duration> {
+        let came = self.tiles.get(&key)?;
+        let since = now.since(came.at);
+        match came.before {
+            Some(before) => Some(since.saturating_add(before)),
+            None => (since <= POSE_COMES).then_some(since),
+        }
+    }
+
+    /// How long before the newest data a tile was measured.
+    pub fn before_newest(&self, key: TileKey) -> Duration {
+        let both = self.newest.zip(self.tiles.get(&key));
+        let apart = both.and_then(|((newest_ns, _), came)| apart(newest_ns, came.stamp_ns));
+        apart.unwrap_or_default()
+    }
+
+    /// When a tile came.
+    pub fn when_came(&self, key: TileKey) -> Option<Monotonic> {
+        self.tiles.get(&key).map(|came| came.at)
+    }
+
+    /// Which of two tiles is newer.
+    pub fn order(&self, key: TileKey) -> Option<AgeOrder> {
+        let came = self.tiles.get(&key)?;
+        Some((came.times_set_back, came.stamp_ns))
+    }
+
+    /// Tiles that are known.
+    pub(super) fn len(&self) -> usize {
+        self.tiles.len()
+    }
+
+    /// The tile is gone.
+    pub(super) fn remove(&mut self, key: TileKey) {
+        self.tiles.remove(&key);
+    }
+
+    /// A layer was erased.
+    pub(super) fn forget(&mut self, layer: LayerId) {
+        self.retain(|key| key.layer != layer);
+    }
+
+    /// All others are gone.
+    pub(super) fn retain(&mut self, is_there: impl Fn(TileKey) -> bool) {
+        self.tiles.retain(|key, _| is_there(*key));
+        for keys in self.ahead.values_mut() {
+            keys.retain(|key| is_there(*key));
+        }
+        self.ahead.retain(|_, keys| !keys.is_empty());
+    }
+}
+
+/// From one stamp to a later one.
+fn apart(later_ns: i64, earlier_ns: i64) -> Option<Duration> {
+    let apart_ns = i128::from(later_ns) - i128::from(earlier_ns);
+    u64::try_from(apart_ns).ok().map(Duration::from_nanos)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pretend::at;
+
+    const SECOND_NS: i64 = 1_000_000_000;
+
+    fn key(tx: i32) -> TileKey {
+        let layer = LayerId::Occupancy;
+        TileKey { layer, tx, ty: 0 }
+    }
+
+    fn secs(ages: &Ages, tx: i32, ms: u64) -> Option<f64> {
+        ages.age(key(tx), at(ms)).map(|age| age.as_secs_f64())
+    }
+
+    #[test]
+    fn what_comes_late_is_as_old_as_it_is() {
+        let mut ages = Ages::default();
+        ages.tell(100 * SECOND_NS, at(5_000));
+        ages.came(key(0), 60 * SECOND_NS, at(5_020));
+        assert_eq!(secs(&ages, 0, 5_020), Some(40.02));
+        assert_eq!(secs(&ages, 0, 8_020), Some(43.02));
+        assert_eq!(ages.when_came(key(0)), Some(at(5_020)));
+        // While the robot's own clock is set on, it ages on by this one.
+        ages.tell(5_000 * SECOND_NS, at(6_000));
+        assert_eq!(secs(&ages, 0, 8_020), Some(43.02));
+        ages.came(key(1), 4_999 * SECOND_NS, at(6_000));
+        assert_eq!(secs(&ages, 1, 6_000), Some(1.0));
+        assert!(ages.order(key(1)) > ages.order(key(0)));
+    }
+
+    #[test]
+    fn data_that_stands_still_grows_old() {
+        let mut ages = Ages::default();
+        for ms in (0..=600_000).step_by(50) {
+            ages.tell(9 * SECOND_NS, at(ms));
+        }
+        ages.came(key(0), 8 * SECOND_NS, at(600_000));
+        assert_eq!(secs(&ages, 0, 600_000), Some(601.0));
+        assert_eq!(ages.before_newest(key(0)), Duration::from_secs(1));
+        // It goes on, and a tile overtakes the pose of its data.
+        ages.came(key(1), 10 * SECOND_NS, at(600_500));
+        assert_eq!(secs(&ages, 1, 600_600), Some(0.1));
+        ages.tell(10 * SECOND_NS, at(600_600));
+        assert_eq!(secs(&ages, 1, 601_500), Some(1.0));
+    }
+
+    #[test]
+    fn what_was_behind_a_cut_is_as_old_as_the_first_pose_says() {
+        let mut ages = Ages::default();
+        ages.tell(100 * SECOND_NS, at(0));
+        // The link was gone for 30 s, and the tile comes first.
+        ages.came(key(0), 101 * SECOND_NS, at(30_000));
+        ages.tell(130 * SECOND_NS, at(30_040));
+        assert_eq!(secs(&ages, 0, 30_040), Some(29.0));
+    }
+
+    #[test]
+    fn nobody_knows_how_old_it_is_where_the_clock_was_set_back() {
+        let mut ages = Ages::default();
+        ages.tell(3_600 * SECOND_NS, at(0));
+        ages.came(key(0), 3_599 * SECOND_NS, at(0));
+        ages.tell(SECOND_NS, at(1_000));
+        assert_eq!(secs(&ages, 0, 1_000), Some(2.0), "this console was there");
+        ages.came(key(1), SECOND_NS, at(1_000));
+        assert!(ages.order(key(1)) > ages.order(key(0)));
+        assert_eq!(secs(&ages, 1, 1_500), Some(0.5));
+        // One that comes now.
+        let mut late = Ages::default();
+        late.tell(5 * SECOND_NS, at(5_000));
+        late.came(key(0), 3_599 * SECOND_NS, at(5_000));
+        late.tell(6 * SECOND_NS, at(6_001));
+        assert_eq!(secs(&late, 0, 6_001), None);
+        assert_eq!(late.before_newest(key(0)), Duration::ZERO);
+        assert_eq!(secs(&late, 7, 6_001), None, "it is not there");
+    }
+
+    #[test]
+    fn overtaken_poses_set_no_clock_back() {
+        let mut ages = Ages::default();
+        ages.tell(10 * SECOND_NS, at(1_000));
+        ages.tell(9_600_000_000, at(1_100));
+        ages.came(key(0), 10 * SECOND_NS, at(1_100));
+        assert_eq!(secs(&ages, 0, 1_100), Some(0.1));
+        assert_eq!(ages.order(key(0)), Some((0, 10 * SECOND_NS)));
+        // A recording that is wound by less than that erases its maps.
+        ages.begin_anew();
+        ages.came(key(1), 9_700_000_000, at(1_200));
+        ages.tell(9_700_000_000, at(1_250));
+        assert_eq!(ages.before_newest(key(1)), Duration::ZERO);
+        assert_eq!(secs(&ages, 1, 1_250), Some(0.05));
+    }
+
+    #[test]
+    fn what_was_erased_has_no_age() {
+        let mut ages = Ages::default();
+        ages.came(key(0), SECOND_NS, at(0));
+        ages.came(key(1), 2 * SECOND_NS, at(0));
+        ages.remove(key(0));
+        assert_eq!((ages.len(), secs(&ages, 0, 0)), (1, None));
+        ages.forget(LayerId::Occupancy);
+        assert_eq!((ages.len(), ages.ahead.len()), (0, 0));
+        ages.tell(i64::MAX, at(0));
+        ages.came(key(0), i64::MIN, at(u64::MAX / 2_000_000));
+        let oldest = ages.age(key(0), at(0)).unwrap();
+        assert!(oldest > Duration::from_nanos(u64::MAX), "{oldest:?}");
+    }
+}
