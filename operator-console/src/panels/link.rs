@@ -1,5 +1,6 @@
 //! The link: how it is, what it carries, and both over the last minutes.
 
+mod axis;
 mod plots;
 
 use eframe::egui::{RichText, Ui};
