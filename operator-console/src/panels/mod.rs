@@ -6,6 +6,7 @@ pub mod addresses;
 pub mod alerts;
 pub mod connection;
 pub mod driving;
+pub mod elide;
 pub mod events;
 pub mod layers;
 pub mod legend;
