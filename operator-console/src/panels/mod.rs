@@ -4,6 +4,7 @@
 pub mod address_list;
 pub mod addresses;
 pub mod alerts;
+pub mod command_line;
 pub mod connection;
 pub mod driving;
 pub mod elide;
