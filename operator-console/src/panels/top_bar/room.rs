@@ -3,8 +3,9 @@
 
 /// A name that has less says nothing, points.
 const LEAST_NAME: f32 = 64.0;
-/// Longer names are shortened, points: what follows matters more.
+/// Longer names are shortened, points: what follows matters more. In a wide bar, those that have more than this share of it.
 const NAME: f32 = 220.0;
+const NAME_SHARE: f32 = 0.4;
 
 /// What the parts would have, and what lies between them, points.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,7 +42,7 @@ impl Room {
             map,
             gaps,
         } = wanted;
-        let name = name.min(NAME);
+        let name = name.min(NAME.max(NAME_SHARE * available));
         let free = available - link - driver - gaps - map;
         let fits = |(age, _): &(f32, bool)| free - age >= name.min(LEAST_NAME);
         let age =
@@ -61,7 +62,7 @@ mod tests {
     #[test]
     fn who_drives_and_the_link_come_first_then_age_map_and_name() {
         let wanted = Wanted {
-            name: 250.0,
+            name: 450.0,
             link: 60.0,
             ages: Some([90.0, 60.0]),
             driver: 120.0,
@@ -73,7 +74,9 @@ mod tests {
             (name, age)
         };
         let [long, short] = [Some((90.0, true)), Some((60.0, false))];
-        assert_eq!(room(900.0), (NAME, long));
+        assert_eq!(room(1200.0), (450.0, long));
+        assert_eq!(room(1000.0), (400.0, long));
+        assert_eq!(room(600.0), (225.0, long));
         assert_eq!(room(475.0), (100.0, long));
         assert_eq!(room(439.0), (LEAST_NAME, long));
         assert_eq!(room(438.0), (93.0, short));
