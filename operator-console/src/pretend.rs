@@ -59,12 +59,12 @@ pub(crate) fn says_of<T: Serialize>(
 ) {
     let sample = Incoming::Sample {
         key: topic.key(model.robot()),
-        payload: payload(stamp_ns, body),
+        payload: payload(1, stamp_ns, body),
     };
     model.apply(sample, now);
 }
 
-/// The robot announces what its map is.
+/// The robot announces what its map is, behind all that it has said before.
 pub(crate) fn announces(model: &mut ConsoleModel, store: &TileStore, now: Monotonic) {
     let layers = store.grids().map(|LayerGrid { layer, .. }| LayerHead {
         layer,
@@ -74,7 +74,11 @@ pub(crate) fn announces(model: &mut ConsoleModel, store: &TileStore, now: Monoto
         root: store.root_digest(layer).unwrap(),
     });
     let layers = layers.collect();
-    says(model, Topic::MapHead, &MapHead { layers }, now);
+    let sample = Incoming::Sample {
+        key: Topic::MapHead.key(model.robot()),
+        payload: payload(2, 0, &MapHead { layers }),
+    };
+    model.apply(sample, now);
 }
 
 /// The robot pushes a tile.
@@ -102,16 +106,16 @@ pub(crate) fn answers<T: Serialize>(
     let reply = Incoming::Reply {
         request,
         key: topic.key(model.robot()),
-        payload: payload(0, body),
+        payload: payload(1, 0, body),
     };
     model.apply(reply, now);
 }
 
-/// Every message is the first of its run.
-fn payload<T: Serialize>(stamp_ns: i64, body: &T) -> Vec<u8> {
+/// Every message is the first of its run, but for announcements.
+fn payload<T: Serialize>(seq: u64, stamp_ns: i64, body: &T) -> Vec<u8> {
     let header = Header {
         boot: BOOT,
-        seq: 1,
+        seq,
         robot_time_ns: stamp_ns,
     };
     wire::encode(&header, body).unwrap()

@@ -2,8 +2,8 @@
 //! vision. A state is never told by a colour alone: each has a shape and a word as well.
 
 use eframe::egui::{
-    Color32, Context, CornerRadius, FontFamily, FontId, Label, Painter, Pos2, RichText, Sense,
-    Shape, Stroke, TextStyle, Theme, Ui, Visuals, pos2, vec2,
+    Color32, Context, CornerRadius, FontFamily, FontId, Label, Painter, Pos2, Response, RichText,
+    Sense, Shape, Stroke, TextStyle, Theme, Ui, Visuals, pos2, vec2,
 };
 
 /// How something is.
@@ -149,21 +149,28 @@ pub fn long_state_ui(ui: &mut Ui, tone: Tone, words: &str, size: f32) {
     marked_ui(ui, tone, words, size, |words| Label::new(words).wrap());
 }
 
+/// The same for what may be cut off.
+pub fn short_state_ui(ui: &mut Ui, tone: Tone, words: &str, size: f32) -> Response {
+    marked_ui(ui, tone, words, size, |words| Label::new(words).truncate())
+}
+
 fn marked_ui(
     ui: &mut Ui,
     tone: Tone,
     words: &str,
     size: f32,
     label: impl FnOnce(RichText) -> Label,
-) {
-    ui.horizontal(|ui| {
+) -> Response {
+    let shown = ui.horizontal(|ui| {
         let color = tone.color(ui.visuals());
         let (mark, _) = ui.allocate_exact_size(vec2(0.8 * size, size), Sense::hover());
         let font = FontId::new(size, FontFamily::Proportional);
         let text = ui.add(label(RichText::new(words).font(font).color(color)));
         let middle = pos2(mark.center().x, text.rect.center().y);
         tone.paint(ui.painter(), middle, 0.36 * size, color);
+        text
     });
+    shown.inner
 }
 
 #[cfg(test)]

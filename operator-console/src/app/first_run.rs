@@ -1,7 +1,8 @@
 //! What stands where the map would be while no robot is shown: what to do.
 
-use eframe::egui::{Align, Button, Layout, RichText, Ui};
+use eframe::egui::{Align, Button, Layout, RichText, TextStyle, Ui};
 
+use crate::panels::command_line::with_options;
 use crate::panels::robots::RobotsData;
 use crate::shortcuts::Action;
 
@@ -12,7 +13,9 @@ pub(super) fn first_run_ui(ui: &mut Ui, robots: &RobotsData) -> Option<Action> {
     ui.add_space((0.25 * ui.available_height()).min(180.0));
     ui.with_layout(Layout::top_down(Align::Center), |ui| {
         ui.label(RichText::new(robots.heading).size(24.0));
-        ui.label(robots.advice.as_deref().unwrap_or_default());
+        let advice = robots.advice.as_deref().unwrap_or_default();
+        let ink = ui.visuals().text_color();
+        ui.label(with_options(ui, advice, &TextStyle::Body, ink));
         if !robots.is_up_to_operator || !robots.found.is_empty() {
             return;
         }

@@ -200,9 +200,13 @@ fn state(
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::MapHead;
+    use protocol::layer::LayerId;
+    use protocol::message::{Info, LayerInfo, MapHead, Pose, Status};
+    use protocol::tile_store::{LayerGrid, TileStore};
 
     use super::*;
+    use crate::model::{OpenSessions, RequestId};
+    use crate::pretend::{BOOT, announces, answers, at, console, says};
 
     #[test]
     fn what_is_fetched_is_told_and_moves_the_bar() {
@@ -254,6 +258,44 @@ mod tests {
             matches!(outlines, ControlFlow::Continue(Ok(_))),
             "there are none"
         );
+    }
+
+    #[test]
+    fn the_whole_map_of_a_robot_that_has_ended_and_is_gone_is_whole() {
+        let (layer, cell_m) = (LayerId::Occupancy, 0.1);
+        let mut store = TileStore::new(BOOT, 10);
+        store.set_grid(LayerGrid { layer, cell_m }).unwrap();
+        let mut model = console("scout", &[layer]);
+        let info = Info {
+            layers: vec![LayerInfo { layer, cell_m }],
+            ..Info::default()
+        };
+        let ended = Status {
+            has_ended: true,
+            ..Status::default()
+        };
+        let pose = Pose {
+            position_m: [1.0, 2.0, 0.0],
+            quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
+            speed_mps: 0.0,
+            turn_rate_radps: 0.0,
+            token: None,
+        };
+        // Long ago.
+        announces(&mut model, &store, at(1));
+        answers(&mut model, RequestId(1), Topic::Info, &info, at(1));
+        says(&mut model, Topic::Pose, &pose, at(1));
+        says(&mut model, Topic::Status, &ended, at(1));
+        announces(&mut model, &store, at(1));
+        model.outgoing(OpenSessions::BOTH, at(1));
+        assert!(model.has_ended());
+        let model = ModelHandle::of(model);
+        let part = ExportPart::Layer(layer);
+        let fetched = fetch(&model, part, Duration::ZERO, |_| unreachable!());
+        let ControlFlow::Continue(Ok(map)) = fetched else {
+            panic!();
+        };
+        assert_eq!(map.lacks, None);
     }
 
     /// How long a robot is waited for that was heard just now and answers nothing.

@@ -4,13 +4,14 @@ use std::f64::consts::FRAC_PI_2;
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
-    Align, Align2, Area, Color32, Context, Frame, Id, Layout, Order, Painter, Pos2, Rect, Response,
-    Sense, Ui, UiBuilder, WidgetInfo, pos2, vec2,
+    Align, Align2, Area, Color32, Context, Id, Layout, Order, Painter, Pos2, Rect, Response, Sense,
+    Ui, UiBuilder, WidgetInfo, pos2, vec2,
 };
 use protocol::layer::LayerId;
 use robot_edge::clock::Monotonic;
 
 use super::frame_time::FrameTime;
+use super::legend_card;
 use super::map_layers::MapLayers;
 use super::overlays::compass::{self, CompassData};
 use super::overlays::scale_bar::{self, ScaleBar};
@@ -23,22 +24,13 @@ use super::toolbar::{self, ToolbarData};
 use super::{CARD_MARGIN, Leg, MapView, Overlay, ProbeData, Ruler, probe, probe_card, ruler};
 use crate::command::Look;
 use crate::model::ConsoleModel;
-use crate::panels::legend::{LegendsData, legends_ui};
 use crate::panels::stale::{StaleData, is_position_old};
 use crate::theme;
 
 /// From the lower edge to what stands over the scale bar, points.
 const OVER_SCALE_BAR: f32 = 60.0;
-/// A map that is smaller has neither cards nor legends: they would hide it. Width and height, points.
-const LEAST_FOR_CARDS: [f32; 2] = [200.0, 160.0];
-/// Within the card of legends, points.
-const CARD_PADDING: f32 = 8.0;
-/// Legends on the map are this wide, points, where the map is not narrow.
-const LEGEND_WIDTH: f32 = 220.0;
-
-fn legend_id() -> Id {
-    Id::unique("map legend")
-}
+/// A map that is smaller says nothing of what is under the pointer: the card would hide it. Width and height, points.
+pub(super) const LEAST_FOR_CARDS: [f32; 2] = [200.0, 160.0];
 
 impl MapView {
     /// Draws the map and lets the operator move it; what the buttons on it ask for.
@@ -102,9 +94,9 @@ impl MapView {
         );
         if screen.width() >= LEAST_FOR_CARDS[0] && screen.height() >= LEAST_FOR_CARDS[1] {
             self.probe_ui(ui, &painter, &response, model, now);
-            if self.look.has(Overlay::Legend) {
-                self.legend_ui(ui, model);
-            }
+        }
+        if self.look.has(Overlay::Legend) {
+            self.legend_ui(ui, model);
         }
         let (from_buttons, bottom) = self.buttons_ui(ui);
         let from_compass = self.compass_ui(ui, model, bottom);
@@ -143,35 +135,17 @@ impl MapView {
 
     /// Of its card, points.
     fn legend_width(&self) -> f32 {
-        LEGEND_WIDTH.min(0.45 * self.screen.width()) + 2.0 * CARD_PADDING
+        legend_card::width(self.screen)
     }
 
-    fn legend_ui(&self, ui: &Ui, model: &ConsoleModel) {
+    fn legend_ui(&mut self, ui: &Ui, model: &ConsoleModel) {
         let shown = MapLayers::shown(self.stack(), model.map().store());
         let palettes = shown.iter().rev();
-        let data = LegendsData::new(
-            palettes.map(|(held, is_over)| (self.layers.palette(held.layer), *is_over)),
-        );
-        if data.legends.is_empty() {
-            return;
-        }
-        let width = self.legend_width() - 2.0 * CARD_PADDING;
-        Area::new(legend_id())
-            .fixed_pos(self.screen.right_bottom() - vec2(CARD_MARGIN, CARD_MARGIN))
-            .pivot(Align2::RIGHT_BOTTOM)
-            .constrain_to(self.screen)
-            .order(Order::Background)
-            .interactable(false)
-            .show(ui.ctx(), |ui| {
-                Frame::new()
-                    .fill(theme::card(ui.visuals()))
-                    .corner_radius(4.0)
-                    .inner_margin(CARD_PADDING)
-                    .show(ui, |ui| {
-                        ui.set_width(width);
-                        legends_ui(ui, &data);
-                    });
-            });
+        let palettes: Vec<_> = palettes
+            .map(|(held, is_over)| (self.layers.palette(held.layer), *is_over))
+            .collect();
+        let top = toolbar::HEIGHT + compass::SIZE + 3.0 * CARD_MARGIN;
+        self.legends.show(ui, (self.screen, top), &palettes);
     }
 
     /// The card with what is read under the pointer or where it was pinned, and the pin.
@@ -194,8 +168,8 @@ impl MapView {
         }
         let data = ProbeData::new(model, self.stack(), point_m, now);
         let is_pinned = self.pinned_m.is_some();
-        let legend = self.look.has(Overlay::Legend).then(legend_id);
-        let legend = legend.and_then(|id| ui.ctx().memory(|memory| memory.area_rect(id)));
+        let legend = self.legends.place();
+        let legend = legend.filter(|_| self.look.has(Overlay::Legend));
         let bar = self.screen.bottom() - OVER_SCALE_BAR;
         let place = CardPlace::new(self.screen, bar, legend);
         let card = Area::new(Id::unique("map probe"))

@@ -9,6 +9,7 @@ mod frame_time;
 mod gestures;
 mod highest_codes;
 mod known_tiles;
+mod legend_card;
 mod look;
 mod map_layers;
 mod marking;
@@ -45,6 +46,7 @@ use crate::model::ConsoleModel;
 
 use frame_time::FrameTime;
 use gestures::Gestures;
+use legend_card::LegendCard;
 use map_layers::MapLayers;
 use marking::Marking;
 
@@ -71,6 +73,7 @@ pub struct MapView {
     ruler: Option<Ruler>,
     /// Whether what would be under the pointer is in the middle, for hands on the keyboard.
     is_aiming: bool,
+    legends: LegendCard,
 }
 
 impl Default for MapView {
@@ -88,6 +91,7 @@ impl Default for MapView {
             pinned_m: None,
             ruler: None,
             is_aiming: false,
+            legends: LegendCard::default(),
         }
     }
 }

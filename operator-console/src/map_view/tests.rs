@@ -1,6 +1,6 @@
 use std::time::Duration;
 
-use eframe::egui::{Event, Modifiers, pos2, vec2};
+use eframe::egui::{Event, Key, Modifiers, pos2, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 
@@ -18,13 +18,17 @@ struct Rig {
 
 /// A window with a map of every layer, 800 × 600 points.
 fn window() -> Harness<'static, Rig> {
+    window_of(800.0, 600.0)
+}
+
+fn window_of(width: f32, height: f32) -> Harness<'static, Rig> {
     let rig = Rig {
         view: MapView::default(),
         model: model_of(&store()),
         asked: Vec::new(),
     };
     let mut window = Harness::builder()
-        .with_size(vec2(800.0, 600.0))
+        .with_size(vec2(width, height))
         .build_ui_state(
             |ui, rig: &mut Rig| {
                 rig.view.update(&mut rig.model);
@@ -264,4 +268,47 @@ fn what_does_not_change_is_not_drawn_again() {
     let delay = outputs.values().map(|output| output.repaint_delay).min();
     assert!(delay.unwrap() >= Duration::from_secs(1), "{delay:?}");
     assert!(window.output().textures_delta.set.is_empty());
+}
+
+/// The share of the map that is under the legends.
+fn under_legends(window: &Harness<'_, Rig>) -> f32 {
+    let view = &window.state().view;
+    let place = view.legends.place().unwrap();
+    place.area() / view.place().area()
+}
+
+#[test]
+fn legends_leave_a_small_map_in_sight_and_a_button_opens_the_others() {
+    // One legend is always there, and may take more than a fifth.
+    for (width, height, most) in [
+        (215.0, 390.0, 0.22),
+        (260.0, 300.0, 0.28),
+        (500.0, 400.0, 0.22),
+    ] {
+        let mut window = window_of(width, height);
+        let share = under_legends(&window);
+        assert!(share < most, "{width} × {height}: {share}");
+        let button = window.get_by_label_contains("more legend");
+        button.focus();
+        window.run_steps(2);
+        assert!(window.get_by_label_contains("more legend").is_focused());
+        window.key_press(Key::Enter);
+        window.run_steps(4);
+        window.get_by_label("Fewer legends");
+        let opened = under_legends(&window);
+        assert!(opened > share, "{width} × {height}: {opened}");
+        let place = window.state().view.legends.place().unwrap();
+        assert!(window.state().view.place().contains_rect(place), "{place}");
+        window.get_by_label("Fewer legends").click();
+        window.run_steps(4);
+        window.get_by_label_contains("more legend");
+        let closed = under_legends(&window);
+        assert!((closed - share).abs() < 0.01, "{closed} {share}");
+    }
+    let tiny = window_of(190.0, 150.0);
+    tiny.get_by_label_contains("Legends: ");
+    assert!(under_legends(&tiny) < 0.1);
+    let large = window_of(1400.0, 1000.0);
+    assert!(large.query_by_label_contains("more legend").is_none());
+    assert!(large.query_by_label_contains("Legends: ").is_none());
 }

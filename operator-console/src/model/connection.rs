@@ -1,4 +1,4 @@
-//! How well the link does: round trip, age of the newest data, bytes that arrive.
+//! How well the link does: round trip, age of the newest message, bytes that arrive.
 
 use std::collections::VecDeque;
 use std::time::Duration;

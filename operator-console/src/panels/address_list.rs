@@ -2,8 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use eframe::egui::{Align, Button, CollapsingHeader, Label, Layout, RichText, Ui};
+use eframe::egui::{Align, Button, CollapsingHeader, Label, Layout, RichText, TextStyle, Ui};
 
+use super::command_line::with_options;
 use crate::command::Command;
 use crate::link::{AddressState, FoundRobot, place};
 use crate::theme::Tone;
@@ -141,7 +142,8 @@ pub(super) fn unanswered_ui(
             command = command.take().or(buttons_ui(ui, listed));
         });
         if let Some(hint) = hint {
-            ui.add(Label::new(RichText::new(hint).small().weak()).wrap());
+            let weak = ui.visuals().weak_text_color();
+            ui.add(Label::new(with_options(ui, &hint, &TextStyle::Small, weak)).wrap());
         }
     }
     command
@@ -184,6 +186,8 @@ fn buttons_ui(ui: &mut Ui, listed: &ListedAddress) -> Option<Command> {
     if listed.state.is_none() {
         let ask = Button::new(RichText::new("Ask").small());
         let hint = format!("Ask {address} too: with --connect it is not asked by itself");
+        let ink = ui.visuals().text_color();
+        let hint = with_options(ui, &hint, &TextStyle::Body, ink);
         if ui.add(ask).on_hover_text(hint).clicked() {
             command = Some(Command::AddAddress(address.clone()));
         }

@@ -232,12 +232,18 @@ mod tests {
             ..Status::default()
         };
         says(&mut model, Topic::Status, &ended, at(1_000));
-        let link = LinkSight::default();
+        let mut link = LinkSight::default();
         let data = ConnectionData::new(&model, &link, at(1_100));
         assert_eq!((data.tone, &*data.state), (Tone::Waiting, "Ended"));
+        assert!(data.rows.contains(&row("Last heard", "0.1 s ago")));
         let advice = "Its data has ended: nothing new will come.";
         assert_eq!(data.advice.as_deref(), Some(advice));
-        let data = ConnectionData::new(&model, &link, at(9_000));
+        link.problem = Some("nobody answers at tcp/boat:7448".to_owned());
+        let data = ConnectionData::new(&model, &link, at(1_100));
+        assert_eq!((data.tone, &*data.state), (Tone::Warning, "Ended"));
+        assert_eq!(data.advice, link.problem);
+        let data = ConnectionData::new(&model, &LinkSight::default(), at(9_000));
         assert_eq!((data.tone, &*data.state), (Tone::Warning, "Silent"));
+        assert!(data.rows.contains(&row("Last heard", "8.0 s ago")));
     }
 }

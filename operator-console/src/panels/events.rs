@@ -1,7 +1,8 @@
 //! What happened, the newest first, as far as the operator wants to read it.
 
-use eframe::egui::{ComboBox, Grid, Label, RichText, ScrollArea, TextEdit, Ui};
+use eframe::egui::{ComboBox, Grid, Label, RichText, ScrollArea, TextEdit, TextStyle, Ui};
 
+use super::command_line::with_options;
 use crate::event_log::{Entry, EventLog, Severity, Source};
 use crate::theme::Tone;
 
@@ -83,31 +84,7 @@ fn line(entry: &Entry) -> EventLine {
 /// Draws the panel.
 pub fn events_ui(ui: &mut Ui, data: &EventsData, filter: &mut EventFilter) {
     let is_narrow = ui.available_width() < NARROW;
-    ui.horizontal_wrapped(|ui| {
-        let severity = ComboBox::from_id_salt("least severity")
-            .selected_text(least_words(filter.least))
-            .width(150.0)
-            .show_ui(ui, |ui| {
-                for severity in Severity::ALL {
-                    let words = least_words(severity);
-                    ui.selectable_value(&mut filter.least, severity, words);
-                }
-            });
-        severity
-            .response
-            .on_hover_text("Leave out what matters less");
-        let label = ui.label("Filter");
-        ui.add(
-            TextEdit::singleline(&mut filter.text)
-                .hint_text("words in it")
-                .char_limit(100)
-                .desired_width(if is_narrow { 120.0 } else { 180.0 }),
-        )
-        .labelled_by(label.id);
-        if let Some(left_out) = &data.left_out {
-            ui.weak(left_out);
-        }
-    });
+    filter_ui(ui, filter, data.left_out.as_deref(), is_narrow);
     if data.lines.is_empty() {
         ui.label(match data.left_out {
             Some(_) => "Nothing of that kind has happened.",
@@ -122,10 +99,57 @@ pub fn events_ui(ui: &mut Ui, data: &EventsData, filter: &mut EventFilter) {
                 for line in &data.lines {
                     narrow_line_ui(ui, line);
                 }
+                // Where it would cost the list a line.
+                if let Some(left_out) = &data.left_out {
+                    ui.weak(left_out);
+                }
             } else {
                 lines_ui(ui, &data.lines);
             }
         });
+}
+
+/// In one line, however narrow the panel is: a low one has no other to spare.
+fn filter_ui(ui: &mut Ui, filter: &mut EventFilter, left_out: Option<&str>, is_narrow: bool) {
+    ui.horizontal(|ui| {
+        let (words, width): (fn(Severity) -> &'static str, f32) = if is_narrow {
+            (short_least_words, 84.0)
+        } else {
+            (least_words, 150.0)
+        };
+        let severity = ComboBox::from_id_salt("least severity")
+            .selected_text(words(filter.least))
+            .width(width)
+            .show_ui(ui, |ui| {
+                for severity in Severity::ALL {
+                    let words = least_words(severity);
+                    ui.selectable_value(&mut filter.least, severity, words);
+                }
+            });
+        severity
+            .response
+            .on_hover_text("Leave out what matters less");
+        if is_narrow {
+            let width = ui.available_width();
+            let text = ui.add(text_ui(filter, "Filter: words", width));
+            ui.ctx()
+                .accesskit_node_builder(text.id, |node| node.set_label("Filter"));
+            return;
+        }
+        let label = ui.label("Filter");
+        ui.add(text_ui(filter, "words in it", 180.0))
+            .labelled_by(label.id);
+        if let Some(left_out) = left_out {
+            ui.weak(left_out);
+        }
+    });
+}
+
+fn text_ui<'a>(filter: &'a mut EventFilter, hint: &'a str, width: f32) -> TextEdit<'a> {
+    TextEdit::singleline(&mut filter.text)
+        .hint_text(hint)
+        .char_limit(100)
+        .desired_width(width)
 }
 
 /// Each in a row; what is too long for it has another.
@@ -138,17 +162,20 @@ fn lines_ui(ui: &mut Ui, lines: &[EventLine]) {
         .show(ui, |ui| {
             for line in lines {
                 heading_ui(ui, line);
-                ui.add(Label::new(&line.text).wrap());
+                text_of_ui(ui, line, &TextStyle::Body);
                 ui.end_row();
             }
         });
 }
 
-/// What happened stands below when and to whom it did.
+/// What happened stands below when and to whom it did, without gaps: narrow panels are low as well.
 fn narrow_line_ui(ui: &mut Ui, line: &EventLine) {
-    ui.horizontal_wrapped(|ui| heading_ui(ui, line));
-    ui.add(Label::new(&line.text).wrap());
-    ui.add_space(4.0);
+    ui.scope(|ui| {
+        ui.spacing_mut().item_spacing.y = 0.0;
+        ui.spacing_mut().interact_size.y = 0.0;
+        ui.horizontal_wrapped(|ui| heading_ui(ui, line));
+        text_of_ui(ui, line, &TextStyle::Small);
+    });
 }
 
 fn heading_ui(ui: &mut Ui, line: &EventLine) {
@@ -160,6 +187,11 @@ fn heading_ui(ui: &mut Ui, line: &EventLine) {
         Severity::Warning | Severity::Alarm => heading.color(tone),
     })
     .on_hover_text(line.severity.words());
+}
+
+fn text_of_ui(ui: &mut Ui, line: &EventLine, style: &TextStyle) {
+    let ink = ui.visuals().text_color();
+    ui.add(Label::new(with_options(ui, &line.text, style, ink)).wrap());
 }
 
 const fn tone(severity: Severity) -> Tone {
@@ -177,8 +209,17 @@ const fn least_words(least: Severity) -> &'static str {
     }
 }
 
+const fn short_least_words(least: Severity) -> &'static str {
+    match least {
+        Severity::Note => "All",
+        Severity::Warning => "Warnings",
+        Severity::Alarm => "Alarms",
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use eframe::egui::accesskit::Role;
     use eframe::egui::vec2;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
@@ -221,6 +262,35 @@ mod tests {
             assert!(long.top() >= newest.bottom(), "{width}: {long}");
             assert!(short.top() >= long.bottom(), "{width}: {short}");
         }
+    }
+
+    #[test]
+    fn a_low_and_narrow_panel_shows_several_lines_below_one_of_filters() {
+        let [width, height] = [200.0, 150.0];
+        let data = EventsData::new(&log(), &EventFilter::default());
+        let mut window = Harness::builder()
+            .with_size(vec2(width, height))
+            .build_ui_state(
+                move |ui, filter: &mut EventFilter| events_ui(ui, &data, filter),
+                EventFilter::default(),
+            );
+        window.run_steps(4);
+        let severity = window.get_by_role(Role::ComboBox).rect();
+        let filter = window.get_by_role_and_label(Role::TextInput, "Filter");
+        let words = filter.rect();
+        assert!(words.top() < severity.bottom() && words.left() >= severity.right());
+        assert!(words.width() > 60.0 && words.right() <= width, "{words}");
+        for text in ["Emergency stop 1 is in force", "Control goes by TLS"] {
+            let line = window.get_by_label(text).rect();
+            assert!(line.bottom() <= height, "{text}: {line}");
+        }
+        filter.focus();
+        window.run_steps(1);
+        window
+            .get_by_role_and_label(Role::TextInput, "Filter")
+            .type_text("tls");
+        window.run_steps(2);
+        assert_eq!(window.state().text, "tls");
     }
 
     #[test]

@@ -1,11 +1,14 @@
 //! Legends: a colour scale with numbers, or classes with names, for every layer that is drawn.
 
+use std::sync::Arc;
+
 use eframe::egui::{
-    Align2, Color32, Mesh, Rect, RichText, Sense, Stroke, StrokeKind, TextStyle, Ui, Vec2, pos2,
-    vec2,
+    Align2, Color32, Galley, Mesh, Rect, RichText, Sense, Stroke, StrokeKind, TextStyle, Ui, Vec2,
+    pos2, vec2,
 };
 use protocol::layer::{LayerId, Legend, Palette, Ramp, Swatch};
 
+use super::layers::layer_name;
 use super::wording::capitalised;
 use crate::theme;
 
@@ -17,6 +20,11 @@ const GAP: f32 = 6.0;
 /// Half of the widest number stands out on either side of the bar.
 const OVERHANG: f32 = 14.0;
 const STEPS: u8 = 64;
+/// Between what is in a legend, and in addition between one and the next, points.
+const LINES_APART: f32 = 2.0;
+const LEGENDS_APART: f32 = 4.0;
+/// Least height of a row of colours, points.
+const ROW: f32 = 16.0;
 
 /// The legends of all layers that are drawn.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,26 +62,64 @@ impl LegendsData {
         }
         Self { legends }
     }
+
+    /// The same with titles that have one line on a narrow map: those of scales say what their numbers are, and stay.
+    pub fn with_short_titles(palettes: impl IntoIterator<Item = (Palette, bool)>) -> Self {
+        let palettes: Vec<_> = palettes.into_iter().collect();
+        let mut data = Self::new(palettes.iter().copied());
+        for (legend, (palette, _)) in data.legends.iter_mut().zip(&palettes) {
+            if legend.ramp.is_none() {
+                layer_name(palette.layer()).clone_into(&mut legend.title);
+            }
+        }
+        data
+    }
 }
 
 /// Draws the legends below each other.
 pub fn legends_ui(ui: &mut Ui, data: &LegendsData) {
-    ui.spacing_mut().item_spacing.y = 2.0;
+    ui.spacing_mut().item_spacing.y = LINES_APART;
     for (index, legend) in data.legends.iter().enumerate() {
         if index > 0 {
-            ui.add_space(4.0);
+            ui.add_space(LEGENDS_APART);
         }
         legend_ui(ui, legend);
     }
 }
 
+/// How high the legends are where they have so much width, points.
+pub fn legends_height(ui: &Ui, data: &LegendsData, width: f32) -> f32 {
+    let heights = data.legends.iter().map(|legend| {
+        let title = text(ui, &legend.title, width).size().y;
+        let ramp = legend.ramp.as_ref().map(|_| ramp_height(ui));
+        let rows = rows(ui, &legend.swatches, width);
+        let rows = rows.iter().map(|row| {
+            let names = row
+                .iter()
+                .map(|swatch| text(ui, &swatch.label, f32::INFINITY));
+            names.fold(ROW, |height, name| height.max(name.size().y))
+        });
+        let parts: Vec<_> = [title].into_iter().chain(ramp).chain(rows).collect();
+        parts.iter().sum::<f32>() + LINES_APART * (parts.len() as f32 - 1.0)
+    });
+    let heights: Vec<_> = heights.collect();
+    let gaps = (heights.len() as f32 - 1.0).max(0.0) * (LEGENDS_APART + LINES_APART);
+    heights.iter().sum::<f32>() + gaps
+}
+
+fn text(ui: &Ui, words: &str, width: f32) -> Arc<Galley> {
+    let font = TextStyle::Small.resolve(ui.style());
+    ui.painter()
+        .layout(capitalised(words), font, Color32::BLACK, width)
+}
+
 fn legend_ui(ui: &mut Ui, legend: &Legend) {
-    ui.spacing_mut().interact_size.y = 16.0;
+    ui.spacing_mut().interact_size.y = ROW;
     ui.label(RichText::new(capitalised(&legend.title)).small());
     if let Some(ramp) = &legend.ramp {
         ramp_ui(ui, ramp);
     }
-    for row in rows(ui, &legend.swatches) {
+    for row in rows(ui, &legend.swatches, ui.available_width()) {
         ui.horizontal(|ui| {
             for swatch in row {
                 swatch_ui(ui, swatch);
@@ -83,27 +129,25 @@ fn legend_ui(ui: &mut Ui, legend: &Legend) {
     }
 }
 
-/// As many swatches in a row as fit it.
-fn rows<'a>(ui: &Ui, swatches: &'a [Swatch]) -> Vec<&'a [Swatch]> {
-    let font = TextStyle::Small.resolve(ui.style());
-    let width = |swatch: &Swatch| {
-        let text = capitalised(&swatch.label);
-        let text = ui
-            .painter()
-            .layout_no_wrap(text, font.clone(), Color32::BLACK);
+/// As many swatches in a row as fit its width, points.
+fn rows<'a>(ui: &Ui, swatches: &'a [Swatch], width: f32) -> Vec<&'a [Swatch]> {
+    let of = |swatch: &Swatch| {
+        let text = text(ui, &swatch.label, f32::INFINITY);
         SWATCH.x + text.size().x + GAP + 2.0 * ui.spacing().item_spacing.x
     };
     let mut rows = Vec::new();
     let (mut first, mut taken) = (0, 0.0);
     for (index, swatch) in swatches.iter().enumerate() {
-        let width = width(swatch);
-        if index > first && taken + width > ui.available_width() {
+        let wanted = of(swatch);
+        if index > first && taken + wanted > width {
             rows.push(&swatches[first..index]);
             (first, taken) = (index, 0.0);
         }
-        taken += width;
+        taken += wanted;
     }
-    rows.push(&swatches[first..]);
+    if first < swatches.len() {
+        rows.push(&swatches[first..]);
+    }
     rows
 }
 
@@ -134,10 +178,13 @@ fn swatch_ui(ui: &mut Ui, swatch: &Swatch) {
     ui.label(RichText::new(capitalised(&swatch.label)).small());
 }
 
+fn ramp_height(ui: &Ui) -> f32 {
+    BAR_HEIGHT + TICK + TextStyle::Small.resolve(ui.style()).size + 4.0
+}
+
 fn ramp_ui(ui: &mut Ui, ramp: &Ramp) {
     let font = TextStyle::Small.resolve(ui.style());
-    let height = BAR_HEIGHT + TICK + font.size + 4.0;
-    let size = vec2(ui.available_width(), height);
+    let size = vec2(ui.available_width(), ramp_height(ui));
     let (rect, _) = ui.allocate_exact_size(size, Sense::hover());
     let bar =
         Rect::from_min_size(rect.min, vec2(rect.width(), BAR_HEIGHT)).shrink2(vec2(OVERHANG, 0.0));
@@ -183,6 +230,9 @@ fn frame(ui: &Ui, rect: Rect) {
 
 #[cfg(test)]
 mod tests {
+    use std::cell::Cell;
+    use std::rc::Rc;
+
     use super::*;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable;
@@ -202,6 +252,37 @@ mod tests {
                 assert!(place.right() <= 236.0, "{name}: {place:?}");
             }
         }
+    }
+
+    #[test]
+    fn legends_are_as_high_as_they_are_said_to_be() {
+        for width in [95.0, 150.0, 220.0] {
+            let palettes = LayerId::ALL.map(|layer| (layer.default_palette(), false));
+            let data = LegendsData::with_short_titles(palettes);
+            let heights = Rc::new(Cell::new([0.0; 2]));
+            let seen = Rc::clone(&heights);
+            let mut window = Harness::builder()
+                .with_size(vec2(width + 16.0, 900.0))
+                .build_ui(move |ui| {
+                    ui.set_width(width);
+                    let told = legends_height(ui, &data, width);
+                    let drawn = ui.scope(|ui| legends_ui(ui, &data));
+                    seen.set([told, drawn.response.rect.height()]);
+                });
+            window.run_steps(2);
+            let [told, drawn] = heights.get();
+            assert!((told - drawn).abs() < 2.0, "{width}: {told} {drawn}");
+        }
+    }
+
+    #[test]
+    fn titles_of_classes_are_short_where_there_is_little_room() {
+        let palettes =
+            [LayerId::Shore, LayerId::Elevation].map(|layer| (layer.default_palette(), false));
+        let data = LegendsData::with_short_titles(palettes);
+        let titles = data.legends.iter().map(|legend| legend.title.as_str());
+        let titles: Vec<_> = titles.collect();
+        assert_eq!(titles, ["Shore", "height above ground plane (m)"]);
     }
 
     #[test]

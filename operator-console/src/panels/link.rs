@@ -1,5 +1,6 @@
 //! The link: how it is, what it carries, and both over the last minutes.
 
+mod axis;
 mod plots;
 
 use eframe::egui::{RichText, Ui};
@@ -92,7 +93,7 @@ impl LinkData {
             .map(|stream| {
                 let old = quality.age(stream, now).map_or_else(
                     || "Never heard".to_owned(),
-                    |old| format!("{} old", age(old)),
+                    |old| format!("{} ago", age(old)),
                 );
                 row(stream_name(stream), old)
             })

@@ -2,10 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use eframe::egui::{Button, Label, RichText, Ui, vec2};
+use eframe::egui::{Button, Label, RichText, TextStyle, Ui, vec2};
 use protocol::message::{Answer, RecordingState, RecordingStatus, Setting};
 use robot_edge::clock::Monotonic;
 
+use super::command_line::with_options;
 use super::driving::words;
 use super::rows::{Row, row, rows_ui};
 use super::wording::{age, bytes, count};
@@ -14,6 +15,10 @@ use crate::helm::{Asked, HelmSight, Intent, Note};
 use crate::model::{ConsoleModel, LinkState};
 use crate::playback::is_recording;
 use crate::theme::{Tone, state_ui};
+
+/// Panels that are at least so wide have two columns; the width of that with the buttons. Points.
+const WIDE: f32 = 520.0;
+const BUTTONS: f32 = 290.0;
 
 /// What the panel shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -151,14 +156,9 @@ fn finished(recording: &RecordingStatus, folder: Option<&Path>) -> Option<(PathB
 }
 
 fn rows(recording: &RecordingStatus, folder: Option<&Path>) -> Vec<Row> {
+    // What is looked at while it runs comes first.
     let mut rows = Vec::new();
     if recording.files > 0 {
-        rows.push(row("File", recording.file.clone()));
-        let folder = folder.map_or_else(
-            || "the robot's folder of recordings".to_owned(),
-            |folder| folder.display().to_string(),
-        );
-        rows.push(row("Folder", folder));
         let files = if recording.files == 1 {
             "file"
         } else {
@@ -175,6 +175,14 @@ fn rows(recording: &RecordingStatus, folder: Option<&Path>) -> Vec<Row> {
             "Lost",
             format!("{} measurements", count(recording.lost)),
         ));
+    }
+    if recording.files > 0 {
+        rows.push(row("File", recording.file.clone()));
+        let folder = folder.map_or_else(
+            || "the robot's folder of recordings".to_owned(),
+            |folder| folder.display().to_string(),
+        );
+        rows.push(row("Folder", folder));
     }
     rows
 }
@@ -215,41 +223,59 @@ fn refusal(note: &Note) -> Option<String> {
     }
 }
 
-/// Draws the panel.
+/// Draws the panel: its figures beside what can be pressed where there is room, so that a low panel shows both.
 pub fn recording_ui(ui: &mut Ui, data: &RecordingData) -> Option<Command> {
+    if ui.available_width() < WIDE || data.rows.is_empty() {
+        let asked = state_and_buttons_ui(ui, data);
+        rows_ui(ui, "recording", &data.rows);
+        return asked;
+    }
+    let columns = ui.horizontal_top(|ui| {
+        let buttons = ui.vertical(|ui| {
+            ui.set_width(BUTTONS);
+            state_and_buttons_ui(ui, data)
+        });
+        ui.vertical(|ui| rows_ui(ui, "recording", &data.rows));
+        buttons.inner
+    });
+    columns.inner
+}
+
+fn state_and_buttons_ui(ui: &mut Ui, data: &RecordingData) -> Option<Command> {
     state_ui(ui, data.tone, &data.state, 20.0);
     if let Some(advice) = &data.advice {
-        ui.add(Label::new(RichText::new(advice).small()).wrap());
+        let ink = ui.visuals().text_color();
+        let advice = with_options(ui, advice, &TextStyle::Small, ink);
+        ui.add(Label::new(advice).wrap());
     }
-    let pressed = data
-        .button
-        .as_ref()
-        .and_then(|button| button_ui(ui, button));
+    let asked = ui.horizontal_wrapped(|ui| {
+        let pressed = data
+            .button
+            .as_ref()
+            .and_then(|button| button_ui(ui, button));
+        pressed.or(files_ui(ui, data))
+    });
     if let Some(refusal) = &data.refusal {
         let warning = Tone::Warning.color(ui.visuals());
         ui.add(Label::new(RichText::new(refusal).small().color(warning)).wrap());
     }
-    let asked = pressed.or(files_ui(ui, data));
-    rows_ui(ui, "recording", &data.rows);
-    asked
+    asked.inner
 }
 
 /// What can be done with files that are on this machine.
 fn files_ui(ui: &mut Ui, data: &RecordingData) -> Option<Command> {
     let folder = data.folder.as_ref()?;
     let mut command = None;
-    ui.horizontal_wrapped(|ui| {
-        let show = ui.button("Open folder");
-        if show.on_hover_text(folder.display().to_string()).clicked() {
-            command = Some(Command::OpenFolder(folder.clone()));
+    let show = ui.button("Open folder");
+    if show.on_hover_text(folder.display().to_string()).clicked() {
+        command = Some(Command::OpenFolder(folder.clone()));
+    }
+    if let Some((path, words)) = &data.finished {
+        let hint = "Shown in this window instead of the robot";
+        if ui.button(*words).on_hover_text(hint).clicked() {
+            command = Some(Command::Open(path.clone()));
         }
-        if let Some((path, words)) = &data.finished {
-            let hint = "Shown in this window instead of the robot";
-            if ui.button(*words).on_hover_text(hint).clicked() {
-                command = Some(Command::Open(path.clone()));
-            }
-        }
-    });
+    }
     command
 }
 

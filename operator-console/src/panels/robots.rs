@@ -2,12 +2,13 @@
 
 use std::time::Duration;
 
-use eframe::egui::{Align, Color32, Layout, RichText, Sense, Ui, vec2};
+use eframe::egui::{Align, Color32, Layout, RichText, Sense, TextStyle, Ui, vec2};
 use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
 use super::address_list::{ListedAddress, remembered_ui, unanswered_ui};
 use super::addresses::{AddressEntry, address_ui};
+use super::command_line::with_options;
 use super::wording::age;
 use crate::command::Command;
 use crate::link::{FleetState, FoundRobot, Sighting};
@@ -193,11 +194,8 @@ pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Op
         });
     }
     if let Some(problem) = &data.problem {
-        ui.label(
-            RichText::new(problem)
-                .small()
-                .color(ui.visuals().warn_fg_color),
-        );
+        let color = ui.visuals().warn_fg_color;
+        ui.label(with_options(ui, problem, &TextStyle::Small, color));
     }
     ui.add_space(4.0);
     let typed = address_ui(ui, entry, data.has_keys);

@@ -1,23 +1,41 @@
-//! Always in sight, in one line: which robot, how its link is, how old what is shown is, who drives, and the stop.
+//! Always in sight, in one line: which robot, how its link is, how long ago it was heard, who drives, and the stop.
 
-use eframe::egui::{Align, Button, Color32, Label, Layout, RichText, Stroke, Ui, vec2};
+mod room;
+
+use eframe::egui::accesskit::Role;
+use eframe::egui::{
+    Align, Button, Color32, Label, Layout, RichText, Separator, Stroke, TextStyle, Ui, WidgetInfo,
+    vec2,
+};
 use robot_edge::clock::Monotonic;
 
 use super::connection::{ConnectionData, LinkSight};
 use super::driving::{DrivingData, EStopFace};
+use super::elide::elided;
 use super::robots::swatch_ui;
 use super::wording::age;
 use crate::command::Command;
 use crate::helm::{HelmSight, Intent};
 use crate::model::{ConsoleModel, LinkState};
-use crate::theme::{self, Tone, state_ui};
+use crate::theme::{self, Tone, short_state_ui, state_ui};
 
-/// Longer names are cut off, points: what follows matters more.
-const NAME: f32 = 220.0;
-/// The name has at most this share of its part of the bar.
-const NAME_SHARE: f32 = 0.35;
+use room::{Room, Wanted};
+
+const NO_ALERTS: &str = "No alerts";
+const FEW_ALERTS: &str = "9 alerts";
+/// Size of marks and words, points.
+const SIZE: f32 = 15.0;
+/// A line between two parts, points.
+const LINE: f32 = 6.0;
+/// What the link of a robot may be; what a recording is.
+const LINKS: [&str; 3] = ["Live", "Silent", "Ended"];
+const RECORDINGS: [&str; 2] = ["Recording", "Opening"];
+/// Ages of what is not very old are not longer, and where there is little room.
+const AGES: [&str; 2] = ["< 0.2 s ago", "< 0.2 s"];
+/// What is said of a map that is as it should be. It may have been so a moment ago: words that come and go say no more.
+const IN_STEP: &str = "In step";
 /// Bars that are narrower leave out what can be missed, points.
-const NARROW: f32 = 330.0;
+const NARROW: f32 = 520.0;
 
 /// What the bar shows of a robot.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,11 +73,11 @@ impl TopBarData {
         let has_ended = model.says_ended();
         let says_nothing = is_recording || (is_live && has_ended);
         let old = model.connection().age(now).filter(|_| !says_nothing);
-        // Live data is some milliseconds old: figures that flicker say less than this.
+        // A live robot was heard some milliseconds ago: figures that flicker say less than this.
         let age = old.map(|old| match model.connection().state(now) {
-            LinkState::Live if old.as_millis() < 200 => "< 0.2 s old".to_owned(),
+            LinkState::Live if old.as_millis() < 200 => "< 0.2 s ago".to_owned(),
             LinkState::Live | LinkState::Silent | LinkState::Waiting => {
-                format!("{} old", age(old))
+                format!("{} ago", age(old))
             }
         });
         Self {
@@ -79,23 +97,91 @@ pub fn robot_bar_ui(ui: &mut Ui, data: &TopBarData) {
     if let Some(color) = data.color {
         swatch_ui(ui, color);
     }
-    ui.scope(|ui| {
-        ui.set_max_width((NAME_SHARE * ui.available_width()).min(NAME));
-        let name = RichText::new(&data.name).strong();
-        ui.add(Label::new(name).truncate())
-            .on_hover_text(&data.name);
+    let gap = ui.spacing().item_spacing.x;
+    let mark = 0.8 * SIZE + gap;
+    let line = LINE + gap;
+    let links: &[_] = if RECORDINGS.contains(&&*data.link.1) {
+        &RECORDINGS
+    } else {
+        &LINKS
+    };
+    let wanted = Wanted {
+        name: width(ui, &data.name),
+        link: mark + widest(ui, links),
+        ages: data
+            .age
+            .as_ref()
+            .map(|_| AGES.map(|age| gap + width(ui, age))),
+        driver: data
+            .driver
+            .as_ref()
+            .map_or(0.0, |driver| line + gap + width(ui, driver)),
+        map: mark + width(ui, IN_STEP),
+        gaps: 2.0 * gap + line,
+    };
+    let room = Room::new(ui.available_width(), wanted);
+    name_ui(ui, &data.name, room.name);
+    slot_ui(ui, wanted.link, |ui| {
+        state_ui(ui, data.link.0, &data.link.1, SIZE);
     });
-    state_ui(ui, data.link.0, &data.link.1, 15.0);
-    if let Some(age) = &data.age {
-        ui.label(age)
-            .on_hover_text("Since the newest message of the robot");
+    if let Some((age, (room, is_long))) = data.age.as_ref().zip(room.age) {
+        let words = if is_long {
+            age
+        } else {
+            age.trim_end_matches(" ago")
+        };
+        slot_ui(ui, room - gap, |ui| {
+            let label = ui.label(words);
+            label.widget_info(|| WidgetInfo::labeled(Role::Label, true, age));
+            label.on_hover_text("Since the newest message of the robot");
+        });
     }
-    ui.separator();
-    state_ui(ui, data.map.0, &data.map.1, 15.0);
     if let Some(driver) = &data.driver {
-        ui.separator();
+        line_ui(ui);
         ui.add(Label::new(driver).truncate());
     }
+    line_ui(ui);
+    let (tone, map) = &data.map;
+    let words = match tone {
+        Tone::Good => IN_STEP,
+        Tone::Waiting | Tone::Warning => map,
+    };
+    short_state_ui(ui, *tone, words, SIZE).on_hover_text(map);
+}
+
+fn width(ui: &Ui, words: &str) -> f32 {
+    let font = TextStyle::Body.resolve(ui.style());
+    let galley = ui
+        .painter()
+        .layout_no_wrap(words.to_owned(), font, Color32::BLACK);
+    galley.size().x.ceil()
+}
+
+fn widest(ui: &Ui, all: &[&str]) -> f32 {
+    let widths = all.iter().map(|words| width(ui, words));
+    widths.fold(0.0, f32::max)
+}
+
+fn line_ui(ui: &mut Ui) {
+    ui.add(Separator::default().spacing(LINE));
+}
+
+/// A part that is so wide whatever is in it.
+fn slot_ui(ui: &mut Ui, width: f32, add: impl FnOnce(&mut Ui)) {
+    let size = vec2(width, ui.available_height());
+    let layout = Layout::left_to_right(Align::Center);
+    ui.allocate_ui_with_layout(size, layout, |ui| {
+        ui.set_min_width(width);
+        add(ui);
+    });
+}
+
+/// The name, or its beginning and its end; who asks for it, or hears it, has the whole.
+fn name_ui(ui: &mut Ui, name: &str, room: f32) {
+    let shown = elided(name, |name| width(ui, name) <= room);
+    let label = ui.add(Label::new(RichText::new(&shown).strong()).extend());
+    label.widget_info(|| WidgetInfo::labeled(Role::Label, true, name));
+    label.on_hover_text(name);
 }
 
 /// Draws the stop and the alerts that nobody has seen from the right, and `middle` in what is left.
@@ -111,7 +197,7 @@ pub fn right_bar_ui(
             asked.command = stop_ui(ui, estop).map(Command::Drive);
         }
         let words = match unseen {
-            0 => "No alerts".to_owned(),
+            0 => NO_ALERTS.to_owned(),
             1 => "1 alert".to_owned(),
             n => format!("{n} alerts"),
         };
@@ -122,10 +208,16 @@ pub fn right_bar_ui(
         } else {
             Button::new(text).frame(false)
         };
-        // Where there is little room, it is for what the link is like.
-        if unseen > 0 || ui.available_width() >= NARROW {
-            let button = ui.add(button);
+        // As wide with alerts as without: what is beside it stays.
+        let is_narrow = ui.available_width() < NARROW;
+        let widest = if is_narrow { FEW_ALERTS } else { NO_ALERTS };
+        let room = width(ui, widest) + 2.0 * ui.spacing().button_padding.x;
+        // Where there is little room, that there is none is not said.
+        if unseen > 0 || !is_narrow {
+            let button = ui.add(button.min_size(vec2(room, 0.0)));
             asked.shows_alerts = button.on_hover_text("Show the alerts").clicked();
+        } else {
+            ui.add_space(room + ui.spacing().item_spacing.x);
         }
         ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
             // What does not fit is cut off, and moves nothing.
@@ -180,3 +272,6 @@ fn stop_ui(ui: &mut Ui, face: &EStopFace) -> Option<Intent> {
         .clicked()
         .then_some(Intent::EStop)
 }
+
+#[cfg(test)]
+mod tests;

@@ -86,7 +86,7 @@ pub(super) fn link_rows(model: &ConsoleModel, now: Monotonic) -> Vec<Row> {
     });
     let age_of = |stream| {
         let age_of = quality.age(stream, now);
-        age_of.map_or_else(none, |time| format!("{} old", age(time)))
+        age_of.map_or_else(none, |time| format!("{} ago", age(time)))
     };
     let poses = format!(
         "{:.0} of {:.0} Hz, {}",

@@ -9,6 +9,7 @@ use eframe::egui::{
 use egui_plot::{Line, LineStyle, Plot, PlotPoints};
 
 use super::LinkPlot;
+use super::axis::{Axis, label};
 
 /// What plots reach back, seconds.
 const SPAN_S: f64 = 300.0;
@@ -45,7 +46,9 @@ fn plot_ui(ui: &mut Ui, data: &LinkPlot, width: f32, height: f32) {
         .flat_map(|(_, segments)| segments.iter().flatten())
         .fold(data.least, |highest, [_, value]| highest.max(*value));
     // Figures on the axis are written around their lines, and reach beyond the first and the last.
-    let edge = highest * AXIS_TEXT / f64::from(height);
+    let between = f64::from(height) - 2.0 * AXIS_TEXT;
+    let axis = Axis::new(highest, between);
+    let edge = axis.end * AXIS_TEXT / between;
     let plot = Plot::new(data.title)
         .width(width)
         .height(height)
@@ -58,7 +61,7 @@ fn plot_ui(ui: &mut Ui, data: &LinkPlot, width: f32, height: f32) {
         .include_x(-SPAN_S)
         .include_x(0.0)
         .include_y(-edge)
-        .include_y(highest + edge)
+        .include_y(axis.end + edge)
         .set_margin_fraction(vec2(0.0, 0.0))
         .x_grid_spacer(|_input| {
             (-5..=0)
@@ -68,6 +71,8 @@ fn plot_ui(ui: &mut Ui, data: &LinkPlot, width: f32, height: f32) {
                 })
                 .collect()
         })
+        .y_grid_spacer(move |_input| axis.marks())
+        .y_axis_formatter(|mark, _range| label(mark))
         .show_axes([false, true])
         .y_axis_min_width(34.0);
     let dark = ui.visuals().dark_mode;

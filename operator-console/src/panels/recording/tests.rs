@@ -61,11 +61,11 @@ fn a_recording_that_runs_says_how_long_and_how_large_it_is() {
         )),
         "Good Recording\n\
          [stop] \n\
-         File: scout-2026-03-01T123456Z.mcap\n\
-         Folder: the robot's folder of recordings\n\
          Length: 1:15\n\
          Size: 4.1 MB in 2 files\n\
-         Free on disk: 52.0 GB"
+         Free on disk: 52.0 GB\n\
+         File: scout-2026-03-01T123456Z.mcap\n\
+         Folder: the robot's folder of recordings"
     );
 }
 
@@ -212,4 +212,25 @@ fn files_on_this_machine_are_shown_and_opened() {
     let file = folder.join("scout-2026-03-01T123456Z.mcap");
     let expected = [Command::OpenFolder(folder.to_owned()), Command::Open(file)];
     assert_eq!(*asked.borrow(), expected);
+}
+
+#[test]
+fn a_low_panel_shows_figures_and_buttons_together() {
+    // As it is below the map in a window of 1280 × 800.
+    let (width, height) = (680.0, 150.0);
+    let data = data(Some(recording(RecordingState::Recording)), &helm_of_anna());
+    let mut window = Harness::builder()
+        .with_size([width, height])
+        .build_ui(move |ui| {
+            _ = recording_ui(ui, &data);
+        });
+    crate::theme::set(&window.ctx);
+    window.run_steps(3);
+    for words in ["Stop recording", "1:15", "4.1 MB in 2 files", "52.0 GB"] {
+        let place = window.get_by_label(words).rect();
+        assert!(
+            place.bottom() <= height && place.right() <= width,
+            "{words}: {place}"
+        );
+    }
 }

@@ -1,9 +1,11 @@
 //! The lists: a click shows a shore on the map, the hand over a row marks it there, a title sorts.
 
+use std::sync::Arc;
+
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
-    Align2, FontSelection, Id, Rect, Response, RichText, ScrollArea, Sense, Ui, WidgetInfo, pos2,
-    vec2,
+    Align2, FontSelection, Galley, Id, Rect, RectAlign, Response, RichText, ScrollArea, Sense,
+    Tooltip, Ui, WidgetInfo, pos2, vec2,
 };
 
 use super::super::legend::{SWATCH, paint_swatch};
@@ -12,15 +14,30 @@ use super::{ShoreRow, ShoresData, SortBy, sort};
 use crate::command::Look;
 use crate::map_view::ShoreMark;
 
-/// The columns need it, points.
-const LEAST_WIDTH: f32 = 310.0;
+/// Narrower panels have the class of a shore in a line of its own, points.
+const NARROW: f32 = 310.0;
+/// The numbers need it, points: nobody makes a panel so narrow to read it.
+const LEAST_WIDTH: f32 = 170.0;
 const ROW_HEIGHT: f32 = 24.0;
-/// Of a row with its reason below.
-const TALL_ROW_HEIGHT: f32 = 40.0;
+/// Of what stands below the numbers of a row.
+const BELOW_SIZE: f32 = 12.0;
+/// It reaches a little into the row's first line, points.
+const BELOW_RISE: f32 = 4.0;
+/// Under the last line of a row that has several, points.
+const BELOW_GAP: f32 = 6.0;
 /// The lists scroll beyond this: eight rows.
 const LIST_HEIGHT: f32 = 192.0;
 /// Where the columns are, as shares of the width: name, class, share, size, distance. Numbers end there.
 const COLUMNS: [f32; 5] = [0.11, 0.14, 0.62, 0.81, 1.0];
+/// The same where the class has only its colour and pattern there.
+const NARROW_COLUMNS: [f32; 5] = [0.13, 0.17, 0.46, 0.73, 1.0];
+/// On the right of the numbers, points.
+const BAR: f32 = 8.0;
+/// From a row to what is told of it beside the panel, and how wide that is at most, points.
+const HINT_GAP: f32 = 14.0;
+const HINT_WIDTH: f32 = 260.0;
+/// Which of the columns is the class.
+const CLASS: usize = 1;
 /// What each column but the class sorts by.
 const SORTS: [Option<SortBy>; 5] = [
     Some(SortBy::Number),
@@ -43,7 +60,8 @@ struct List<'a> {
     /// What is said of the usual order.
     usually: &'static str,
     rows: &'a [ShoreRow],
-    row_height: f32,
+    columns: [f32; 5],
+    is_narrow: bool,
 }
 
 /// What a list asks for.
@@ -53,9 +71,11 @@ struct Asked {
     hovered: Option<ShoreMark>,
 }
 
-/// Draws the panel; where to look when a row was clicked, and what to mark when the hand is over another. Where it is too narrow
-/// for the columns, it scrolls sideways.
+/// Draws the panel; where to look when a row was clicked, and what to mark when the hand is over another.
 pub fn shores_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
+    if ui.available_width() >= LEAST_WIDTH {
+        return lists_ui(ui, data);
+    }
     let shown = ScrollArea::horizontal()
         .auto_shrink([false, true])
         .show(ui, |ui| {
@@ -66,6 +86,10 @@ pub fn shores_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
 }
 
 fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
+    // Bars of lists that scroll lie over their right edge.
+    ui.set_max_width(ui.available_width() - BAR);
+    let is_narrow = ui.available_width() < NARROW;
+    let columns = if is_narrow { NARROW_COLUMNS } else { COLUMNS };
     for note in &data.notes {
         ui.label(RichText::new(note).small());
     }
@@ -79,18 +103,21 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
         usual: SortBy::Distance,
         usually: "the nearest first",
         rows: &data.shores,
-        row_height: ROW_HEIGHT,
+        columns,
+        is_narrow,
     };
     let sites = List {
         name: "docking sites",
         called_by: "Docking sites, by letter",
-        why: "A letter stays with its place, also on the map, whichever site is the best.",
+        why: "The least mean slope cost first, in steps of 0.05; of the same step, the widest. A letter stays with its \
+              place, also on the map, whichever site is the first.",
         titles: ["Site", "", "Cost", "Width", "Away"],
         first: "rank",
         usual: SortBy::Number,
-        usually: "the best first",
+        usually: "the gentlest first, of alike the widest",
         rows: &data.sites,
-        row_height: TALL_ROW_HEIGHT,
+        columns,
+        is_narrow,
     };
     for list in [shores, sites] {
         list_ui(ui, &list, data.marked, &mut asked);
@@ -113,21 +140,22 @@ fn list_ui(ui: &mut Ui, list: &List<'_>, marked: Option<ShoreMark>, asked: &mut 
     } else {
         list.called_by.to_owned()
     };
-    ui.label(RichText::new(heading).small())
-        .on_hover_text(list.why);
+    let heading = ui.label(RichText::new(heading).small());
+    hint_ui(&heading, list.why);
     titles_ui(ui, list, &mut by);
     ui.data_mut(|data| data.insert_temp(id, by));
     sort(&mut rows, by);
+    let row_height = row_height(ui, list);
     ui.scope(|ui| {
         ui.spacing_mut().item_spacing.y = 0.0;
         ScrollArea::vertical()
             .id_salt(list.name)
             .max_height(LIST_HEIGHT)
             .auto_shrink([false, true])
-            .show_rows(ui, list.row_height, rows.len(), |ui, shown| {
+            .show_rows(ui, row_height, rows.len(), |ui, shown| {
                 for row in &rows[shown] {
                     let is_marked = marked == Some(row.mark);
-                    let response = row_ui(ui, row, list.row_height, is_marked);
+                    let response = row_ui(ui, list, row, row_height, is_marked);
                     if response.hovered() {
                         asked.hovered = Some(row.mark);
                     }
@@ -145,13 +173,18 @@ fn titles_ui(ui: &mut Ui, list: &List<'_>, by: &mut SortBy) {
         name,
         titles,
         first,
+        columns,
         ..
     } = list;
     let (rect, _) = ui.allocate_exact_size(vec2(ui.available_width(), 18.0), Sense::hover());
-    paint_columns(ui, rect, *titles, true);
+    let mut texts = *titles;
+    if list.is_narrow {
+        texts[CLASS] = "";
+    }
+    paint_columns(ui, rect, columns, texts, true);
     for (column, sort) in SORTS.into_iter().enumerate() {
         let Some(sort) = sort else { continue };
-        let right = column_x(rect, column);
+        let right = column_x(rect, columns[column]);
         let left = (right - 0.17 * rect.width()).max(rect.left());
         let place = Rect::from_x_y_ranges(left..=right, rect.y_range());
         let label = match sort {
@@ -167,13 +200,41 @@ fn titles_ui(ui: &mut Ui, list: &List<'_>, by: &mut SortBy) {
             ui.painter()
                 .hline(place.right() - 24.0..=place.right(), place.bottom(), line);
         }
-        if response.on_hover_text(label).clicked() {
+        hint_ui(&response, &label);
+        if response.clicked() {
             *by = sort;
         }
     }
 }
 
-fn row_ui(ui: &mut Ui, row: &ShoreRow, height: f32, is_marked: bool) -> Response {
+/// What stands below the numbers of a row: the reason of a docking site, or the class of a shore where its name has no room
+/// beside them.
+fn below(list: &List<'_>, row: &ShoreRow) -> Option<String> {
+    let class = list.is_narrow.then(|| capitalised(&row.class.label));
+    row.reason.clone().or(class)
+}
+
+/// The same in lines, none of which is wider than the panel.
+fn below_lines(ui: &Ui, list: &List<'_>, row: &ShoreRow, width: f32) -> Option<Arc<Galley>> {
+    let words = below(list, row)?;
+    let mut font = FontSelection::Default.resolve(ui.style());
+    font.size = BELOW_SIZE;
+    let room = width * (1.0 - list.columns[CLASS]);
+    let color = ui.visuals().weak_text_color();
+    Some(ui.painter().layout(words, font, color, room))
+}
+
+/// Rows are as high as the highest of them: so it is known which of many are in sight.
+fn row_height(ui: &Ui, list: &List<'_>) -> f32 {
+    let width = ui.available_width();
+    let below = list.rows.iter().filter_map(|row| {
+        let lines = below_lines(ui, list, row, width)?;
+        Some(lines.size().y - BELOW_RISE + BELOW_GAP)
+    });
+    ROW_HEIGHT + below.fold(0.0, f32::max)
+}
+
+fn row_ui(ui: &mut Ui, list: &List<'_>, row: &ShoreRow, height: f32, is_marked: bool) -> Response {
     let size = vec2(ui.available_width(), height);
     let (rect, response) = ui.allocate_exact_size(size, Sense::click());
     let info = || WidgetInfo::labeled(Role::Button, true, &row.sentence);
@@ -186,9 +247,14 @@ fn row_ui(ui: &mut Ui, row: &ShoreRow, height: f32, is_marked: bool) -> Response
         ui.painter().rect_filled(rect, 3.0, fill);
     }
     let line = Rect::from_min_size(rect.min, vec2(rect.width(), ROW_HEIGHT));
-    let at = pos2(column_x(line, 1), line.center().y - 0.5 * SWATCH.y);
+    let left = column_x(line, list.columns[CLASS]);
+    let at = pos2(left, line.center().y - 0.5 * SWATCH.y);
     paint_swatch(ui, Rect::from_min_size(at, SWATCH), &row.class);
-    let class = capitalised(&row.class.label);
+    let class = if list.is_narrow {
+        String::new()
+    } else {
+        capitalised(&row.class.label)
+    };
     let ShoreRow {
         name,
         share,
@@ -196,26 +262,41 @@ fn row_ui(ui: &mut Ui, row: &ShoreRow, height: f32, is_marked: bool) -> Response
         distance,
         ..
     } = row;
-    paint_columns(ui, line, [name, &class, share, size, distance], false);
-    if let Some(reason) = &row.reason {
-        let mut font = FontSelection::Default.resolve(ui.style());
-        font.size = 12.0;
-        let at = pos2(column_x(line, 1), line.bottom() - 2.0);
+    let texts = [name, &class, share, size, distance].map(String::as_str);
+    paint_columns(ui, line, &list.columns, texts, false);
+    if let Some(lines) = below_lines(ui, list, row, rect.width()) {
+        let at = pos2(left, line.bottom() - BELOW_RISE);
         let color = ui.visuals().weak_text_color();
-        ui.painter_at(rect)
-            .text(at, Align2::LEFT_TOP, reason, font, color);
+        ui.painter_at(rect).galley(at, lines, color);
     }
-    match &row.reason {
-        Some(reason) => response.on_hover_text(format!("{}: {reason}", row.sentence)),
-        None => response.on_hover_text(format!("{}. Click to show it", row.sentence)),
-    }
+    let hint = match &row.reason {
+        Some(reason) => format!("{}: {reason}", row.sentence),
+        None => format!("{}. Click to show it", row.sentence),
+    };
+    hint_ui(&response, &hint);
+    response
 }
 
-fn column_x(rect: Rect, column: usize) -> f32 {
-    rect.left() + COLUMNS[column] * rect.width()
+/// Beside the panel: below the hand it would hide the rows that are read next.
+fn hint_ui(response: &Response, hint: &str) {
+    let mut tooltip = Tooltip::for_enabled(response)
+        .gap(HINT_GAP)
+        .width(HINT_WIDTH);
+    tooltip.popup = tooltip
+        .popup
+        .align(RectAlign::RIGHT)
+        .align_alternatives(&[RectAlign::LEFT]);
+    tooltip.show(|ui| {
+        ui.set_max_width(HINT_WIDTH);
+        ui.label(hint);
+    });
 }
 
-fn paint_columns(ui: &Ui, rect: Rect, texts: [&str; 5], is_title: bool) {
+fn column_x(rect: Rect, share: f32) -> f32 {
+    rect.left() + share * rect.width()
+}
+
+fn paint_columns(ui: &Ui, rect: Rect, columns: &[f32; 5], texts: [&str; 5], is_title: bool) {
     let color = if is_title {
         ui.visuals().weak_text_color()
     } else {
@@ -223,11 +304,12 @@ fn paint_columns(ui: &Ui, rect: Rect, texts: [&str; 5], is_title: bool) {
     };
     let mut font = FontSelection::Default.resolve(ui.style());
     font.size = 13.0;
-    for (column, text) in texts.into_iter().enumerate() {
-        let (x, align) = if column == 1 {
-            (column_x(rect, column) + SWATCH.x + 6.0, Align2::LEFT_CENTER)
+    for (column, (text, share)) in texts.into_iter().zip(columns).enumerate() {
+        let x = column_x(rect, *share);
+        let (x, align) = if column == CLASS {
+            (x + SWATCH.x + 6.0, Align2::LEFT_CENTER)
         } else {
-            (column_x(rect, column), Align2::RIGHT_CENTER)
+            (x, Align2::RIGHT_CENTER)
         };
         ui.painter()
             .text(pos2(x, rect.center().y), align, text, font.clone(), color);

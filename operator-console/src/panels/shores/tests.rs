@@ -126,7 +126,10 @@ fn headings_say_what_numbers_and_letters_are_and_which_is_the_first() {
         "Docking site B, cost 0.20, 4.0 m wide, 8.0 m away",
         "Docking site A, cost 0.20, 9.0 m wide, 20 m away",
     );
-    let heading = top(&window, "Docking sites, by letter, the best first");
+    let heading = top(
+        &window,
+        "Docking sites, by letter, the gentlest first, of alike the widest",
+    );
     assert!(top(&window, "Shores, by number, the nearest first") < heading);
     assert!(heading < top(&window, best));
     assert!(top(&window, best) < top(&window, wider), "by rank");
@@ -137,4 +140,53 @@ fn headings_say_what_numbers_and_letters_are_and_which_is_the_first() {
     window.get_by_label("Sort docking sites by rank").click();
     window.run_steps(2);
     assert!(top(&window, best) < top(&window, wider));
+}
+
+/// A panel of this width on the left of a window, and no more of it.
+fn panel(width: f32) -> Harness<'static> {
+    let mut window = Harness::builder()
+        .with_size(vec2(width + 460.0, 500.0))
+        .build_ui(move |ui| {
+            ui.set_max_width(width);
+            _ = shores_ui(ui, &data());
+        });
+    window.run_steps(2);
+    window
+}
+
+#[test]
+fn a_narrow_panel_shows_rows_whole_and_wraps_what_is_below_them() {
+    let heights = [175.0, 213.0, 260.0, 400.0].map(|width| {
+        let window = panel(width);
+        let [shore, site] = ["Shore 2, dense", "Docking site B"]
+            .map(|label| window.get_by_label_contains(label).rect());
+        assert!(
+            shore.right() <= width + 8.0 && site.right() <= width + 8.0,
+            "{width}: {shore} {site}"
+        );
+        [shore.height(), site.height()].map(|height| height.round() as i32)
+    });
+    let [lowest, .., wide] = heights;
+    // The class of a shore has a line of its own in a narrow panel, and a long reason has two.
+    assert!(lowest[0] > wide[0] + 10, "{heights:?}");
+    assert!(lowest[1] > wide[1] + 10, "{heights:?}");
+    assert_eq!(wide[0], 24, "{heights:?}");
+}
+
+#[test]
+fn what_is_told_of_a_row_covers_no_row() {
+    let mut window = panel(240.0);
+    let rows = [
+        "Shore 2, dense",
+        "Shore 1, dense",
+        "Docking site B",
+        "Docking site A",
+    ];
+    let rows = rows.map(|label| window.get_by_label_contains(label).rect());
+    window.hover_at(rows[0].center());
+    window.run_steps(60);
+    let hint = window.get_by_label_contains("Click to show it").rect();
+    for row in rows {
+        assert!(hint.left() >= row.right(), "{hint} {row}");
+    }
 }

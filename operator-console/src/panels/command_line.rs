@@ -1,0 +1,81 @@
+//! Words that name options of the command line. In the font of words their two dashes are drawn as a single long one.
+
+use eframe::egui::text::LayoutJob;
+use eframe::egui::{Color32, FontFamily, FontId, TextFormat, TextStyle, Ui};
+
+/// `words`, of which options (`--keys`) are in the font of code.
+pub fn with_options(ui: &Ui, words: &str, style: &TextStyle, color: Color32) -> LayoutJob {
+    let font = style.resolve(ui.style());
+    let code = FontId::new(font.size, FontFamily::Monospace);
+    let mut job = LayoutJob::default();
+    for (is_option, piece) in pieces(words) {
+        let font = if is_option { &code } else { &font };
+        job.append(piece, 0.0, TextFormat::simple(font.clone(), color));
+    }
+    job
+}
+
+/// Words in pieces, and whether each is an option.
+fn pieces(words: &str) -> Vec<(bool, &str)> {
+    let mut pieces = Vec::new();
+    let mut rest = words;
+    while let Some(begin) = rest.find("--") {
+        let is_of_name = |sign: char| sign.is_ascii_alphanumeric() || sign == '-';
+        let option = &rest[begin..];
+        let end = option.find(|sign| !is_of_name(sign));
+        let (option, behind) = option.split_at(end.unwrap_or(option.len()));
+        if begin > 0 {
+            pieces.push((false, &rest[..begin]));
+        }
+        pieces.push((true, option));
+        rest = behind;
+    }
+    if !rest.is_empty() {
+        pieces.push((false, rest));
+    }
+    pieces
+}
+
+#[cfg(test)]
+mod tests {
+    use eframe::egui::{Label, vec2};
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+
+    #[test]
+    fn options_are_pieces_of_their_own() {
+        assert_eq!(
+            pieces("with --keys, or --stay."),
+            [
+                (false, "with "),
+                (true, "--keys"),
+                (false, ", or "),
+                (true, "--stay"),
+                (false, ".")
+            ]
+        );
+        assert_eq!(pieces("no option – none"), [(false, "no option – none")]);
+        assert_eq!(pieces("--set"), [(true, "--set")]);
+        assert_eq!(pieces(""), []);
+    }
+
+    #[test]
+    fn options_are_in_the_font_of_code_and_words_are_read_whole() {
+        let words = "Start it with --keys first.";
+        let window = Harness::builder()
+            .with_size(vec2(300.0, 60.0))
+            .build_ui(|ui| {
+                let job = with_options(ui, words, &TextStyle::Small, Color32::BLACK);
+                let families = job.sections.iter().map(|one| &one.format.font_id.family);
+                assert!(families.eq([
+                    &FontFamily::Proportional,
+                    &FontFamily::Monospace,
+                    &FontFamily::Proportional
+                ]));
+                ui.add(Label::new(job).wrap());
+            });
+        assert!(window.query_by_label(words).is_some());
+    }
+}

@@ -1,0 +1,86 @@
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable as _;
+
+use super::*;
+
+fn data() -> TopBarData {
+    TopBarData {
+        name: "scout-1".to_owned(),
+        color: None,
+        link: (Tone::Good, "Live".to_owned()),
+        age: Some("< 0.2 s ago".to_owned()),
+        map: (Tone::Good, "In step".to_owned()),
+        driver: Some("Nobody drives".to_owned()),
+        estop: Some(EStopFace::Ready),
+    }
+}
+
+/// The bar of a window: what is on the right, and the robot's part.
+fn bar(width: f32, data: TopBarData, unseen: usize) -> Harness<'static> {
+    let mut window = Harness::builder()
+        .with_size(vec2(width, 44.0))
+        .build_ui(move |ui| {
+            ui.horizontal(|ui| {
+                _ = right_bar_ui(ui, Some(&data), unseen, |ui| robot_bar_ui(ui, &data));
+            });
+        });
+    crate::theme::set(&window.ctx);
+    window.run_steps(3);
+    window
+}
+
+#[test]
+fn who_drives_is_whole_and_stands_still_whatever_else_is_said() {
+    // Beside the menus of windows of 640, 700 and 1280 points.
+    for width in [480.0, 540.0, 1120.0] {
+        let place = |data: TopBarData, unseen| {
+            let window = bar(width, data, unseen);
+            let driver = window.get_by_label("Nobody drives").rect();
+            let stop = window.get_by_label("Stop").rect();
+            assert!(driver.width() > 80.0 && driver.right() < stop.left());
+            assert!(window.get_by_label("Live").rect().right() < driver.left());
+            driver
+        };
+        let usual = place(data(), 0);
+        let moment_ago = (Tone::Good, "In step 0.5 s ago".to_owned());
+        let missing = (Tone::Waiting, "1 200 tiles missing".to_owned());
+        let behind = (Tone::Waiting, "Behind, asking what is missing".to_owned());
+        for map in [moment_ago, missing, behind] {
+            assert_eq!(place(TopBarData { map, ..data() }, 0), usual, "{width}");
+        }
+        let age = Some("0.3 s ago".to_owned());
+        assert_eq!(place(TopBarData { age, ..data() }, 0), usual, "{width}");
+        assert_eq!(place(data(), 1), usual, "{width}: an alert");
+    }
+}
+
+#[test]
+fn a_map_that_was_in_step_a_moment_ago_is_in_step() {
+    let map = (Tone::Good, "In step 0.5 s ago".to_owned());
+    let mut window = bar(900.0, TopBarData { map, ..data() }, 0);
+    let place = window.get_by_label("In step").rect();
+    window.hover_at(place.center());
+    window.run_steps(60);
+    window.get_by_label("In step 0.5 s ago");
+}
+
+#[test]
+fn a_long_name_is_read_whole_by_who_asks_for_it() {
+    let name = "riverwatch-by-the-lake-2026-11-22T150130Z.mcap";
+    let recording = TopBarData {
+        name: name.to_owned(),
+        link: (Tone::Waiting, "Recording".to_owned()),
+        age: None,
+        driver: None,
+        estop: None,
+        ..data()
+    };
+    let mut window = bar(500.0, recording, 0);
+    let label = window.get_by_label(name).rect();
+    assert!(label.width() <= 221.0, "{label}");
+    window.hover_at(label.center());
+    window.run_steps(60);
+    let found = window.get_all_by_label(name).map(|node| node.rect());
+    let widest = found.map(|rect| rect.width()).fold(0.0, f32::max);
+    assert!(widest > 260.0, "{widest}");
+}
