@@ -279,11 +279,11 @@ fn under_legends(window: &Harness<'_, Rig>) -> f32 {
 
 #[test]
 fn legends_leave_a_small_map_in_sight_and_a_button_opens_the_others() {
-    // One legend is always there, and may take more than a fifth.
+    // A fifth, and the strip that the button is in. One legend is always there, and may take more.
     for (width, height, most) in [
         (215.0, 390.0, 0.22),
         (260.0, 300.0, 0.28),
-        (500.0, 400.0, 0.22),
+        (500.0, 400.0, 0.24),
     ] {
         let mut window = window_of(width, height);
         let share = under_legends(&window);
