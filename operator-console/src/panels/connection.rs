@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use eframe::egui::{RichText, Ui};
+use eframe::egui::{TextStyle, Ui};
 use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
+use super::command_line::with_options;
 use super::rows::{Row, row, rows_ui};
 use super::wording::{age, count};
 use crate::link::Transport;
@@ -171,7 +172,8 @@ fn map_state(map: &MapSync, state: LinkState, now: Monotonic) -> (Tone, String) 
 pub fn connection_ui(ui: &mut Ui, data: &ConnectionData) {
     state_ui(ui, data.tone, &data.state, 24.0);
     if let Some(advice) = &data.advice {
-        ui.label(RichText::new(advice).small());
+        let ink = ui.visuals().text_color();
+        ui.label(with_options(ui, advice, &TextStyle::Small, ink));
     }
     state_ui(ui, data.map_tone, &data.map, 16.0);
     rows_ui(ui, "connection", &data.rows);
