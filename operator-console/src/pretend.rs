@@ -1,6 +1,7 @@
 //! The robot, the operator and the console that most unit tests pretend to have. A test that is about one of their
 //! values sets it itself.
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use protocol::keys::Topic;
@@ -59,12 +60,12 @@ pub(crate) fn says_of<T: Serialize>(
 ) {
     let sample = Incoming::Sample {
         key: topic.key(model.robot()),
-        payload: payload(1, stamp_ns, body),
+        payload: payload(stamp_ns, body),
     };
     model.apply(sample, now);
 }
 
-/// The robot announces what its map is, behind all that it has said before.
+/// The robot announces what its map is.
 pub(crate) fn announces(model: &mut ConsoleModel, store: &TileStore, now: Monotonic) {
     let layers = store.grids().map(|LayerGrid { layer, .. }| LayerHead {
         layer,
@@ -74,11 +75,7 @@ pub(crate) fn announces(model: &mut ConsoleModel, store: &TileStore, now: Monoto
         root: store.root_digest(layer).unwrap(),
     });
     let layers = layers.collect();
-    let sample = Incoming::Sample {
-        key: Topic::MapHead.key(model.robot()),
-        payload: payload(2, 0, &MapHead { layers }),
-    };
-    model.apply(sample, now);
+    says(model, Topic::MapHead, &MapHead { layers }, now);
 }
 
 /// The robot pushes a tile.
@@ -106,13 +103,15 @@ pub(crate) fn answers<T: Serialize>(
     let reply = Incoming::Reply {
         request,
         key: topic.key(model.robot()),
-        payload: payload(1, 0, body),
+        payload: payload(0, body),
     };
     model.apply(reply, now);
 }
 
-/// Every message is the first of its run, but for announcements.
-fn payload<T: Serialize>(seq: u64, stamp_ns: i64, body: &T) -> Vec<u8> {
+/// Every message is behind all others.
+fn payload<T: Serialize>(stamp_ns: i64, body: &T) -> Vec<u8> {
+    static SENT: AtomicU64 = AtomicU64::new(0);
+    let seq = SENT.fetch_add(1, Ordering::Relaxed);
     let header = Header {
         boot: BOOT,
         seq,

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 use std::thread;
+use std::time::Duration;
 
 use robot_edge::clock::{self, Monotonic};
 use robot_edge::link::LinkError;
@@ -13,6 +14,9 @@ use super::connect::{State, subscribe};
 use super::lost_link::LostLink;
 use super::transport::Transport;
 use crate::locks::lock;
+
+/// What lets TLS through lets QUIC through a moment later.
+const COMING_BACK: Duration = Duration::from_millis(200);
 
 /// Opens the session of `channel`, and again where its link is lost for good and it could go by another way.
 pub(super) fn keep_open(state: &Arc<State>, channel: Channel, endpoints: &Endpoints) {
@@ -80,13 +84,14 @@ fn open_in_the_end(
 }
 
 /// Opens the session once. Where nobody answered before and it is TLS that does now, QUIC is asked once more: the robot, or
-/// the network, may have come between its question and that of TLS.
+/// the network, may have come between its question and that of TLS, or be coming.
 fn open(channel: Channel, endpoints: &Endpoints, is_first: bool) -> Result<Session, LinkError> {
     let session = sessions::open(Side::Console, channel, endpoints)?;
     let is_second_best = Transport::of(&session, &endpoints.connect) == Some(Transport::TlsInstead);
     if is_first || !is_second_best {
         return Ok(session);
     }
+    thread::sleep(COMING_BACK);
     match sessions::open(Side::Console, channel, endpoints) {
         Ok(again) => {
             close_aside(session);

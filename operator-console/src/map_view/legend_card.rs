@@ -60,7 +60,7 @@ impl LegendCard {
         let corner = screen.right_bottom() - vec2(CARD_MARGIN, CARD_MARGIN);
         let is_opened = shown > fitting;
         if shown > 0 {
-            let room = screen.height() - top - CARD_MARGIN - BUTTON - BUTTON_GAP;
+            let room = screen.height() - top - CARD_MARGIN - BUTTON - BUTTON_GAP - 2.0 * PADDING;
             let card = Area::new(Id::unique(CARD_NAME))
                 .fixed_pos(corner)
                 .pivot(Align2::RIGHT_BOTTOM)
@@ -77,8 +77,18 @@ impl LegendCard {
                         ui.set_width(inner_width(screen));
                         if is_opened {
                             // An area has room for what was in it before, and what scrolls would never ask for more.
-                            let whole = legends_height(ui, &data, inner_width(screen));
-                            let height = whole.min(room - 2.0 * PADDING);
+                            let height =
+                                |data: &LegendsData| legends_height(ui, data, inner_width(screen));
+                            // No less than what is there while it is closed.
+                            let least = height(&self::data(screen, &layers[..fitting.max(1)]));
+                            let most = room.max(least).min(
+                                screen.height()
+                                    - 2.0 * CARD_MARGIN
+                                    - BUTTON
+                                    - BUTTON_GAP
+                                    - 2.0 * PADDING,
+                            );
+                            let height = height(&data).min(most.max(0.0));
                             let scroll = ScrollArea::vertical()
                                 .max_height(height)
                                 .min_scrolled_height(height);

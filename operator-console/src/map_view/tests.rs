@@ -305,9 +305,12 @@ fn legends_leave_a_small_map_in_sight_and_a_button_opens_the_others() {
         let closed = under_legends(&window);
         assert!((closed - share).abs() < 0.01, "{closed} {share}");
     }
-    let tiny = window_of(190.0, 150.0);
-    tiny.get_by_label_contains("Legends: ");
+    let mut tiny = window_of(190.0, 150.0);
     assert!(under_legends(&tiny) < 0.1);
+    tiny.get_by_label_contains("Legends: ").click();
+    tiny.run_steps(4);
+    tiny.get_by_label("Fewer legends");
+    assert!(under_legends(&tiny) > 0.25, "{}", under_legends(&tiny));
     let large = window_of(1400.0, 1000.0);
     assert!(large.query_by_label_contains("more legend").is_none());
     assert!(large.query_by_label_contains("Legends: ").is_none());

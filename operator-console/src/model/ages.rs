@@ -12,10 +12,11 @@ use protocol::layer::LayerId;
 use protocol::tile::TileKey;
 use robot_edge::clock::Monotonic;
 
-/// Poses may overtake each other, and tiles poses. By more than this only a clock goes back that was set.
-const OVERTAKEN: Duration = Duration::from_millis(500);
-/// A pose with the stamp of a tile's data, or a newer one, comes within this.
+/// A pose with the stamp of a tile's data, or a newer one, comes within this where any come.
 const POSE_COMES: Duration = Duration::from_secs(1);
+
+/// Stamps ahead of the poses that are remembered; a pose comes before there are so many.
+const MAX_AHEAD: usize = 10_000;
 
 /// What is later has a greater one, also where the clock of the data was set back in between.
 pub type AgeOrder = (u32, i64);
@@ -25,6 +26,8 @@ pub type AgeOrder = (u32, i64);
 pub struct Ages {
     /// The newest stamp that was told of, nanoseconds, and when that was first.
     newest: Option<(i64, Monotonic)>,
+    /// The number of the message that told so last, and when.
+    told: Option<(u64, Monotonic)>,
     times_set_back: u32,
     tiles: BTreeMap<TileKey, Came>,
     /// Tiles of which nobody knows how old they were, since nothing as new was told of yet; by stamp.
@@ -42,16 +45,17 @@ struct Came {
 }
 
 impl Ages {
-    /// The robot told of its newest data, `stamp_ns` being its stamp.
-    pub(super) fn tell(&mut self, stamp_ns: i64, now: Monotonic) {
-        if let Some((newest_ns, _)) = self.newest
-            && stamp_ns <= newest_ns
-        {
-            if apart(newest_ns, stamp_ns) <= Some(OVERTAKEN) {
-                // It says the same again, or was overtaken.
-                return;
-            }
-            self.times_set_back += 1;
+    /// The robot told of its newest data in message `seq`, `stamp_ns` being its stamp.
+    pub(super) fn tell(&mut self, seq: u64, stamp_ns: i64, now: Monotonic) {
+        if self.told.is_some_and(|(newest_seq, _)| seq < newest_seq) {
+            // It was overtaken on its way: poses wait for nothing that is sent again.
+            return;
+        }
+        self.told = Some((seq, now));
+        match self.newest {
+            Some((newest_ns, _)) if stamp_ns == newest_ns => return,
+            Some((newest_ns, _)) => self.times_set_back += u32::from(stamp_ns < newest_ns),
+            None => {}
         }
         self.newest = Some((stamp_ns, now));
         while let Some(first) = self.ahead.first_entry()
@@ -82,6 +86,10 @@ impl Ages {
         });
         if before.is_none() {
             self.ahead.entry(stamp_ns).or_default().push(key);
+            if self.ahead.len() > MAX_AHEAD {
+                // Those that wait shortest: the others know first.
+                self.ahead.pop_last();
+            }
         }
         let came = Came {
             stamp_ns,
@@ -96,10 +104,12 @@ impl Ages {
     pub fn age(&self, key: TileKey, now: Monotonic) -> Option<Duration> {
         let came = self.tiles.get(&key)?;
         let since = now.since(came.at);
-        match came.before {
-            Some(before) => Some(since.saturating_add(before)),
-            None => (since <= POSE_COMES).then_some(since),
-        }
+        let Some(before) = came.before else {
+            // Where nothing was told since, it is not known to be ahead.
+            let told = self.told.map(|(_, told)| told.since(came.at));
+            return (told <= Some(POSE_COMES)).then_some(since);
+        };
+        Some(since.saturating_add(before))
     }
 
     /// How long before the newest data a tile was measured.
@@ -163,6 +173,12 @@ mod tests {
         TileKey { layer, tx, ty: 0 }
     }
 
+    /// Each message is behind the one before.
+    fn tell(ages: &mut Ages, stamp_ns: i64, now: Monotonic) {
+        let seq = ages.told.map_or(0, |(seq, _)| seq + 1);
+        ages.tell(seq, stamp_ns, now);
+    }
+
     fn secs(ages: &Ages, tx: i32, ms: u64) -> Option<f64> {
         ages.age(key(tx), at(ms)).map(|age| age.as_secs_f64())
     }
@@ -170,13 +186,13 @@ mod tests {
     #[test]
     fn what_comes_late_is_as_old_as_it_is() {
         let mut ages = Ages::default();
-        ages.tell(100 * SECOND_NS, at(5_000));
+        tell(&mut ages, 100 * SECOND_NS, at(5_000));
         ages.came(key(0), 60 * SECOND_NS, at(5_020));
         assert_eq!(secs(&ages, 0, 5_020), Some(40.02));
         assert_eq!(secs(&ages, 0, 8_020), Some(43.02));
         assert_eq!(ages.when_came(key(0)), Some(at(5_020)));
         // While the robot's own clock is set on, it ages on by this one.
-        ages.tell(5_000 * SECOND_NS, at(6_000));
+        tell(&mut ages, 5_000 * SECOND_NS, at(6_000));
         assert_eq!(secs(&ages, 0, 8_020), Some(43.02));
         ages.came(key(1), 4_999 * SECOND_NS, at(6_000));
         assert_eq!(secs(&ages, 1, 6_000), Some(1.0));
@@ -187,7 +203,7 @@ mod tests {
     fn data_that_stands_still_grows_old() {
         let mut ages = Ages::default();
         for ms in (0..=600_000).step_by(50) {
-            ages.tell(9 * SECOND_NS, at(ms));
+            tell(&mut ages, 9 * SECOND_NS, at(ms));
         }
         ages.came(key(0), 8 * SECOND_NS, at(600_000));
         assert_eq!(secs(&ages, 0, 600_000), Some(601.0));
@@ -195,54 +211,58 @@ mod tests {
         // It goes on, and a tile overtakes the pose of its data.
         ages.came(key(1), 10 * SECOND_NS, at(600_500));
         assert_eq!(secs(&ages, 1, 600_600), Some(0.1));
-        ages.tell(10 * SECOND_NS, at(600_600));
+        tell(&mut ages, 10 * SECOND_NS, at(600_600));
         assert_eq!(secs(&ages, 1, 601_500), Some(1.0));
     }
 
     #[test]
     fn what_was_behind_a_cut_is_as_old_as_the_first_pose_says() {
         let mut ages = Ages::default();
-        ages.tell(100 * SECOND_NS, at(0));
+        tell(&mut ages, 100 * SECOND_NS, at(0));
         // The link was gone for 30 s, and the tile comes first.
         ages.came(key(0), 101 * SECOND_NS, at(30_000));
-        ages.tell(130 * SECOND_NS, at(30_040));
+        tell(&mut ages, 130 * SECOND_NS, at(30_040));
         assert_eq!(secs(&ages, 0, 30_040), Some(29.0));
     }
 
     #[test]
     fn nobody_knows_how_old_it_is_where_the_clock_was_set_back() {
         let mut ages = Ages::default();
-        ages.tell(3_600 * SECOND_NS, at(0));
+        tell(&mut ages, 3_600 * SECOND_NS, at(0));
         ages.came(key(0), 3_599 * SECOND_NS, at(0));
-        ages.tell(SECOND_NS, at(1_000));
+        tell(&mut ages, SECOND_NS, at(1_000));
         assert_eq!(secs(&ages, 0, 1_000), Some(2.0), "this console was there");
         ages.came(key(1), SECOND_NS, at(1_000));
         assert!(ages.order(key(1)) > ages.order(key(0)));
         assert_eq!(secs(&ages, 1, 1_500), Some(0.5));
         // One that comes now.
         let mut late = Ages::default();
-        late.tell(5 * SECOND_NS, at(5_000));
+        tell(&mut late, 5 * SECOND_NS, at(5_000));
         late.came(key(0), 3_599 * SECOND_NS, at(5_000));
-        late.tell(6 * SECOND_NS, at(6_001));
+        assert_eq!(secs(&late, 0, 9_000), Some(4.0), "nothing came since");
+        tell(&mut late, 6 * SECOND_NS, at(6_001));
         assert_eq!(secs(&late, 0, 6_001), None);
         assert_eq!(late.before_newest(key(0)), Duration::ZERO);
         assert_eq!(secs(&late, 7, 6_001), None, "it is not there");
     }
 
     #[test]
-    fn overtaken_poses_set_no_clock_back() {
+    fn overtaken_messages_set_no_clock_back() {
         let mut ages = Ages::default();
-        ages.tell(10 * SECOND_NS, at(1_000));
-        ages.tell(9_600_000_000, at(1_100));
-        ages.came(key(0), 10 * SECOND_NS, at(1_100));
+        ages.tell(10, 100 * SECOND_NS, at(1_000));
+        ages.tell(9, 99 * SECOND_NS, at(1_100));
+        ages.came(key(0), 100 * SECOND_NS, at(1_100));
         assert_eq!(secs(&ages, 0, 1_100), Some(0.1));
-        assert_eq!(ages.order(key(0)), Some((0, 10 * SECOND_NS)));
-        // A recording that is wound by less than that erases its maps.
+        assert_eq!(ages.order(key(0)), Some((0, 100 * SECOND_NS)));
+        ages.tell(11, 99 * SECOND_NS, at(1_200));
+        ages.came(key(1), 99 * SECOND_NS, at(1_200));
+        assert_eq!(ages.order(key(1)), Some((1, 99 * SECOND_NS)));
+        // A recording that is wound back erases its maps.
         ages.begin_anew();
-        ages.came(key(1), 9_700_000_000, at(1_200));
-        ages.tell(9_700_000_000, at(1_250));
+        ages.came(key(1), 50 * SECOND_NS, at(1_300));
+        ages.tell(12, 50 * SECOND_NS, at(1_350));
         assert_eq!(ages.before_newest(key(1)), Duration::ZERO);
-        assert_eq!(secs(&ages, 1, 1_250), Some(0.05));
+        assert_eq!(secs(&ages, 1, 1_350), Some(0.05));
     }
 
     #[test]
@@ -254,7 +274,7 @@ mod tests {
         assert_eq!((ages.len(), secs(&ages, 0, 0)), (1, None));
         ages.forget(LayerId::Occupancy);
         assert_eq!((ages.len(), ages.ahead.len()), (0, 0));
-        ages.tell(i64::MAX, at(0));
+        tell(&mut ages, i64::MAX, at(0));
         ages.came(key(0), i64::MIN, at(u64::MAX / 2_000_000));
         let oldest = ages.age(key(0), at(0)).unwrap();
         assert!(oldest > Duration::from_nanos(u64::MAX), "{oldest:?}");

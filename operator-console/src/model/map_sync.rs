@@ -108,7 +108,7 @@ impl MapSync {
     /// A message whose stamp is that of the robot's newest data came.
     pub(super) fn tell_clock(&mut self, header: Header, now: Monotonic) {
         if self.has_boot && header.boot == self.store.boot() {
-            self.ages.tell(header.robot_time_ns, now);
+            self.ages.tell(header.seq, header.robot_time_ns, now);
         }
     }
 

@@ -1,6 +1,9 @@
 //! What happened, the newest first, as far as the operator wants to read it.
 
-use eframe::egui::{ComboBox, Grid, Label, RichText, ScrollArea, TextEdit, TextStyle, Ui};
+use eframe::egui::accesskit::Role;
+use eframe::egui::{
+    ComboBox, Grid, Label, RichText, ScrollArea, TextEdit, TextStyle, Ui, WidgetInfo,
+};
 
 use super::command_line::with_options;
 use crate::event_log::{Entry, EventLog, Severity, Source};
@@ -126,6 +129,10 @@ fn filter_ui(ui: &mut Ui, filter: &mut EventFilter, left_out: Option<&str>, is_n
                     ui.selectable_value(&mut filter.least, severity, words);
                 }
             });
+        let chosen = least_words(filter.least);
+        severity.response.widget_info(|| {
+            WidgetInfo::labeled(Role::ComboBox, true, format!("Least severity: {chosen}"))
+        });
         severity
             .response
             .on_hover_text("Leave out what matters less");
@@ -218,151 +225,4 @@ const fn short_least_words(least: Severity) -> &'static str {
 }
 
 #[cfg(test)]
-mod tests {
-    use eframe::egui::accesskit::Role;
-    use eframe::egui::vec2;
-    use egui_kittest::Harness;
-    use egui_kittest::kittest::Queryable as _;
-    use robot_edge::clock::Monotonic;
-
-    use super::*;
-
-    const LONG: &str = "12 files are in /home/anna/maps/a folder with a name that is much longer than one line of a \
-        panel, and behind which there are many words more that nobody would want to miss";
-
-    /// A window with the panel alone.
-    fn window(width: f32, log: &EventLog, filter: &EventFilter) -> Harness<'static> {
-        let data = EventsData::new(log, filter);
-        let mut filter = filter.clone();
-        let mut window = Harness::builder()
-            .with_size(vec2(width, 400.0))
-            .build_ui(move |ui| events_ui(ui, &data, &mut filter));
-        window.run_steps(4);
-        window
-    }
-
-    #[test]
-    fn a_long_line_has_more_lines_however_wide_the_panel_is() {
-        for width in [240.0, 400.0, 700.0] {
-            let mut log = EventLog::default();
-            for (n, text) in ["short", LONG, "newest"].into_iter().enumerate() {
-                log.note(
-                    Severity::Note,
-                    "export",
-                    text,
-                    Monotonic::default(),
-                    n as u64,
-                );
-            }
-            let window = window(width, &log, &EventFilter::default());
-            let [newest, long, short] =
-                ["newest", LONG, "short"].map(|text| window.get_by_label(text).rect());
-            assert!(long.right() <= width, "{width}: {long}");
-            assert!(long.height() > 1.8 * short.height(), "{width}: {long}");
-            assert!(long.top() >= newest.bottom(), "{width}: {long}");
-            assert!(short.top() >= long.bottom(), "{width}: {short}");
-        }
-    }
-
-    #[test]
-    fn a_low_and_narrow_panel_shows_several_lines_below_one_of_filters() {
-        let [width, height] = [200.0, 150.0];
-        let data = EventsData::new(&log(), &EventFilter::default());
-        let mut window = Harness::builder()
-            .with_size(vec2(width, height))
-            .build_ui_state(
-                move |ui, filter: &mut EventFilter| events_ui(ui, &data, filter),
-                EventFilter::default(),
-            );
-        window.run_steps(4);
-        let severity = window.get_by_role(Role::ComboBox).rect();
-        let filter = window.get_by_role_and_label(Role::TextInput, "Filter");
-        let words = filter.rect();
-        assert!(words.top() < severity.bottom() && words.left() >= severity.right());
-        assert!(words.width() > 60.0 && words.right() <= width, "{words}");
-        for text in ["Emergency stop 1 is in force", "Control goes by TLS"] {
-            let line = window.get_by_label(text).rect();
-            assert!(line.bottom() <= height, "{text}: {line}");
-        }
-        filter.focus();
-        window.run_steps(1);
-        window
-            .get_by_role_and_label(Role::TextInput, "Filter")
-            .type_text("tls");
-        window.run_steps(2);
-        assert_eq!(window.state().text, "tls");
-    }
-
-    #[test]
-    fn an_empty_list_says_whether_the_filter_made_it_so() {
-        let filter = EventFilter {
-            text: "no such words".to_owned(),
-            ..EventFilter::default()
-        };
-        let of_that_kind = "Nothing of that kind has happened.";
-        let at_all = "Nothing has happened.";
-        let filtered = window(600.0, &log(), &filter);
-        filtered.get_by_label(of_that_kind);
-        filtered.get_by_label("3 lines are not shown");
-        assert!(filtered.query_by_label(at_all).is_none());
-        let empty = window(600.0, &EventLog::default(), &filter);
-        empty.get_by_label(at_all);
-        assert!(empty.query_by_label(of_that_kind).is_none());
-        let all = window(600.0, &log(), &EventFilter::default());
-        for words in [of_that_kind, at_all] {
-            assert!(all.query_by_label(words).is_none());
-        }
-    }
-
-    fn log() -> EventLog {
-        let mut log = EventLog::default();
-        for (n, (severity, kind, text)) in [
-            (Severity::Note, "export", "12 files are in maps"),
-            (Severity::Warning, "link", "Control goes by TLS"),
-            (Severity::Alarm, "alert", "Emergency stop 1 is in force"),
-        ]
-        .into_iter()
-        .enumerate()
-        {
-            log.note(severity, kind, text, Monotonic::default(), n as u64);
-        }
-        log
-    }
-
-    fn texts(filter: &EventFilter) -> Vec<String> {
-        let data = EventsData::new(&log(), filter);
-        data.lines.into_iter().map(|line| line.text).collect()
-    }
-
-    #[test]
-    fn lines_are_filtered_by_severity_and_words() {
-        let all = EventFilter::default();
-        assert_eq!(
-            texts(&all),
-            [
-                "Emergency stop 1 is in force",
-                "Control goes by TLS",
-                "12 files are in maps"
-            ]
-        );
-        let alarms = EventFilter {
-            least: Severity::Alarm,
-            ..EventFilter::default()
-        };
-        assert_eq!(texts(&alarms), ["Emergency stop 1 is in force"]);
-        let left_out = EventsData::new(&log(), &alarms).left_out;
-        assert_eq!(left_out.as_deref(), Some("2 lines are not shown"));
-        for text in ["tls", " LINK "] {
-            let words = EventFilter {
-                text: text.to_owned(),
-                ..EventFilter::default()
-            };
-            assert_eq!(texts(&words), ["Control goes by TLS"]);
-        }
-        let line = &EventsData::new(&log(), &all).lines[1];
-        assert_eq!(
-            (line.time.as_str(), line.heading.as_str()),
-            ("00:00:01", "console: link")
-        );
-    }
-}
+mod tests;

@@ -28,7 +28,7 @@ const SIZE: f32 = 15.0;
 /// A line between two parts, points.
 const LINE: f32 = 6.0;
 /// What the link of a robot may be; what a recording is.
-const LINKS: [&str; 3] = ["Live", "Silent", "Ended"];
+const LINKS: [&str; 4] = ["Live", "Silent", "Waiting", "Ended"];
 const RECORDINGS: [&str; 2] = ["Recording", "Opening"];
 /// Ages of what is not very old are not longer, and where there is little room.
 const AGES: [&str; 2] = ["< 0.2 s ago", "< 0.2 s"];

@@ -9,6 +9,9 @@ const SOME_HOST: &str = "192.168.1.20";
 /// The last port is of no use: tiles come by the next one.
 const LAST_PORT: u16 = u16::MAX - 1;
 
+/// Names of protocols that robots are asked by.
+const PROTOCOLS: [&str; 3] = ["tcp", "quic", "tls"];
+
 /// What is wrong with `typed`, which is no address to ask at; `has_keys`: this console asks with keys.
 pub(super) fn mistake(typed: &str, has_keys: bool) -> String {
     if typed.contains(char::is_whitespace) {
@@ -16,7 +19,8 @@ pub(super) fn mistake(typed: &str, has_keys: bool) -> String {
             "There is a space in it. Type host:port without one, for example {SOME_HOST}:{DEFAULT_PORT}."
         );
     }
-    let Some((protocol, place)) = typed.split_once('/') else {
+    let whole = typed.trim_end_matches('/');
+    let Some((protocol, place)) = whole.split_once('/') else {
         return of_place(typed, typed, has_keys);
     };
     // As in web addresses.
@@ -31,8 +35,11 @@ pub(super) fn mistake(typed: &str, has_keys: bool) -> String {
             "{} needs keys, and this console was started without --keys. Type {right} alone.",
             protocol.to_uppercase()
         ),
+        _ if is_port(place) => {
+            format!("Between host and port stands a colon. Type {protocol}:{place}.")
+        }
         _ => {
-            let protocol = &typed[..typed.len() - host.len()];
+            let protocol = &whole[..whole.len() - host.len()];
             format!("No robot is asked by {protocol}. Type {right} alone.")
         }
     }
@@ -40,27 +47,36 @@ pub(super) fn mistake(typed: &str, has_keys: bool) -> String {
 
 /// Of the host and the port, which may stand behind a protocol.
 fn of_place(typed: &str, place: &str, has_keys: bool) -> String {
-    let right = example(place);
+    let right = example(place.trim_end_matches('/'));
     if place.contains('/') {
         return format!("There is a / too many in it. Type host:port, for example {right}.");
+    }
+    let is_ipv6 = place.starts_with('[') || ipv6(place).is_some();
+    if is_ipv6 && has_keys {
+        return "A robot with keys is not asked at an IPv6 address. Type its name or its IPv4 address."
+            .to_owned();
+    }
+    if ipv6(place).is_some() {
+        return format!("An IPv6 address stands in brackets. Type {right}.");
     }
     let (host, port) = parts(place);
     if host.is_empty() {
         return format!("The host is missing. Type host:port, for example {right}.");
     }
+    if host.contains(['[', ']']) && !is_in_brackets(host) {
+        return format!(
+            "Brackets stand around an IPv6 address, and a colon and the port behind them. Type for example [::1]:{DEFAULT_PORT}."
+        );
+    }
     if host.contains(':') && !host.starts_with('[') {
-        return format!("An IPv6 address stands in brackets. Type {right}.");
+        return format!("There is a : too many in it. Type host:port, for example {right}.");
     }
     match port.map(str::parse) {
         None => {
-            let typed = typed.trim_end_matches(':');
+            let typed = typed.trim_end_matches([':', '/']);
             format!(
                 "The port is missing: for example {typed}:{DEFAULT_PORT}, which is usual for robots."
             )
-        }
-        Some(Ok(1..=LAST_PORT)) if has_keys && host.starts_with('[') => {
-            "A robot with keys is not asked at an IPv6 address. Type its name or its IPv4 address."
-                .to_owned()
         }
         Some(Ok(1..=LAST_PORT)) => {
             format!("This is no address. Type host:port, for example {right}.")
@@ -74,6 +90,18 @@ fn of_place(typed: &str, place: &str, has_keys: bool) -> String {
     }
 }
 
+fn is_port(text: &str) -> bool {
+    text.parse()
+        .is_ok_and(|port| (1..=LAST_PORT).contains(&port))
+}
+
+fn is_in_brackets(host: &str) -> bool {
+    let inner = host
+        .strip_prefix('[')
+        .and_then(|host| host.strip_suffix(']'));
+    inner.is_some_and(|inner| inner.parse::<Ipv6Addr>().is_ok())
+}
+
 /// The host, and the port behind it where there is one. What has several colons is a host whole.
 fn parts(place: &str) -> (&str, Option<&str>) {
     match place.rsplit_once(':') {
@@ -84,31 +112,76 @@ fn parts(place: &str) -> (&str, Option<&str>) {
     }
 }
 
+/// An IPv6 address without brackets, and the port behind it where there is one.
+fn ipv6(place: &str) -> Option<(&str, u16)> {
+    let split = place.rsplit_once(':');
+    let split = split.filter(|(host, port)| host.parse::<Ipv6Addr>().is_ok() && is_port(port));
+    match split.and_then(|(host, port)| Some((host, port.parse().ok()?))) {
+        Some(found) => Some(found),
+        None => place
+            .parse::<Ipv6Addr>()
+            .is_ok()
+            .then_some((place, DEFAULT_PORT)),
+    }
+}
+
 /// The address that may have been meant.
 fn example(place: &str) -> String {
+    if let Some((host, port)) = ipv6(place) {
+        return format!("[{host}]:{port}");
+    }
     let (host, port) = parts(place);
-    let is_host = !host.is_empty() && !host.contains('/');
     let port = port.and_then(|port| port.parse().ok());
     let port = port.filter(|port| (1..=LAST_PORT).contains(port));
     let port = port.unwrap_or(DEFAULT_PORT);
-    if !is_host {
-        return format!("{SOME_HOST}:{port}");
-    }
-    if !host.contains(':') || host.starts_with('[') {
+    let is_host = !host.is_empty() && !host.contains(['/', ':', '[', ']']);
+    if is_host || is_in_brackets(host) {
         return format!("{host}:{port}");
     }
-    // What stands behind the last colon is the port where the rest is an address without it.
-    let split = host.rsplit_once(':');
-    let split = split.filter(|(host, _)| host.parse::<Ipv6Addr>().is_ok());
-    match split.and_then(|(host, port)| Some((host, port.parse::<u16>().ok()?))) {
-        Some((host, port)) => format!("[{host}]:{port}"),
-        None => format!("[{host}]:{DEFAULT_PORT}"),
+    // Colons too many, or one behind a protocol.
+    let pieces = host.split(':').filter(|piece| !piece.is_empty());
+    let pieces: Vec<_> = pieces.filter(|piece| !PROTOCOLS.contains(piece)).collect();
+    match pieces[..] {
+        [host, port] if is_port(port) && !host.contains(['/', '[', ']']) => {
+            format!("{host}:{port}")
+        }
+        _ => format!("{SOME_HOST}:{port}"),
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use robot_edge::link::endpoints::check_console;
+
     use super::*;
+
+    #[test]
+    fn what_is_to_be_typed_is_an_address_of_the_same_host() {
+        for (typed, has_keys, right) in [
+            ("boat::7447", false, "boat:7447"),
+            ("tcp:192.168.1.21:7448", false, "192.168.1.21:7448"),
+            ("boat/7448", false, "boat:7448"),
+            ("boat:7448/", false, "boat:7448"),
+            ("http://boat:80/", false, "boat:80"),
+            ("tcp/boat:7448", true, "boat:7448"),
+            ("quic/boat:7448/", false, "boat:7448"),
+            ("fe80::1", false, "[fe80::1]:7447"),
+            ("fe80::1:7450", false, "[fe80::1]:7450"),
+            ("[::1]7447", false, "[::1]:7447"),
+            ("[::1:7447", false, "[::1]:7447"),
+            ("a:b:c:d", false, "192.168.1.20:7447"),
+        ] {
+            let says = mistake(typed, has_keys);
+            let said = says.trim_end_matches('.').trim_end_matches(" alone");
+            assert_eq!(said.rsplit(' ').next(), Some(right), "{says}");
+            let protocol = if has_keys { "quic" } else { "tcp" };
+            check_console(&format!("{protocol}/{right}"), has_keys).unwrap();
+        }
+        for typed in ["[::1]", "[::1]:9", "fe80::1", "fe80::1:9", "quic/[::1]:9"] {
+            let says = mistake(typed, true);
+            assert!(says.contains("not asked at an IPv6 address"), "{says}");
+        }
+    }
 
     #[test]
     fn a_mistake_is_told_with_what_to_type() {

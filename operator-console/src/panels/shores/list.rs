@@ -108,7 +108,7 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
     };
     let sites = List {
         name: "docking sites",
-        called_by: "Docking sites, by letter",
+        called_by: "Docking sites, called by letter",
         why: "The least mean slope cost first, in steps of 0.05; of the same step, the widest. A letter stays with its \
               place, also on the map, whichever site is the first.",
         titles: ["Site", "", "Cost", "Width", "Away"],

@@ -128,7 +128,7 @@ fn headings_say_what_numbers_and_letters_are_and_which_is_the_first() {
     );
     let heading = top(
         &window,
-        "Docking sites, by letter, the gentlest first, of alike the widest",
+        "Docking sites, called by letter, the gentlest first, of alike the widest",
     );
     assert!(top(&window, "Shores, by number, the nearest first") < heading);
     assert!(heading < top(&window, best));
@@ -136,7 +136,11 @@ fn headings_say_what_numbers_and_letters_are_and_which_is_the_first() {
     window.get_by_label("Sort docking sites by width").click();
     window.run_steps(2);
     assert!(top(&window, wider) < top(&window, best));
-    assert!(window.query_by_label("Docking sites, by letter").is_some());
+    assert!(
+        window
+            .query_by_label("Docking sites, called by letter")
+            .is_some()
+    );
     window.get_by_label("Sort docking sites by rank").click();
     window.run_steps(2);
     assert!(top(&window, best) < top(&window, wider));
