@@ -176,7 +176,20 @@ fn a_link_by_quic_goes_on_by_tls_where_udp_is_swallowed_from_now_on() {
     takes("by QUIC", || goes_by(&session, Transport::Quic));
     network.swallows_udp(true);
     takes("silent", || !is_live(&session));
-    let over = takes("live again", || is_live(&session));
+    let [control, _] = &network.tcp;
+    let before = control.connections_accepted();
+    let silent = Monotonic::now();
+    while !is_live(&session) {
+        assert!(
+            silent.elapsed() < PATIENCE,
+            "not live again: {:?}, {:?}, {} connections asked for by TLS",
+            session.problem(),
+            session.transport(),
+            control.connections_accepted() - before
+        );
+        sleep(Duration::from_millis(5));
+    }
+    let over = silent.elapsed();
     takes("by TLS", || goes_by(&session, Transport::TlsInstead));
     println!("silent for {over:?}");
     // The map goes on coming by TLS all the time, and is no sign of life of what drives.
