@@ -61,7 +61,7 @@ impl Fetching {
 impl fmt::Display for Fetching {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Asked => f.write_str("asked for"),
+            Self::Asked => f.write_str("asked for, the robot makes it"),
             Self::Tiles(missing) => write!(f, "{missing} tiles to come"),
             Self::Poses([came, of]) => write!(f, "{came} of {of} poses fetched"),
             Self::Voxels(file, came) => {
@@ -211,7 +211,7 @@ mod tests {
     #[test]
     fn what_is_fetched_is_told_and_moves_the_bar() {
         for (fetching, words, share) in [
-            (Fetching::Asked, "asked for", 0.0),
+            (Fetching::Asked, "asked for, the robot makes it", 0.0),
             (Fetching::Tiles(12), "12 tiles to come", 0.0),
             (
                 Fetching::Poses([500, 2000]),

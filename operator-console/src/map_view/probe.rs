@@ -142,7 +142,8 @@ impl ProbedCell {
             LayerId::Shore => "voxels, clusters",
         };
         let parts = [
-            self.age.map(DataAge::words),
+            // What is unknown has no age.
+            self.value.and(self.age).map(DataAge::words),
             // Where nothing is known, it comes from nothing.
             self.value
                 .map(|_| self.source.clone().unwrap_or_else(|| stage.to_owned())),

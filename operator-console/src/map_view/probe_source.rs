@@ -20,13 +20,7 @@ pub(super) fn source(model: &ConsoleModel, layer: LayerId, now: Monotonic) -> Op
     } else {
         model.sensor_statuses()
     };
-    let since_told = model.status().map(|(_, at)| now.since(*at));
-    words(
-        layer,
-        model.sensors(),
-        statuses,
-        since_told.unwrap_or_default(),
-    )
+    words(layer, model.sensors(), statuses, model.since_statuses(now))
 }
 
 /// `since_told`: since `statuses` were told.

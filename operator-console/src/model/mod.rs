@@ -63,6 +63,9 @@ const MAX_EVENTS: usize = 200;
 /// Heads come every second: without one for so long, nobody knows what the robot's map is now.
 const HEAD_LIFETIME: Duration = Duration::from_millis(2500);
 
+/// Statuses come more often.
+const STATUSES_COME: Duration = Duration::from_millis(1500);
+
 /// What a console is and wants.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModelSettings {
@@ -281,6 +284,15 @@ impl ConsoleModel {
     /// What the robot told of when an emergency stop was heard; `None` where no such was heard since it began to run.
     pub const fn before_estop(&self) -> Option<BeforeEStop> {
         self.before_estop
+    }
+
+    /// What is to be added to the ages of sensors that the robot told last. Nothing while its statuses come, twice a second: until
+    /// the next one says so, a sensor that measures as it should has measured again.
+    pub fn since_statuses(&self, now: Monotonic) -> Duration {
+        let since = self.status().map(|(_, at)| now.since(*at));
+        since
+            .filter(|since| *since >= STATUSES_COME)
+            .unwrap_or_default()
     }
 
     /// Whether the robot says that its data has ended.

@@ -155,7 +155,7 @@ fn state_words(sighting: &Sighting, link: Option<LinkState>, now: Monotonic) -> 
     }
     match &sighting.state {
         None => (Tone::Waiting, "there".to_owned()),
-        Some(FleetState::Undriven) => (Tone::Good, "not to be driven".to_owned()),
+        Some(FleetState::Undriven) => (Tone::Waiting, "not to be driven".to_owned()),
         Some(FleetState::Free) => (Tone::Good, "free".to_owned()),
         Some(FleetState::DrivenBy(operator)) => (Tone::Waiting, format!("{operator} drives")),
         Some(FleetState::EStop) => (Tone::Warning, "emergency stop".to_owned()),

@@ -54,7 +54,7 @@ impl SensorsData {
         let described = model.sensors();
         let lines = model.sensor_statuses().iter().map(|status| {
             let info = described.iter().find(|info| info.name == status.name);
-            line(status, info, since_told.unwrap_or_default(), sight)
+            line(status, info, model.since_statuses(now), sight)
         });
         let sensors: Vec<_> = lines.collect();
         let note = match (sensors.is_empty(), since_told) {

@@ -248,7 +248,7 @@ fn heard(
             "{}. Reset it at the vehicle.",
             words::state(teleop.state)
         )),
-        (TeleopState::EStop, _) => Some("Nothing moves until it is reset.".to_owned()),
+        (TeleopState::EStop, _) => Some("Its motors stand until it is reset.".to_owned()),
         (_, Some(why)) if is_mine => Some(format!("Let go of all keys: {}", words::loss(why))),
         // Whatever is pressed: without this it would be for the operator to guess.
         (TeleopState::Held, None)
@@ -262,7 +262,7 @@ fn heard(
             Some("Let go of all keys, then press anew".to_owned())
         }
         (TeleopState::Held | TeleopState::Driving, _) if is_mine && !helm.is_ready => {
-            Some("Click into this window to drive".to_owned())
+            Some("The keys go to a text or to another window. Click into the map to drive".to_owned())
         }
         (TeleopState::Idle | TeleopState::Held, _) if teleop.is_drifting => {
             Some("No thrust: wind and current move it".to_owned())

@@ -59,7 +59,7 @@ pub(super) fn rows(
         let told = words::arming(teleop.arming);
         let (tone, words) = match teleop.arming {
             Arming::Locked | Arming::Neutral if is_elsewhere => {
-                (Tone::Warning, "Click into this window")
+                (Tone::Warning, "Go elsewhere: click into the map")
             }
             Arming::Locked => (Tone::Warning, told),
             Arming::Neutral => (Tone::Waiting, told),

@@ -317,9 +317,11 @@ fn keys_that_go_elsewhere_are_not_said_to_be_ready() {
         let ready = Some((Tone::Waiting, "Ready".to_owned()));
         assert_eq!(rig.row("Keys"), ready);
         rig.helm.is_ready = false;
-        let advice = Some("Click into this window to drive".to_owned());
+        let advice = Some(
+            "The keys go to a text or to another window. Click into the map to drive".to_owned(),
+        );
         assert_eq!(rig.data().advice, advice, "on water: {is_boat}");
-        let elsewhere = Some((Tone::Warning, "Click into this window".to_owned()));
+        let elsewhere = Some((Tone::Warning, "Go elsewhere: click into the map".to_owned()));
         assert_eq!(rig.row("Keys"), elsewhere);
     }
 }

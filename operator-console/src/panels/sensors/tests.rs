@@ -85,10 +85,10 @@ fn text(data: &SensorsData) -> String {
 fn each_sensor_says_how_it_is() {
     assert_eq!(
         text(&SensorsData::new(&boat(), at(1_100))),
-        "Good Good | laser | Tilting laser | 5.0 of 5 Hz | 0.1 s ago | 0\n\
-         Warning Silent | sonar | Sonar | 4.2 of 10 Hz | 1.4 s ago | 12\u{2009}345\n\
-         Warning No fix | gps | Satellite receiver | 5.0 Hz | 0.1 s ago | 0\n\
-         Warning Clock leapt | imu | Attitude | 50.0 Hz | 0.1 s ago | 0\n\
+        "Good Good | laser | Tilting laser | 5.0 of 5 Hz | 0.0 s ago | 0\n\
+         Warning Silent | sonar | Sonar | 4.2 of 10 Hz | 1.3 s ago | 12\u{2009}345\n\
+         Warning No fix | gps | Satellite receiver | 5.0 Hz | 0.0 s ago | 0\n\
+         Warning Clock leapt | imu | Attitude | 50.0 Hz | 0.0 s ago | 0\n\
          Waiting Waiting | not described | – | 0.0 Hz | never | 0"
     );
 }

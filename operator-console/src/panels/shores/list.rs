@@ -114,7 +114,7 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
         titles: ["Site", "", "Cost", "Width", "Away"],
         first: "rank",
         usual: SortBy::Number,
-        usually: "the gentlest first, of alike the widest",
+        usually: "the gentlest first by steps of 0.05, then the widest",
         rows: &data.sites,
         columns,
         is_narrow,

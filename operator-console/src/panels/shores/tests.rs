@@ -128,7 +128,7 @@ fn headings_say_what_numbers_and_letters_are_and_which_is_the_first() {
     );
     let heading = top(
         &window,
-        "Docking sites, called by letter, the gentlest first, of alike the widest",
+        "Docking sites, called by letter, the gentlest first by steps of 0.05, then the widest",
     );
     assert!(top(&window, "Shores, by number, the nearest first") < heading);
     assert!(heading < top(&window, best));
