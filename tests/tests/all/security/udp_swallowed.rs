@@ -111,9 +111,14 @@ impl Networked {
 
 /// How long it takes until it is so.
 fn takes(what: &str, is_so: impl Fn() -> bool) -> Duration {
+    takes_or_says(|| what.to_owned(), is_so)
+}
+
+/// The same, where it is worth saying how it is instead.
+fn takes_or_says(what: impl Fn() -> String, is_so: impl Fn() -> bool) -> Duration {
     let started = Monotonic::now();
     while !is_so() {
-        assert!(started.elapsed() < PATIENCE, "not {what}");
+        assert!(started.elapsed() < PATIENCE, "not {}", what());
         sleep(Duration::from_millis(5));
     }
     started.elapsed()
@@ -178,18 +183,15 @@ fn a_link_by_quic_goes_on_by_tls_where_udp_is_swallowed_from_now_on() {
     takes("silent", || !is_live(&session));
     let [control, _] = &network.tcp;
     let before = control.connections_accepted();
-    let silent = Monotonic::now();
-    while !is_live(&session) {
-        assert!(
-            silent.elapsed() < PATIENCE,
-            "not live again: {:?}, {:?}, {} connections asked for by TLS",
+    let how_it_is = || {
+        format!(
+            "live again: {:?}, {:?}, {} connections asked for by TLS",
             session.problem(),
             session.transport(),
             control.connections_accepted() - before
-        );
-        sleep(Duration::from_millis(5));
-    }
-    let over = silent.elapsed();
+        )
+    };
+    let over = takes_or_says(how_it_is, || is_live(&session));
     takes("by TLS", || goes_by(&session, Transport::TlsInstead));
     println!("silent for {over:?}");
     // The map goes on coming by TLS all the time, and is no sign of life of what drives.
