@@ -3,6 +3,8 @@
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
+use protocol::keys::RobotId;
+
 use crate::alerts::Alarm;
 use crate::export::ExportPart;
 use crate::helm::Intent;
@@ -29,9 +31,9 @@ pub enum Command {
     Playback(PlaybackCommand),
     /// Ask this address no longer, and remember it no longer.
     ForgetAddress(String),
-    /// An alert was seen.
-    Acknowledge(Alarm),
-    /// All alerts were seen.
+    /// An alert of this robot was seen.
+    Acknowledge(RobotId, Alarm),
+    /// All alerts were seen, of every robot.
     AcknowledgeAll,
     /// Save a picture of the window where the system keeps pictures.
     Screenshot,

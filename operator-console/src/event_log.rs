@@ -23,10 +23,10 @@ pub enum Severity {
 }
 
 /// Who tells.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// The robot that is shown.
-    Robot,
+    /// The robot that was shown then, or the recording, by name.
+    Robot(String),
     /// This console.
     Console,
 }
@@ -115,8 +115,14 @@ impl EventLog {
         self.heard = None;
     }
 
-    /// Takes over the events of the robot that are not noted yet; these, the oldest first.
-    pub fn hear(&mut self, model: &ConsoleModel, now: Monotonic, unix_s: u64) -> Vec<Event> {
+    /// Takes over the events of the robot, or recording, of this name that are not noted yet; these, the oldest first.
+    pub fn hear(
+        &mut self,
+        model: &ConsoleModel,
+        name: &str,
+        now: Monotonic,
+        unix_s: u64,
+    ) -> Vec<Event> {
         let mut skip = self.heard.map_or(0, |(_, count)| count);
         let since = self.heard.map(|(at, _)| at);
         let mut news = Vec::new();
@@ -137,7 +143,7 @@ impl EventLog {
                 at: *at,
                 time: time_of_day(unix_s.saturating_sub(ago_s)),
                 severity: Severity::of(event),
-                source: Source::Robot,
+                source: Source::Robot(name.to_owned()),
                 kind: event.kind.replace('_', " "),
                 text: event.message.clone(),
             });
@@ -190,13 +196,16 @@ mod tests {
         let kinds = |news: Vec<Event>| -> Vec<String> {
             news.into_iter().map(|event| event.kind).collect()
         };
-        assert_eq!(kinds(log.hear(&model, at(1_000), 0)), ["jump", "ground"]);
+        assert_eq!(
+            kinds(log.hear(&model, "scout", at(1_000), 0)),
+            ["jump", "ground"]
+        );
         says(&mut model, "estop", at(1_000));
-        assert_eq!(kinds(log.hear(&model, at(2_000), 0)), ["estop"]);
-        assert_eq!(kinds(log.hear(&model, at(2_000), 0)), [""; 0]);
+        assert_eq!(kinds(log.hear(&model, "scout", at(2_000), 0)), ["estop"]);
+        assert_eq!(kinds(log.hear(&model, "scout", at(2_000), 0)), [""; 0]);
         says(&mut model, "jump", at(3_000));
         log.note(Severity::Note, "export", "done", at(3_500), 3_723);
-        assert_eq!(kinds(log.hear(&model, at(4_000), 3_724)), ["jump"]);
+        assert_eq!(kinds(log.hear(&model, "scout", at(4_000), 3_724)), ["jump"]);
         let told: Vec<_> = log
             .entries()
             .iter()

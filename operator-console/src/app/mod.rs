@@ -5,10 +5,10 @@ mod desktop;
 mod dialogs;
 mod export_job;
 mod first_run;
+mod leaving;
 mod menus;
 mod obedience;
 mod pictures;
-mod robot_alerts;
 mod screen;
 mod screenshot;
 mod surroundings;
@@ -29,6 +29,7 @@ use robot_edge::credentials::Credentials;
 use robot_edge::link::endpoints::check_console;
 use robot_edge::pacer::Rate;
 
+use crate::alerts::FleetAlerts;
 use crate::command::Command;
 use crate::demo::DemoFailure;
 use crate::event_log::{EventLog, Severity};
@@ -47,7 +48,6 @@ use crate::theme;
 use choice::RobotChoice;
 use export_job::ExportJob;
 use obedience::Sort;
-use robot_alerts::RobotAlerts;
 use time_line::playback_ui;
 use watch::Watch;
 
@@ -117,7 +117,7 @@ pub struct ConsoleApp {
     keeper: Option<Keeper>,
     kept: Monotonic,
     log: EventLog,
-    alerts: RobotAlerts,
+    alerts: FleetAlerts,
     /// Of robots that were shown before.
     site_names: BTreeMap<RobotId, KeptSiteNames>,
     watch: Watch,
@@ -186,7 +186,7 @@ impl ConsoleApp {
             keeper: settings.keeper,
             kept: Monotonic::default(),
             log,
-            alerts: RobotAlerts::default(),
+            alerts: FleetAlerts::default(),
             site_names: BTreeMap::new(),
             watch: Watch::default(),
             export: None,
@@ -265,7 +265,7 @@ impl eframe::App for ConsoleApp {
         let around = Around {
             robots: &robots,
             log: &self.log,
-            alerts: &self.alerts.shown,
+            alerts: &self.alerts,
             export: export.as_ref(),
         };
         let commands = match &self.shown {

@@ -55,7 +55,8 @@ impl ConsoleApp {
             self.site_names.insert(before.robot.clone(), names);
         }
         self.screen.map_view_mut().forget();
-        self.alerts.change_to(&found.robot);
+        self.note_leaving(&found, sort);
+        self.alerts.change_to(&found.robot, Monotonic::now());
         self.log.forget_robot();
         self.watch = Watch::default();
         let ctx = self.ctx.clone();
@@ -138,8 +139,8 @@ impl ConsoleApp {
                     map_view.obey(command, &session.model());
                 }
             }
-            Command::Acknowledge(alarm) => self.alerts.shown.acknowledge(&alarm),
-            Command::AcknowledgeAll => self.alerts.shown.acknowledge_all(),
+            Command::Acknowledge(robot, alarm) => self.alerts.acknowledge(&robot, &alarm),
+            Command::AcknowledgeAll => self.alerts.acknowledge_all(),
             Command::Screenshot => {
                 let recording = self.playback.as_ref().map(Playback::file_name);
                 let shown = self
@@ -195,6 +196,7 @@ impl ConsoleApp {
     pub(super) fn close_recording(&mut self) {
         if self.playback.take().is_some() {
             self.shown = None;
+            self.alerts.leave(Monotonic::now());
             self.screen.map_view_mut().forget();
         }
     }

@@ -12,7 +12,7 @@ use super::dialogs::Dialogs;
 use super::export_job::ExportProgress;
 use super::menus::{Choice, MenuSight, menus_ui};
 use super::surroundings::surroundings;
-use crate::alerts::Alerts;
+use crate::alerts::FleetAlerts;
 use crate::command::Command;
 use crate::event_log::EventLog;
 use crate::helm::HelmSight;
@@ -74,7 +74,7 @@ pub struct Around<'a> {
     /// What happened.
     pub log: &'a EventLog,
     /// What wants attention.
-    pub alerts: &'a Alerts,
+    pub alerts: &'a FleetAlerts,
     /// The export that is under way, or the last one.
     pub export: Option<&'a ExportProgress>,
 }

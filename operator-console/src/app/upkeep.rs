@@ -12,11 +12,12 @@ use crate::model::LinkState;
 use crate::panels::address_list::{ListedAddress, listed};
 use crate::panels::driving::words;
 use crate::panels::robots::Seen;
-use crate::playback::is_recording;
+use crate::playback::{Playback, is_recording};
 use crate::settings::{Keeper, WindowPlace};
 
 use super::choice::moved_to;
 use super::export_job::ExportJob;
+use super::watch::Note;
 use super::{ConsoleApp, desktop};
 
 impl ConsoleApp {
@@ -30,12 +31,16 @@ impl ConsoleApp {
         let mut notes = Vec::new();
         if let Some((_, session)) = &self.shown {
             let model = session.model();
-            let news = self.log.hear(&model, now, seconds_since_1970());
-            let subject = match &self.playback {
+            let recording = self.playback.as_ref().map(Playback::file_name);
+            let subject = match &recording {
                 Some(_) => Subject::Recording,
                 None => Subject::Robot,
             };
-            for (_alarm, text) in self.alerts.shown.look(&model, subject, &news, now) {
+            let name = recording.unwrap_or_else(|| model.robot().to_string());
+            let news = self.log.hear(&model, &name, now, seconds_since_1970());
+            let alerts = self.alerts.shown_mut();
+            let begun = alerts.map(|alerts| alerts.look(&model, subject, &news, now));
+            for (_alarm, text) in begun.into_iter().flatten() {
                 notes.push((Severity::Alarm, "alert", text));
             }
             // The link to a recording leaves this program as little as the recording does.
@@ -43,17 +48,15 @@ impl ConsoleApp {
                 notes.extend(self.watch.look(&model, session.transport(), now));
             }
         }
+        let sightings = self.discovery.sightings();
+        for text in self.alerts.look_around(&sightings, now) {
+            notes.push((Severity::Alarm, "alert", text));
+        }
         if let Some(why) = self.choice.take_end() {
             let text = format!("The demo has ended: {why}");
             notes.push((Severity::Alarm, "demo", text));
         }
-        // What succeeded, and who drives, the robot tells everybody.
-        for note in self.hands.take_notes() {
-            let (text, is_failure) = words::note(&note);
-            if is_failure {
-                notes.push((Severity::Warning, "driving", text));
-            }
-        }
+        notes.extend(self.driving_notes());
         if let Some(end) = self.export.as_mut().and_then(ExportJob::take_end) {
             notes.push(end.note);
             let folder = end.folder.filter(|_| desktop::has_desktop());
@@ -81,6 +84,15 @@ impl ConsoleApp {
         for (severity, kind, text) in notes {
             self.note(severity, kind, text);
         }
+    }
+
+    /// What did not succeed at the helm: the rest, and who drives, the robot tells everybody.
+    pub(super) fn driving_notes(&self) -> impl Iterator<Item = Note> + use<> {
+        let notes = self.hands.take_notes().into_iter();
+        notes.filter_map(|note| {
+            let (text, is_failure) = words::note(&note);
+            is_failure.then_some((Severity::Warning, "driving", text))
+        })
     }
 
     /// Puts what is to be kept where it is written.
@@ -120,15 +132,16 @@ impl ConsoleApp {
         )
     }
 
-    /// The robots that were seen, with their colours.
+    /// The robots that were seen, with their colours and alerts.
     pub(super) fn seen(&mut self) -> Vec<Seen> {
         let sightings = self.discovery.sightings();
         sightings
             .into_iter()
             .filter(|sighting| !is_recording(&sighting.found.robot))
-            .map(|sighting| {
-                let color = self.settings.robots.of(&sighting.found.robot);
-                (sighting, color)
+            .map(|sighting| Seen {
+                color: self.settings.robots.of(&sighting.found.robot),
+                alerts: self.alerts.unseen_of(&sighting.found.robot),
+                sighting,
             })
             .collect()
     }

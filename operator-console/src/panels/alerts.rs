@@ -1,10 +1,11 @@
 //! What wants somebody's attention, and the buttons that say it was seen.
 
 use eframe::egui::{Align, Button, Layout, RichText, Ui};
+use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
 use super::wording::age;
-use crate::alerts::{Alarm, Alerts};
+use crate::alerts::{Alarm, FleetAlerts};
 use crate::command::Command;
 use crate::shortcuts::Action;
 use crate::theme::{Tone, long_state_ui};
@@ -15,7 +16,7 @@ const NARROW: f32 = 300.0;
 /// What the panel shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AlertsData {
-    /// The newest first.
+    /// Those of the robot that is shown first, the newest first.
     pub lines: Vec<AlertLine>,
     /// How many nobody has seen.
     pub unseen: usize,
@@ -24,9 +25,11 @@ pub struct AlertsData {
 /// One alert.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AlertLine {
+    /// Whose.
+    pub robot: RobotId,
     /// Which.
     pub alarm: Alarm,
-    /// What it is about.
+    /// What it is about; of a robot that is not shown, with its name.
     pub text: String,
     /// Since when, how often, whether it lasts.
     pub detail: String,
@@ -38,17 +41,28 @@ pub struct AlertLine {
 
 impl AlertsData {
     /// The alerts at `now`.
-    pub fn new(alerts: &Alerts, now: Monotonic) -> Self {
-        let lines = alerts.iter().map(|alert| {
+    pub fn new(alerts: &FleetAlerts, now: Monotonic) -> Self {
+        let lines = alerts.iter().map(|(robot, alert)| {
+            let is_shown = alerts.shows(robot);
             let since = age(now.since(alert.since));
-            let lasts = if alert.is_active { "still so" } else { "over" };
+            let lasts = match (alert.is_active, is_shown) {
+                (true, true) => "still so",
+                // Of most of it nothing is heard.
+                (true, false) => "so when it was heard of last",
+                (false, _) => "over",
+            };
             let times = match alert.times {
                 1 => String::new(),
                 times => format!(", {times} times"),
             };
             AlertLine {
+                robot: robot.clone(),
                 alarm: alert.alarm.clone(),
-                text: alert.text.clone(),
+                text: if is_shown {
+                    alert.text.clone()
+                } else {
+                    format!("{robot}: {}", alert.text)
+                },
                 detail: format!("{since} ago{times}, {lasts}"),
                 is_active: alert.is_active,
                 is_acknowledged: alert.is_acknowledged,
@@ -112,7 +126,7 @@ fn seen_ui(ui: &mut Ui, line: &AlertLine) -> Option<Command> {
         return None;
     }
     let is_seen = ui.button("Acknowledge").clicked();
-    is_seen.then(|| Command::Acknowledge(line.alarm.clone()))
+    is_seen.then(|| Command::Acknowledge(line.robot.clone(), line.alarm.clone()))
 }
 
 #[cfg(test)]
@@ -120,13 +134,61 @@ mod tests {
     use eframe::egui::vec2;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
+    use protocol::keys::Topic;
+    use protocol::message::Status;
 
     use super::*;
+    use crate::alerts::Subject;
+    use crate::pretend::{at, console, says};
+
+    #[test]
+    fn alerts_of_robots_that_are_not_shown_say_whose_they_are() {
+        let mut model = console("boat", &[]);
+        says(&mut model, Topic::Status, &Status::default(), at(0));
+        let [boat, scout] = ["boat", "scout"].map(|name| name.parse().unwrap());
+        let mut alerts = FleetAlerts::default();
+        alerts.change_to(&boat, at(0));
+        let shown = alerts.shown_mut().unwrap();
+        assert_eq!(shown.look(&model, Subject::Robot, &[], at(4_000)).len(), 1);
+        let listed = |alerts: &FleetAlerts| {
+            let data = AlertsData::new(alerts, at(9_000));
+            let lines = data.lines.into_iter();
+            let texts = lines
+                .map(|line| [line.text, line.detail])
+                .collect::<Vec<_>>();
+            (data.unseen, texts)
+        };
+        let silent = "Nothing is heard of boat";
+        let line = [silent, "5.0 s ago, still so"].map(str::to_owned);
+        assert_eq!(listed(&alerts), (1, vec![line]));
+        alerts.change_to(&scout, at(5_000));
+        let [text, detail] = [
+            "boat: Nothing is heard of boat",
+            "5.0 s ago, so when it was heard of last",
+        ];
+        let line = [text, detail].map(str::to_owned);
+        assert_eq!(listed(&alerts), (1, vec![line]));
+
+        let data = AlertsData::new(&alerts, at(9_000));
+        let mut window = Harness::builder()
+            .with_size(vec2(340.0, 300.0))
+            .build_ui_state(
+                move |ui, command: &mut Option<Command>| {
+                    *command = command.take().or(alerts_ui(ui, &data));
+                },
+                None,
+            );
+        window.get_by_label("Acknowledge").click();
+        window.run_steps(2);
+        let command = window.state_mut().take();
+        assert_eq!(command, Some(Command::Acknowledge(boat, Alarm::LinkLost)));
+    }
 
     #[test]
     fn words_give_way_to_the_button_and_it_to_them_in_a_narrow_panel() {
         let data = AlertsData {
             lines: vec![AlertLine {
+                robot: "scout".parse().unwrap(),
                 alarm: Alarm::EStop,
                 text: "laser: Silent. Nothing comes from it. Look at its power and its cable."
                     .to_owned(),

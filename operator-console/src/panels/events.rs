@@ -6,6 +6,7 @@ use eframe::egui::{
 };
 
 use super::command_line::with_options;
+use super::elide::elided;
 use crate::event_log::{Entry, EventLog, Severity, Source};
 use crate::theme::Tone;
 
@@ -14,12 +15,15 @@ const MAX_LINES: usize = 300;
 /// Narrower panels have what happened below its heading, points.
 const NARROW: f32 = 460.0;
 
+/// Names that are longer are shortened to so many signs: what happened matters more.
+const MAX_NAME: usize = 16;
+
 /// What the operator wants to read.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct EventFilter {
     /// What matters less is left out.
     pub least: Severity,
-    /// What does not have this in it is left out, whatever the case of its letters.
+    /// What does not have this in it, or in the name of who tells, is left out, whatever the case of its letters.
     pub text: String,
 }
 
@@ -48,7 +52,8 @@ pub struct EventLine {
 impl EventFilter {
     fn passes(&self, entry: &Entry, needle: &str) -> bool {
         let has = |text: &str| text.to_lowercase().contains(needle);
-        entry.severity >= self.least && (needle.is_empty() || has(&entry.text) || has(&entry.kind))
+        let is_meant = || has(&entry.text) || has(&entry.kind) || has(teller(entry));
+        entry.severity >= self.least && (needle.is_empty() || is_meant())
     }
 }
 
@@ -71,11 +76,15 @@ impl EventsData {
     }
 }
 
-fn line(entry: &Entry) -> EventLine {
-    let who = match entry.source {
-        Source::Robot => "robot",
+fn teller(entry: &Entry) -> &str {
+    match &entry.source {
+        Source::Robot(name) => name,
         Source::Console => "console",
-    };
+    }
+}
+
+fn line(entry: &Entry) -> EventLine {
+    let who = elided(teller(entry), |name| name.chars().count() <= MAX_NAME);
     EventLine {
         time: entry.time.clone(),
         severity: entry.severity,

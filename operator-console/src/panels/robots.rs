@@ -64,8 +64,16 @@ pub struct RobotLine {
     pub state: String,
 }
 
-/// A robot that may be a line: a sighting, and its colour.
-pub type Seen = (Sighting, Color32);
+/// A robot that may be a line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Seen {
+    /// Where, when, and how it was.
+    pub sighting: Sighting,
+    /// Its own colour.
+    pub color: Color32,
+    /// Its alerts that nobody has seen.
+    pub alerts: usize,
+}
 
 impl RobotsData {
     /// `current`: the robot that is shown, and how its link is, which is newer than what was seen of it before.
@@ -78,14 +86,19 @@ impl RobotsData {
     ) -> Self {
         let mut found: Vec<_> = seen
             .iter()
-            .map(|(sighting, color)| {
+            .map(|seen| {
+                let sighting = &seen.sighting;
                 let link = current
                     .filter(|(robot, _)| **robot == sighting.found.robot)
                     .map(|(_, link)| link);
                 let (tone, state) = state_words(sighting, link, now);
+                let (tone, state) = match seen.alerts {
+                    0 => (tone, state),
+                    n => (Tone::Warning, format!("{state}, {}", alerts(n))),
+                };
                 RobotLine {
                     found: sighting.found.clone(),
-                    color: *color,
+                    color: seen.color,
                     tone,
                     state,
                 }
@@ -137,6 +150,14 @@ impl RobotsData {
     pub fn numbered(&self, number: u8) -> Option<&FoundRobot> {
         let index = usize::from(number).checked_sub(1)?;
         self.found.get(index).map(|line| &line.found)
+    }
+}
+
+/// So many alerts, in words.
+pub fn alerts(count: usize) -> String {
+    match count {
+        1 => "1 alert".to_owned(),
+        n => format!("{n} alerts"),
     }
 }
 
@@ -223,7 +244,11 @@ mod tests {
             endpoint: format!("tcp/{robot}:7447"),
         };
         let seen = Monotonic::from_nanos((60 - ago_s) * 1_000_000_000);
-        (Sighting { found, seen, state }, Color32::BLUE)
+        Seen {
+            sighting: Sighting { found, seen, state },
+            color: Color32::BLUE,
+            alerts: 0,
+        }
     }
 
     #[test]
@@ -283,7 +308,7 @@ mod tests {
     #[test]
     fn every_robot_says_how_it_is() {
         let anna = FleetState::DrivenBy("anna".parse().unwrap());
-        let fleet = [
+        let mut fleet = [
             seen("a", 3, Some(FleetState::Free)),
             seen("b", 3, Some(anna)),
             seen("c", 3, Some(FleetState::EStop)),
@@ -291,6 +316,8 @@ mod tests {
             seen("e", 3, Some(FleetState::Free)),
             seen("f", 3, None),
         ];
+        fleet[1].alerts = 1;
+        fleet[2].alerts = 2;
         let current = "e".parse().unwrap();
         let current = Some((&current, LinkState::Silent));
         let data = RobotsData::new(&fleet, current, Sought::Any, None, NOW);
@@ -303,8 +330,8 @@ mod tests {
             states,
             [
                 ("free", Tone::Good),
-                ("anna drives", Tone::Waiting),
-                ("emergency stop", Tone::Warning),
+                ("anna drives, 1 alert", Tone::Warning),
+                ("emergency stop, 2 alerts", Tone::Warning),
                 ("last seen 25 s ago", Tone::Warning),
                 ("silent", Tone::Warning),
                 ("there", Tone::Waiting),

@@ -12,7 +12,7 @@ use robot_edge::clock::Monotonic;
 use super::connection::{ConnectionData, LinkSight};
 use super::driving::{DrivingData, EStopFace};
 use super::elide::elided;
-use super::robots::swatch_ui;
+use super::robots::{alerts, swatch_ui};
 use super::wording::age;
 use crate::command::Command;
 use crate::helm::{HelmSight, Intent};
@@ -198,8 +198,7 @@ pub fn right_bar_ui(
         }
         let words = match unseen {
             0 => NO_ALERTS.to_owned(),
-            1 => "1 alert".to_owned(),
-            n => format!("{n} alerts"),
+            n => alerts(n),
         };
         let [fill, ink] = theme::BANNER;
         let text = RichText::new(words);
@@ -215,7 +214,9 @@ pub fn right_bar_ui(
         // Where there is little room, that there is none is not said.
         if unseen > 0 || !is_narrow {
             let button = ui.add(button.min_size(vec2(room, 0.0)));
-            asked.shows_alerts = button.on_hover_text("Show the alerts").clicked();
+            asked.shows_alerts = button
+                .on_hover_text("Show the alerts, of all robots that were shown")
+                .clicked();
         } else {
             ui.add_space(room + ui.spacing().item_spacing.x);
         }

@@ -3,6 +3,8 @@
 use std::fs;
 use std::path::{MAIN_SEPARATOR, Path};
 
+use robot_edge::recording::Format;
+
 use crate::typed_path::{home, within};
 
 /// Entries of a folder that are looked at: whoever has more types another letter.
@@ -10,7 +12,11 @@ const MAX_LOOKED_AT: usize = 5_000;
 /// Completions that are offered.
 pub(super) const MAX_OFFERED: usize = 10;
 /// How recordings end.
-const ENDINGS: [&str; 4] = ["mcap", "bag", "log", "clf"];
+const ENDINGS: [&str; 2] = ["mcap", "bag"];
+/// How CARMEN logs end, and much else: these are looked into.
+const LOG_ENDINGS: [&str; 2] = ["log", "clf"];
+/// So many files are looked into at most.
+const MAX_OPENED: usize = 500;
 
 /// Paths that begin with `typed`, by name; folders end with the separator. What begins with `~/` goes on doing so.
 pub(super) fn completions(typed: &str) -> Vec<String> {
@@ -23,29 +29,41 @@ fn completions_of(typed: &str, home: Option<&Path>) -> Vec<String> {
     }
     let folder_end = typed.rfind(MAIN_SEPARATOR).map_or(0, |at| at + 1);
     let (folder, beginning) = typed.split_at(folder_end);
-    let read = fs::read_dir(match folder {
+    let read_from = match folder {
         "" => Path::new(".").to_owned(),
         _ => within(folder, home),
-    });
+    };
+    let read = fs::read_dir(&read_from);
     let entries = read.into_iter().flatten().flatten().take(MAX_LOOKED_AT);
-    let mut found: Vec<String> = entries
+    let mut names: Vec<String> = entries
         .filter_map(|entry| {
             let name = entry.file_name().into_string().ok()?;
             let is_hidden = name.starts_with('.') && !beginning.starts_with('.');
             if is_hidden || !name.starts_with(beginning) {
                 return None;
             }
-            let path = format!("{folder}{name}");
             if entry.path().is_dir() {
-                Some(format!("{path}{MAIN_SEPARATOR}"))
+                Some(format!("{name}{MAIN_SEPARATOR}"))
             } else {
-                may_be_a_recording(&name).then_some(path)
+                let may_be_one = ends_with(&name, &ENDINGS) || ends_with(&name, &LOG_ENDINGS);
+                may_be_one.then_some(name)
             }
         })
         .collect();
-    found.sort();
-    found.truncate(MAX_OFFERED);
-    found
+    names.sort();
+    let mut opened = 0;
+    names.retain(|name| {
+        if !ends_with(name, &LOG_ENDINGS) {
+            return true;
+        }
+        opened += 1;
+        opened <= MAX_OPENED && is_recording(&read_from.join(name))
+    });
+    names.truncate(MAX_OFFERED);
+    names
+        .into_iter()
+        .map(|name| format!("{folder}{name}"))
+        .collect()
 }
 
 /// As much as all completions have in common.
@@ -59,13 +77,18 @@ pub(super) fn common_beginning(completions: &[String]) -> Option<String> {
     Some(first[..common].to_owned())
 }
 
-fn may_be_a_recording(name: &str) -> bool {
+fn ends_with(name: &str, endings: &[&str]) -> bool {
     let ending = Path::new(name).extension();
     ending.is_some_and(|ending| {
-        ENDINGS
+        endings
             .iter()
             .any(|known| ending.eq_ignore_ascii_case(known))
     })
+}
+
+/// By its first bytes. A pipe is none, and would be waited for.
+fn is_recording(path: &Path) -> bool {
+    path.is_file() && Format::of(path).is_ok()
 }
 
 #[cfg(test)]
@@ -80,9 +103,16 @@ mod tests {
             "rooms.MCAP",
             "room.txt",
             ".rooms.bag",
+            "rooms.log",
             "räume.log",
         ] {
-            fs::write(folder.path().join(name), "").unwrap();
+            let begins_with = match name {
+                "räume.log" => {
+                    "# message_name [message contents]\nFLASER 2 0.5 0.6 0 0 0 0 0 0 1.0 a 1.0\n"
+                }
+                _ => "Nov 22 18:20:42 a machine's own log\n",
+            };
+            fs::write(folder.path().join(name), begins_with).unwrap();
         }
         fs::create_dir(folder.path().join("rover")).unwrap();
         let root = format!("{}{MAIN_SEPARATOR}", folder.path().display());

@@ -9,6 +9,7 @@ use protocol::message::TeleopStatus;
 
 use super::words;
 use crate::actuators::Fault;
+use crate::teleop::guard::Lack;
 use crate::teleop::{AgeToken, Happening, OperatorId, TeleopReport};
 
 /// Notices that wait to be told at most; the oldest goes.
@@ -19,6 +20,11 @@ const MAX_NOTICES: usize = 256;
 pub(super) enum Notice {
     /// Of the arbiter.
     Arbiter(Happening),
+    /// The guard could not judge, and the vehicle stops.
+    Unguarded {
+        /// What it lacked, where that is known.
+        lack: Option<Lack>,
+    },
     /// Motors that cannot be driven any more.
     Motors(Fault),
     /// Somebody started or stopped a recording.

@@ -23,6 +23,7 @@ use super::witness::Witness;
 use super::words::{self, Switches};
 use crate::actuators::Fault;
 use crate::clock::Monotonic;
+use crate::teleop::arbiter::StopReason;
 use crate::teleop::emergency_stop::StoredEStop;
 use crate::teleop::{
     Action, ArbiterState, DriveCommand, Event, GuardVerdict, Happening, Mode, OperatorId, Refusal,
@@ -261,6 +262,11 @@ impl Driver {
         {
             self.switches.last_stop = Some(reason);
             self.board.show_switches(self.switches);
+            if reason == StopReason::GuardStale {
+                let lack = self.sight.as_ref().and_then(Sight::lack);
+                self.notice(Notice::Unguarded { lack }, now);
+                return;
+            }
         }
         self.notice(Notice::Arbiter(happening), now);
     }

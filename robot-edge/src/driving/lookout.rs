@@ -16,7 +16,7 @@ use crate::mapping::terrain::Terrain;
 use crate::pose::{self, Pose};
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::teleop::guard::{
-    CollisionGuard, Copying, GuardInput, GuardRules, GuardSweep, LocalMap, Odometry,
+    CollisionGuard, Copying, GuardInput, GuardRules, GuardSweep, Lack, LocalMap, Odometry,
 };
 use crate::teleop::{GuardVerdict, Velocity};
 
@@ -175,6 +175,11 @@ impl Sensor {
 }
 
 impl Sight {
+    /// What the guard lacked in the last round, where it could not judge then.
+    pub(super) const fn lack(&self) -> Option<Lack> {
+        self.guard.lack()
+    }
+
     /// The guard's word of this round.
     pub(super) fn verdict(
         &mut self,

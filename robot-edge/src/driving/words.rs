@@ -148,6 +148,13 @@ pub(super) fn event(notice: &Notice, names: &[OperatorName]) -> (&'static str, S
     };
     let happening = match *notice {
         Notice::Arbiter(happening) => happening,
+        Notice::Unguarded { lack } => {
+            let lack = lack.map_or_else(|| "it said nothing".to_owned(), |lack| lack.to_string());
+            return (
+                "involuntary_stop",
+                format!("stopping: the collision guard could not judge, {lack}"),
+            );
+        }
         Notice::Motors(fault) => return ("motors", fault.to_string()),
         Notice::Recording { is_on, by } => {
             let done = if is_on { "started" } else { "stopped" };
@@ -170,7 +177,16 @@ pub(super) fn event(notice: &Notice, names: &[OperatorName]) -> (&'static str, S
     };
     match happening {
         Happening::Mode { from, to } => {
-            (mode_kind(to), format!("{} after {}", said(to), said(from)))
+            let text = match to {
+                Mode::Stopping { reason, .. } => format!("stopping: {}", why_stopped(reason)),
+                Mode::SafeBoot
+                | Mode::Idle
+                | Mode::Held
+                | Mode::Driving
+                | Mode::EStop
+                | Mode::Fault(_) => format!("{} after {}", said(to), said(from)),
+            };
+            (mode_kind(to), text)
         }
         Happening::LeaseRequested { by } => {
             ("lease_requested", format!("{} asks to drive", name(by)))
@@ -184,16 +200,7 @@ pub(super) fn event(notice: &Notice, names: &[OperatorName]) -> (&'static str, S
             ("lease_granted", format!("{} drives: {how}", name(to)))
         }
         Happening::LeaseEnded { operator, why } => {
-            let why = match why {
-                LeaseEnd::Released => "it was given back",
-                LeaseEnd::Expired => "no command came",
-                LeaseEnd::Renewed => "it was asked for anew",
-                LeaseEnd::HandedOver => "it was handed over",
-                LeaseEnd::TakenOver => "a supervisor took it",
-                LeaseEnd::Revoked => "no operator any more",
-                LeaseEnd::Reset => "an emergency stop was reset",
-                LeaseEnd::Fault => "the vehicle is at fault",
-            };
+            let why = why_lease_ended(why);
             (
                 "lease_ended",
                 format!("{} no longer drives: {why}", name(operator)),
@@ -221,6 +228,29 @@ pub(super) fn event(notice: &Notice, names: &[OperatorName]) -> (&'static str, S
             "refused",
             format!("a request of {}: {refusal}", name(caller.operator)),
         ),
+    }
+}
+
+const fn why_lease_ended(why: LeaseEnd) -> &'static str {
+    match why {
+        LeaseEnd::Released => "it was given back",
+        LeaseEnd::Expired => "no command came",
+        LeaseEnd::Renewed => "it was asked for anew",
+        LeaseEnd::HandedOver => "it was handed over",
+        LeaseEnd::TakenOver => "a supervisor took it",
+        LeaseEnd::Revoked => "no operator any more",
+        LeaseEnd::Reset => "an emergency stop was reset",
+        LeaseEnd::Fault => "the vehicle is at fault",
+    }
+}
+
+const fn why_stopped(reason: StopReason) -> &'static str {
+    match reason {
+        StopReason::Released => "nothing is pressed",
+        StopReason::Age => "the commands are too old",
+        StopReason::NotFinite => "what was asked for is no number",
+        StopReason::GuardStale => "the collision guard could not judge",
+        StopReason::LeaseEnded(why) => why_lease_ended(why),
     }
 }
 
@@ -329,5 +359,44 @@ const fn on_the_wire(velocity: Velocity) -> message::Velocity {
     message::Velocity {
         linear_mps: velocity.linear_mps as f32,
         angular_radps: velocity.angular_radps as f32,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+    use crate::clock::Monotonic;
+    use crate::teleop::guard::Lack;
+
+    #[test]
+    fn a_stop_says_why() {
+        let stops = |reason| {
+            let since = Monotonic::default();
+            let to = Mode::Stopping { reason, since };
+            let from = Mode::Driving;
+            Notice::Arbiter(Happening::Mode { from, to })
+        };
+        let lack = Some(Lack::Pose(Some(Duration::from_millis(420))));
+        for (notice, kind, text) in [
+            (
+                stops(StopReason::Age),
+                "involuntary_stop",
+                "stopping: the commands are too old",
+            ),
+            (
+                stops(StopReason::Released),
+                "teleop_state",
+                "stopping: nothing is pressed",
+            ),
+            (
+                Notice::Unguarded { lack },
+                "involuntary_stop",
+                "stopping: the collision guard could not judge, its newest pose was 0.42 s old",
+            ),
+        ] {
+            assert_eq!(event(&notice, &[]), (kind, text.to_owned()));
+        }
     }
 }

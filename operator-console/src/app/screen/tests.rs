@@ -21,14 +21,14 @@ use robot_edge::robot_time::RobotDuration;
 use serde::Serialize;
 
 use super::*;
-use crate::alerts::Subject;
+use crate::alerts::{FleetAlerts, Subject};
 use crate::app::ExportProgress;
 use crate::command::Look;
 use crate::export::ExportPart;
 use crate::link::{FoundRobot, Sighting};
 use crate::map_view::{LayerCommand, Orientation, Overlay, ShoreMark, Sight};
 use crate::model::{LinkState, OpenSessions, Outgoing, RequestId};
-use crate::panels::robots::Sought;
+use crate::panels::robots::{Seen, Sought};
 use crate::playback::PlaybackCommand;
 use crate::pretend::{BOOT, announces, answers, at, console, pushes, says};
 
@@ -46,7 +46,7 @@ struct Rig {
     helm: Option<HelmSight>,
     robots: RobotsData,
     log: EventLog,
-    alerts: Alerts,
+    alerts: FleetAlerts,
     export: Option<ExportProgress>,
     now: Monotonic,
     store: TileStore,
@@ -60,6 +60,8 @@ impl Rig {
         for layer in [LAYER, LayerId::Elevation] {
             store.set_grid(LayerGrid { layer, cell_m: 0.1 }).unwrap();
         }
+        let mut alerts = FleetAlerts::default();
+        alerts.change_to(&name(), at(0));
         Self {
             screen: Screen::default(),
             model: None,
@@ -67,7 +69,7 @@ impl Rig {
             helm: None,
             robots: RobotsData::new(&[], None, Sought::Any, None, at(1_000)),
             log: EventLog::default(),
-            alerts: Alerts::default(),
+            alerts,
             export: None,
             now: at(1_000),
             store,
@@ -204,8 +206,9 @@ impl Rig {
                         rig.theme_is_set = true;
                     }
                     if let Some(model) = &rig.model {
-                        let news = rig.log.hear(model, rig.now, 0);
-                        rig.alerts.look(model, Subject::Robot, &news, rig.now);
+                        let news = rig.log.hear(model, name().as_str(), rig.now, 0);
+                        let alerts = rig.alerts.shown_mut().unwrap();
+                        alerts.look(model, Subject::Robot, &news, rig.now);
                     }
                     let robot = rig.model.as_mut().map(|model| RobotSight {
                         model,

@@ -249,7 +249,10 @@ fn heard(
             words::state(teleop.state)
         )),
         (TeleopState::EStop, _) => Some("Its motors stand until it is reset.".to_owned()),
-        (_, Some(why)) if is_mine => Some(format!("Let go of all keys: {}", words::loss(why))),
+        (_, Some(why)) if is_mine => {
+            let why = words::ignored(why, teleop.last_stop);
+            Some(format!("Let go of all keys: {why}"))
+        },
         // Whatever is pressed: without this it would be for the operator to guess.
         (TeleopState::Held, None)
             if is_mine && matches!(teleop.guard, Guard::Stale | Guard::Silent) =>
@@ -265,7 +268,7 @@ fn heard(
             Some("The keys go to a text or to another window. Click into the map to drive".to_owned())
         }
         (TeleopState::Idle | TeleopState::Held, _) if teleop.is_drifting => {
-            Some("No thrust: wind and current move it".to_owned())
+            Some("No thrust: it coasts, and wind and current move it".to_owned())
         }
         (TeleopState::Held | TeleopState::Driving, _) if is_mine => {
             Some("W A S D or arrows drive while held".to_owned())

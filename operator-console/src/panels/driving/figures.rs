@@ -47,7 +47,7 @@ pub(super) fn rows(
         Tone::Good
     };
     rows.push((tone, row("Age allows", allowed)));
-    let (tone, guard) = words::guard(teleop.guard);
+    let (tone, guard) = words::guard(teleop.guard, helm.limits[0]);
     rows.push((tone, row("Guard", guard)));
     let events = model.events().iter().map(|(event, _)| event);
     if let Some((tone, stop)) = last_stop(teleop, model.before_estop(), events) {

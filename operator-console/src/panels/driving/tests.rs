@@ -334,6 +334,14 @@ fn keys_that_are_ignored_are_said_to_be_and_why() {
     rig.helm.ignored = Some(Loss::Focus);
     let advice = rig.data().advice.unwrap();
     assert_eq!(advice, "Let go of all keys: the window lost the keyboard");
+    rig.helm.ignored = Some(Loss::Stopped);
+    let by_itself = "Let go of all keys: the robot stopped by itself";
+    assert_eq!(rig.data().advice.unwrap(), by_itself);
+    rig.teleop.last_stop = Some(StopReason::GuardStale);
+    let advice = rig.data().advice.unwrap();
+    assert_eq!(advice, format!("{by_itself}, the guard saw nothing new"));
+    rig.teleop.last_stop = Some(StopReason::Released);
+    assert_eq!(rig.data().advice.unwrap(), by_itself);
     rig.helm.ignored = None;
     rig.teleop.arming = Arming::Locked;
     assert_eq!(
@@ -349,8 +357,8 @@ fn keys_that_are_ignored_are_said_to_be_and_why() {
 
 #[test]
 fn the_guard_and_the_last_stop_are_always_seen() {
-    let limits = GuardLimits {
-        forward_mps: 0.25,
+    let limits = |forward_mps| GuardLimits {
+        forward_mps,
         reverse_mps: f32::INFINITY,
         left_radps: f32::INFINITY,
         right_radps: f32::INFINITY,
@@ -358,11 +366,27 @@ fn the_guard_and_the_last_stop_are_always_seen() {
     for (guard, tone, words) in [
         (Guard::Off, Tone::Warning, "Off"),
         (Guard::Silent, Tone::Warning, "Silent: nothing moves"),
-        (Guard::On(limits), Tone::Good, "On, ahead ≤ 0.25 m/s"),
         (
-            Guard::Blind(limits),
+            Guard::On(limits(0.25)),
+            Tone::Good,
+            "On, allows 0.25 m/s ahead",
+        ),
+        // As fast as it goes, and none at all.
+        (Guard::On(limits(1.0)), Tone::Good, "On, allows full speed"),
+        (
+            Guard::On(limits(f32::INFINITY)),
+            Tone::Good,
+            "On, allows full speed",
+        ),
+        (
+            Guard::On(limits(0.0)),
+            Tone::Good,
+            "On, allows nothing ahead",
+        ),
+        (
+            Guard::Blind(limits(0.25)),
             Tone::Warning,
-            "Blind, ahead ≤ 0.25 m/s",
+            "Blind, allows 0.25 m/s ahead",
         ),
         (
             Guard::Stale,

@@ -9,6 +9,9 @@ use crate::helm::{Asked, Note, WhyNot};
 use crate::teleop_input::Loss;
 use crate::theme::Tone;
 
+/// Less is no speed in two decimals, m/s.
+const LEAST_SAID: f32 = 0.005;
+
 /// A state, with its reason.
 pub fn state(state: TeleopState) -> String {
     match state {
@@ -28,7 +31,7 @@ pub const fn stop(why: StopReason) -> &'static str {
         StopReason::Released => "keys let go",
         StopReason::Age => "commands too old",
         StopReason::NotFinite => "nonsense was asked for",
-        StopReason::GuardStale => "the guard knows too little",
+        StopReason::GuardStale => "the guard saw nothing new",
         StopReason::LeaseEnded(LeaseEnd::Released) => "the lease was given back",
         StopReason::LeaseEnded(LeaseEnd::Expired) => "the console fell silent",
         StopReason::LeaseEnded(LeaseEnd::Renewed) => "the lease was asked for anew",
@@ -58,26 +61,55 @@ pub const fn clamp(clamp: Clamp) -> &'static str {
     }
 }
 
-/// The collision guard.
-pub fn guard(guard: Guard) -> (Tone, String) {
+/// The collision guard of a vehicle that goes so fast at most, m/s.
+pub fn guard(guard: Guard, greatest_mps: f32) -> (Tone, String) {
     match guard {
         Guard::Silent => (Tone::Warning, "Silent: nothing moves".to_owned()),
         Guard::Off => (Tone::Warning, "Off".to_owned()),
-        Guard::On(limits) => (Tone::Good, format!("On{}", ahead(limits))),
-        Guard::Blind(limits) => (Tone::Warning, format!("Blind{}", ahead(limits))),
+        Guard::On(limits) => (Tone::Good, format!("On{}", ahead(limits, greatest_mps))),
+        Guard::Blind(limits) => (
+            Tone::Warning,
+            format!("Blind{}", ahead(limits, greatest_mps)),
+        ),
         Guard::Stale => (Tone::Warning, "Sees nothing new: nothing moves".to_owned()),
     }
 }
 
-fn ahead(limits: GuardLimits) -> String {
-    if limits.forward_mps.is_finite() {
-        format!(", ahead ≤ {:.2} m/s", limits.forward_mps)
+fn ahead(limits: GuardLimits, greatest_mps: f32) -> String {
+    let allowed_mps = limits.forward_mps;
+    if allowed_mps >= greatest_mps {
+        ", allows full speed".to_owned()
+    } else if allowed_mps >= LEAST_SAID {
+        format!(", allows {allowed_mps:.2} m/s ahead")
     } else {
-        String::new()
+        ", allows nothing ahead".to_owned()
     }
 }
 
-/// Why what is held down counts for nothing.
+/// Why what is held down counts for nothing, where the robot stopped for `last_stop` last.
+pub fn ignored(why: Loss, last_stop: Option<StopReason>) -> String {
+    let words = loss(why);
+    match (why, last_stop) {
+        (Loss::Stopped, Some(reason)) if reason != StopReason::Released => {
+            format!("{words}, {}", stop(reason))
+        }
+        (
+            Loss::Focus
+            | Loss::Sight
+            | Loss::Typing
+            | Loss::Gamepad
+            | Loss::Link
+            | Loss::Robot
+            | Loss::Lease
+            | Loss::EStop
+            | Loss::Stopped
+            | Loss::Frozen,
+            _,
+        ) => words.to_owned(),
+    }
+}
+
+/// The same in general.
 pub const fn loss(loss: Loss) -> &'static str {
     match loss {
         Loss::Focus => "the window lost the keyboard",

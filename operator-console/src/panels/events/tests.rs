@@ -2,9 +2,12 @@ use eframe::egui::accesskit::Role;
 use eframe::egui::vec2;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
+use protocol::keys::Topic;
+use protocol::message::{self, Event};
 use robot_edge::clock::Monotonic;
 
 use super::*;
+use crate::pretend::{at, console, says};
 
 const LONG: &str = "12 files are in /home/anna/maps/a folder with a name that is much longer than one line of a \
     panel, and behind which there are many words more that nobody would want to miss";
@@ -143,4 +146,37 @@ fn lines_are_filtered_by_severity_and_words() {
         (line.time.as_str(), line.heading.as_str()),
         ("00:00:01", "console: link")
     );
+}
+
+#[test]
+fn every_line_says_who_tells_also_when_another_robot_is_shown_by_now() {
+    let mut log = log();
+    for name in ["boat", "lake-2026-11-22T150130Z.mcap"] {
+        let mut model = console("robot", &[]);
+        let event = Event {
+            kind: "pose_jump".to_owned(),
+            severity: message::Severity::Warning,
+            message: format!("{name} jumped"),
+        };
+        says(&mut model, Topic::Event, &event, at(1_000));
+        log.forget_robot();
+        assert_eq!(log.hear(&model, name, at(1_000), 60).len(), 1);
+    }
+    let all = EventsData::new(&log, &EventFilter::default());
+    let headings: Vec<_> = all.lines.iter().map(|line| line.heading.as_str()).collect();
+    assert_eq!(
+        headings[..3],
+        [
+            "lake-2…130Z.mcap: pose jump",
+            "boat: pose jump",
+            "console: alert"
+        ]
+    );
+    let of_boat = EventFilter {
+        text: "boat".to_owned(),
+        ..EventFilter::default()
+    };
+    let lines = EventsData::new(&log, &of_boat).lines;
+    assert_eq!(lines.len(), 1);
+    assert_eq!(lines[0].text, "boat jumped");
 }

@@ -3,6 +3,7 @@
 use super::compass::{Compass, Travel};
 use super::config::{GuardRules, OnBlind};
 use super::judgement::Judgement;
+use super::lack::Lack;
 use super::local_map::LocalMap;
 use super::outlook::Outlook;
 use super::placement::{OLDEST, Odometry};
@@ -28,7 +29,7 @@ pub struct GuardInput<'a> {
     pub requested: Velocity,
 }
 
-/// The guard of one vehicle. Of earlier rounds it remembers what the motors were told, and nothing else.
+/// The guard of one vehicle. Of earlier rounds it judges by what the motors were told, and by nothing else.
 #[derive(Clone, Debug)]
 pub struct CollisionGuard {
     rules: GuardRules,
@@ -36,6 +37,7 @@ pub struct CollisionGuard {
     surroundings: Surroundings,
     told: Told,
     last_round: Option<Monotonic>,
+    lack: Option<Lack>,
 }
 
 impl CollisionGuard {
@@ -47,6 +49,7 @@ impl CollisionGuard {
             surroundings: Surroundings::new(&rules),
             told: Told::new(OLDEST + rules.actuator_delay),
             last_round: None,
+            lack: None,
         }
     }
 
@@ -55,28 +58,35 @@ impl CollisionGuard {
         &self.rules
     }
 
+    /// What it lacked in the last round, where it could not judge then.
+    pub const fn lack(&self) -> Option<Lack> {
+        self.lack
+    }
+
     /// Its word of this round. Where the operator asks for no number, it judges as if they asked for nothing.
     pub fn verdict(&mut self, input: &GuardInput<'_>, now: Monotonic) -> GuardVerdict {
         if !self.rules.enabled {
             return GuardVerdict::Off;
         }
+        let limits = self.limits(input, now);
+        self.lack = limits.err();
+        limits.map_or(GuardVerdict::Stale, GuardVerdict::Limits)
+    }
+
+    fn limits(&mut self, input: &GuardInput<'_>, now: Monotonic) -> Result<GuardLimits, Lack> {
         let since = self.last_round.replace(now).unwrap_or(now);
         if !input.told.is_finite() {
-            return GuardVerdict::Stale;
+            return Err(Lack::Number);
         }
         self.told.tell(since, input.told);
         // Without a pose nothing can be placed, and creeping would be a guess.
         let obeys = (self.rules.actuator_delay, self.rules.is_boat);
-        let placed = input.odometry.and_then(|odometry| {
-            let vehicle = odometry.placement(&self.told, obeys, now)?;
-            Some((odometry.measured, vehicle))
-        });
-        let Some((measured, vehicle)) = placed else {
-            return GuardVerdict::Stale;
-        };
+        let odometry = input.odometry.ok_or(Lack::Pose(None))?;
+        let vehicle = odometry.placement(&self.told, obeys, now)?;
+        let measured = odometry.measured;
         let is_stale = input.sweeps.iter().all(|sweep| sweep.is_stale(now));
         if is_stale && self.rules.on_blind == OnBlind::Stop {
-            return GuardVerdict::Stale;
+            return Err(Lack::Sweeps);
         }
         let known = (input.sweeps, input.map);
         self.surroundings.gather(&self.rules, known, vehicle, now);
@@ -98,7 +108,7 @@ impl CollisionGuard {
             judgement.judge_change(travel(motion), travel(requested));
         }
         let limits = judgement.limits();
-        GuardVerdict::Limits(if self.rules.is_boat {
+        Ok(if self.rules.is_boat {
             cut_thrust(limits, measured)
         } else {
             limits

@@ -33,12 +33,14 @@ mod compass;
 mod coverage;
 mod judge;
 mod judgement;
+mod lack;
 mod outlook;
 mod surroundings;
 mod told;
 
 pub use config::{GuardConfig, GuardRules, OnBlind};
 pub use judge::{CollisionGuard, GuardInput};
+pub use lack::Lack;
 pub use local_map::{Copying, LocalMap};
 pub use placement::Odometry;
 pub use sweep::GuardSweep;

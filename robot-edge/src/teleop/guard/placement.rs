@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use nalgebra::{Point2, Vector2};
 
+use super::lack::Lack;
 use super::told::Told;
 use crate::clock::Monotonic;
 use crate::pose::{self, Pose};
@@ -36,23 +37,28 @@ impl Odometry {
     /// whatever comes. At constant speed that is the `v · age` of the design, with measured `v`.
     ///
     /// Its speed is the measured one, and changes as what it was `told` did, a delay before. What `coasts` does not slow
-    /// down when it is told to. Nothing where a number is not finite or the pose is too old.
+    /// down when it is told to.
+    ///
+    /// # Errors
+    /// What it lacks: a number is not finite, or the pose is too old.
     pub(super) fn placement(
         &self,
         told: &Told,
         (delay, coasts): (Duration, bool),
         now: Monotonic,
-    ) -> Option<Placement> {
+    ) -> Result<Placement, Lack> {
         let age = now.since(self.taken);
         let at = self.odom_from_base.translation.vector;
         let mut yaw_rad = pose::yaw_rad(&self.odom_from_base);
-        let is_known = age <= OLDEST
-            && self.measured.is_finite()
+        if age > OLDEST {
+            return Err(Lack::Pose(Some(age)));
+        }
+        let is_finite = self.measured.is_finite()
             && at.x.is_finite()
             && at.y.is_finite()
             && yaw_rad.is_finite();
-        if !is_known {
-            return None;
+        if !is_finite {
+            return Err(Lack::Number);
         }
         // What it did when it was measured, it was told then; what it will do until `delay` from now, it was told since.
         let obeyed = before(self.taken, delay);
@@ -82,7 +88,7 @@ impl Odometry {
                 advance(since, time_s);
             }
         }
-        Some(Placement {
+        Ok(Placement {
             position_in_odom,
             ahead: direction(yaw_rad),
         })
@@ -185,17 +191,17 @@ mod tests {
     #[test]
     fn what_is_old_or_no_number_is_not_known() {
         let still = odometry(0.0, 0.0);
-        let known = |odometry: Odometry, nanos| {
+        let lack = |odometry: Odometry, nanos| {
             let now = Monotonic::from_nanos(nanos);
-            odometry
-                .placement(&told(&[]), (DELAY, false), now)
-                .is_some()
+            odometry.placement(&told(&[]), (DELAY, false), now).err()
         };
-        assert!(known(still, 0) && known(still, 1_300_000_000));
-        assert!(!known(still, 1_300_000_001));
-        assert!(!known(odometry(f64::NAN, 0.0), 1_000_000_000));
+        assert_eq!((lack(still, 0), lack(still, 1_300_000_000)), (None, None));
+        let old = Lack::Pose(Some(Duration::from_nanos(300_000_001)));
+        assert_eq!(lack(still, 1_300_000_001), Some(old));
+        let not_finite = odometry(f64::NAN, 0.0);
+        assert_eq!(lack(not_finite, 1_000_000_000), Some(Lack::Number));
         let mut lost = still;
         lost.odom_from_base.translation.vector.x = f64::INFINITY;
-        assert!(!known(lost, 1_000_000_000));
+        assert_eq!(lack(lost, 1_000_000_000), Some(Lack::Number));
     }
 }

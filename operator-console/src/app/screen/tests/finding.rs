@@ -83,7 +83,11 @@ fn the_operator_chooses_robots_addresses_and_layers() {
             seen: at(1_000),
             state: None,
         };
-        (sighting, Color32::RED)
+        Seen {
+            sighting,
+            color: Color32::RED,
+            alerts: 0,
+        }
     };
     rig.robots = RobotsData::new(
         &[seen("scout-1"), seen("boat-7")],

@@ -71,7 +71,7 @@ fn a_live_robot_in_step_is_shown_with_its_figures() {
     window.run_steps(4);
     check(
         &window,
-        &["robot: pose jump", "The pose jumped 3 m"],
+        &["scout-1: pose jump", "The pose jumped 3 m"],
         &["no pose"],
     );
     window.get_by_label("1 alert").click();
@@ -79,7 +79,7 @@ fn a_live_robot_in_step_is_shown_with_its_figures() {
     check(
         &window,
         &["0.0 s ago, over", "Acknowledge"],
-        &["robot: pose jump"],
+        &["scout-1: pose jump"],
     );
 }
 

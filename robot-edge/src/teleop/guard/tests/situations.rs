@@ -16,7 +16,7 @@ use crate::mapping::occupancy_grid::OccupancyGrid;
 use crate::mapping::posed_scan::BeamOutcome;
 use crate::pose::planar;
 use crate::teleop::guard::{
-    CollisionGuard, Copying, GuardConfig, GuardInput, GuardSweep, LocalMap, Odometry, OnBlind,
+    CollisionGuard, Copying, GuardConfig, GuardInput, GuardSweep, Lack, LocalMap, Odometry, OnBlind,
 };
 use crate::teleop::velocity::Velocity;
 use crate::teleop::verdict::{GuardLimits, GuardVerdict};
@@ -82,6 +82,11 @@ impl Situation {
     }
 
     fn verdict(&self, requested: Velocity) -> GuardVerdict {
+        self.judged(requested).0
+    }
+
+    /// Its verdict, and what it lacked.
+    fn judged(&self, requested: Velocity) -> (GuardVerdict, Option<Lack>) {
         let now = TAKEN + self.age;
         let input = GuardInput {
             sweeps: &self.sweeps,
@@ -94,7 +99,8 @@ impl Situation {
             told: self.told,
             requested,
         };
-        CollisionGuard::new(self.setup.rules()).verdict(&input, now)
+        let mut guard = CollisionGuard::new(self.setup.rules());
+        (guard.verdict(&input, now), guard.lack())
     }
 
     fn limits(&self, requested: Velocity) -> GuardLimits {
@@ -327,6 +333,8 @@ fn stale_sweeps_mean_creeping_or_a_stop() {
     }
     at.setup.guard.on_blind = OnBlind::Stop;
     assert_eq!(at.verdict(going(1.0, 0.0)), GuardVerdict::Stale);
+    let (_, lack) = at.judged(going(1.0, 0.0));
+    assert_eq!(lack, Some(Lack::Sweeps));
     // What was seen to stand there still does.
     let mut near = Situation::new(setup(), Laser::ALL_AROUND, &wall_ahead(0.5));
     near.age = Duration::from_secs(10);
@@ -346,7 +354,8 @@ fn without_a_pose_it_stops() {
             told,
             requested: going(1.0, 0.0),
         };
-        CollisionGuard::new(at.setup.rules()).verdict(&input, TAKEN)
+        let mut guard = CollisionGuard::new(at.setup.rules());
+        (guard.verdict(&input, TAKEN), guard.lack())
     };
     let known = Odometry {
         odom_from_base: planar(0.0, 0.0, 0.0),
@@ -355,17 +364,19 @@ fn without_a_pose_it_stops() {
     };
     assert!(matches!(
         verdict(Some(known), Velocity::ZERO),
-        GuardVerdict::Limits(_)
+        (GuardVerdict::Limits(_), None)
     ));
-    assert_eq!(verdict(None, Velocity::ZERO), GuardVerdict::Stale);
+    let stale = |lack| (GuardVerdict::Stale, Some(lack));
+    assert_eq!(verdict(None, Velocity::ZERO), stale(Lack::Pose(None)));
     for bad in [f64::NAN, f64::INFINITY] {
         let mut lost = known;
         lost.odom_from_base.translation.vector.y = bad;
-        assert_eq!(verdict(Some(lost), Velocity::ZERO), GuardVerdict::Stale);
+        assert_eq!(verdict(Some(lost), Velocity::ZERO), stale(Lack::Number));
         lost = known;
         lost.measured.angular_radps = bad;
-        assert_eq!(verdict(Some(lost), Velocity::ZERO), GuardVerdict::Stale);
-        assert_eq!(verdict(Some(known), going(bad, 0.0)), GuardVerdict::Stale);
+        assert_eq!(verdict(Some(lost), Velocity::ZERO), stale(Lack::Number));
+        let bad = going(bad, 0.0);
+        assert_eq!(verdict(Some(known), bad), stale(Lack::Number));
     }
     let late = TAKEN + Duration::from_millis(301);
     let input = GuardInput {
@@ -375,10 +386,15 @@ fn without_a_pose_it_stops() {
         told: Velocity::ZERO,
         requested: Velocity::ZERO,
     };
-    assert_eq!(
-        CollisionGuard::new(at.setup.rules()).verdict(&input, late),
-        GuardVerdict::Stale
-    );
+    let mut guard = CollisionGuard::new(at.setup.rules());
+    assert_eq!(guard.verdict(&input, late), GuardVerdict::Stale);
+    let age = Duration::from_millis(301);
+    assert_eq!(guard.lack(), Some(Lack::Pose(Some(age))));
+    assert!(matches!(
+        guard.verdict(&input, TAKEN),
+        GuardVerdict::Limits(_)
+    ));
+    assert_eq!(guard.lack(), None);
 }
 
 #[test]

@@ -3,11 +3,17 @@
 //! An alert is there while its reason lasts, and after that until it is acknowledged. The same reason again is the same
 //! alert, once more.
 
-use protocol::message::{Event, FaultReason, RecordingState, SensorFault, TeleopState};
+mod fleet;
+mod reasons;
+
+use protocol::message::Event;
 use robot_edge::clock::Monotonic;
 
-use crate::model::{ConsoleModel, LinkState};
-use crate::panels::sensors::fault_words;
+use crate::link::FleetState;
+use crate::model::ConsoleModel;
+use reasons::{Reason, reasons, reasons_from_afar};
+
+pub use fleet::FleetAlerts;
 
 /// Alerts that are listed.
 const MAX_ALERTS: usize = 64;
@@ -105,24 +111,10 @@ impl Alerts {
         now: Monotonic,
     ) -> Vec<(Alarm, String)> {
         let reasons = reasons(model, subject, now);
+        self.end_others(&reasons, |_| true);
         let mut begun = Vec::new();
-        for alert in &mut self.alerts {
-            let lasts = reasons.iter().any(|reason| reason.alarm == alert.alarm);
-            if alert.is_active && !lasts {
-                alert.is_active = false;
-                alert.text.clone_from(&alert.past);
-            }
-        }
         for reason in reasons {
-            let mut alerts = self.alerts.iter_mut();
-            let known = alerts.find(|alert| alert.alarm == reason.alarm);
-            if let Some(alert) = known.filter(|alert| alert.is_active) {
-                alert.text = reason.text;
-                alert.past = reason.past;
-            } else {
-                begun.push((reason.alarm.clone(), reason.text.clone()));
-                self.begin(reason, true, now);
-            }
+            begun.extend(self.lasts(reason, now));
         }
         for event in news {
             let alarm = match event.kind.as_str() {
@@ -136,6 +128,46 @@ impl Alerts {
         }
         self.forget_what_is_over();
         begun
+    }
+
+    /// The same for a robot that is not shown, from what it said of itself lately. Of what it does not say, it stays as it was
+    /// when the robot was shown last.
+    fn look_from_afar(&mut self, state: &FleetState, now: Monotonic) -> Option<(Alarm, String)> {
+        let reason = reasons_from_afar(state);
+        let is_said = |alarm: &Alarm| match alarm {
+            // Whoever says anything is heard.
+            Alarm::EStop | Alarm::Fault | Alarm::LinkLost => true,
+            Alarm::Sensor(_) | Alarm::Recording | Alarm::PositionJump | Alarm::TooSlow => false,
+        };
+        self.end_others(reason.as_slice(), is_said);
+        let begun = reason.and_then(|reason| self.lasts(reason, now));
+        self.forget_what_is_over();
+        begun
+    }
+
+    /// What is none of `reasons`, and would be told of, is over.
+    fn end_others(&mut self, reasons: &[Reason], is_told: impl Fn(&Alarm) -> bool) {
+        for alert in &mut self.alerts {
+            let lasts = reasons.iter().any(|reason| reason.alarm == alert.alarm);
+            if alert.is_active && !lasts && is_told(&alert.alarm) {
+                alert.is_active = false;
+                alert.text.clone_from(&alert.past);
+            }
+        }
+    }
+
+    /// There is a reason; in words where it has just begun.
+    fn lasts(&mut self, reason: Reason, now: Monotonic) -> Option<(Alarm, String)> {
+        let mut alerts = self.alerts.iter_mut();
+        let known = alerts.find(|alert| alert.alarm == reason.alarm);
+        if let Some(alert) = known.filter(|alert| alert.is_active) {
+            alert.text = reason.text;
+            alert.past = reason.past;
+            return None;
+        }
+        let begun = (reason.alarm.clone(), reason.text.clone());
+        self.begin(reason, true, now);
+        Some(begun)
     }
 
     /// It is the newest, and nobody has seen it. `lasts`: its reason is there until a look says that it is not.
@@ -163,92 +195,12 @@ impl Alerts {
     }
 }
 
-/// Something to be alarmed about.
-struct Reason {
-    alarm: Alarm,
-    /// While it lasts.
-    text: String,
-    /// When it is over.
-    past: String,
-}
-
-/// What there is to be alarmed about at the moment.
-fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) -> Vec<Reason> {
-    let mut reasons = Vec::new();
-    if subject == Subject::Robot && model.connection().state(now) == LinkState::Silent {
-        reasons.push(Reason {
-            alarm: Alarm::LinkLost,
-            text: format!("Nothing is heard of {}", model.robot()),
-            past: format!("Nothing was heard of {} for a while", model.robot()),
-        });
-    }
-    let Some((status, _)) = model.status() else {
-        return reasons;
-    };
-    if let Some(teleop) = &status.teleop {
-        if let Some(estop) = teleop.estop {
-            reasons.push(Reason {
-                alarm: Alarm::EStop,
-                text: format!("Emergency stop {} is in force", estop.number),
-                past: format!("Emergency stop {} was in force", estop.number),
-            });
-        }
-        if let TeleopState::Fault(why) = teleop.state {
-            let [is, was] = match why {
-                FaultReason::SelfTest => ["the self-test failed"; 2],
-                FaultReason::Actuator => ["the motors do not obey", "the motors did not obey"],
-            };
-            reasons.push(Reason {
-                alarm: Alarm::Fault,
-                text: format!("The vehicle is at fault: {is}"),
-                past: format!("The vehicle was at fault: {was}"),
-            });
-        }
-    }
-    for sensor in model.sensor_statuses() {
-        if let Some(fault) = sensor.fault {
-            let described = model.sensors().iter();
-            let kind = described.clone().find(|info| info.name == sensor.name);
-            let (_, state, advice) = fault_words(fault, kind.map(|info| info.kind));
-            reasons.push(Reason {
-                alarm: Alarm::Sensor(sensor.name.clone()),
-                text: format!("{}: {state}. {advice}", sensor.name),
-                past: format!("{}: {}", sensor.name, past_fault(fault)),
-            });
-        }
-    }
-    let ended = model.recording().map(|recording| recording.state);
-    let why = match ended {
-        Some(RecordingState::StoppedDiskLow) => {
-            Some(["the disk is nearly full", "the disk was nearly full"])
-        }
-        Some(RecordingState::Failed) => Some(["it cannot be written", "it could not be written"]),
-        Some(RecordingState::Stopped | RecordingState::Recording) | None => None,
-    };
-    if let Some([is, was]) = why {
-        reasons.push(Reason {
-            alarm: Alarm::Recording,
-            text: format!("The robot records no more: {is}"),
-            past: format!("A recording of the robot had ended: {was}"),
-        });
-    }
-    reasons
-}
-
-/// What was wrong with a sensor that is well again.
-const fn past_fault(fault: SensorFault) -> &'static str {
-    match fault {
-        SensorFault::Silent => "nothing came from it",
-        SensorFault::Clock => "its stamps leapt",
-        SensorFault::AllInvalid => "none of its measurements was valid",
-        SensorFault::Slow => "less than half of its measurements came",
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::{EStopStatus, SensorStatus, Severity, Status, TeleopStatus};
+    use protocol::message::{
+        EStopStatus, SensorFault, SensorStatus, Severity, Status, TeleopStatus,
+    };
 
     use super::*;
     use crate::pretend::{self, at, scout, standing};

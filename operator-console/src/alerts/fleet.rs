@@ -1,0 +1,230 @@
+//! The alerts of the robot that is shown, and of those that were shown before in this run: what nobody has acknowledged of them,
+//! and what they say of themselves since to whoever looks for robots.
+
+use std::collections::BTreeMap;
+
+use protocol::keys::RobotId;
+use robot_edge::clock::Monotonic;
+
+use super::{Alarm, Alert, Alerts};
+use crate::link::Sighting;
+use crate::playback::is_recording;
+
+/// Alerts by robot.
+#[derive(Clone, Debug, Default)]
+pub struct FleetAlerts {
+    shown: Option<(RobotId, Alerts)>,
+    others: BTreeMap<RobotId, Left>,
+}
+
+/// The alerts of a robot that is no longer shown.
+#[derive(Clone, Debug)]
+struct Left {
+    alerts: Alerts,
+    /// Since when: what it said of itself before, was known better.
+    since: Monotonic,
+}
+
+impl FleetAlerts {
+    /// Another robot is shown: what nobody has acknowledged of it is there again.
+    pub fn change_to(&mut self, robot: &RobotId, now: Monotonic) {
+        self.leave(now);
+        let left = self.others.remove(robot);
+        let alerts = left.map(|left| left.alerts).unwrap_or_default();
+        self.shown = Some((robot.clone(), alerts));
+    }
+
+    /// Nothing is shown. A recording's alerts end with it.
+    pub fn leave(&mut self, now: Monotonic) {
+        let left = self.shown.take();
+        if let Some((robot, alerts)) = left.filter(|(robot, _)| !is_recording(robot)) {
+            self.others.insert(robot, Left { alerts, since: now });
+        }
+    }
+
+    /// Of what is shown.
+    pub fn shown_mut(&mut self) -> Option<&mut Alerts> {
+        self.shown.as_mut().map(|(_, alerts)| alerts)
+    }
+
+    /// Those of what is shown first, the newest first; then those of other robots, by name.
+    pub fn iter(&self) -> impl Iterator<Item = (&RobotId, &Alert)> {
+        self.each()
+            .flat_map(|(robot, alerts)| alerts.iter().map(move |alert| (robot, alert)))
+    }
+
+    /// Whether this robot, or recording, is the one that is shown.
+    pub fn shows(&self, robot: &RobotId) -> bool {
+        self.shown.as_ref().is_some_and(|(shown, _)| shown == robot)
+    }
+
+    /// How many nobody has seen yet.
+    pub fn unseen(&self) -> usize {
+        self.each().map(|(_, alerts)| alerts.unseen()).sum()
+    }
+
+    /// How many of this robot's nobody has seen yet.
+    pub fn unseen_of(&self, robot: &RobotId) -> usize {
+        let mut all = self.each().filter(|(of, _)| *of == robot);
+        all.next().map_or(0, |(_, alerts)| alerts.unseen())
+    }
+
+    /// Somebody has seen it.
+    pub fn acknowledge(&mut self, robot: &RobotId, alarm: &Alarm) {
+        for (_, alerts) in self.each_mut().filter(|(of, _)| *of == robot) {
+            alerts.acknowledge(alarm);
+        }
+    }
+
+    /// Somebody has seen them all.
+    pub fn acknowledge_all(&mut self) {
+        for (_, alerts) in self.each_mut() {
+            alerts.acknowledge_all();
+        }
+    }
+
+    /// Looks at what robots that are not shown any more say of themselves; what has begun, in words. Of robots that never were
+    /// shown nobody is alarmed: the list of robots says how they are.
+    pub fn look_around(&mut self, sightings: &[Sighting], now: Monotonic) -> Vec<String> {
+        let mut begun = Vec::new();
+        for sighting in sightings {
+            let robot = &sighting.found.robot;
+            let Some(left) = self.others.get_mut(robot) else {
+                continue;
+            };
+            // A robot that answers no more says nothing new.
+            let state = sighting.state.as_ref();
+            if let Some(state) = state.filter(|_| sighting.seen > left.since) {
+                left.since = sighting.seen;
+                let alert = left.alerts.look_from_afar(state, now);
+                begun.extend(alert.map(|(_, text)| format!("{robot}: {text}")));
+            }
+        }
+        begun
+    }
+
+    fn each(&self) -> impl Iterator<Item = (&RobotId, &Alerts)> {
+        let shown = self.shown.iter().map(|(robot, alerts)| (robot, alerts));
+        let others = self.others.iter();
+        shown.chain(others.map(|(robot, left)| (robot, &left.alerts)))
+    }
+
+    fn each_mut(&mut self) -> impl Iterator<Item = (&RobotId, &mut Alerts)> {
+        let shown = self.shown.iter_mut();
+        let shown = shown.map(|(robot, alerts)| (&*robot, alerts));
+        let others = self.others.iter_mut();
+        shown.chain(others.map(|(robot, left)| (robot, &mut left.alerts)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::keys::Topic;
+    use protocol::message::{EStopStatus, Status};
+
+    use super::*;
+    use crate::alerts::Subject;
+    use crate::link::{FleetState, FoundRobot};
+    use crate::pretend::{at, console, says, standing};
+
+    /// The robot that is shown says that an emergency stop is in force, or that none is; how many alerts that begins.
+    fn stop(alerts: &mut FleetAlerts, robot: &RobotId, is_stopped: bool) -> usize {
+        let mut model = console(robot.as_str(), &[]);
+        let mut teleop = standing();
+        teleop.estop = is_stopped.then_some(EStopStatus {
+            number: 3,
+            is_stored: true,
+        });
+        let status = Status {
+            teleop: Some(teleop),
+            ..Status::default()
+        };
+        says(&mut model, Topic::Status, &status, at(1_000));
+        let shown = alerts.shown_mut().unwrap();
+        shown.look(&model, Subject::Robot, &[], at(1_100)).len()
+    }
+
+    fn counts(alerts: &FleetAlerts) -> (usize, usize) {
+        (alerts.iter().count(), alerts.unseen())
+    }
+
+    #[test]
+    fn what_nobody_acknowledged_stays_with_its_robot() {
+        let [boat, scout, recording]: [RobotId; 3] =
+            ["boat", "scout", "recording-1a2b3c"].map(|name| name.parse().unwrap());
+        let mut alerts = FleetAlerts::default();
+        alerts.change_to(&boat, at(0));
+        assert_eq!(stop(&mut alerts, &boat, true), 1);
+        alerts.change_to(&scout, at(0));
+        assert_eq!(stop(&mut alerts, &scout, true), 1);
+        let listed: Vec<_> = alerts.iter().map(|(robot, _)| robot.as_str()).collect();
+        assert_eq!(listed, ["scout", "boat"]);
+        assert_eq!((alerts.unseen(), alerts.unseen_of(&boat)), (2, 1));
+        assert!(alerts.shows(&scout) && !alerts.shows(&boat));
+        alerts.acknowledge(&scout, &Alarm::EStop);
+        assert_eq!((alerts.unseen_of(&scout), alerts.unseen_of(&boat)), (0, 1));
+
+        // By another link, too.
+        for _ in 0..2 {
+            alerts.change_to(&boat, at(0));
+            assert_eq!((counts(&alerts), alerts.unseen_of(&boat)), ((2, 1), 1));
+            assert_eq!(stop(&mut alerts, &boat, true), 0, "it is known");
+        }
+        alerts.acknowledge_all();
+        assert_eq!(counts(&alerts), (2, 0), "both are in force");
+        assert_eq!(stop(&mut alerts, &boat, false), 0);
+        assert_eq!(counts(&alerts), (1, 0));
+
+        alerts.change_to(&recording, at(0));
+        assert_eq!(stop(&mut alerts, &recording, true), 1);
+        assert_eq!(counts(&alerts), (2, 1));
+        alerts.leave(at(0));
+        assert_eq!(counts(&alerts), (1, 0), "it ended with the recording");
+    }
+
+    #[test]
+    fn a_robot_that_is_not_shown_any_more_is_heard_of() {
+        let [boat, scout]: [RobotId; 2] = ["boat", "scout"].map(|name| name.parse().unwrap());
+        let sighting = |robot: &RobotId, seen_ms: u64, state: FleetState| Sighting {
+            found: FoundRobot {
+                robot: robot.clone(),
+                endpoint: "tcp/a:7447".to_owned(),
+            },
+            seen: at(seen_ms),
+            state: Some(state),
+        };
+        let mut alerts = FleetAlerts::default();
+        alerts.change_to(&boat, at(0));
+        alerts.change_to(&scout, at(5_000));
+        let none: [&str; 0] = [];
+        let before = sighting(&boat, 4_000, FleetState::EStop);
+        assert_eq!(alerts.look_around(&[before], at(6_000)), none);
+        let stopped = sighting(&boat, 7_000, FleetState::EStop);
+        let text = "boat: An emergency stop is in force";
+        assert_eq!(alerts.look_around(&[stopped.clone()], at(7_000)), [text]);
+        assert_eq!(alerts.look_around(&[stopped], at(8_000)), none);
+        let others = [
+            sighting(&boat, 17_000, FleetState::EStop),
+            sighting(&scout, 17_000, FleetState::EStop),
+            sighting(&"stranger".parse().unwrap(), 17_000, FleetState::Fault),
+        ];
+        assert_eq!(alerts.look_around(&others, at(17_000)), none);
+        assert_eq!(counts(&alerts), (1, 1));
+        let free = sighting(&boat, 27_000, FleetState::Free);
+        assert_eq!(alerts.look_around(&[free], at(27_000)), none);
+        let texts: Vec<_> = alerts
+            .iter()
+            .map(|(_, alert)| alert.text.as_str())
+            .collect();
+        assert_eq!(texts, ["An emergency stop was in force"]);
+        alerts.acknowledge(&boat, &Alarm::EStop);
+        assert_eq!(counts(&alerts), (0, 0));
+        let faulty = sighting(&boat, 37_000, FleetState::Fault);
+        let text = "boat: The vehicle is at fault";
+        assert_eq!(alerts.look_around(&[faulty], at(37_000)), [text]);
+        // What it says itself is more.
+        alerts.change_to(&boat, at(38_000));
+        assert_eq!(stop(&mut alerts, &boat, true), 1);
+        assert_eq!(counts(&alerts), (2, 2));
+    }
+}

@@ -1,0 +1,114 @@
+//! What there is to be alarmed about.
+
+use protocol::message::{FaultReason, RecordingState, SensorFault, TeleopState};
+use robot_edge::clock::Monotonic;
+
+use super::{Alarm, Subject};
+use crate::link::FleetState;
+use crate::model::{ConsoleModel, LinkState};
+use crate::panels::sensors::fault_words;
+
+/// Something to be alarmed about.
+pub(super) struct Reason {
+    pub(super) alarm: Alarm,
+    /// While it lasts.
+    pub(super) text: String,
+    /// When it is over.
+    pub(super) past: String,
+}
+
+/// What there is to be alarmed about at the moment.
+pub(super) fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) -> Vec<Reason> {
+    let mut reasons = Vec::new();
+    if subject == Subject::Robot && model.connection().state(now) == LinkState::Silent {
+        reasons.push(Reason {
+            alarm: Alarm::LinkLost,
+            text: format!("Nothing is heard of {}", model.robot()),
+            past: format!("Nothing was heard of {} for a while", model.robot()),
+        });
+    }
+    let Some((status, _)) = model.status() else {
+        return reasons;
+    };
+    if let Some(teleop) = &status.teleop {
+        if let Some(estop) = teleop.estop {
+            reasons.push(Reason {
+                alarm: Alarm::EStop,
+                text: format!("Emergency stop {} is in force", estop.number),
+                past: format!("Emergency stop {} was in force", estop.number),
+            });
+        }
+        if let TeleopState::Fault(why) = teleop.state {
+            let [is, was] = match why {
+                FaultReason::SelfTest => ["the self-test failed"; 2],
+                FaultReason::Actuator => ["the motors do not obey", "the motors did not obey"],
+            };
+            reasons.push(Reason {
+                alarm: Alarm::Fault,
+                text: format!("The vehicle is at fault: {is}"),
+                past: format!("The vehicle was at fault: {was}"),
+            });
+        }
+    }
+    for sensor in model.sensor_statuses() {
+        if let Some(fault) = sensor.fault {
+            let described = model.sensors().iter();
+            let kind = described.clone().find(|info| info.name == sensor.name);
+            let (_, state, advice) = fault_words(fault, kind.map(|info| info.kind));
+            reasons.push(Reason {
+                alarm: Alarm::Sensor(sensor.name.clone()),
+                text: format!("{}: {state}. {advice}", sensor.name),
+                past: format!("{}: {}", sensor.name, past_fault(fault)),
+            });
+        }
+    }
+    let ended = model.recording().map(|recording| recording.state);
+    let why = match ended {
+        Some(RecordingState::StoppedDiskLow) => {
+            Some(["the disk is nearly full", "the disk was nearly full"])
+        }
+        Some(RecordingState::Failed) => Some(["it cannot be written", "it could not be written"]),
+        Some(RecordingState::Stopped | RecordingState::Recording) | None => None,
+    };
+    if let Some([is, was]) = why {
+        reasons.push(Reason {
+            alarm: Alarm::Recording,
+            text: format!("The robot records no more: {is}"),
+            past: format!("A recording of the robot had ended: {was}"),
+        });
+    }
+    reasons
+}
+
+/// What was wrong with a sensor that is well again.
+const fn past_fault(fault: SensorFault) -> &'static str {
+    match fault {
+        SensorFault::Silent => "nothing came from it",
+        SensorFault::Clock => "its stamps leapt",
+        SensorFault::AllInvalid => "none of its measurements was valid",
+        SensorFault::Slow => "less than half of its measurements came",
+    }
+}
+
+/// The same of a robot that is not shown, from what it says of itself to whoever looks for robots.
+pub(super) fn reasons_from_afar(state: &FleetState) -> Option<Reason> {
+    let (alarm, [text, past]) = match state {
+        FleetState::EStop => (
+            Alarm::EStop,
+            [
+                "An emergency stop is in force",
+                "An emergency stop was in force",
+            ],
+        ),
+        FleetState::Fault => (
+            Alarm::Fault,
+            ["The vehicle is at fault", "The vehicle was at fault"],
+        ),
+        FleetState::Undriven | FleetState::Free | FleetState::DrivenBy(_) => return None,
+    };
+    Some(Reason {
+        alarm,
+        text: text.to_owned(),
+        past: past.to_owned(),
+    })
+}
