@@ -226,5 +226,10 @@ mod tests {
         alerts.change_to(&boat, at(38_000));
         assert_eq!(stop(&mut alerts, &boat, true), 1);
         assert_eq!(counts(&alerts), (2, 2));
+        alerts.change_to(&scout, at(39_000));
+        let stopped = sighting(&boat, 47_000, FleetState::EStop);
+        assert_eq!(alerts.look_around(&[stopped], at(47_000)), none);
+        let first = alerts.iter().map(|(_, alert)| alert.text.as_str()).next();
+        assert_eq!(first, Some("Emergency stop 3 is in force"));
     }
 }

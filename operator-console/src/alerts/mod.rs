@@ -140,9 +140,17 @@ impl Alerts {
             Alarm::Sensor(_) | Alarm::Recording | Alarm::PositionJump | Alarm::TooSlow => false,
         };
         self.end_others(reason.as_slice(), is_said);
+        // What the robot said itself says more.
+        let is_known = |reason: &Reason| self.is_active(&reason.alarm);
+        let reason = reason.filter(|reason| !is_known(reason));
         let begun = reason.and_then(|reason| self.lasts(reason, now));
         self.forget_what_is_over();
         begun
+    }
+
+    fn is_active(&self, alarm: &Alarm) -> bool {
+        let mut alerts = self.alerts.iter();
+        alerts.any(|alert| alert.is_active && alert.alarm == *alarm)
     }
 
     /// What is none of `reasons`, and would be told of, is over.

@@ -23,8 +23,8 @@ pub(super) fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) ->
     if subject == Subject::Robot && model.connection().state(now) == LinkState::Silent {
         reasons.push(Reason {
             alarm: Alarm::LinkLost,
-            text: format!("Nothing is heard of {}", model.robot()),
-            past: format!("Nothing was heard of {} for a while", model.robot()),
+            text: "Nothing is heard of the robot".to_owned(),
+            past: "Nothing was heard of the robot for a while".to_owned(),
         });
     }
     let Some((status, _)) = model.status() else {

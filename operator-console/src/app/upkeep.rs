@@ -41,7 +41,7 @@ impl ConsoleApp {
             let alerts = self.alerts.shown_mut();
             let begun = alerts.map(|alerts| alerts.look(&model, subject, &news, now));
             for (_alarm, text) in begun.into_iter().flatten() {
-                notes.push((Severity::Alarm, "alert", text));
+                notes.push((Severity::Alarm, "alert", format!("{name}: {text}")));
             }
             // The link to a recording leaves this program as little as the recording does.
             if self.playback.is_none() {

@@ -30,6 +30,11 @@ impl Vehicle {
         self.pose.map(|(pose, _, at)| (pose, at))
     }
 
+    /// The stamp of the newest pose, nanoseconds by the clock of the robot's data.
+    pub fn stamp_ns(&self) -> Option<i64> {
+        self.pose.map(|(_, stamp_ns, _)| stamp_ns)
+    }
+
     /// Heading: the angle of the vehicle's x axis in `odom`, radians, counter-clockwise from x.
     pub fn heading_rad(&self) -> Option<f64> {
         self.pose.map(|(pose, _, _)| {

@@ -158,12 +158,12 @@ mod tests {
                 .collect::<Vec<_>>();
             (data.unseen, texts)
         };
-        let silent = "Nothing is heard of boat";
+        let silent = "Nothing is heard of the robot";
         let line = [silent, "5.0 s ago, still so"].map(str::to_owned);
         assert_eq!(listed(&alerts), (1, vec![line]));
         alerts.change_to(&scout, at(5_000));
         let [text, detail] = [
-            "boat: Nothing is heard of boat",
+            "boat: Nothing is heard of the robot",
             "5.0 s ago, so when it was heard of last",
         ];
         let line = [text, detail].map(str::to_owned);

@@ -1,12 +1,15 @@
 //! The robot: who it is, where it is, how far it has got.
 
 use eframe::egui::Ui;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock::{Monotonic, utc_label};
 
 use super::rows::{Row, row, rows_ui};
 use super::stale::is_position_old;
 use super::wording::{age, bearing, count, signed, turn};
 use crate::model::{ConsoleModel, LinkState};
+
+/// Seconds since 1970.
+const YEAR_2000_S: u64 = 946_684_800;
 
 /// What the panel shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -45,9 +48,22 @@ impl RobotData {
             (false, Some((_, at))) if is_position_old(model, now) => {
                 Some(format!("Position is {} old", age(now.since(at))))
             }
-            (false, _) => has_ended.then(|| "Its data has ended: nothing new will come".to_owned()),
+            (false, _) => has_ended.then(|| ended(model.vehicle().stamp_ns())),
         };
         Self { rows, note }
+    }
+}
+
+/// `newest_ns`: the stamp of its newest pose, by the clock of its data.
+fn ended(newest_ns: Option<i64>) -> String {
+    let newest_s = newest_ns.and_then(|ns| u64::try_from(ns / 1_000_000_000).ok());
+    // What counts from a machine's start, or from a simulation's, tells nobody the time.
+    match newest_s.filter(|newest_s| *newest_s >= YEAR_2000_S) {
+        Some(newest_s) => {
+            let at = utc_label(newest_s).replace('T', " ").replace('Z', " UTC");
+            format!("Its data has ended, by its clock at {at}: nothing new will come")
+        }
+        None => "Its data has ended: nothing new will come".to_owned(),
     }
 }
 
@@ -125,6 +141,20 @@ mod tests {
         says(&mut model, Topic::Status, &ended, at(1_100));
         let rows = RobotData::new(&model, at(1_100)).rows;
         assert!(rows.contains(&row("Speed", "–")) && rows.contains(&row("Turning", "–")));
+    }
+
+    #[test]
+    fn data_that_has_ended_says_when_where_its_clock_tells_the_time() {
+        let told = [
+            None,
+            Some(-1),
+            Some(93_000_000_000),
+            Some(1_763_835_642_123_456_789),
+        ];
+        let without = "Its data has ended: nothing new will come";
+        let with =
+            "Its data has ended, by its clock at 2025-11-22 18:20:42 UTC: nothing new will come";
+        assert_eq!(told.map(ended), [without, without, without, with]);
     }
 
     #[test]
