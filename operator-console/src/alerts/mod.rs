@@ -307,6 +307,28 @@ mod tests {
     }
 
     #[test]
+    fn who_says_from_afar_how_it_is_is_heard_and_says_nothing_of_its_sensors() {
+        let mut model = scout();
+        let mut alerts = Alerts::default();
+        says(&mut model, Some(SensorFault::Silent), Some(3), at(0));
+        alerts.look(&model, Subject::Robot, &[], at(9_000));
+        let active = |alerts: &Alerts| -> Vec<Alarm> {
+            let active = alerts.iter().filter(|alert| alert.is_active);
+            let mut active: Vec<_> = active.map(|alert| alert.alarm.clone()).collect();
+            active.sort();
+            active
+        };
+        let laser = Alarm::Sensor("laser".to_owned());
+        assert_eq!(
+            active(&alerts),
+            [Alarm::EStop, Alarm::LinkLost, laser.clone()]
+        );
+        assert_eq!(alerts.look_from_afar(&FleetState::Free, at(10_000)), None);
+        assert_eq!(active(&alerts), [laser]);
+        assert_eq!(alerts.unseen(), 3);
+    }
+
+    #[test]
     fn silence_of_link_and_sensors_and_jumps_are_told() {
         let mut model = scout();
         let mut alerts = Alerts::default();

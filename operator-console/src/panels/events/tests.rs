@@ -156,7 +156,7 @@ fn every_line_says_who_tells_also_when_another_robot_is_shown_by_now() {
         let event = Event {
             kind: "pose_jump".to_owned(),
             severity: message::Severity::Warning,
-            message: format!("{name} jumped"),
+            message: format!("The pose jumped {} m", name.len()),
         };
         says(&mut model, Topic::Event, &event, at(1_000));
         log.forget_robot();
@@ -178,5 +178,5 @@ fn every_line_says_who_tells_also_when_another_robot_is_shown_by_now() {
     };
     let lines = EventsData::new(&log, &of_boat).lines;
     assert_eq!(lines.len(), 1);
-    assert_eq!(lines[0].text, "boat jumped");
+    assert_eq!(lines[0].text, "The pose jumped 4 m");
 }
