@@ -164,10 +164,15 @@ mod tests {
         alerts.acknowledge(&scout, &Alarm::EStop);
         assert_eq!((alerts.unseen_of(&scout), alerts.unseen_of(&boat)), (0, 1));
 
-        // By another link, too.
+        // By another link, too; and as it was until it speaks again.
         for _ in 0..2 {
             alerts.change_to(&boat, at(0));
+            let shown = alerts.shown_mut().unwrap();
+            let silent = console("boat", &[]);
+            assert_eq!(shown.look(&silent, Subject::Robot, &[], at(500)), []);
             assert_eq!((counts(&alerts), alerts.unseen_of(&boat)), ((2, 1), 1));
+            let is_active = |(_, alert): (&RobotId, &Alert)| alert.is_active;
+            assert!(alerts.iter().all(is_active));
             assert_eq!(stop(&mut alerts, &boat, true), 0, "it is known");
         }
         alerts.acknowledge_all();
@@ -231,5 +236,10 @@ mod tests {
         assert_eq!(alerts.look_around(&[stopped], at(47_000)), none);
         let first = alerts.iter().map(|(_, alert)| alert.text.as_str()).next();
         assert_eq!(first, Some("Emergency stop 3 is in force"));
+        // A fault ends no stop.
+        let faulty = sighting(&boat, 57_000, FleetState::Fault);
+        assert_eq!(alerts.look_around(&[faulty], at(57_000)).len(), 1);
+        let active = alerts.iter().filter(|(_, alert)| alert.is_active);
+        assert_eq!(active.count(), 2);
     }
 }

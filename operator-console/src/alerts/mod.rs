@@ -111,7 +111,9 @@ impl Alerts {
         now: Monotonic,
     ) -> Vec<(Alarm, String)> {
         let reasons = reasons(model, subject, now);
-        self.end_others(&reasons, |_| true);
+        // Until the robot speaks, what it said before it was shown again is the newest that is known.
+        let is_heard = model.status().is_some();
+        self.end_others(&reasons, |_| is_heard);
         let mut begun = Vec::new();
         for reason in reasons {
             begun.extend(self.lasts(reason, now));
@@ -136,7 +138,9 @@ impl Alerts {
         let reason = reasons_from_afar(state);
         let is_said = |alarm: &Alarm| match alarm {
             // Whoever says anything is heard.
-            Alarm::EStop | Alarm::Fault | Alarm::LinkLost => true,
+            Alarm::Fault | Alarm::LinkLost => true,
+            // A fault comes first in what is said, and ends no stop.
+            Alarm::EStop => *state != FleetState::Fault,
             Alarm::Sensor(_) | Alarm::Recording | Alarm::PositionJump | Alarm::TooSlow => false,
         };
         self.end_others(reason.as_slice(), is_said);

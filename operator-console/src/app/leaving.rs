@@ -38,6 +38,11 @@ fn ended(robot: &RobotId, helm: &HelmSight, next: &RobotId, sort: Sort) -> Vec<N
         let text = format!("Driving {robot} has ended: {why}");
         notes.push((Severity::Warning, "driving", text));
     }
+    if helm.is_asking {
+        let text =
+            format!("{robot} has not answered what it was asked last: show it again and look");
+        notes.push((Severity::Warning, "driving", text));
+    }
     match helm.estop {
         // By its next link it goes on.
         EStopSight::Sending(_) | EStopSight::Unsendable(_) if !is_same => {
@@ -81,6 +86,12 @@ mod tests {
             assert_eq!(told(&helm, next, sort), [(Severity::Warning, text)]);
         }
         helm.lease = Lease::None;
+        helm.is_asking = true;
+        let text = "boat has not answered what it was asked last: show it again and look";
+        let note = (Severity::Warning, text.to_owned());
+        assert_eq!(told(&helm, &boat, Sort::Robot), [note.clone()]);
+        assert_eq!(told(&helm, &scout, Sort::Recording), [note]);
+        helm.is_asking = false;
         helm.estop = EStopSight::Sending(Duration::from_secs(1));
         assert_eq!(told(&helm, &boat, Sort::Robot), [], "it goes on");
         let [(severity, text)] = &told(&helm, &scout, Sort::Robot)[..] else {

@@ -54,7 +54,7 @@ impl ConsoleApp {
         {
             self.site_names.insert(before.robot.clone(), names);
         }
-        self.screen.map_view_mut().forget();
+        self.screen.forget_robot();
         self.note_leaving(&found, sort);
         self.alerts.change_to(&found.robot, Monotonic::now());
         self.log.forget_robot();
@@ -197,7 +197,7 @@ impl ConsoleApp {
         if self.playback.take().is_some() {
             self.shown = None;
             self.alerts.leave(Monotonic::now());
-            self.screen.map_view_mut().forget();
+            self.screen.forget_robot();
         }
     }
 }

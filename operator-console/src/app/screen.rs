@@ -116,6 +116,13 @@ impl Screen {
         self.dialogs.keep(settings);
     }
 
+    /// Another robot is shown, or none: what was typed and chosen for the one before is not meant for it.
+    pub fn forget_robot(&mut self) {
+        self.map_view.forget();
+        self.driving = DrivingEntry::default();
+        self.dialogs.close_export();
+    }
+
     /// How everything looks.
     pub const fn appearance(&self) -> Appearance {
         self.appearance

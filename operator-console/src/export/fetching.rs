@@ -91,6 +91,7 @@ pub fn fetch(
         let now = Monotonic::now();
         let age = guard.connection().age(now);
         let came = match state(&guard, part, began, now) {
+            Ok(Some(_)) if model.is_left() => Err("something else is shown by now"),
             Ok(Some(_)) if age.is_none_or(|age| age > SILENCE) => Err("the robot is not heard"),
             Ok(Some(_)) if now.since(since) > patience => Err("the robot sends no more of it"),
             Ok(Some(fetching)) => {
@@ -258,6 +259,26 @@ mod tests {
             matches!(outlines, ControlFlow::Continue(Ok(_))),
             "there are none"
         );
+    }
+
+    #[test]
+    fn what_is_not_shown_any_more_is_not_waited_for() {
+        let mut scout = crate::pretend::scout();
+        let head = MapHead { layers: Vec::new() };
+        says(&mut scout, Topic::MapHead, &head, Monotonic::now());
+        let model = ModelHandle::of(scout);
+        let mut looks = 0;
+        let hour = Duration::from_hours(1);
+        let fetched = fetch(&model, ExportPart::Trajectory, hour, |_| {
+            looks += 1;
+            model.leave();
+            ControlFlow::Continue(())
+        });
+        let ControlFlow::Continue(Ok(way)) = fetched else {
+            panic!();
+        };
+        let why = "only what was heard here, since something else is shown by now";
+        assert_eq!((looks, way.lacks.as_deref()), (1, Some(why)));
     }
 
     #[test]

@@ -156,7 +156,7 @@ impl Helm {
     }
 
     /// The last words of a console that is closed: an emergency stop that is on its way once more, zero, and the lease
-    /// back.
+    /// back, or wanted no longer.
     pub fn farewell(&mut self) -> Vec<SignedMessage> {
         self.input.lose(Loss::Focus);
         let token = self.newest.and_then(|newest| newest.token);
@@ -168,6 +168,9 @@ impl Helm {
         }
         if self.lease.held().is_some() {
             messages.extend(self.signed(token, &self.command(Wish::NEUTRAL), None));
+        }
+        // Also where it is waited for, or asked for: it would be given to nobody.
+        if self.lease != Lease::None || self.requests.asks_for_lease() {
             let number = self.number();
             messages.extend(self.signed(token, &LeaseRequest::Release, Some(number)));
             self.lease = Lease::None;

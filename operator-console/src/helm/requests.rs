@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use protocol::message::LeaseRequest;
 use robot_edge::clock::Monotonic;
 
 use super::heard::{Asked, RequestNumber};
@@ -65,6 +66,21 @@ impl Requests {
     /// Whether something is on its way or waits.
     pub(super) fn is_busy(&self) -> bool {
         self.asked.is_some() || !self.waiting.is_empty()
+    }
+
+    /// Whether the lease is asked for, and the answer is not here.
+    pub(super) fn asks_for_lease(&self) -> bool {
+        self.asked
+            .as_ref()
+            .is_some_and(|(_, asked, _)| match asked {
+                Asked::Lease(request) => match request {
+                    LeaseRequest::Request | LeaseRequest::TakeOver => true,
+                    LeaseRequest::Release | LeaseRequest::Consent(_) | LeaseRequest::Refuse(_) => {
+                        false
+                    }
+                },
+                Asked::Reset(_) | Asked::Set(_) => false,
+            })
     }
 
     /// Everything is forgotten: the robot that was asked is no more.

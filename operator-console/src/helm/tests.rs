@@ -534,6 +534,35 @@ fn a_console_that_closes_says_zero_and_gives_the_lease_back() {
 }
 
 #[test]
+fn a_console_that_closes_waits_for_the_lease_no_longer() {
+    let said = |rig: &mut Rig| -> Vec<LeaseRequest> {
+        let messages = rig.helm.farewell();
+        let requests = messages.iter().map(|message| {
+            assert_eq!(message.topic, OperatorTopic::Lease);
+            let envelope = Envelope::parse(&message.payload).unwrap();
+            envelope.claimed_command().unwrap()
+        });
+        requests.collect()
+    };
+    let mut rig = Rig::new();
+    assert_eq!(said(&mut rig), [], "it wanted nothing");
+    rig.ask(LeaseRequest::Request);
+    rig.run(20);
+    assert_eq!(said(&mut rig), [LeaseRequest::Release], "asked for");
+    let mut rig = Rig::new();
+    rig.status(|status| status.lease.holder = Some("bert".parse().unwrap()));
+    rig.ask(LeaseRequest::Request);
+    rig.run(20);
+    rig.answer(Answer::Waiting);
+    rig.run(20);
+    assert_eq!(said(&mut rig), [LeaseRequest::Release], "waited for");
+    let mut rig = Rig::new();
+    rig.helm.want(Intent::Reset(3), at(rig.ms));
+    rig.run(20);
+    assert_eq!(said(&mut rig), [], "something else was asked");
+}
+
+#[test]
 fn what_the_operator_did_not_expect_is_shown_for_a_while() {
     let mut rig = Rig::held();
     assert_eq!(rig.helm.sight(at(rig.ms)).notice, None);

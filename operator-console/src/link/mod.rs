@@ -63,18 +63,35 @@ pub struct RobotSession {
 
 /// A robot as it is known, for whoever has to look at it from another thread.
 #[derive(Clone)]
-pub struct ModelHandle(Arc<Mutex<ConsoleModel>>);
+pub struct ModelHandle {
+    model: Arc<Mutex<ConsoleModel>>,
+    is_left: Arc<AtomicBool>,
+}
 
 impl ModelHandle {
     /// A robot that no link feeds.
     #[cfg(test)]
     pub(crate) fn of(model: ConsoleModel) -> Self {
-        Self(Arc::new(Mutex::new(model)))
+        Self {
+            model: Arc::new(Mutex::new(model)),
+            is_left: Arc::default(),
+        }
     }
 
     /// The robot; the link and the window wait while the guard is held.
     pub fn lock(&self) -> MutexGuard<'_, ConsoleModel> {
-        lock(&self.0)
+        lock(&self.model)
+    }
+
+    /// Whether its link was left: nothing more will come by it.
+    pub fn is_left(&self) -> bool {
+        self.is_left.load(Ordering::Relaxed)
+    }
+
+    /// As if its link had been left.
+    #[cfg(test)]
+    pub(crate) fn leave(&self) {
+        self.is_left.store(true, Ordering::Relaxed);
     }
 }
 
@@ -119,7 +136,10 @@ impl RobotSession {
 
     /// The robot, for a thread that looks at it now and then.
     pub fn handle(&self) -> ModelHandle {
-        ModelHandle(Arc::clone(&self.model))
+        ModelHandle {
+            model: Arc::clone(&self.model),
+            is_left: Arc::clone(&self.is_closing),
+        }
     }
 
     /// The way to drive it, for one helm: the first that asks.

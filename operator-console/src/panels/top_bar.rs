@@ -87,7 +87,10 @@ impl TopBarData {
             age,
             map: (connection.map_tone, connection.map),
             driver: driving.as_ref().map(|driving| driving.driver.clone()),
-            estop: driving.map(|driving| driving.estop),
+            // A stop that is on its way is seen before anything is heard of the robot.
+            estop: driving
+                .map(|driving| driving.estop)
+                .or_else(|| helm.and_then(EStopFace::underway)),
         }
     }
 }

@@ -16,7 +16,7 @@ const ENDINGS: [&str; 2] = ["mcap", "bag"];
 /// How CARMEN logs end, and much else: these are looked into.
 const LOG_ENDINGS: [&str; 2] = ["log", "clf"];
 /// So many files are looked into at most.
-const MAX_OPENED: usize = 500;
+const MAX_OPENED: usize = 50;
 
 /// Paths that begin with `typed`, by name; folders end with the separator. What begins with `~/` goes on doing so.
 pub(super) fn completions(typed: &str) -> Vec<String> {
@@ -52,18 +52,15 @@ fn completions_of(typed: &str, home: Option<&Path>) -> Vec<String> {
         .collect();
     names.sort();
     let mut opened = 0;
-    names.retain(|name| {
+    let is_one = |name: &String| {
         if !ends_with(name, &LOG_ENDINGS) {
             return true;
         }
         opened += 1;
         opened <= MAX_OPENED && is_recording(&read_from.join(name))
-    });
-    names.truncate(MAX_OFFERED);
-    names
-        .into_iter()
-        .map(|name| format!("{folder}{name}"))
-        .collect()
+    };
+    let offered = names.into_iter().filter(is_one).take(MAX_OFFERED);
+    offered.map(|name| format!("{folder}{name}")).collect()
 }
 
 /// As much as all completions have in common.

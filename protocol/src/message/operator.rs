@@ -39,7 +39,7 @@ pub struct Reset {
 pub enum LeaseRequest {
     /// To hold the lease. Waits for the holder's consent where somebody else does.
     Request,
-    /// To give it back.
+    /// To give it back, or to wait for it no longer.
     Release,
     /// To hand it to this operator, who waits for it.
     Consent(OperatorId),

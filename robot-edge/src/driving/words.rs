@@ -200,7 +200,16 @@ pub(super) fn event(notice: &Notice, names: &[OperatorName]) -> (&'static str, S
             ("lease_granted", format!("{} drives: {how}", name(to)))
         }
         Happening::LeaseEnded { operator, why } => {
-            let why = why_lease_ended(why);
+            let why = match why {
+                LeaseEnd::Released => "it was given back",
+                LeaseEnd::Expired => "no command came",
+                LeaseEnd::Renewed => "it was asked for anew",
+                LeaseEnd::HandedOver => "it was handed over",
+                LeaseEnd::TakenOver => "a supervisor took it",
+                LeaseEnd::Revoked => "no operator any more",
+                LeaseEnd::Reset => "an emergency stop was reset",
+                LeaseEnd::Fault => "the vehicle is at fault",
+            };
             (
                 "lease_ended",
                 format!("{} no longer drives: {why}", name(operator)),
@@ -231,26 +240,22 @@ pub(super) fn event(notice: &Notice, names: &[OperatorName]) -> (&'static str, S
     }
 }
 
-const fn why_lease_ended(why: LeaseEnd) -> &'static str {
-    match why {
-        LeaseEnd::Released => "it was given back",
-        LeaseEnd::Expired => "no command came",
-        LeaseEnd::Renewed => "it was asked for anew",
-        LeaseEnd::HandedOver => "it was handed over",
-        LeaseEnd::TakenOver => "a supervisor took it",
-        LeaseEnd::Revoked => "no operator any more",
-        LeaseEnd::Reset => "an emergency stop was reset",
-        LeaseEnd::Fault => "the vehicle is at fault",
-    }
-}
-
 const fn why_stopped(reason: StopReason) -> &'static str {
     match reason {
         StopReason::Released => "nothing is pressed",
         StopReason::Age => "the commands are too old",
         StopReason::NotFinite => "what was asked for is no number",
         StopReason::GuardStale => "the collision guard could not judge",
-        StopReason::LeaseEnded(why) => why_lease_ended(why),
+        StopReason::LeaseEnded(why) => match why {
+            LeaseEnd::Released => "the lease was given back",
+            LeaseEnd::Expired => "no command came",
+            LeaseEnd::Renewed => "the lease was asked for anew",
+            LeaseEnd::HandedOver => "the lease was handed over",
+            LeaseEnd::TakenOver => "a supervisor took the lease",
+            LeaseEnd::Revoked => "who drove is no operator any more",
+            LeaseEnd::Reset => "an emergency stop was reset",
+            LeaseEnd::Fault => "the vehicle is at fault",
+        },
     }
 }
 

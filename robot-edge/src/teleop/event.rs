@@ -85,7 +85,7 @@ pub enum LeaseVerb {
         /// Who waits.
         whom: OperatorId,
     },
-    /// To give it back.
+    /// To give it back, or to wait for it no longer.
     Release,
     /// To hold it whoever does; for supervisors.
     TakeOver,

@@ -121,6 +121,19 @@ impl Lease {
         is_free
     }
 
+    /// Lets `operator` want it no longer, who waits for it or is next; says whether they were. Whoever waits besides is next
+    /// instead.
+    pub fn withdraw(&mut self, operator: OperatorId) -> bool {
+        let waiting = self.waiting;
+        self.waiting = waiting.filter(|waiting| waiting.operator != operator);
+        let was_next = self.next.is_some_and(|(next, _)| next == operator);
+        if was_next {
+            let waiting = self.waiting;
+            self.next = waiting.map(|waiting| (waiting.operator, How::HandOver));
+        }
+        was_next || self.waiting != waiting
+    }
+
     /// Forgets who has waited for longer than `longest`.
     pub fn forget_waiting(&mut self, now: Monotonic, longest: Duration) {
         if self

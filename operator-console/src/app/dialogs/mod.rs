@@ -62,6 +62,11 @@ impl Dialogs {
             .get_or_insert_with(|| ExportDialog::new(model, recording, last));
     }
 
+    /// Something else is shown: what was chosen was not meant for that.
+    pub(super) fn close_export(&mut self) {
+        self.export = None;
+    }
+
     /// Closes the one in front; whether there was one.
     pub(super) fn close_one(&mut self) -> bool {
         if self.export.take().is_some() {

@@ -281,20 +281,33 @@ fn heard(
     (tone, headline, advice)
 }
 
+impl EStopFace {
+    /// Of a stop that is on its way, whatever is known of the robot.
+    pub fn underway(helm: &HelmSight) -> Option<Self> {
+        let words = match helm.estop {
+            EStopSight::Sending(since) => format!("Not acknowledged for {}", age(since)),
+            EStopSight::Unsendable(since) => {
+                format!("Not sent for {}: no robot is heard", age(since))
+            }
+            EStopSight::Quiet | EStopSight::Refused(_) => return None,
+        };
+        Some(Self::Sending(words))
+    }
+}
+
 fn estop_face(teleop: &TeleopStatus, helm: &HelmSight) -> EStopFace {
+    if let Some(underway) = EStopFace::underway(helm) {
+        return underway;
+    }
     match (helm.estop, teleop.estop) {
-        (EStopSight::Sending(since), _) => {
-            EStopFace::Sending(format!("Not acknowledged for {}", age(since)))
-        }
-        (EStopSight::Unsendable(since), _) => {
-            EStopFace::Sending(format!("Not sent for {}: no robot is heard", age(since)))
-        }
-        (EStopSight::Quiet | EStopSight::Refused(_), Some(estop)) => EStopFace::InForce {
+        (_, Some(estop)) => EStopFace::InForce {
             number: estop.number,
             is_stored: estop.is_stored,
         },
         (EStopSight::Refused(why), None) => EStopFace::Refused(words::refusal(why)),
-        (EStopSight::Quiet, None) => EStopFace::Ready,
+        (EStopSight::Quiet | EStopSight::Sending(_) | EStopSight::Unsendable(_), None) => {
+            EStopFace::Ready
+        }
     }
 }
 

@@ -372,11 +372,15 @@ fn the_guard_and_the_last_stop_are_always_seen() {
             "On, allows 0.25 m/s ahead",
         ),
         // As fast as it goes, and none at all.
-        (Guard::On(limits(1.0)), Tone::Good, "On, allows full speed"),
+        (
+            Guard::On(limits(1.0)),
+            Tone::Good,
+            "On, allows full speed ahead",
+        ),
         (
             Guard::On(limits(f32::INFINITY)),
             Tone::Good,
-            "On, allows full speed",
+            "On, allows full speed ahead",
         ),
         (
             Guard::On(limits(0.0)),

@@ -1,7 +1,11 @@
+use std::time::Duration;
+
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
 
 use super::*;
+use crate::helm::EStopSight;
+use crate::pretend::{at, console, helm_of_anna};
 
 fn data() -> TopBarData {
     TopBarData {
@@ -52,6 +56,21 @@ fn who_drives_is_whole_and_stands_still_whatever_else_is_said() {
         assert_eq!(place(TopBarData { age, ..data() }, 0), usual, "{width}");
         assert_eq!(place(data(), 1), usual, "{width}: an alert");
     }
+}
+
+#[test]
+fn a_stop_that_is_being_sent_is_seen_before_the_robot_speaks() {
+    let model = console("scout", &[]);
+    assert!(model.status().is_none());
+    let mut helm = helm_of_anna();
+    let estop = |helm: &HelmSight| {
+        let link = LinkSight::default();
+        TopBarData::new(&model, &link, Some(helm), None, at(0)).estop
+    };
+    assert_eq!(estop(&helm), None);
+    helm.estop = EStopSight::Unsendable(Duration::from_secs(3));
+    let words = "Not sent for 3.0 s: no robot is heard".to_owned();
+    assert_eq!(estop(&helm), Some(EStopFace::Sending(words)));
 }
 
 #[test]

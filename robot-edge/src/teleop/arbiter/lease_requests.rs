@@ -56,9 +56,11 @@ impl Step<'_> {
                 self.end_lease(LeaseEnd::TakenOver, Some((operator, How::TakeOver)));
                 Ok(self.granted_or_waiting(operator))
             }
-            LeaseVerb::Consent { .. } | LeaseVerb::Refuse { .. } | LeaseVerb::Release
-                if !is_holder =>
-            {
+            LeaseVerb::Release if !is_holder => {
+                let was_wanted = self.state.lease.withdraw(operator);
+                was_wanted.then_some(Answer::Done).ok_or(Refusal::NotHolder)
+            }
+            LeaseVerb::Consent { .. } | LeaseVerb::Refuse { .. } if !is_holder => {
                 Err(Refusal::NotHolder)
             }
             LeaseVerb::Consent { to } => {

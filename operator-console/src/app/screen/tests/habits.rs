@@ -123,6 +123,11 @@ fn an_export_is_chosen_part_by_part() {
     let parts = [LAYER, LayerId::Elevation].map(ExportPart::Layer);
     assert_eq!(wish.parts, parts.into());
     assert!(wish.opens_folder);
+    // Its folder is named after a robot that is shown no more.
+    assert_eq!(window.query_all_by_label("Folder").count(), 1);
+    window.state_mut().screen.forget_robot();
+    window.run_steps(2);
+    assert_eq!(window.query_all_by_label("Folder").count(), 0);
 }
 
 #[test]

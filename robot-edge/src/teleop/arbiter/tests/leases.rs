@@ -165,6 +165,42 @@ fn who_waits_gets_what_is_given_back() {
 }
 
 #[test]
+fn who_waits_may_wait_no_longer() {
+    let mut vehicle = Vehicle::held();
+    assert_eq!(vehicle.lease(BOB, LeaseVerb::Request), Answer::Waiting);
+    assert_eq!(vehicle.lease(BOB, LeaseVerb::Release), Answer::Done);
+    assert_eq!(vehicle.report().lease.waiting, None);
+    assert_eq!(
+        vehicle.lease(BOB, LeaseVerb::Release),
+        Answer::Refused(Refusal::NotHolder),
+        "there is nothing more to leave"
+    );
+    assert_eq!(vehicle.holder(), Some(ALICE));
+    vehicle.lease(ALICE, LeaseVerb::Release);
+    assert_eq!((vehicle.holder(), vehicle.state.mode), (None, Mode::Idle));
+}
+
+#[test]
+fn who_is_next_may_leave_it_to_who_waits() {
+    for bob_waits in [false, true] {
+        let mut vehicle = Vehicle::driving();
+        if bob_waits {
+            assert_eq!(vehicle.lease(BOB, LeaseVerb::Request), Answer::Waiting);
+        }
+        assert_eq!(vehicle.lease(CAROL, LeaseVerb::TakeOver), Answer::Waiting);
+        assert_eq!(vehicle.lease(CAROL, LeaseVerb::Release), Answer::Done);
+        vehicle.silence(300);
+        let after = if bob_waits {
+            (Some(BOB), Mode::Held)
+        } else {
+            (None, Mode::Idle)
+        };
+        assert_eq!((vehicle.holder(), vehicle.state.mode), after);
+        assert_eq!(vehicle.output(), Velocity::ZERO);
+    }
+}
+
+#[test]
 fn a_request_is_forgotten_after_ten_seconds() {
     let mut vehicle = Vehicle::held();
     vehicle.lease(BOB, LeaseVerb::Request);
