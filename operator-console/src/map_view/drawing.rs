@@ -4,8 +4,8 @@ use std::f64::consts::FRAC_PI_2;
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
-    Align, Align2, Area, Color32, Context, Id, Layout, Order, Painter, Pos2, Rect, Response, Sense,
-    Ui, UiBuilder, WidgetInfo, pos2, vec2,
+    Align, Color32, Context, Layout, Painter, Pos2, Rect, Sense, Ui, UiBuilder, WidgetInfo, pos2,
+    vec2,
 };
 use protocol::layer::LayerId;
 use robot_edge::clock::Monotonic;
@@ -19,16 +19,13 @@ use super::overlays::shores::ShoreMarks;
 use super::overlays::stopping::{self, Motion};
 use super::overlays::vehicle::VehicleMark;
 use super::overlays::{self, grid, sensors, trail};
-use super::probe_card::CardPlace;
 use super::toolbar::{self, ToolbarData};
-use super::{CARD_MARGIN, Leg, MapView, Overlay, ProbeData, Ruler, probe, probe_card, ruler};
+use super::{CARD_MARGIN, Leg, MapView, Overlay, Ruler, probe, probe_card, ruler};
 use crate::command::Look;
 use crate::model::ConsoleModel;
 use crate::panels::stale::{StaleData, is_position_old};
 use crate::theme;
 
-/// From the lower edge to what stands over the scale bar, points.
-const OVER_SCALE_BAR: f32 = 60.0;
 /// A map that is smaller says nothing of what is under the pointer: the card would hide it. Width and height, points.
 pub(super) const LEAST_FOR_CARDS: [f32; 2] = [200.0, 160.0];
 
@@ -104,7 +101,7 @@ impl MapView {
     }
 
     /// What the buttons ask for, and where they end.
-    fn buttons_ui(&self, ui: &mut Ui) -> (Option<Look>, f32) {
+    fn buttons_ui(&mut self, ui: &mut Ui) -> (Option<Look>, f32) {
         let top_right = UiBuilder::new()
             .max_rect(self.screen.shrink(CARD_MARGIN))
             .layout(Layout::top_down(Align::Max));
@@ -115,7 +112,8 @@ impl MapView {
             is_measuring: self.ruler.is_some(),
         };
         let buttons = ui.scope_builder(top_right, |ui| toolbar::toolbar_ui(ui, data));
-        (buttons.inner, buttons.response.rect.bottom())
+        self.buttons = buttons.response.rect;
+        (buttons.inner, self.buttons.bottom())
     }
 
     fn compass_ui(&self, ui: &Ui, model: &ConsoleModel, top: f32) -> Option<Look> {
@@ -146,44 +144,6 @@ impl MapView {
             .collect();
         let top = toolbar::HEIGHT + compass::SIZE + 3.0 * CARD_MARGIN;
         self.legends.show(ui, (self.screen, top), &palettes);
-    }
-
-    /// The card with what is read under the pointer or where it was pinned, and the pin.
-    fn probe_ui(
-        &mut self,
-        ui: &Ui,
-        painter: &Painter,
-        response: &Response,
-        model: &ConsoleModel,
-        now: Monotonic,
-    ) {
-        let aimed_at = self
-            .aim(response.hover_pos())
-            .map(|at| self.camera.to_odom(self.screen, at));
-        let Some(point_m) = self.pinned_m.or(aimed_at) else {
-            return;
-        };
-        if let Some(pinned_m) = self.pinned_m {
-            probe_card::paint_pin(painter, self.camera.to_screen(self.screen, pinned_m));
-        }
-        let data = ProbeData::new(model, self.stack(), point_m, now);
-        let is_pinned = self.pinned_m.is_some();
-        let legend = self.legends.place();
-        let legend = legend.filter(|_| self.look.has(Overlay::Legend));
-        let bar = self.screen.bottom() - OVER_SCALE_BAR;
-        let place = CardPlace::new(self.screen, bar, legend);
-        let card = Area::new(Id::unique("map probe"))
-            .fixed_pos(place.corner)
-            .pivot(Align2::LEFT_BOTTOM)
-            .constrain_to(self.screen)
-            .order(Order::Background)
-            .interactable(is_pinned)
-            .show(ui.ctx(), |ui| {
-                probe_card::probe_card_ui(ui, &data, is_pinned, place.width)
-            });
-        if card.inner {
-            self.pinned_m = None;
-        }
     }
 
     /// What the map lies on: the colour of what is unknown in the lowest layer, where that has one.

@@ -9,6 +9,7 @@ use protocol::layer::Palette;
 
 use super::CARD_MARGIN;
 use super::drawing::LEAST_FOR_CARDS;
+use super::scroll_keys::ScrollKeys;
 use crate::panels::layers::layer_name;
 use crate::panels::legend::{LegendsData, legends_height, legends_ui};
 use crate::theme;
@@ -39,6 +40,8 @@ pub(super) struct LegendCard {
     has_all: bool,
     /// Where it was drawn last, with its button.
     place: Option<Rect>,
+    /// Whether the button had the keyboard when it was drawn last: who opened the legends by it need not go elsewhere.
+    is_on_button: bool,
 }
 
 impl LegendCard {
@@ -51,6 +54,7 @@ impl LegendCard {
     /// that are drawn, the uppermost first.
     pub(super) fn show(&mut self, ui: &Ui, (screen, top): (Rect, f32), layers: &[Drawn]) {
         self.place = None;
+        let is_on_button = std::mem::take(&mut self.is_on_button);
         if layers.is_empty() {
             return;
         }
@@ -92,7 +96,13 @@ impl LegendCard {
                             let scroll = ScrollArea::vertical()
                                 .max_height(height)
                                 .min_scrolled_height(height);
-                            scroll.show(ui, |ui| legends_ui(ui, &data));
+                            let legends = legends_height(ui, &data, inner_width(screen));
+                            let keys = ScrollKeys {
+                                label: "Legends; Page Up and Page Down scroll them",
+                                is_needed: legends > height + 1.0,
+                                is_on_button,
+                            };
+                            keys.show(ui, (height, scroll), |ui| legends_ui(ui, &data));
                         } else {
                             legends_ui(ui, &data);
                         }
@@ -111,8 +121,9 @@ impl LegendCard {
             .constrain_to(screen)
             .order(Order::Background)
             .show(ui.ctx(), |ui| {
-                more_ui(ui, (left_out, fitting == 0), &mut self.has_all);
+                more_ui(ui, (left_out, fitting == 0), &mut self.has_all)
             });
+        self.is_on_button = button.inner;
         let button = button.response.rect;
         self.place = Some(self.place.map_or(button, |card| card.union(button)));
     }
@@ -148,8 +159,8 @@ fn fitting(ui: &Ui, screen: Rect, layers: &[Drawn]) -> usize {
     (1..=layers.len()).rev().find(fits).unwrap_or(least)
 }
 
-/// The button that opens the legends that are left out, and closes them.
-fn more_ui(ui: &mut Ui, (left_out, are_all): (&[Drawn], bool), has_all: &mut bool) {
+/// The button that opens the legends that are left out, and closes them; whether it has the keyboard.
+fn more_ui(ui: &mut Ui, (left_out, are_all): (&[Drawn], bool), has_all: &mut bool) -> bool {
     let count = left_out.len();
     let words = match (*has_all, are_all, count) {
         (true, ..) => "Fewer".to_owned(),
@@ -183,7 +194,9 @@ fn more_ui(ui: &mut Ui, (left_out, are_all): (&[Drawn], bool), has_all: &mut boo
     ui.spacing_mut().interact_size.y = BUTTON;
     let button = ui.add(Button::new(RichText::new(words).small()));
     button.widget_info(|| WidgetInfo::labeled(Role::Button, true, &hint));
+    let has_keyboard = button.has_focus();
     if button.on_hover_text(hint).clicked() {
         *has_all = !*has_all;
     }
+    has_keyboard
 }

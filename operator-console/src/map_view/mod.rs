@@ -1,6 +1,7 @@
 //! The map: the layers that the model holds, one over the other, seen through a camera that the operator moves.
 
 mod camera;
+mod card_place;
 mod chunk_build;
 mod chunks;
 mod coloring;
@@ -20,6 +21,7 @@ mod probe_card;
 mod probe_source;
 mod quads;
 mod ruler;
+mod scroll_keys;
 mod stack;
 mod surroundings;
 mod tile_textures;
@@ -28,7 +30,7 @@ mod toolbar;
 use std::collections::BTreeSet;
 use std::f64::consts::FRAC_PI_2;
 
-use eframe::egui::{Pos2, Rect, vec2};
+use eframe::egui::{Pos2, Rect, Vec2, vec2};
 use protocol::layer::{LayerId, Palette};
 use protocol::tile::TileKey;
 
@@ -74,6 +76,9 @@ pub struct MapView {
     /// Whether what would be under the pointer is in the middle, for hands on the keyboard.
     is_aiming: bool,
     legends: LegendCard,
+    /// How large the card with what is read was, and where the buttons were, when they were drawn last.
+    card_size: Vec2,
+    buttons: Rect,
 }
 
 impl Default for MapView {
@@ -92,6 +97,8 @@ impl Default for MapView {
             ruler: None,
             is_aiming: false,
             legends: LegendCard::default(),
+            card_size: Vec2::ZERO,
+            buttons: Rect::NOTHING,
         }
     }
 }

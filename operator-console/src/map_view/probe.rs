@@ -153,6 +153,12 @@ impl ProbedCell {
         ];
         parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
     }
+
+    /// How old it is: what has room on a small map.
+    pub fn short_origin(&self) -> String {
+        let age = self.value.and(self.age);
+        age.map(DataAge::words).unwrap_or_default()
+    }
 }
 
 /// The value of a layer at a point (metres in `odom`), as exports have it; `None` where it is unknown.

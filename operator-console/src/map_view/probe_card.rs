@@ -1,45 +1,83 @@
 //! The card with what the map says at a point, and the mark of a point that is pinned.
 
-use eframe::egui::{Color32, Frame, Grid, Label, Painter, Pos2, Rect, RichText, Stroke, Ui, pos2};
+use eframe::egui::{
+    Area, Color32, Frame, Grid, Id, Label, Order, Painter, Pos2, Response, RichText, Stroke, Ui,
+};
+use robot_edge::clock::Monotonic;
 
-use super::CARD_MARGIN;
+use super::card_place::{CardPlace, Others};
+use super::overlays::compass;
 use super::probe::ProbeData;
+use super::{CARD_MARGIN, MapView, Overlay};
+use crate::model::ConsoleModel;
 use crate::panels::layers::layer_name;
 use crate::theme;
 
 const INNER: f32 = 8.0;
-/// A card that is narrower has too many lines, points.
-const LEAST: f32 = 330.0;
+/// Narrower cards say less, so that they have few lines, points.
+const NARROW: f32 = 330.0;
 
-/// Where the card stands.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct CardPlace {
-    /// Its lower left corner.
-    pub(super) corner: Pos2,
-    /// What it has for its width, points.
-    pub(super) width: f32,
-}
+/// From the lower edge to what stands over the scale bar, points.
+const OVER_SCALE_BAR: f32 = 60.0;
 
-impl CardPlace {
-    /// Beside the legend where both fit, else above it; over the scale bar, whose upper edge is `bar`, in any case.
-    pub(super) fn new(screen: Rect, bar: f32, legend: Option<Rect>) -> Self {
-        let left = screen.left() + CARD_MARGIN;
-        let beside = legend.map_or(screen.right(), |legend| legend.left()) - CARD_MARGIN - left;
-        match legend {
-            Some(legend) if beside < LEAST => Self {
-                corner: pos2(left, bar.min(legend.top() - CARD_MARGIN)),
-                width: screen.right() - CARD_MARGIN - left,
-            },
-            Some(_) | None => Self {
-                corner: pos2(left, bar),
-                width: beside,
-            },
+impl MapView {
+    /// The card with what is read under the pointer or where it was pinned, and the pin.
+    pub(super) fn probe_ui(
+        &mut self,
+        ui: &Ui,
+        painter: &Painter,
+        response: &Response,
+        model: &ConsoleModel,
+        now: Monotonic,
+    ) {
+        let aimed_at = self
+            .aim(response.hover_pos())
+            .map(|at| self.camera.to_odom(self.screen, at));
+        let Some(point_m) = self.pinned_m.or(aimed_at) else {
+            return;
+        };
+        if let Some(pinned_m) = self.pinned_m {
+            paint_pin(painter, self.camera.to_screen(self.screen, pinned_m));
+        }
+        let data = ProbeData::new(model, self.stack(), point_m, now);
+        let is_pinned = self.pinned_m.is_some();
+        let legend = self.legends.place();
+        let legend = legend.filter(|_| self.look.has(Overlay::Legend));
+        let others = Others {
+            screen: self.screen,
+            bar: self.screen.bottom() - OVER_SCALE_BAR,
+            legend,
+            buttons: self.buttons,
+            compass: self.screen.right() - CARD_MARGIN - compass::SIZE,
+        };
+        // A card with a button must not flee from the pointer.
+        let read = self.camera.to_screen(self.screen, point_m);
+        let vehicle = model.vehicle().pose().map(|(pose, _)| {
+            let [x_m, y_m, _] = pose.position_m;
+            self.camera.to_screen(self.screen, [x_m, y_m])
+        });
+        let points: Vec<_> = [read].into_iter().chain(vehicle).collect();
+        let place = CardPlace::new(others, self.card_size, &points);
+        let card = Area::new(Id::unique("map probe"))
+            .fixed_pos(place.corner)
+            .pivot(place.align)
+            .constrain_to(self.screen)
+            .order(Order::Background)
+            .interactable(is_pinned)
+            .show(ui.ctx(), |ui| {
+                probe_card_ui(ui, &data, is_pinned, place.width)
+            });
+        self.card_size = card.response.rect.size();
+        if card.inner {
+            self.pinned_m = None;
         }
     }
 }
 
-/// Draws the card, `width` points wide at most; whether the pin is to be taken out.
-pub(super) fn probe_card_ui(ui: &mut Ui, data: &ProbeData, is_pinned: bool, width: f32) -> bool {
+/// Draws the card, `width` points wide at most; whether the pin is to be taken out. A narrow one says how old values are of the
+/// layers that are drawn, and not what they come from.
+fn probe_card_ui(ui: &mut Ui, data: &ProbeData, is_pinned: bool, width: f32) -> bool {
+    let is_narrow = width < NARROW;
     let mut is_over = false;
     Frame::new()
         .fill(theme::card(ui.visuals()))
@@ -49,7 +87,8 @@ pub(super) fn probe_card_ui(ui: &mut Ui, data: &ProbeData, is_pinned: bool, widt
             ui.set_max_width(width - 2.0 * INNER);
             ui.spacing_mut().item_spacing.y = 3.0;
             ui.horizontal(|ui| {
-                ui.label(RichText::new(data.place()).strong());
+                let place = RichText::new(data.place()).strong();
+                ui.label(if is_narrow { place.small() } else { place });
                 if is_pinned {
                     let unpin = ui.small_button("Unpin");
                     is_over = unpin
@@ -58,13 +97,15 @@ pub(super) fn probe_card_ui(ui: &mut Ui, data: &ProbeData, is_pinned: bool, widt
                 }
             });
             // Columns are as wide as they were: those of other layers would overlap.
-            let layers: Vec<_> = data.cells.iter().map(|cell| cell.layer).collect();
+            let cells = data.cells.iter();
+            let cells: Vec<_> = cells.filter(|cell| cell.is_shown || !is_narrow).collect();
+            let layers: Vec<_> = cells.iter().map(|cell| cell.layer).collect();
             Grid::new(("probe", layers))
                 .num_columns(3)
                 .min_row_height(16.0)
                 .spacing([10.0, 2.0])
                 .show(ui, |ui| {
-                    for cell in &data.cells {
+                    for cell in cells {
                         let weak = ui.visuals().weak_text_color();
                         let name = RichText::new(layer_name(cell.layer)).small();
                         let mut value = RichText::new(cell.text()).small().strong();
@@ -73,7 +114,12 @@ pub(super) fn probe_card_ui(ui: &mut Ui, data: &ProbeData, is_pinned: bool, widt
                         }
                         ui.label(name);
                         ui.label(value);
-                        let origin = RichText::new(cell.origin()).small().color(weak);
+                        let origin = if is_narrow {
+                            cell.short_origin()
+                        } else {
+                            cell.origin()
+                        };
+                        let origin = RichText::new(origin).small().color(weak);
                         ui.add(Label::new(origin).wrap());
                         ui.end_row();
                     }
@@ -90,36 +136,5 @@ pub(super) fn paint_pin(painter: &Painter, at: Pos2) {
             let ends = [at + 4.0 * towards, at + 12.0 * towards];
             painter.line_segment(ends, Stroke::new(width, color));
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use eframe::egui::vec2;
-
-    use super::*;
-
-    #[test]
-    fn the_card_is_never_under_the_legend() {
-        let legend_of = |screen: Rect| {
-            let corner = screen.right_bottom() - vec2(CARD_MARGIN, CARD_MARGIN);
-            Rect::from_min_max(corner - vec2(236.0, 140.0), corner)
-        };
-        for (size, is_beside) in [
-            (vec2(700.0, 560.0), true),
-            (vec2(500.0, 560.0), false),
-            (vec2(270.0, 300.0), false),
-        ] {
-            let screen = Rect::from_min_size(pos2(280.0, 40.0), size);
-            let (bar, legend) = (screen.bottom() - 60.0, legend_of(screen));
-            let place = CardPlace::new(screen, bar, Some(legend));
-            let right = place.corner.x + place.width;
-            assert_eq!(right <= legend.left(), is_beside, "{size}");
-            assert!(is_beside || place.corner.y <= legend.top(), "{size}");
-            assert!(place.corner.y <= bar && right <= screen.right(), "{size}");
-        }
-        let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(270.0, 300.0));
-        let alone = CardPlace::new(screen, 240.0, None);
-        assert_eq!((alone.corner, alone.width), (pos2(12.0, 240.0), 246.0));
     }
 }

@@ -315,3 +315,81 @@ fn legends_leave_a_small_map_in_sight_and_a_button_opens_the_others() {
     assert!(large.query_by_label_contains("more legend").is_none());
     assert!(large.query_by_label_contains("Legends: ").is_none());
 }
+
+#[test]
+fn opened_legends_that_have_no_room_are_scrolled_by_keys() {
+    const SCROLLED: &str = "Legends; Page Up and Page Down scroll them";
+    let mut window = window_of(260.0, 300.0);
+    assert!(window.query_by_label(SCROLLED).is_none(), "closed");
+    window.get_by_label_contains("more legend").focus();
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    window.run_steps(4);
+    let first = window.get_by_label("Obstacle").rect().top();
+    let top = |window: &Harness<'_, Rig>| window.get_by_label("Obstacle").rect().top();
+    // Who opened them has the keyboard on their button.
+    window.key_press(Key::PageDown);
+    window.run_steps(4);
+    let second = top(&window);
+    assert!(second < first - 40.0, "{second} {first}");
+    window.key_press(Key::PageUp);
+    window.run_steps(4);
+    assert!((top(&window) - first).abs() < 1.0);
+    // So has who goes to them, and nobody else.
+    window.get_by_label(SCROLLED).focus();
+    window.run_steps(2);
+    window.key_press(Key::PageDown);
+    window.run_steps(4);
+    assert!((top(&window) - second).abs() < 1.0);
+    window.key_press(Key::ArrowUp);
+    window.run_steps(4);
+    assert!((top(&window) - second).abs() < 1.0, "arrows drive");
+    window.ctx.memory_mut(|memory| {
+        if let Some(focused) = memory.focused() {
+            memory.surrender_focus(focused);
+        }
+    });
+    window.run_steps(2);
+    window.key_press(Key::PageUp);
+    window.run_steps(4);
+    assert!((top(&window) - second).abs() < 1.0);
+    // Where all have room there is nothing to go to.
+    let mut roomy = window_of(500.0, 800.0);
+    if let Some(button) = roomy.query_by_label_contains("more legend") {
+        button.click();
+    }
+    roomy.run_steps(4);
+    assert!(roomy.query_by_label(SCROLLED).is_none());
+}
+
+#[test]
+fn the_card_of_a_small_map_covers_neither_what_is_read_nor_the_vehicle() {
+    let mut window = window_of(280.0, 390.0);
+    let model = model_of(&store());
+    let view = &mut window.state_mut().view;
+    view.obey(LayerCommand::Only(LayerId::Elevation), &model);
+    window.run_steps(2);
+    let card = |window: &Harness<'_, Rig>| {
+        let text = window.get_by_label_contains(" m  y ").rect();
+        let size = window.state().view.card_size;
+        Rect::from_min_size(text.min - vec2(8.0, 8.0), size)
+    };
+    let screen = window.state().view.screen;
+    let mut tops = Vec::new();
+    for step in 1..12_u8 {
+        let place = pos2(
+            screen.left() + 60.0,
+            screen.top() + 380.0 * f32::from(step) / 12.0,
+        );
+        window.hover_at(place);
+        window.run_steps(4);
+        let card = card(&window);
+        assert!(!card.contains(place), "{card} {place}");
+        assert!(screen.contains_rect(card.shrink(1.0)), "{card}");
+        let compass = window.get_by_label("Compass: north up").rect();
+        assert!(!card.intersects(compass), "{card} {compass}");
+        tops.push(card.top().round() as i32);
+    }
+    tops.dedup();
+    assert_eq!(tops.len(), 3, "below, above, below: {tops:?}");
+}

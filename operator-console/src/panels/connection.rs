@@ -17,6 +17,13 @@ use crate::theme::{Tone, state_ui};
 /// Pushed tiles are compared once a second; while they keep coming a map that was equal so lately is not
 /// behind.
 const EQUAL_ENOUGH: Duration = Duration::from_secs(5);
+/// What is said of a map that is the robot's, and of one that is not.
+const IN_STEP: &str = "In step";
+const BEHIND: &str = "Behind";
+const NO_MAP: &str = "No map";
+const OLD: &str = "Old";
+/// All that a map may be in a word or two.
+pub(super) const SHORT_MAPS: [&str; 4] = [IN_STEP, BEHIND, NO_MAP, OLD];
 
 /// What is known of the sessions.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -53,6 +60,8 @@ pub struct ConnectionData {
     pub map_tone: Tone,
     /// In a few words.
     pub map: String,
+    /// In one word, or two, where there is no room for those.
+    pub map_short: &'static str,
     /// Figures.
     pub rows: Vec<(String, String)>,
 }
@@ -108,13 +117,14 @@ impl ConnectionData {
                 (Tone::Warning, "Silent".to_owned(), Some(advice))
             }
         };
-        let (map_tone, map) = map_state(model.map(), state, now);
+        let (map_tone, map, map_short) = map_state(model.map(), state, now);
         Self {
             tone,
             state: word,
             advice,
             map_tone,
             map,
+            map_short,
             rows: match link.recording {
                 Some(_) => Vec::new(),
                 None => rows(model, state, now),
@@ -143,28 +153,35 @@ fn rows(model: &ConsoleModel, state: LinkState, now: Monotonic) -> Vec<Row> {
     ]
 }
 
-/// Whether the map is the robot's.
-fn map_state(map: &MapSync, state: LinkState, now: Monotonic) -> (Tone, String) {
+/// Whether the map is the robot's, in a few words and in fewer.
+fn map_state(map: &MapSync, state: LinkState, now: Monotonic) -> (Tone, String, &'static str) {
     let Some(_announced) = map.head_at() else {
-        return (Tone::Waiting, "No map yet".to_owned());
+        return (Tone::Waiting, format!("{NO_MAP} yet"), NO_MAP);
     };
     if state == LinkState::Silent {
         let was = if map.is_in_step() { "Was" } else { "Was not" };
-        return (Tone::Warning, format!("{was} in step when last heard"));
+        let text = format!("{was} in step when last heard");
+        return (Tone::Warning, text, OLD);
     }
     if map.is_in_step() {
-        return (Tone::Good, "In step".to_owned());
+        return (Tone::Good, IN_STEP.to_owned(), IN_STEP);
     }
     let missing: usize = map.steps().map(|step| step.missing).sum();
     if missing > 0 {
         let tiles = if missing == 1 { "tile" } else { "tiles" };
         let text = format!("{} {tiles} missing", count(missing as u64));
-        return (Tone::Waiting, text);
+        return (Tone::Waiting, text, BEHIND);
     }
     let last_equal = map.steps().map(|step| step.last_equal).min().flatten();
     match last_equal.map(|at| now.since(at)) {
-        Some(since) if since < EQUAL_ENOUGH => (Tone::Good, format!("In step {} ago", age(since))),
-        Some(_) | None => (Tone::Waiting, "Behind, asking what is missing".to_owned()),
+        Some(since) if since < EQUAL_ENOUGH => {
+            let text = format!("{IN_STEP} {} ago", age(since));
+            (Tone::Good, text, IN_STEP)
+        }
+        Some(_) | None => {
+            let text = format!("{BEHIND}, asking what is missing");
+            (Tone::Waiting, text, BEHIND)
+        }
     }
 }
 

@@ -11,6 +11,9 @@ use super::wording::{age, count};
 use crate::model::{ConsoleModel, LinkState};
 use crate::theme::{Tone, state_ui};
 
+/// Narrower panels have two lines a sensor, points: the columns have no room side by side.
+const NARROW: f32 = 580.0;
+
 /// What the panel shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SensorsData {
@@ -185,6 +188,17 @@ pub fn sensors_ui(ui: &mut Ui, data: &SensorsData) {
     if data.sensors.is_empty() {
         return;
     }
+    if ui.available_width() < NARROW {
+        ScrollArea::vertical()
+            .id_salt("sensors in lines")
+            .auto_shrink([false, true])
+            .show(ui, |ui| {
+                for sensor in &data.sensors {
+                    narrow_sensor_ui(ui, sensor);
+                }
+            });
+        return;
+    }
     ScrollArea::both()
         .id_salt("sensors")
         .auto_shrink([false, true])
@@ -222,6 +236,44 @@ const HEADINGS: [(&str, &str); 6] = [
         "Measurements that could not be used since the robot started",
     ),
 ];
+
+/// Its name and how it is, and below them its figures. Nothing dropped needs no word.
+fn narrow_sensor_ui(ui: &mut Ui, sensor: &SensorLine) {
+    let weak = ui.visuals().weak_text_color();
+    ui.scope(|ui| {
+        ui.spacing_mut().item_spacing.y = 0.0;
+        ui.spacing_mut().interact_size.y = 0.0;
+        ui.horizontal_wrapped(|ui| {
+            ui.scope(|ui| state_ui(ui, sensor.tone, &sensor.state, 15.0))
+                .response
+                .on_hover_text(sensor.advice);
+            let name = Label::new(RichText::new(&sensor.name).strong());
+            ui.add(name).on_hover_text(sensor.kind);
+        });
+        ui.horizontal_wrapped(|ui| {
+            for (words, hint) in sensor.figures() {
+                ui.label(RichText::new(words).small().color(weak))
+                    .on_hover_text(hint);
+            }
+        });
+    });
+}
+
+impl SensorLine {
+    /// Rate, when it was seen last, and what was dropped where something was; and what these are.
+    fn figures(&self) -> Vec<(String, &'static str)> {
+        let [_, _, _, (_, rate), (_, seen), (_, dropped)] = HEADINGS;
+        let mut figures = vec![
+            (format!("{},", self.rate), rate),
+            (format!("seen {}", self.last_seen), seen),
+        ];
+        if self.dropped != "0" {
+            figures[1].0.push(',');
+            figures.push((format!("{} dropped", self.dropped), dropped));
+        }
+        figures
+    }
+}
 
 fn sensor_ui(ui: &mut Ui, sensor: &SensorLine) {
     ui.scope(|ui| state_ui(ui, sensor.tone, &sensor.state, 15.0))

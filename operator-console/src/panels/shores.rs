@@ -1,5 +1,6 @@
 //! Shores and docking sites: what stands along the water, how dense, how far away.
 
+mod columns;
 mod list;
 
 use protocol::layer::{LayerId, Swatch};
@@ -63,6 +64,16 @@ pub enum SortBy {
     Size,
     /// From the vehicle: the nearest first.
     Distance,
+}
+
+impl ShoreRow {
+    /// Whether it is a docking site.
+    const fn is_site(&self) -> bool {
+        match self.mark {
+            ShoreMark::Shore(_) => false,
+            ShoreMark::Site(_) => true,
+        }
+    }
 }
 
 impl ShoresData {

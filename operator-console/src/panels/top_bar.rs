@@ -9,7 +9,7 @@ use eframe::egui::{
 };
 use robot_edge::clock::Monotonic;
 
-use super::connection::{ConnectionData, LinkSight};
+use super::connection::{ConnectionData, LinkSight, SHORT_MAPS};
 use super::driving::{DrivingData, EStopFace};
 use super::elide::elided;
 use super::robots::{alerts, swatch_ui};
@@ -32,8 +32,6 @@ const LINKS: [&str; 4] = ["Live", "Silent", "Waiting", "Ended"];
 const RECORDINGS: [&str; 2] = ["Recording", "Opening"];
 /// Ages of what is not very old are not longer, and where there is little room.
 const AGES: [&str; 2] = ["< 0.2 s ago", "< 0.2 s"];
-/// What is said of a map that is as it should be. It may have been so a moment ago: words that come and go say no more.
-const IN_STEP: &str = "In step";
 /// Bars that are narrower leave out what can be missed, points.
 const NARROW: f32 = 520.0;
 
@@ -51,6 +49,8 @@ pub struct TopBarData {
     pub age: Option<String>,
     /// Whether the map is the robot's.
     pub map: (Tone, String),
+    /// The same in a word or two.
+    pub map_short: &'static str,
     /// Who drives; none where nobody can.
     pub driver: Option<String>,
     /// The stop, where there is something to stop.
@@ -86,6 +86,7 @@ impl TopBarData {
             link: (connection.tone, connection.state),
             age,
             map: (connection.map_tone, connection.map),
+            map_short: connection.map_short,
             driver: driving.as_ref().map(|driving| driving.driver.clone()),
             // A stop that is on its way is seen before anything is heard of the robot.
             estop: driving
@@ -119,7 +120,7 @@ pub fn robot_bar_ui(ui: &mut Ui, data: &TopBarData) {
             .driver
             .as_ref()
             .map_or(0.0, |driver| line + gap + width(ui, driver)),
-        map: mark + width(ui, IN_STEP),
+        map: mark + widest(ui, &SHORT_MAPS),
         gaps: 2.0 * gap + line,
     };
     let room = Room::new(ui.available_width(), wanted);
@@ -144,12 +145,22 @@ pub fn robot_bar_ui(ui: &mut Ui, data: &TopBarData) {
         ui.add(Label::new(driver).truncate());
     }
     line_ui(ui);
+    map_ui(ui, data, mark);
+}
+
+/// How the map is, in as many words as there is room for beside a mark so wide; who asks for them, or hears them, has all.
+fn map_ui(ui: &mut Ui, data: &TopBarData, mark: f32) {
     let (tone, map) = &data.map;
-    let words = match tone {
-        Tone::Good => IN_STEP,
-        Tone::Waiting | Tone::Warning => map,
+    let has_room = mark + width(ui, map) <= ui.available_width();
+    let (shown, told) = match tone {
+        // It may have been so a moment ago: words that come and go say no more.
+        Tone::Good => (data.map_short, data.map_short),
+        Tone::Waiting | Tone::Warning if has_room => (map.as_str(), map.as_str()),
+        Tone::Waiting | Tone::Warning => (data.map_short, map.as_str()),
     };
-    short_state_ui(ui, *tone, words, SIZE).on_hover_text(map);
+    let label = short_state_ui(ui, *tone, shown, SIZE);
+    label.widget_info(|| WidgetInfo::labeled(Role::Label, true, told));
+    label.on_hover_text(map);
 }
 
 fn width(ui: &Ui, words: &str) -> f32 {

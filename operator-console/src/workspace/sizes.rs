@@ -6,8 +6,9 @@ use egui_tiles::{Container, LinearDir, Tile, TileId, Tree};
 use super::PanelId;
 use super::layout::share_of;
 
-/// The map becomes no smaller than this for the sake of others, points.
-const LEAST: f32 = 260.0;
+/// The map becomes no smaller than this for the sake of others, points, and in a small window than this share of it.
+const LEAST: f32 = 300.0;
+const LEAST_SHARE: f32 = 0.4;
 /// What has just been put beside the map gets this, points: the library gives it next to nothing.
 const NEW: f32 = 250.0;
 /// No panel was ever made so small by hand.
@@ -48,9 +49,16 @@ pub(super) fn give_to_the_map(tree: &mut Tree<PanelId>, map: TileId, size: Vec2)
             }
             taken += points;
         }
-        // Where there is too little for all, everyone gives in proportion.
-        let for_map = (size[axis] - taken).max(LEAST);
-        linear.shares.set_share(child, for_map);
-        size[axis] *= for_map / (taken + for_map);
+        let least = LEAST.min(LEAST_SHARE * size[axis]);
+        let for_map = (size[axis] - taken).max(least);
+        // Where there is too little for all, the others give in proportion: theirs are not written over, so that they have
+        // them again in a larger window.
+        let share = if taken + for_map > size[axis] {
+            for_map * taken / (size[axis] - for_map).max(1.0)
+        } else {
+            for_map
+        };
+        linear.shares.set_share(child, share);
+        size[axis] = for_map;
     }
 }

@@ -149,6 +149,15 @@ fn a_window_that_grows_gives_to_the_map() {
     window.run_steps(4);
     let map = size_of(&window, PanelId::Map);
     assert!(map.x > 120.0 && map.y > 120.0, "{map}");
+    for (width, map) in [(640.0, 256.0), (700.0, 280.0), (860.0, 300.0)] {
+        window.set_size(vec2(width, 580.0));
+        window.run_steps(4);
+        let drawn = size_of(&window, PanelId::Map).x;
+        assert!((drawn - map).abs() < 14.0, "{width}: {drawn}");
+    }
+    window.set_size(vec2(1680.0, 960.0));
+    window.run_steps(4);
+    assert!((size_of(&window, PanelId::Driving).x - driving).abs() < 2.0);
 }
 
 #[test]

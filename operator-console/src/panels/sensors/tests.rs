@@ -144,3 +144,36 @@ fn what_was_well_when_the_data_ended_is_not_called_well() {
     let line = "Waiting Was good | laser | Tilting laser | 5.0 of 5 Hz | as of the end | 0";
     assert_eq!(text(&data), line);
 }
+
+#[test]
+fn a_narrow_panel_shows_all_of_every_sensor_within_its_width() {
+    for width in [250.0, 400.0, 560.0] {
+        let data = SensorsData::new(&boat(), at(1_100));
+        let mut panel = Harness::builder()
+            .with_size(vec2(width, 400.0))
+            .build_ui(move |ui| sensors_ui(ui, &data));
+        crate::theme::set(&panel.ctx);
+        panel.run_steps(3);
+        for label in [
+            "Silent",
+            "sonar",
+            "4.2 of 10 Hz,",
+            "seen 1.3 s ago,",
+            "12\u{2009}345 dropped",
+            "Clock leapt",
+            "not described",
+            "seen never",
+        ] {
+            let rect = panel.get_by_label(label).rect();
+            assert!(
+                rect.left() >= 0.0 && rect.right() <= width,
+                "{width}, {label}: {rect}"
+            );
+        }
+        let top = |label| panel.get_by_label(label).rect().top();
+        assert!(top("4.2 of 10 Hz,") > top("sonar"), "{width}");
+        assert!(top("No fix") > top("4.2 of 10 Hz,"), "{width}");
+        assert!(panel.query_by_label("0 dropped").is_none());
+        assert!(panel.query_by_label("Last seen").is_none(), "{width}");
+    }
+}

@@ -4,18 +4,16 @@ use std::sync::Arc;
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
-    Align2, FontSelection, Galley, Id, Rect, RectAlign, Response, RichText, ScrollArea, Sense,
-    Tooltip, Ui, WidgetInfo, pos2, vec2,
+    FontSelection, Galley, Id, Rect, RectAlign, Response, RichText, ScrollArea, Sense, Tooltip, Ui,
+    WidgetInfo, pos2, vec2,
 };
 
 use super::super::legend::{SWATCH, paint_swatch};
-use super::super::wording::capitalised;
+use super::columns::{CLASS, Columns, class, texts};
 use super::{ShoreRow, ShoresData, SortBy, sort};
 use crate::command::Look;
 use crate::map_view::ShoreMark;
 
-/// Narrower panels have the class of a shore in a line of its own, points.
-const NARROW: f32 = 310.0;
 /// The numbers need it, points: nobody makes a panel so narrow to read it.
 const LEAST_WIDTH: f32 = 170.0;
 const ROW_HEIGHT: f32 = 24.0;
@@ -27,17 +25,11 @@ const BELOW_RISE: f32 = 4.0;
 const BELOW_GAP: f32 = 6.0;
 /// The lists scroll beyond this: eight rows.
 const LIST_HEIGHT: f32 = 192.0;
-/// Where the columns are, as shares of the width: name, class, share, size, distance. Numbers end there.
-const COLUMNS: [f32; 5] = [0.11, 0.14, 0.62, 0.81, 1.0];
-/// The same where the class has only its colour and pattern there.
-const NARROW_COLUMNS: [f32; 5] = [0.13, 0.17, 0.46, 0.73, 1.0];
 /// On the right of the numbers, points.
 const BAR: f32 = 8.0;
 /// From a row to what is told of it beside the panel, and how wide that is at most, points.
 const HINT_GAP: f32 = 14.0;
 const HINT_WIDTH: f32 = 260.0;
-/// Which of the columns is the class.
-const CLASS: usize = 1;
 /// What each column but the class sorts by.
 const SORTS: [Option<SortBy>; 5] = [
     Some(SortBy::Number),
@@ -60,8 +52,6 @@ struct List<'a> {
     /// What is said of the usual order.
     usually: &'static str,
     rows: &'a [ShoreRow],
-    columns: [f32; 5],
-    is_narrow: bool,
 }
 
 /// What a list asks for.
@@ -88,8 +78,6 @@ pub fn shores_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
 fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
     // Bars of lists that scroll lie over their right edge.
     ui.set_max_width(ui.available_width() - BAR);
-    let is_narrow = ui.available_width() < NARROW;
-    let columns = if is_narrow { NARROW_COLUMNS } else { COLUMNS };
     for note in &data.notes {
         ui.label(RichText::new(note).small());
     }
@@ -103,8 +91,6 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
         usual: SortBy::Distance,
         usually: "the nearest first",
         rows: &data.shores,
-        columns,
-        is_narrow,
     };
     let sites = List {
         name: "docking sites",
@@ -116,11 +102,11 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
         usual: SortBy::Number,
         usually: "the gentlest first by steps of 0.05, then the widest",
         rows: &data.sites,
-        columns,
-        is_narrow,
     };
-    for list in [shores, sites] {
-        list_ui(ui, &list, data.marked, &mut asked);
+    let lists = [shores, sites];
+    let columns = columns(ui, &lists);
+    for list in &lists {
+        list_ui(ui, (list, &columns), data.marked, &mut asked);
     }
     let is_other = asked.hovered != data.hovered;
     asked
@@ -128,7 +114,24 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
         .or_else(|| is_other.then_some(Look::Hover(asked.hovered)))
 }
 
-fn list_ui(ui: &mut Ui, list: &List<'_>, marked: Option<ShoreMark>, asked: &mut Asked) {
+/// The same for all lists that have something in them.
+fn columns(ui: &Ui, lists: &[List<'_>]) -> Columns {
+    let lists = lists.iter().filter(|list| !list.rows.is_empty());
+    let rows: Vec<_> = lists
+        .clone()
+        .flat_map(|list| list.rows.iter().map(|row| (row, class(row))))
+        .collect();
+    let titles = lists.map(|list| list.titles);
+    let rows = rows.iter().map(|(row, class)| texts(row, class));
+    Columns::new(ui, ui.available_width(), titles.chain(rows))
+}
+
+fn list_ui(
+    ui: &mut Ui,
+    (list, columns): (&List<'_>, &Columns),
+    marked: Option<ShoreMark>,
+    asked: &mut Asked,
+) {
     if list.rows.is_empty() {
         return;
     }
@@ -142,10 +145,10 @@ fn list_ui(ui: &mut Ui, list: &List<'_>, marked: Option<ShoreMark>, asked: &mut 
     };
     let heading = ui.label(RichText::new(heading).small());
     hint_ui(&heading, list.why);
-    titles_ui(ui, list, &mut by);
+    titles_ui(ui, list, columns, &mut by);
     ui.data_mut(|data| data.insert_temp(id, by));
     sort(&mut rows, by);
-    let row_height = row_height(ui, list);
+    let row_height = row_height(ui, list, columns);
     ui.scope(|ui| {
         ui.spacing_mut().item_spacing.y = 0.0;
         ScrollArea::vertical()
@@ -155,7 +158,7 @@ fn list_ui(ui: &mut Ui, list: &List<'_>, marked: Option<ShoreMark>, asked: &mut 
             .show_rows(ui, row_height, rows.len(), |ui, shown| {
                 for row in &rows[shown] {
                     let is_marked = marked == Some(row.mark);
-                    let response = row_ui(ui, list, row, row_height, is_marked);
+                    let response = row_ui(ui, columns, row, row_height, is_marked);
                     if response.hovered() {
                         asked.hovered = Some(row.mark);
                     }
@@ -168,23 +171,18 @@ fn list_ui(ui: &mut Ui, list: &List<'_>, marked: Option<ShoreMark>, asked: &mut 
 }
 
 /// The titles of the columns; those that are numbers sort.
-fn titles_ui(ui: &mut Ui, list: &List<'_>, by: &mut SortBy) {
+fn titles_ui(ui: &mut Ui, list: &List<'_>, columns: &Columns, by: &mut SortBy) {
     let List {
         name,
         titles,
         first,
-        columns,
         ..
     } = list;
     let (rect, _) = ui.allocate_exact_size(vec2(ui.available_width(), 18.0), Sense::hover());
-    let mut texts = *titles;
-    if list.is_narrow {
-        texts[CLASS] = "";
-    }
-    paint_columns(ui, rect, columns, texts, true);
+    columns.paint(ui, rect, *titles, ui.visuals().weak_text_color());
     for (column, sort) in SORTS.into_iter().enumerate() {
         let Some(sort) = sort else { continue };
-        let right = column_x(rect, columns[column]);
+        let right = columns.x(rect, column);
         let left = (right - 0.17 * rect.width()).max(rect.left());
         let place = Rect::from_x_y_ranges(left..=right, rect.y_range());
         let label = match sort {
@@ -209,32 +207,41 @@ fn titles_ui(ui: &mut Ui, list: &List<'_>, by: &mut SortBy) {
 
 /// What stands below the numbers of a row: the reason of a docking site, or the class of a shore where its name has no room
 /// beside them.
-fn below(list: &List<'_>, row: &ShoreRow) -> Option<String> {
-    let class = list.is_narrow.then(|| capitalised(&row.class.label));
-    row.reason.clone().or(class)
+fn below(columns: &Columns, row: &ShoreRow) -> Option<String> {
+    let class = (!columns.has_class).then(|| class(row));
+    row.reason
+        .clone()
+        .or(class)
+        .filter(|words| !words.is_empty())
 }
 
 /// The same in lines, none of which is wider than the panel.
-fn below_lines(ui: &Ui, list: &List<'_>, row: &ShoreRow, width: f32) -> Option<Arc<Galley>> {
-    let words = below(list, row)?;
+fn below_lines(ui: &Ui, columns: &Columns, row: &ShoreRow, width: f32) -> Option<Arc<Galley>> {
+    let words = below(columns, row)?;
     let mut font = FontSelection::Default.resolve(ui.style());
     font.size = BELOW_SIZE;
-    let room = width * (1.0 - list.columns[CLASS]);
+    let room = columns.from_class(width);
     let color = ui.visuals().weak_text_color();
     Some(ui.painter().layout(words, font, color, room))
 }
 
 /// Rows are as high as the highest of them: so it is known which of many are in sight.
-fn row_height(ui: &Ui, list: &List<'_>) -> f32 {
+fn row_height(ui: &Ui, list: &List<'_>, columns: &Columns) -> f32 {
     let width = ui.available_width();
     let below = list.rows.iter().filter_map(|row| {
-        let lines = below_lines(ui, list, row, width)?;
+        let lines = below_lines(ui, columns, row, width)?;
         Some(lines.size().y - BELOW_RISE + BELOW_GAP)
     });
     ROW_HEIGHT + below.fold(0.0, f32::max)
 }
 
-fn row_ui(ui: &mut Ui, list: &List<'_>, row: &ShoreRow, height: f32, is_marked: bool) -> Response {
+fn row_ui(
+    ui: &mut Ui,
+    columns: &Columns,
+    row: &ShoreRow,
+    height: f32,
+    is_marked: bool,
+) -> Response {
     let size = vec2(ui.available_width(), height);
     let (rect, response) = ui.allocate_exact_size(size, Sense::click());
     let info = || WidgetInfo::labeled(Role::Button, true, &row.sentence);
@@ -247,24 +254,12 @@ fn row_ui(ui: &mut Ui, list: &List<'_>, row: &ShoreRow, height: f32, is_marked: 
         ui.painter().rect_filled(rect, 3.0, fill);
     }
     let line = Rect::from_min_size(rect.min, vec2(rect.width(), ROW_HEIGHT));
-    let left = column_x(line, list.columns[CLASS]);
+    let left = columns.x(line, CLASS);
     let at = pos2(left, line.center().y - 0.5 * SWATCH.y);
     paint_swatch(ui, Rect::from_min_size(at, SWATCH), &row.class);
-    let class = if list.is_narrow {
-        String::new()
-    } else {
-        capitalised(&row.class.label)
-    };
-    let ShoreRow {
-        name,
-        share,
-        size,
-        distance,
-        ..
-    } = row;
-    let texts = [name, &class, share, size, distance].map(String::as_str);
-    paint_columns(ui, line, &list.columns, texts, false);
-    if let Some(lines) = below_lines(ui, list, row, rect.width()) {
+    let class = class(row);
+    columns.paint(ui, line, texts(row, &class), ui.visuals().text_color());
+    if let Some(lines) = below_lines(ui, columns, row, rect.width()) {
         let at = pos2(left, line.bottom() - BELOW_RISE);
         let color = ui.visuals().weak_text_color();
         ui.painter_at(rect).galley(at, lines, color);
@@ -290,28 +285,4 @@ fn hint_ui(response: &Response, hint: &str) {
         ui.set_max_width(HINT_WIDTH);
         ui.label(hint);
     });
-}
-
-fn column_x(rect: Rect, share: f32) -> f32 {
-    rect.left() + share * rect.width()
-}
-
-fn paint_columns(ui: &Ui, rect: Rect, columns: &[f32; 5], texts: [&str; 5], is_title: bool) {
-    let color = if is_title {
-        ui.visuals().weak_text_color()
-    } else {
-        ui.visuals().text_color()
-    };
-    let mut font = FontSelection::Default.resolve(ui.style());
-    font.size = 13.0;
-    for (column, (text, share)) in texts.into_iter().zip(columns).enumerate() {
-        let x = column_x(rect, *share);
-        let (x, align) = if column == CLASS {
-            (x + SWATCH.x + 6.0, Align2::LEFT_CENTER)
-        } else {
-            (x, Align2::RIGHT_CENTER)
-        };
-        ui.painter()
-            .text(pos2(x, rect.center().y), align, text, font.clone(), color);
-    }
 }

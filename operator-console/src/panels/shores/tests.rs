@@ -175,6 +175,9 @@ fn a_narrow_panel_shows_rows_whole_and_wraps_what_is_below_them() {
     assert!(lowest[0] > wide[0] + 10, "{heights:?}");
     assert!(lowest[1] > wide[1] + 10, "{heights:?}");
     assert_eq!(wide[0], 24, "{heights:?}");
+    // A panel as wide as it is at first shows its insides so wide: rows of one line.
+    assert_eq!(heights[2][0], 24, "{heights:?}");
+    assert!(heights[1][0] > 34, "{heights:?}");
 }
 
 #[test]

@@ -14,6 +14,7 @@ fn data() -> TopBarData {
         link: (Tone::Good, "Live".to_owned()),
         age: Some("< 0.2 s ago".to_owned()),
         map: (Tone::Good, "In step".to_owned()),
+        map_short: "In step",
         driver: Some("Nobody drives".to_owned()),
         estop: Some(EStopFace::Ready),
     }
@@ -102,4 +103,34 @@ fn a_long_name_is_read_whole_by_who_asks_for_it() {
     let found = window.get_all_by_label(name).map(|node| node.rect());
     let widest = found.map(|rect| rect.width()).fold(0.0, f32::max);
     assert!(widest > 260.0, "{widest}");
+}
+
+#[test]
+fn a_map_that_is_old_or_behind_says_so_in_the_room_that_there_is() {
+    for (width, is_short) in [(480.0, true), (540.0, true), (1120.0, false)] {
+        for (map, map_short) in [
+            ("Was not in step when last heard", "Old"),
+            ("Behind, asking what is missing", "Behind"),
+            ("12\u{2009}345 tiles missing", "Behind"),
+        ] {
+            let data = TopBarData {
+                map: (Tone::Warning, map.to_owned()),
+                map_short,
+                age: Some("12 s ago".to_owned()),
+                ..data()
+            };
+            let mut window = bar(width, data, 0);
+            // Who hears it hears all of it.
+            let label = window.get_by_label(map).rect();
+            let stop = window.get_by_label("Stop").rect();
+            assert!(label.right() < stop.left(), "{width} {map}: {label} {stop}");
+            assert_eq!(label.width() < 60.0, is_short, "{width} {map}: {label}");
+            assert!(label.width() > 20.0, "{width} {map}: {label}");
+            window.hover_at(label.center());
+            window.run_steps(60);
+            let found = window.get_all_by_label(map).map(|node| node.rect());
+            let widest = found.map(|rect| rect.width()).fold(0.0, f32::max);
+            assert!(widest > 100.0, "{width} {map}: {widest}");
+        }
+    }
 }

@@ -151,3 +151,24 @@ fn shores_that_are_not_known_yet_are_said_not_to_be() {
     );
     check(&Rig::live().window(), &["Live"], &["Shores"]);
 }
+
+#[test]
+fn the_map_has_near_half_of_a_small_window_while_somebody_drives() {
+    for width in [640.0, 700.0, 900.0] {
+        let mut rig = Rig::live();
+        let mut helm = crate::pretend::helm_of_anna();
+        helm.lease = crate::helm::Lease::Held(4);
+        rig.helm = Some(helm);
+        let status = Status {
+            teleop: Some(crate::pretend::standing()),
+            ..Status::default()
+        };
+        rig.say(Topic::Status, &status);
+        let window = rig.window_of([width, 620.0]);
+        let map = window.state().screen.map_view().place();
+        assert!(map.width() >= 0.45 * width, "{width}: {map}");
+        let stop = window.get_by_label("EMERGENCY STOP").rect();
+        assert!(stop.left() > map.right() && stop.right() <= width, "{stop}");
+        assert!(stop.width() > 250.0, "{stop}");
+    }
+}
