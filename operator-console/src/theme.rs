@@ -163,12 +163,13 @@ fn marked_ui(
 ) -> Response {
     let shown = ui.horizontal(|ui| {
         let color = tone.color(ui.visuals());
-        let (mark, _) = ui.allocate_exact_size(vec2(0.8 * size, size), Sense::hover());
+        let (mark, beside) = ui.allocate_exact_size(vec2(0.8 * size, size), Sense::hover());
         let font = FontId::new(size, FontFamily::Proportional);
         let text = ui.add(label(RichText::new(words).font(font).color(color)));
         let middle = pos2(mark.center().x, text.rect.center().y);
         tone.paint(ui.painter(), middle, 0.36 * size, color);
-        text
+        // Where there are no words, the mark is what is pointed at.
+        text.union(beside)
     });
     shown.inner
 }

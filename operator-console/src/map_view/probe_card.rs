@@ -14,9 +14,8 @@ use crate::panels::layers::layer_name;
 use crate::theme;
 
 const INNER: f32 = 8.0;
-/// Narrower cards say less, so that they have few lines, points.
-const NARROW: f32 = 330.0;
-
+/// On narrower maps the card says less, so that it has few lines, points.
+const NARROW: f32 = 480.0;
 /// From the lower edge to what stands over the scale bar, points.
 const OVER_SCALE_BAR: f32 = 60.0;
 
@@ -65,7 +64,8 @@ impl MapView {
             .order(Order::Background)
             .interactable(is_pinned)
             .show(ui.ctx(), |ui| {
-                probe_card_ui(ui, &data, is_pinned, place.width)
+                let is_narrow = self.screen.width() < NARROW;
+                probe_card_ui(ui, &data, is_pinned, (place.width, is_narrow))
             });
         self.card_size = card.response.rect.size();
         if card.inner {
@@ -74,10 +74,14 @@ impl MapView {
     }
 }
 
-/// Draws the card, `width` points wide at most; whether the pin is to be taken out. A narrow one says how old values are of the
-/// layers that are drawn, and not what they come from.
-fn probe_card_ui(ui: &mut Ui, data: &ProbeData, is_pinned: bool, width: f32) -> bool {
-    let is_narrow = width < NARROW;
+/// Draws the card, `width` points wide at most; whether the pin is to be taken out. That of a narrow map says how old values
+/// are, of the layers that are drawn, and not what they come from.
+fn probe_card_ui(
+    ui: &mut Ui,
+    data: &ProbeData,
+    is_pinned: bool,
+    (width, is_narrow): (f32, bool),
+) -> bool {
     let mut is_over = false;
     Frame::new()
         .fill(theme::card(ui.visuals()))

@@ -148,16 +148,19 @@ pub fn robot_bar_ui(ui: &mut Ui, data: &TopBarData) {
     map_ui(ui, data, mark);
 }
 
-/// How the map is, in as many words as there is room for beside a mark so wide; who asks for them, or hears them, has all.
+/// How the map is, in as many words as there is room for beside a mark so wide, or by that alone; who asks for them, or hears
+/// them, has all.
 fn map_ui(ui: &mut Ui, data: &TopBarData, mark: f32) {
     let (tone, map) = &data.map;
-    let has_room = mark + width(ui, map) <= ui.available_width();
-    let (shown, told) = match tone {
+    let short = data.map_short;
+    let (all, told): (&[&str], &str) = match tone {
         // It may have been so a moment ago: words that come and go say no more.
-        Tone::Good => (data.map_short, data.map_short),
-        Tone::Waiting | Tone::Warning if has_room => (map.as_str(), map.as_str()),
-        Tone::Waiting | Tone::Warning => (data.map_short, map.as_str()),
+        Tone::Good => (&[short], short),
+        Tone::Waiting | Tone::Warning => (&[map, short], map),
     };
+    let room = ui.available_width() - mark;
+    let mut fitting = all.iter().filter(|words| width(ui, words) <= room);
+    let shown = fitting.next().copied().unwrap_or_default();
     let label = short_state_ui(ui, *tone, shown, SIZE);
     label.widget_info(|| WidgetInfo::labeled(Role::Label, true, told));
     label.on_hover_text(map);
