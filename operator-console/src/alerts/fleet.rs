@@ -119,6 +119,8 @@ impl FleetAlerts {
 
 #[cfg(test)]
 mod tests {
+    use std::slice;
+
     use protocol::keys::Topic;
     use protocol::message::{EStopStatus, Status};
 
@@ -206,7 +208,10 @@ mod tests {
         assert_eq!(alerts.look_around(&[before], at(6_000)), none);
         let stopped = sighting(&boat, 7_000, FleetState::EStop);
         let text = "boat: An emergency stop is in force";
-        assert_eq!(alerts.look_around(&[stopped.clone()], at(7_000)), [text]);
+        assert_eq!(
+            alerts.look_around(slice::from_ref(&stopped), at(7_000)),
+            [text]
+        );
         assert_eq!(alerts.look_around(&[stopped], at(8_000)), none);
         let others = [
             sighting(&boat, 17_000, FleetState::EStop),

@@ -89,8 +89,9 @@ mod tests {
         helm.is_asking = true;
         let text = "boat has not answered what it was asked last: show it again and look";
         let note = (Severity::Warning, text.to_owned());
-        assert_eq!(told(&helm, &boat, Sort::Robot), [note.clone()]);
-        assert_eq!(told(&helm, &scout, Sort::Recording), [note]);
+        for (next, sort) in [(&boat, Sort::Robot), (&scout, Sort::Recording)] {
+            assert_eq!(told(&helm, next, sort), std::slice::from_ref(&note));
+        }
         helm.is_asking = false;
         helm.estop = EStopSight::Sending(Duration::from_secs(1));
         assert_eq!(told(&helm, &boat, Sort::Robot), [], "it goes on");

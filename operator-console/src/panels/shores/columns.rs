@@ -74,7 +74,7 @@ impl Columns {
     }
 
     /// What is left of so much width from where the class begins, points.
-    pub(super) fn from_class(&self, width: f32) -> f32 {
+    pub(super) fn width_from_class(&self, width: f32) -> f32 {
         width - self.at[CLASS]
     }
 
@@ -136,9 +136,10 @@ mod tests {
         let fits = Columns::of(WHOLE, WIDTHS, USUAL);
         let narrow = Columns::of(WHOLE - 1.0, WIDTHS, USUAL);
         assert!(fits.has_class && !narrow.has_class);
-        assert_eq!(fits.at, [20.0, 26.0, 134.0, 184.0, 230.0]);
+        let bits = |at: &[f32]| at.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&fits.at), bits(&[20.0, 26.0, 134.0, 184.0, 230.0]));
         // As far apart as they can be, and up to the right edge.
-        assert_eq!(narrow.at[..2], [20.0, 26.0]);
+        assert_eq!(bits(&narrow.at[..2]), bits(&[20.0, 26.0]));
         assert!((narrow.at[4] - 229.0).abs() < 1e-3, "{narrow:?}");
         let gap = (229.0 - 44.0 - 100.0) / 3.0;
         assert!(

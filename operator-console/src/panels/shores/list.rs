@@ -220,7 +220,7 @@ fn below_lines(ui: &Ui, columns: &Columns, row: &ShoreRow, width: f32) -> Option
     let words = below(columns, row)?;
     let mut font = FontSelection::Default.resolve(ui.style());
     font.size = BELOW_SIZE;
-    let room = columns.from_class(width);
+    let room = columns.width_from_class(width);
     let color = ui.visuals().weak_text_color();
     Some(ui.painter().layout(words, font, color, room))
 }
