@@ -7,7 +7,7 @@ use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
 use super::{Alarm, Alert, Alerts};
-use crate::link::Sighting;
+use crate::link::{SEEN_LATELY, Sighting};
 use crate::playback::is_recording;
 
 /// Alerts by robot.
@@ -21,7 +21,7 @@ pub struct FleetAlerts {
 #[derive(Clone, Debug)]
 struct Left {
     alerts: Alerts,
-    /// Since when: what it said of itself before, was known better.
+    /// When it was heard last, by its own link or by whoever looks for robots.
     since: Monotonic,
 }
 
@@ -87,18 +87,17 @@ impl FleetAlerts {
     /// shown nobody is alarmed: the list of robots says how they are.
     pub fn look_around(&mut self, sightings: &[Sighting], now: Monotonic) -> Vec<String> {
         let mut begun = Vec::new();
-        for sighting in sightings {
-            let robot = &sighting.found.robot;
-            let Some(left) = self.others.get_mut(robot) else {
-                continue;
+        for (robot, left) in &mut self.others {
+            let mut of_it = sightings.iter().filter(|one| one.found.robot == *robot);
+            let alert = match of_it.next().filter(|one| one.seen > left.since) {
+                Some(sighting) => {
+                    left.since = sighting.seen;
+                    left.alerts.look_from_afar(sighting.state.as_ref(), now)
+                }
+                None if now.since(left.since) > SEEN_LATELY => left.alerts.lose(now),
+                None => None,
             };
-            // A robot that answers no more says nothing new.
-            let state = sighting.state.as_ref();
-            if let Some(state) = state.filter(|_| sighting.seen > left.since) {
-                left.since = sighting.seen;
-                let alert = left.alerts.look_from_afar(state, now);
-                begun.extend(alert.map(|(_, text)| format!("{robot}: {text}")));
-            }
+            begun.extend(alert.map(|(_, text)| format!("{robot}: {text}")));
         }
         begun
     }
@@ -221,7 +220,7 @@ mod tests {
         assert_eq!(alerts.look_around(&others, at(17_000)), none);
         assert_eq!(counts(&alerts), (1, 1));
         let free = sighting(&boat, 27_000, FleetState::Free);
-        assert_eq!(alerts.look_around(&[free], at(27_000)), none);
+        assert_eq!(alerts.look_around(slice::from_ref(&free), at(27_000)), none);
         let texts: Vec<_> = alerts
             .iter()
             .map(|(_, alert)| alert.text.as_str())
@@ -229,14 +228,26 @@ mod tests {
         assert_eq!(texts, ["An emergency stop was in force"]);
         alerts.acknowledge(&boat, &Alarm::EStop);
         assert_eq!(counts(&alerts), (0, 0));
-        let faulty = sighting(&boat, 37_000, FleetState::Fault);
+        // Whether it is listed still or not.
+        let seen = slice::from_ref(&free);
+        assert_eq!(alerts.look_around(seen, at(42_000)), none);
+        let silent = "boat: Nothing is heard of the robot";
+        assert_eq!(alerts.look_around(&[], at(42_001)), [silent]);
+        assert_eq!(alerts.look_around(seen, at(43_000)), none);
+        assert_eq!((counts(&alerts), alerts.unseen_of(&boat)), ((1, 1), 1));
+        let mut heard = sighting(&boat, 44_000, FleetState::Free);
+        heard.state = None;
+        assert_eq!(alerts.look_around(&[heard], at(44_000)), none);
+        assert!(alerts.iter().all(|(_, alert)| !alert.is_active));
+        alerts.acknowledge_all();
+        let faulty = sighting(&boat, 45_000, FleetState::Fault);
         let text = "boat: The vehicle is at fault";
-        assert_eq!(alerts.look_around(&[faulty], at(37_000)), [text]);
+        assert_eq!(alerts.look_around(&[faulty], at(45_000)), [text]);
         // What it says itself is more.
-        alerts.change_to(&boat, at(38_000));
+        alerts.change_to(&boat, at(46_000));
         assert_eq!(stop(&mut alerts, &boat, true), 1);
         assert_eq!(counts(&alerts), (2, 2));
-        alerts.change_to(&scout, at(39_000));
+        alerts.change_to(&scout, at(46_000));
         let stopped = sighting(&boat, 47_000, FleetState::EStop);
         assert_eq!(alerts.look_around(&[stopped], at(47_000)), none);
         let first = alerts.iter().map(|(_, alert)| alert.text.as_str()).next();

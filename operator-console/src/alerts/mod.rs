@@ -11,7 +11,7 @@ use robot_edge::clock::Monotonic;
 
 use crate::link::FleetState;
 use crate::model::ConsoleModel;
-use reasons::{Reason, reasons, reasons_from_afar};
+use reasons::{Reason, link_lost, reasons, reasons_from_afar};
 
 pub use fleet::FleetAlerts;
 
@@ -132,29 +132,37 @@ impl Alerts {
         begun
     }
 
-    /// The same for a robot that is not shown, from what it said of itself lately. Of what it does not say, it stays as it was
-    /// when the robot was shown last.
-    fn look_from_afar(&mut self, state: &FleetState, now: Monotonic) -> Option<(Alarm, String)> {
-        let reason = reasons_from_afar(state);
+    /// The same for a robot that is not shown, but heard, from what it said of itself lately, if anything. Of what it does not
+    /// say, it stays as it was when the robot was shown last.
+    fn look_from_afar(
+        &mut self,
+        state: Option<&FleetState>,
+        now: Monotonic,
+    ) -> Option<(Alarm, String)> {
+        let reason = state.and_then(reasons_from_afar);
         let is_said = |alarm: &Alarm| match alarm {
-            // Whoever says anything is heard.
-            Alarm::Fault | Alarm::LinkLost => true,
+            Alarm::LinkLost => true,
+            Alarm::Fault => state.is_some(),
             // A fault comes first in what is said, and ends no stop.
-            Alarm::EStop => *state != FleetState::Fault,
+            Alarm::EStop => state.is_some_and(|state| *state != FleetState::Fault),
             Alarm::Sensor(_) | Alarm::Recording | Alarm::PositionJump | Alarm::TooSlow => false,
         };
         self.end_others(reason.as_slice(), is_said);
-        // What the robot said itself says more.
-        let is_known = |reason: &Reason| self.is_active(&reason.alarm);
-        let reason = reason.filter(|reason| !is_known(reason));
-        let begun = reason.and_then(|reason| self.lasts(reason, now));
+        let begun = reason.and_then(|reason| self.begin_unless_known(reason, now));
         self.forget_what_is_over();
         begun
     }
 
-    fn is_active(&self, alarm: &Alarm) -> bool {
+    /// A robot that is not shown is not heard any more.
+    fn lose(&mut self, now: Monotonic) -> Option<(Alarm, String)> {
+        self.begin_unless_known(link_lost(), now)
+    }
+
+    /// What the robot said itself says more.
+    fn begin_unless_known(&mut self, reason: Reason, now: Monotonic) -> Option<(Alarm, String)> {
         let mut alerts = self.alerts.iter();
-        alerts.any(|alert| alert.is_active && alert.alarm == *alarm)
+        let is_known = alerts.any(|alert| alert.is_active && alert.alarm == reason.alarm);
+        (!is_known).then(|| self.lasts(reason, now)).flatten()
     }
 
     /// What is none of `reasons`, and would be told of, is over.
@@ -327,7 +335,10 @@ mod tests {
             active(&alerts),
             [Alarm::EStop, Alarm::LinkLost, laser.clone()]
         );
-        assert_eq!(alerts.look_from_afar(&FleetState::Free, at(10_000)), None);
+        assert_eq!(
+            alerts.look_from_afar(Some(&FleetState::Free), at(10_000)),
+            None
+        );
         assert_eq!(active(&alerts), [laser]);
         assert_eq!(alerts.unseen(), 3);
     }

@@ -21,11 +21,7 @@ pub(super) struct Reason {
 pub(super) fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) -> Vec<Reason> {
     let mut reasons = Vec::new();
     if subject == Subject::Robot && model.connection().state(now) == LinkState::Silent {
-        reasons.push(Reason {
-            alarm: Alarm::LinkLost,
-            text: "Nothing is heard of the robot".to_owned(),
-            past: "Nothing was heard of the robot for a while".to_owned(),
-        });
+        reasons.push(link_lost());
     }
     let Some((status, _)) = model.status() else {
         return reasons;
@@ -87,6 +83,15 @@ const fn past_fault(fault: SensorFault) -> &'static str {
         SensorFault::Clock => "its stamps leapt",
         SensorFault::AllInvalid => "none of its measurements was valid",
         SensorFault::Slow => "less than half of its measurements came",
+    }
+}
+
+/// Nothing is heard.
+pub(super) fn link_lost() -> Reason {
+    Reason {
+        alarm: Alarm::LinkLost,
+        text: "Nothing is heard of the robot".to_owned(),
+        past: "Nothing was heard of the robot for a while".to_owned(),
     }
 }
 

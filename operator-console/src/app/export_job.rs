@@ -141,6 +141,11 @@ fn write(
     wake: &dyn Fn(),
 ) -> Result<String, String> {
     let mut begun = 0;
+    // The robot makes them for seconds: meanwhile the other parts are fetched and written.
+    let has_voxels = wish.parts.contains(&ExportPart::Voxels);
+    if has_voxels && !is_cancelled.load(Ordering::Relaxed) {
+        model.lock().want_voxels();
+    }
     let exported = export_parts(&wish.folder, wish.parts.iter().copied(), |part, so_far| {
         if is_cancelled.load(Ordering::Relaxed) {
             return ControlFlow::Break(());
@@ -163,6 +168,10 @@ fn write(
             ControlFlow::Continue(())
         })
     });
+    if has_voxels {
+        // It may have been left before it came to them.
+        model.lock().drop_voxels();
+    }
     let exported = exported.map_err(|why| in_words(&why))?;
     lock(progress).files = exported.files.len();
     exported.outcome(&wish.folder)

@@ -12,7 +12,7 @@ use crate::cockpit::Cockpit;
 use crate::command::Command;
 use crate::event_log::Severity;
 use crate::helm::EStopSight;
-use crate::link::{FoundRobot, RobotSession};
+use crate::link::{FleetState, FoundRobot, RobotSession};
 use crate::model::ModelSettings;
 use crate::playback::{Playback, in_words, is_recording};
 use crate::teleop_input::InputEvent;
@@ -56,6 +56,7 @@ impl ConsoleApp {
         }
         self.screen.forget_robot();
         self.note_leaving(&found, sort);
+        self.tell_of_shown();
         self.alerts.change_to(&found.robot, Monotonic::now());
         self.log.forget_robot();
         self.watch = Watch::default();
@@ -93,6 +94,17 @@ impl ConsoleApp {
         }
     }
 
+    /// What the robot that is shown has said of itself is newer than what looking for robots has found.
+    pub(super) fn tell_of_shown(&self) {
+        let shown = self.shown.as_ref().filter(|_| self.playback.is_none());
+        if let Some((found, session)) = shown
+            && let Some((status, at)) = session.model().status()
+        {
+            let state = FleetState::of(status);
+            self.discovery.tell(&found.robot, state, *at);
+        }
+    }
+
     /// Whether `found` is the robot that is shown, and an emergency stop is on its way to it: that goes on by the next link.
     fn stop_is_underway(&self, found: &FoundRobot) -> bool {
         let is_same = self
@@ -112,7 +124,10 @@ impl ConsoleApp {
                 self.close_recording();
                 self.connect(found, Sort::Robot);
             }
-            Command::AskForRecording => self.open_dialog.open(),
+            Command::AskForRecording => {
+                let folder = self.recordings.as_ref().map(|(_, folder)| folder.clone());
+                self.open_dialog.open(folder);
+            }
             Command::Open(path) => self.open_recording(&path, Rate::Times(1.0)),
             Command::Playback(command) => {
                 let stays = self

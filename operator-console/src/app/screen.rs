@@ -22,7 +22,7 @@ use crate::panels::addresses::AddressEntry;
 use crate::panels::connection::LinkSight;
 use crate::panels::driving::{DrivingData, DrivingEntry};
 use crate::panels::events::EventFilter;
-use crate::panels::notice::{NoticeData, notice_ui};
+use crate::panels::notice::{NoticeData, NoticeRoom, notice_ui};
 use crate::panels::robots::RobotsData;
 use crate::panels::top_bar::{TopBarData, right_bar_ui, robot_bar_ui};
 use crate::settings::{Appearance, Settings};
@@ -209,7 +209,7 @@ impl Screen {
         }
         let mut commands = Vec::new();
         self.bar_ui(ui, scene, bar.as_ref(), &mut actions, &mut commands);
-        CentralPanel::no_frame().show(ui, |ui| {
+        let shown = CentralPanel::no_frame().show(ui, |ui| {
             let room = ui.available_size();
             let is_tight = is_driving.then_some([room.x < NARROW, room.y < LOW]);
             let panels = &mut Panels {
@@ -217,6 +217,7 @@ impl Screen {
                 address: &mut self.address,
                 driving: &mut self.driving,
                 filter: &mut self.filter,
+                notice_room: None,
             };
             let (actions, commands) = (&mut actions, &mut commands);
             self.workspace.show(
@@ -224,9 +225,12 @@ impl Screen {
                 |panel| scene.has(panel) && is_tight.is_none_or(|is_tight| fits(panel, is_tight)),
                 &mut |ui, panel| panels.draw(ui, panel, scene, actions, commands),
             );
+            panels.notice_room.take()
         });
         if let Some(news) = NoticeData::new(around.log, now) {
-            notice_ui(ui.ctx(), &news);
+            let on_map = shown.inner;
+            let room = on_map.unwrap_or_else(|| NoticeRoom::of_window(ui));
+            notice_ui(ui, &news, &room);
         }
         let model = robot.map(|(model, _)| model);
         let asked = self.dialogs.show(ui.ctx(), model, around.export);

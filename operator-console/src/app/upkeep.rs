@@ -134,6 +134,7 @@ impl ConsoleApp {
 
     /// The robots that were seen, with their colours and alerts.
     pub(super) fn seen(&mut self) -> Vec<Seen> {
+        self.tell_of_shown();
         let sightings = self.discovery.sightings();
         sightings
             .into_iter()

@@ -133,8 +133,9 @@ fn want(model: &mut ConsoleModel, part: ExportPart) {
     match part {
         ExportPart::Layer(layer) if part.is_in(model) => model.follow_too([layer].into()),
         ExportPart::Trajectory => model.want_trajectory(),
-        ExportPart::Voxels => model.want_voxels(),
-        ExportPart::Layer(_) | ExportPart::Shores => {}
+        // Else somebody who wants other parts first had it begun.
+        ExportPart::Voxels if model.voxels() == VoxelsProgress::Unwanted => model.want_voxels(),
+        ExportPart::Voxels | ExportPart::Layer(_) | ExportPart::Shores => {}
     }
 }
 
@@ -202,11 +203,11 @@ fn state(
 mod tests {
     use protocol::keys::Topic;
     use protocol::layer::LayerId;
-    use protocol::message::{Info, LayerInfo, MapHead, Pose, Status};
+    use protocol::message::{Info, LayerInfo, MapHead, Pose, Status, VoxelsReply};
     use protocol::tile_store::{LayerGrid, TileStore};
 
     use super::*;
-    use crate::model::{OpenSessions, RequestId};
+    use crate::model::{OpenSessions, Outgoing, RequestId};
     use crate::pretend::{BOOT, announces, answers, at, console, says};
 
     #[test]
@@ -259,6 +260,27 @@ mod tests {
             matches!(outlines, ControlFlow::Continue(Ok(_))),
             "there are none"
         );
+    }
+
+    #[test]
+    fn an_octree_that_was_begun_before_is_not_begun_anew() {
+        let mut scout = crate::pretend::scout();
+        let now = Monotonic::now();
+        let head = MapHead { layers: Vec::new() };
+        says(&mut scout, Topic::MapHead, &head, now);
+        scout.want_voxels();
+        let asked = scout.outgoing(OpenSessions::BOTH, now);
+        let request = asked.iter().find_map(|asked| match asked {
+            Outgoing::Get { request, key, .. } if key.ends_with("/voxels") => Some(*request),
+            Outgoing::Get { .. } | Outgoing::Put { .. } => None,
+        });
+        let none = VoxelsReply::None;
+        answers(&mut scout, request.unwrap(), Topic::Voxels, &none, now);
+        let model = ModelHandle::of(scout);
+        let hour = Duration::from_hours(1);
+        let fetched = fetch(&model, ExportPart::Voxels, hour, |_| unreachable!());
+        assert!(matches!(fetched, ControlFlow::Continue(Ok(_))));
+        assert_eq!(model.lock().voxels(), VoxelsProgress::Unwanted);
     }
 
     #[test]

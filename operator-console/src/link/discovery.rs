@@ -36,6 +36,8 @@ const STATUS_TIME: Duration = Duration::from_millis(700);
 const PAUSE: Duration = Duration::from_secs(2);
 /// Between two rounds otherwise: they use the link that somebody watches a robot over.
 const LONG_PAUSE: Duration = Duration::from_secs(10);
+/// A robot that did not answer for so long has missed a round.
+pub const SEEN_LATELY: Duration = Duration::from_secs(15);
 /// Processes that are asked in one round.
 const MAX_ADDRESSES: usize = 32;
 /// Of these at once.
@@ -160,6 +162,11 @@ impl Discovery {
     /// The addresses that are asked in every round, and what came of it.
     pub fn asked(&self) -> BTreeMap<String, AddressState> {
         lock(&self.state.typed).clone()
+    }
+
+    /// A robot was heard by its own link: it was so then, whatever was found before.
+    pub fn tell(&self, robot: &RobotId, state: FleetState, at: Monotonic) {
+        lock(&self.state.found).tell(robot, state, at);
     }
 
     /// The robots that are there, by name.

@@ -56,6 +56,13 @@ impl KnownRobots {
         changed
     }
 
+    /// A robot said more directly how it was at that time.
+    pub(super) fn tell(&mut self, robot: &RobotId, state: FleetState, at: Monotonic) {
+        if let Some(known) = self.0.get_mut(robot).filter(|known| known.seen < at) {
+            (known.state, known.seen) = (Some(state), at);
+        }
+    }
+
     /// The robots, by name.
     pub(super) fn sightings(&self) -> impl Iterator<Item = Sighting> {
         self.0.iter().map(|(robot, known)| Sighting {
@@ -82,9 +89,16 @@ impl KnownRobots {
         let is_known =
             |(endpoint, _): &(String, _)| known.is_some_and(|known| known.endpoint == *endpoint);
         let index = answers.iter().position(is_known).unwrap_or_default();
-        let Some((endpoint, answer)) = answers.into_iter().nth(index) else {
+        let Some((endpoint, mut answer)) = answers.into_iter().nth(index) else {
             return false;
         };
+        // While it was asked, it said itself how it was.
+        if let Some(known) = known.filter(|known| known.seen > answer.at) {
+            answer = Answer {
+                at: known.seen,
+                state: known.state.clone(),
+            };
+        }
         let changed =
             known.is_none_or(|known| known.endpoint != endpoint || known.state != answer.state);
         let Answer { at: seen, state } = answer;
@@ -151,6 +165,29 @@ mod tests {
         assert!(!robots.take(round(&[("boat", "tcp/c:1")], 4)));
         assert!(!robots.take(round(&[("boat", "tcp/c:1"), ("boat", "tcp/b:1")], 5)));
         assert_eq!(listed(&robots), [line("boat", "tcp/c:1", 5)]);
+    }
+
+    #[test]
+    fn what_a_robot_says_itself_is_newer_than_what_was_found_before() {
+        let boat = "boat".parse().unwrap();
+        let mut robots = KnownRobots::default();
+        let states = |robots: &KnownRobots| -> Vec<_> {
+            let seen = robots.sightings();
+            seen.map(|sighting| (sighting.state.unwrap(), sighting.seen))
+                .collect()
+        };
+        robots.tell(&boat, FleetState::EStop, at(1));
+        assert_eq!(states(&robots), [], "nobody could join it");
+        robots.take(round(&[("boat", "tcp/b:1")], 5));
+        robots.tell(&boat, FleetState::EStop, at(4));
+        assert_eq!(states(&robots), [(FleetState::Free, at(5))]);
+        robots.tell(&boat, FleetState::EStop, at(7));
+        assert_eq!(states(&robots), [(FleetState::EStop, at(7))]);
+        // A round that had begun before.
+        assert!(!robots.take(round(&[("boat", "tcp/b:1")], 6)));
+        assert_eq!(states(&robots), [(FleetState::EStop, at(7))]);
+        assert!(robots.take(round(&[("boat", "tcp/b:1")], 8)));
+        assert_eq!(states(&robots), [(FleetState::Free, at(8))]);
     }
 
     #[test]

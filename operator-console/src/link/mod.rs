@@ -28,7 +28,7 @@ use crate::model::{ConsoleModel, Incoming, ModelSettings};
 use connect::Connections;
 
 pub use address_state::{AddressState, place};
-pub use discovery::{Discovery, FleetState, FoundRobot, Sighting};
+pub use discovery::{Discovery, FleetState, FoundRobot, SEEN_LATELY, Sighting};
 pub use driving::DrivingLink;
 pub use transport::Transport;
 

@@ -5,7 +5,7 @@ use eframe::egui::{Align2, Pos2, Rect, Vec2, pos2};
 use super::CARD_MARGIN;
 
 /// A card that is narrower than this has too many lines, points.
-const LEAST: f32 = 330.0;
+pub(super) const LEAST: f32 = 330.0;
 /// What is around a point is seen as well, points.
 const AROUND: f32 = 24.0;
 
@@ -14,6 +14,8 @@ const AROUND: f32 = 24.0;
 pub(super) struct Others {
     /// The map.
     pub(super) screen: Rect,
+    /// Its upper edge, or that of what a banner leaves of it.
+    pub(super) roof: f32,
     /// Upper edge of the scale bar in the lower left corner.
     pub(super) bar: f32,
     /// The legends in the lower right corner, with their button.
@@ -89,6 +91,7 @@ impl CardPlace {
     fn high(others: Others, size: Vec2) -> Self {
         let Others {
             screen,
+            roof,
             buttons,
             compass,
             ..
@@ -97,9 +100,9 @@ impl CardPlace {
         let until = |edge: f32| (edge - CARD_MARGIN - left).max(0.0);
         let beside = until(buttons.left().min(compass));
         let (top, width) = if beside >= size.x {
-            (screen.top(), beside)
+            (roof, beside)
         } else {
-            (buttons.bottom(), until(compass))
+            (buttons.bottom().max(roof), until(compass))
         };
         Self {
             corner: pos2(left, top + CARD_MARGIN),
@@ -121,6 +124,7 @@ mod tests {
         let corner = screen.right_top() + vec2(-CARD_MARGIN, CARD_MARGIN);
         Others {
             screen,
+            roof: screen.top(),
             bar: screen.bottom() - 60.0,
             legend: has_legend.then_some(legend),
             buttons: Rect::from_min_max(corner - vec2(116.0, 0.0), corner + vec2(0.0, 36.0)),
@@ -150,6 +154,24 @@ mod tests {
         let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(270.0, 300.0));
         let alone = CardPlace::new(others(screen, false), vec2(200.0, 80.0), &[]);
         assert_eq!((alone.corner, alone.width), (pos2(12.0, 240.0), 246.0));
+    }
+
+    #[test]
+    fn it_is_never_under_a_banner() {
+        let card = vec2(190.0, 70.0);
+        for size in [vec2(398.0, 560.0), vec2(700.0, 560.0)] {
+            let screen = Rect::from_min_size(pos2(0.0, 40.0), size);
+            let mut others = others(screen, true);
+            others.roof += 60.0;
+            others.buttons = others.buttons.translate(vec2(0.0, 60.0));
+            let usual = CardPlace::new(others, card, &[]).rect(card);
+            let rect = CardPlace::new(others, card, &[usual.center()]).rect(card);
+            assert!(
+                rect.top() > others.roof && !rect.intersects(usual),
+                "{rect}"
+            );
+            assert!(!rect.intersects(others.buttons), "{size}: {rect}");
+        }
     }
 
     #[test]

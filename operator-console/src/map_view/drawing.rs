@@ -1,33 +1,22 @@
-//! Draws the map: the layers, what lies over them, and the cards, buttons and legends at its edges.
-
-use std::f64::consts::FRAC_PI_2;
+//! Draws the map: the layers, and what lies over them.
 
 use eframe::egui::accesskit::Role;
-use eframe::egui::{
-    Align, Color32, Context, Layout, Painter, Pos2, Rect, Sense, Ui, UiBuilder, WidgetInfo, pos2,
-    vec2,
-};
+use eframe::egui::{Color32, Context, Painter, Pos2, Sense, Ui, WidgetInfo, vec2};
 use protocol::layer::LayerId;
 use robot_edge::clock::Monotonic;
 
 use super::frame_time::FrameTime;
-use super::legend_card;
 use super::map_layers::MapLayers;
-use super::overlays::compass::{self, CompassData};
 use super::overlays::scale_bar::{self, ScaleBar};
 use super::overlays::shores::ShoreMarks;
 use super::overlays::stopping::{self, Motion};
 use super::overlays::vehicle::VehicleMark;
 use super::overlays::{self, grid, sensors, trail};
-use super::toolbar::{self, ToolbarData};
 use super::{CARD_MARGIN, Leg, MapView, Overlay, Ruler, probe, probe_card, ruler};
 use crate::command::Look;
 use crate::model::ConsoleModel;
 use crate::panels::stale::{StaleData, is_position_old};
 use crate::theme;
-
-/// A map that is smaller says nothing of what is under the pointer: the card would hide it. Width and height, points.
-pub(super) const LEAST_FOR_CARDS: [f32; 2] = [200.0, 160.0];
 
 impl MapView {
     /// Draws the map and lets the operator move it; what the buttons on it ask for.
@@ -35,10 +24,12 @@ impl MapView {
         let (screen, response) =
             ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
         self.screen = screen;
+        self.standing.clear();
         self.move_by_hand(ui, &response);
         self.keep_in_sight(model);
 
-        let is_stale = StaleData::new(model, now).is_some();
+        let stale = StaleData::new(model, now);
+        let is_stale = stale.is_some();
         let is_position_old = is_stale || is_position_old(model, now);
         let (ink, paper) = (ui.visuals().text_color(), theme::card(ui.visuals()));
         let painter = ui.painter_at(screen);
@@ -89,8 +80,14 @@ impl MapView {
             ink,
             paper,
         );
-        if screen.width() >= LEAST_FOR_CARDS[0] && screen.height() >= LEAST_FOR_CARDS[1] {
-            self.probe_ui(ui, &painter, &response, model, now);
+        let has_cards = self.has_room_for_cards();
+        if has_cards && let Some(pinned_m) = self.pinned_m {
+            probe_card::paint_pin(&painter, self.camera.to_screen(screen, pinned_m));
+        }
+        // Over all that is in the map, and below all that can be pressed.
+        self.banner_ui(ui, stale.as_ref());
+        if has_cards {
+            self.probe_ui(ui, &response, model, now);
         }
         if self.look.has(Overlay::Legend) {
             self.legend_ui(ui, model);
@@ -98,52 +95,6 @@ impl MapView {
         let (from_buttons, bottom) = self.buttons_ui(ui);
         let from_compass = self.compass_ui(ui, model, bottom);
         from_compass.or(from_buttons)
-    }
-
-    /// What the buttons ask for, and where they end.
-    fn buttons_ui(&mut self, ui: &mut Ui) -> (Option<Look>, f32) {
-        let top_right = UiBuilder::new()
-            .max_rect(self.screen.shrink(CARD_MARGIN))
-            .layout(Layout::top_down(Align::Max));
-        let data = ToolbarData {
-            sight: self.look.sight,
-            orientation: self.look.orientation,
-            has_grid: self.look.has(Overlay::Grid),
-            is_measuring: self.ruler.is_some(),
-        };
-        let buttons = ui.scope_builder(top_right, |ui| toolbar::toolbar_ui(ui, data));
-        self.buttons = buttons.response.rect;
-        (buttons.inner, self.buttons.bottom())
-    }
-
-    fn compass_ui(&self, ui: &Ui, model: &ConsoleModel, top: f32) -> Option<Look> {
-        if !self.look.has(Overlay::Compass) {
-            return None;
-        }
-        let right = self.screen.right() - CARD_MARGIN;
-        let at = pos2(right - compass::SIZE, top + CARD_MARGIN);
-        let data = CompassData {
-            north: self.camera.direction(FRAC_PI_2),
-            is_on_earth: model.shores().is_some_and(|shores| shores.datum.is_some()),
-            orientation: self.look.orientation,
-        };
-        let rect = Rect::from_min_size(at, vec2(compass::SIZE, compass::SIZE));
-        compass::compass_ui(ui, rect, data).then(|| Look::Up(self.look.orientation.other()))
-    }
-
-    /// Of its card, points.
-    fn legend_width(&self) -> f32 {
-        legend_card::width(self.screen)
-    }
-
-    fn legend_ui(&mut self, ui: &Ui, model: &ConsoleModel) {
-        let shown = MapLayers::shown(self.stack(), model.map().store());
-        let palettes = shown.iter().rev();
-        let palettes: Vec<_> = palettes
-            .map(|(held, is_over)| (self.layers.palette(held.layer), *is_over))
-            .collect();
-        let top = toolbar::HEIGHT + compass::SIZE + 3.0 * CARD_MARGIN;
-        self.legends.show(ui, (self.screen, top), &palettes);
     }
 
     /// What the map lies on: the colour of what is unknown in the lowest layer, where that has one.

@@ -8,7 +8,7 @@ use eframe::egui::{
 use protocol::layer::Palette;
 
 use super::CARD_MARGIN;
-use super::drawing::LEAST_FOR_CARDS;
+use super::edges::LEAST_FOR_CARDS;
 use super::scroll_keys::ScrollKeys;
 use crate::panels::layers::layer_name;
 use crate::panels::legend::{LegendsData, legends_height, legends_ui};

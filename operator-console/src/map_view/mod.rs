@@ -6,6 +6,7 @@ mod chunk_build;
 mod chunks;
 mod coloring;
 mod drawing;
+mod edges;
 mod frame_time;
 mod gestures;
 mod highest_codes;
@@ -79,6 +80,10 @@ pub struct MapView {
     /// How large the card with what is read was, and where the buttons were, when they were drawn last.
     card_size: Vec2,
     buttons: Rect,
+    /// Lower edge of the banner of a lost link, or else the upper edge of the map.
+    roof: f32,
+    /// What stands on the map but legends and scale bar, as of the last frame.
+    standing: Vec<Rect>,
 }
 
 impl Default for MapView {
@@ -99,6 +104,8 @@ impl Default for MapView {
             legends: LegendCard::default(),
             card_size: Vec2::ZERO,
             buttons: Rect::NOTHING,
+            roof: 0.0,
+            standing: Vec::new(),
         }
     }
 }

@@ -6,9 +6,10 @@ use eframe::egui::{
 use robot_edge::clock::Monotonic;
 
 use super::card_place::{CardPlace, Others};
+use super::edges::OVER_SCALE_BAR;
 use super::overlays::compass;
 use super::probe::ProbeData;
-use super::{CARD_MARGIN, MapView, Overlay};
+use super::{CARD_MARGIN, MapView};
 use crate::model::ConsoleModel;
 use crate::panels::layers::layer_name;
 use crate::theme;
@@ -16,15 +17,12 @@ use crate::theme;
 const INNER: f32 = 8.0;
 /// On narrower maps the card says less, so that it has few lines, points.
 const NARROW: f32 = 480.0;
-/// From the lower edge to what stands over the scale bar, points.
-const OVER_SCALE_BAR: f32 = 60.0;
 
 impl MapView {
-    /// The card with what is read under the pointer or where it was pinned, and the pin.
+    /// The card with what is read under the pointer or where it was pinned.
     pub(super) fn probe_ui(
         &mut self,
         ui: &Ui,
-        painter: &Painter,
         response: &Response,
         model: &ConsoleModel,
         now: Monotonic,
@@ -35,17 +33,13 @@ impl MapView {
         let Some(point_m) = self.pinned_m.or(aimed_at) else {
             return;
         };
-        if let Some(pinned_m) = self.pinned_m {
-            paint_pin(painter, self.camera.to_screen(self.screen, pinned_m));
-        }
         let data = ProbeData::new(model, self.stack(), point_m, now);
         let is_pinned = self.pinned_m.is_some();
-        let legend = self.legends.place();
-        let legend = legend.filter(|_| self.look.has(Overlay::Legend));
         let others = Others {
             screen: self.screen,
+            roof: self.roof,
             bar: self.screen.bottom() - OVER_SCALE_BAR,
-            legend,
+            legend: self.legends_place(),
             buttons: self.buttons,
             compass: self.screen.right() - CARD_MARGIN - compass::SIZE,
         };
@@ -68,6 +62,7 @@ impl MapView {
                 probe_card_ui(ui, &data, is_pinned, (place.width, is_narrow))
             });
         self.card_size = card.response.rect.size();
+        self.standing.push(card.response.rect);
         if card.inner {
             self.pinned_m = None;
         }

@@ -8,7 +8,7 @@ use robot_edge::clock::Monotonic;
 use super::incoming::RequestId;
 
 /// The link says when no answer will come, after 10 s at most. That may be lost as anything else.
-const PATIENCE: Duration = Duration::from_secs(12);
+pub(super) const PATIENCE: Duration = Duration::from_secs(12);
 const FIRST_BACK_OFF: Duration = Duration::from_millis(500);
 const LONGEST_BACK_OFF: Duration = Duration::from_secs(8);
 

@@ -90,11 +90,10 @@ impl ConsoleModel {
                 shores
                     .and_then(|(request, body)| self.bulk_question(Topic::Shores, request, &body)),
             );
-            let voxels = self.voxels.question(now, || next(&mut self.requests));
-            outgoing.extend(
-                voxels
-                    .and_then(|(request, body)| self.bulk_question(Topic::Voxels, request, &body)),
-            );
+            while let Some((request, body)) = self.voxels.question(now, || next(&mut self.requests))
+            {
+                outgoing.extend(self.bulk_question(Topic::Voxels, request, &body));
+            }
             let whole = self.trajectory.question(now, || next(&mut self.requests));
             let trail = self.trail.question(now, || next(&mut self.requests));
             for (request, body) in [whole, trail].into_iter().flatten() {

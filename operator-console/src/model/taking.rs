@@ -3,8 +3,8 @@
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
-    Digests, Event, Info, LayerHead, MapHead, Pong, Pose, Scan, ShoresNews, Status, TileBand,
-    TilesReply, TrajectoryPart, VoxelsReply,
+    Digests, Event, Info, LayerHead, MapHead, Pong, Pose, Scan, ShoresNews, Status, TeleopStatus,
+    TileBand, TilesReply, TrajectoryPart, VoxelsReply,
 };
 use protocol::wire::{self, Header, WireError};
 use robot_edge::clock::Monotonic;
@@ -41,6 +41,20 @@ impl ConsoleModel {
         Ok(())
     }
 
+    fn teleop(&self) -> Option<&TeleopStatus> {
+        let (status, _) = self.status.as_ref()?;
+        status.teleop.as_ref()
+    }
+
+    /// While an emergency stop is in force nothing stops on the way: what is told now was before it.
+    fn note_before_estop(&mut self, status: &Status) {
+        let teleop = status.teleop.as_ref();
+        if let Some(teleop) = teleop.filter(|teleop| teleop.estop.is_some()) {
+            let last_stop = teleop.last_stop;
+            self.before_estop = Some(BeforeEStop { last_stop });
+        }
+    }
+
     fn take_pushed(&mut self, topic: Topic, payload: &[u8], now: Monotonic) -> Result<(), Refusal> {
         match topic {
             Topic::Pose => self.take_pose(payload, now)?,
@@ -62,6 +76,7 @@ impl ConsoleModel {
                 } else {
                     self.ended_seq = None;
                 }
+                self.note_before_estop(&status);
                 let before = self.status.as_ref();
                 let is_news = before.is_none_or(|(before, _)| is_news(before, &status));
                 self.changes += u64::from(is_news);
@@ -71,11 +86,7 @@ impl ConsoleModel {
             Topic::Event => {
                 let (_, event): (_, Event) = decode(payload)?;
                 if event.kind == "estop" {
-                    let teleop = self
-                        .status
-                        .as_ref()
-                        .and_then(|(status, _)| status.teleop.as_ref());
-                    let last_stop = teleop.and_then(|teleop| teleop.last_stop);
+                    let last_stop = self.teleop().and_then(|teleop| teleop.last_stop);
                     self.before_estop = Some(BeforeEStop { last_stop });
                 }
                 if self.events.len() >= MAX_EVENTS {

@@ -1,12 +1,14 @@
 use std::time::Duration;
 
 use protocol::keys::Topic;
-use protocol::message::{MAX_SENSORS, MapHead, Pose, Scan, View};
+use protocol::message::{
+    EStopStatus, Event, MAX_SENSORS, MapHead, Pose, Scan, Severity, StopReason, TeleopStatus, View,
+};
 use protocol::wire::{self, Header};
 use serde::Serialize;
 
 use super::*;
-use crate::pretend::{BOOT, answers, at, says, scout};
+use crate::pretend::{BOOT, answers, at, says, scout, standing};
 
 fn say<T: Serialize>(model: &mut ConsoleModel, topic: Topic, boot: BootId, body: &T, ms: u64) {
     let header = Header {
@@ -204,4 +206,42 @@ fn a_link_without_maps_is_used_for_the_rest_and_measured() {
     assert_eq!(samples.len(), before + 20);
     let age = samples.back().unwrap().ages[Stream::Pose as usize];
     assert_eq!(age, Some(Duration::from_millis(10_020)));
+}
+
+#[test]
+fn the_stop_before_an_emergency_stop_is_that_which_is_told_with_it() {
+    let mut model = scout();
+    let status = |last_stop, estop: Option<u64>| Status {
+        teleop: Some(TeleopStatus {
+            last_stop,
+            estop: estop.map(|number| EStopStatus {
+                number,
+                is_stored: true,
+            }),
+            ..standing()
+        }),
+        ..Status::default()
+    };
+    let estop = Event {
+        kind: "estop".to_owned(),
+        severity: Severity::Alarm,
+        message: "emergency stop 1, by anna".to_owned(),
+    };
+    let before = |model: &ConsoleModel| model.before_estop().and_then(|before| before.last_stop);
+    // Keys are let go, and the stop is pressed before the next status.
+    says(&mut model, Topic::Status, &status(None, None), at(0));
+    says(&mut model, Topic::Event, &estop, at(100));
+    assert_eq!(before(&model), None);
+    let released = Some(StopReason::Released);
+    says(
+        &mut model,
+        Topic::Status,
+        &status(released, Some(1)),
+        at(200),
+    );
+    assert_eq!(before(&model), released);
+    // What is told after the reset came after it.
+    let old = Some(StopReason::Age);
+    says(&mut model, Topic::Status, &status(old, None), at(300));
+    assert_eq!(before(&model), released);
 }

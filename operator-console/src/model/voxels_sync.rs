@@ -1,5 +1,6 @@
 //! The octree's files, fetched part by part when somebody wants them. Pure: the present is a parameter.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -9,10 +10,15 @@ use robot_edge::clock::Monotonic;
 
 use super::incoming::RequestId;
 use super::refusals::Refusal;
-use super::repeated::Repeated;
+use super::repeated::{PATIENCE, Repeated};
 
 /// Until files that are being made are asked for again.
 const PREPARING: Duration = Duration::from_millis(500);
+/// Questions that are under way at most: the link, and a window that draws, are waited for once for all of them.
+const MAX_UNDER_WAY: usize = 8;
+/// An answer that takes longer than this comes over a link that has no more to give: what is asked for beyond it would only
+/// hold up tiles.
+const QUICK: Duration = Duration::from_millis(200);
 /// Longest file, packed. An octree of the greatest memory that a vehicle may be given makes less.
 const MAX_PACKED_BYTES: u64 = 512 << 20;
 
@@ -53,7 +59,21 @@ pub enum VoxelsProgress {
 #[derive(Clone, Debug, Default)]
 pub(super) struct VoxelsSync {
     phase: Phase,
+    /// When the next question may be asked.
     question: Repeated,
+    /// What was asked, in the order in which it is answered.
+    under_way: VecDeque<Asked>,
+    /// Questions that may be under way beyond the first.
+    ahead: usize,
+    /// Since when. Answers to what was asked before say nothing of it.
+    ahead_since: Monotonic,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Asked {
+    request: RequestId,
+    what: VoxelsRequest,
+    at: Monotonic,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -121,21 +141,31 @@ impl VoxelsSync {
         }
     }
 
-    /// What to ask now; `number` numbers the question.
+    /// What to ask now, until it is nothing; `number` numbers the question.
     pub(super) fn question(
         &mut self,
         now: Monotonic,
         number: impl FnOnce() -> RequestId,
     ) -> Option<(RequestId, VoxelsRequest)> {
+        if !self.is_wanted() || !self.question.is_due(now) {
+            return None;
+        }
+        let oldest = self.under_way.front();
+        if oldest.is_some_and(|asked| now.since(asked.at) >= PATIENCE) {
+            self.ask_anew();
+        }
         let Phase::Fetching(fetching) = &self.phase else {
             return None;
         };
-        if !self.question.is_due(now) {
-            return None;
-        }
+        let what = match self.under_way.back() {
+            None => fetching.next(),
+            Some(_) if self.under_way.len() > self.ahead => return None,
+            Some(last) => fetching.behind(last.what)?,
+        };
         let request = number();
-        self.question.ask(request, now);
-        Some((request, fetching.next()))
+        let at = now;
+        self.under_way.push_back(Asked { request, what, at });
+        Some((request, what))
     }
 
     /// An answer to `request`, of data up to `stamp_ns`.
@@ -146,9 +176,15 @@ impl VoxelsSync {
         request: RequestId,
         now: Monotonic,
     ) -> Result<(), Refusal> {
-        if !self.question.is_answered(request) {
+        let oldest = self.under_way.front().copied();
+        let Some(asked) = oldest.filter(|asked| asked.request == request) else {
+            // What lies before it has not come, and will not.
+            if self.is_under_way(request) {
+                self.ask_anew();
+            }
             return Err(Refusal::OldRevision);
-        }
+        };
+        self.under_way.pop_front();
         let Phase::Fetching(fetching) = &mut self.phase else {
             return Err(Refusal::OldRevision);
         };
@@ -167,11 +203,26 @@ impl VoxelsSync {
                 }
                 let taken = fetching.take(part, stamp_ns);
                 if taken.is_err() {
+                    self.ask_anew();
                     self.question.backs_off(now);
                     return taken;
                 }
+                if asked.at >= self.ahead_since {
+                    self.ahead_since = now;
+                    self.ahead = if now.since(asked.at) > QUICK {
+                        self.ahead / 2
+                    } else {
+                        (self.ahead + 1).min(MAX_UNDER_WAY - 1)
+                    };
+                }
+                let expected = fetching.next();
                 if let Some(files) = fetching.take_all() {
                     self.phase = Phase::Ready(Arc::new(files));
+                }
+                let next = self.under_way.front();
+                if next.is_some_and(|next| next.what != expected) {
+                    // The part was shorter than what is asked for.
+                    self.ask_anew();
                 }
             }
         }
@@ -181,7 +232,22 @@ impl VoxelsSync {
 
     /// No more answers to a question will come; true if it was asked here.
     pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) -> bool {
-        self.question.ended(request, now)
+        let is_unanswered = self.is_under_way(request);
+        if is_unanswered {
+            self.ask_anew();
+            self.question.backs_off(now);
+        }
+        is_unanswered
+    }
+
+    fn is_under_way(&self, request: RequestId) -> bool {
+        self.under_way.iter().any(|asked| asked.request == request)
+    }
+
+    /// What is under way is of no use any more: it is asked for again, one part at a time first.
+    fn ask_anew(&mut self) {
+        self.under_way.clear();
+        self.ahead = 0;
     }
 }
 
@@ -217,6 +283,13 @@ impl Fetching {
             },
             offset: begun.map_or(0, |file| file.packed.len() as u64),
         }
+    }
+
+    /// What lies behind something that is under way, in the same file. How long that is, its first part says.
+    fn behind(&self, asked: VoxelsRequest) -> Option<VoxelsRequest> {
+        let is_begun = !self.files.is_empty() && !self.is_last_whole();
+        let offset = asked.offset + MAX_PART_BYTES as u64;
+        (is_begun && offset < self.packed_bytes).then_some(VoxelsRequest { offset, ..asked })
     }
 
     fn take(&mut self, part: VoxelsPart, stamp_ns: i64) -> Result<(), Refusal> {

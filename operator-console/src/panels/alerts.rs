@@ -48,7 +48,7 @@ impl AlertsData {
             let lasts = match (alert.is_active, is_shown) {
                 (true, true) => "still so",
                 // Of most of it nothing is heard.
-                (true, false) => "so when it was heard of last",
+                (true, false) => "still so when last heard of",
                 (false, _) => "over",
             };
             let times = match alert.times {
@@ -164,7 +164,7 @@ mod tests {
         alerts.change_to(&scout, at(5_000));
         let [text, detail] = [
             "boat: Nothing is heard of the robot",
-            "5.0 s ago, so when it was heard of last",
+            "5.0 s ago, still so when last heard of",
         ];
         let line = [text, detail].map(str::to_owned);
         assert_eq!(listed(&alerts), (1, vec![line]));

@@ -117,7 +117,8 @@ impl ConnectionData {
                 (Tone::Warning, "Silent".to_owned(), Some(advice))
             }
         };
-        let (map_tone, map, map_short) = map_state(model.map(), state, now);
+        let heard = connection.age(now).unwrap_or_default();
+        let (map_tone, map, map_short) = map_state(model.map(), (state, heard), now);
         Self {
             tone,
             state: word,
@@ -154,13 +155,25 @@ fn rows(model: &ConsoleModel, state: LinkState, now: Monotonic) -> Vec<Row> {
 }
 
 /// Whether the map is the robot's, in a few words and in fewer.
-fn map_state(map: &MapSync, state: LinkState, now: Monotonic) -> (Tone, String, &'static str) {
+fn map_state(
+    map: &MapSync,
+    (state, heard): (LinkState, Duration),
+    now: Monotonic,
+) -> (Tone, String, &'static str) {
     let Some(_announced) = map.head_at() else {
         return (Tone::Waiting, format!("{NO_MAP} yet"), NO_MAP);
     };
+    let equal_at = map.steps().map(|step| step.last_equal).min().flatten();
     if state == LinkState::Silent {
-        let was = if map.is_in_step() { "Was" } else { "Was not" };
-        let text = format!("{was} in step when last heard");
+        // What counted as equal while the link lived, counts so now.
+        let before = equal_at.map(|at| now.since(at).saturating_sub(heard));
+        let text = match before {
+            _ if map.is_in_step() => "Was in step when last heard".to_owned(),
+            Some(before) if before < EQUAL_ENOUGH => {
+                format!("Was in step {} before it fell silent", age(before))
+            }
+            Some(_) | None => "Was not in step when last heard".to_owned(),
+        };
         return (Tone::Warning, text, OLD);
     }
     if map.is_in_step() {
@@ -172,8 +185,7 @@ fn map_state(map: &MapSync, state: LinkState, now: Monotonic) -> (Tone, String, 
         let text = format!("{} {tiles} missing", count(missing as u64));
         return (Tone::Waiting, text, BEHIND);
     }
-    let last_equal = map.steps().map(|step| step.last_equal).min().flatten();
-    match last_equal.map(|at| now.since(at)) {
+    match equal_at.map(|at| now.since(at)) {
         Some(since) if since < EQUAL_ENOUGH => {
             let text = format!("{IN_STEP} {} ago", age(since));
             (Tone::Good, text, IN_STEP)

@@ -7,6 +7,7 @@ use super::rows::{Row, row, rows_ui};
 use super::stale::is_position_old;
 use super::wording::{age, bearing, count, signed, turn};
 use crate::model::{ConsoleModel, LinkState};
+use crate::playback::is_recording;
 
 /// Seconds since 1970.
 const YEAR_2000_S: u64 = 946_684_800;
@@ -38,7 +39,10 @@ impl RobotData {
                 count(status.scans_in)
             );
             rows.push(row("Scans", scans));
-            rows.push(row("Consoles", status.consoles.to_string()));
+            // Nobody else sees a recording that is mapped here.
+            if !is_recording(model.robot()) {
+                rows.push(row("Consoles", status.consoles.to_string()));
+            }
         }
         let is_silent = model.connection().state(now) == LinkState::Silent;
         let has_ended = model.says_ended();

@@ -1,7 +1,5 @@
 //! The robots on the network, and below them a box for an address where none is found.
 
-use std::time::Duration;
-
 use eframe::egui::{Align, Color32, Layout, RichText, Sense, TextStyle, Ui, vec2};
 use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
@@ -11,7 +9,7 @@ use super::addresses::{AddressEntry, address_ui};
 use super::command_line::with_options;
 use super::wording::age;
 use crate::command::Command;
-use crate::link::{FleetState, FoundRobot, Sighting};
+use crate::link::{FleetState, FoundRobot, SEEN_LATELY, Sighting};
 use crate::model::LinkState;
 use crate::shortcuts::Action;
 use crate::theme::Tone;
@@ -161,16 +159,16 @@ pub fn alerts(count: usize) -> String {
     }
 }
 
-/// Robots are asked every 10 s: one that did not answer for so long has missed a round.
-const SEEN_LATELY: Duration = Duration::from_secs(15);
-
 fn state_words(sighting: &Sighting, link: Option<LinkState>, now: Monotonic) -> (Tone, String) {
     let seen = now.since(sighting.seen);
     match link {
         Some(LinkState::Silent) => return (Tone::Warning, "silent".to_owned()),
         Some(LinkState::Waiting) => return (Tone::Waiting, "not heard yet".to_owned()),
         None if seen > SEEN_LATELY => {
-            return (Tone::Warning, format!("last seen {} ago", age(seen)));
+            return (
+                Tone::Warning,
+                format!("silent, last seen {} ago", age(seen)),
+            );
         }
         Some(LinkState::Live) | None => {}
     }
@@ -332,7 +330,7 @@ mod tests {
                 ("free", Tone::Good),
                 ("anna drives, 1 alert", Tone::Warning),
                 ("emergency stop, 2 alerts", Tone::Warning),
-                ("last seen 25 s ago", Tone::Warning),
+                ("silent, last seen 25 s ago", Tone::Warning),
                 ("silent", Tone::Warning),
                 ("there", Tone::Waiting),
             ]

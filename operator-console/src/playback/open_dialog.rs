@@ -1,6 +1,6 @@
 //! File > Open: a path, completed while it is typed.
 
-use std::path::PathBuf;
+use std::path::{MAIN_SEPARATOR, Path, PathBuf};
 
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::text_edit::TextEditState;
@@ -10,7 +10,7 @@ use eframe::egui::{
 };
 
 use super::path_completion::{common_beginning, completions};
-use crate::typed_path::typed_path;
+use crate::typed_path::{home, typed_path};
 
 /// What the dialog has above and below the list of paths, points.
 const OTHERS: f32 = 200.0;
@@ -23,14 +23,38 @@ pub struct OpenDialog {
     offered: Vec<String>,
     /// Why the path could not be opened.
     problem: Option<String>,
-    wants_focus: bool,
+    wants_focus: Option<Focus>,
+}
+
+/// What the next letter that is typed does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Focus {
+    /// It goes on behind the path.
+    AtEnd,
+    /// It replaces the path.
+    OnAll,
 }
 
 impl OpenDialog {
-    /// Asks for a recording.
-    pub fn open(&mut self) {
+    /// Asks for a recording, of those in `folder` first. Where there are none, it begins with what was typed last.
+    pub fn open(&mut self, folder: Option<PathBuf>) {
+        if self.is_open {
+            // Somebody types there already.
+            self.wants_focus = Some(Focus::AtEnd);
+            return;
+        }
+        let begin = folder.and_then(|folder| as_typed(&folder, home().as_deref()));
+        if let Some(begin) = begin
+            && !completions(&begin).is_empty()
+        {
+            self.path = begin;
+        }
+        self.ask(Focus::OnAll);
+    }
+
+    fn ask(&mut self, focus: Focus) {
         self.is_open = true;
-        self.wants_focus = true;
+        self.wants_focus = Some(focus);
         self.problem = None;
         self.offered = completions(&self.path);
     }
@@ -38,7 +62,7 @@ impl OpenDialog {
     /// Says why a recording could not be opened, and asks for another.
     pub fn refuse(&mut self, path: String, why: String) {
         self.path = path;
-        self.open();
+        self.ask(Focus::AtEnd);
         self.problem = Some(why);
     }
 
@@ -89,13 +113,23 @@ impl OpenDialog {
                 ..EventFilter::default()
             });
         let field = ui.add(field).labelled_by(label.id);
-        if std::mem::take(&mut self.wants_focus) {
+        if let Some(focus) = self.wants_focus.take() {
             field.request_focus();
+            let end = CCursor::new(self.path.chars().count());
+            select(
+                ui,
+                field.id,
+                match focus {
+                    Focus::AtEnd => CCursorRange::one(end),
+                    Focus::OnAll => CCursorRange::two(CCursor::new(0), end),
+                },
+            );
         }
         let is_tab = |input: &mut InputState| input.consume_key(Modifiers::NONE, Key::Tab);
         if field.has_focus() && ui.input_mut(is_tab) {
             self.complete();
-            put_cursor_at_end(ui, field.id, &self.path);
+            let end = CCursor::new(self.path.chars().count());
+            select(ui, field.id, CCursorRange::one(end));
         }
         if field.changed() {
             self.problem = None;
@@ -108,19 +142,24 @@ impl OpenDialog {
         let chosen = self.offered_ui(ui);
         let mut is_wanted = is_entered;
         ui.horizontal(|ui| {
-            let open = ui.add_enabled(!self.path.trim().is_empty(), Button::new("Open"));
+            let names_one = !self.path.trim().is_empty() && !is_folder(self.path.trim());
+            let open = ui.add_enabled(names_one, Button::new("Open"));
             is_wanted |= open.on_hover_text("Enter").clicked();
             if ui.button("Cancel").on_hover_text("Esc").clicked() {
                 self.close();
             }
         });
         if let Some(chosen) = chosen {
-            let is_folder = chosen.ends_with(std::path::MAIN_SEPARATOR);
             self.path.clone_from(&chosen);
-            self.open();
-            return (!is_folder).then(|| typed_path(&chosen));
+            self.ask(Focus::AtEnd);
+            return (!is_folder(&chosen)).then(|| typed_path(&chosen));
         }
         let path = self.path.trim();
+        if is_wanted && is_folder(path) {
+            // What is in it is offered.
+            self.wants_focus = Some(Focus::AtEnd);
+            return None;
+        }
         (is_wanted && !path.is_empty()).then(|| typed_path(path))
     }
 
@@ -131,7 +170,7 @@ impl OpenDialog {
             self.path = common;
         }
         self.offered = completions(&self.path);
-        self.wants_focus = true;
+        self.wants_focus = Some(Focus::AtEnd);
     }
 
     fn offered_ui(&self, ui: &mut Ui) -> Option<String> {
@@ -148,18 +187,32 @@ impl OpenDialog {
     }
 }
 
-/// What is typed next goes on behind what was completed.
-fn put_cursor_at_end(ui: &Ui, field: Id, text: &str) {
+/// What is typed next replaces what is in `range`.
+fn select(ui: &Ui, field: Id, range: CCursorRange) {
     let mut state = TextEditState::load(ui.ctx(), field).unwrap_or_default();
-    let end = CCursor::new(text.chars().count());
-    state.cursor.set_char_range(Some(CCursorRange::one(end)));
+    state.cursor.set_char_range(Some(range));
     state.store(ui.ctx(), field);
+}
+
+/// Whether a path that is typed or offered is one of a folder for sure.
+fn is_folder(path: &str) -> bool {
+    path.ends_with(MAIN_SEPARATOR)
+}
+
+/// `folder` as somebody would type it, who wants to see what is in it. `None` where nobody could.
+fn as_typed(folder: &Path, home: Option<&Path>) -> Option<String> {
+    let below_home = home.and_then(|home| folder.strip_prefix(home).ok());
+    let typed = below_home.map_or_else(
+        || folder.to_owned(),
+        |below_home| Path::new("~").join(below_home),
+    );
+    // Nothing joined is the separator.
+    typed.join("").into_os_string().into_string().ok()
 }
 
 #[cfg(test)]
 mod tests {
     use std::fs;
-    use std::path::Path;
     use std::sync::Arc;
 
     use eframe::egui::{DroppedFile, vec2};
@@ -198,7 +251,7 @@ mod tests {
         let mut harness = harness(OpenDialog::default());
         harness.run();
         assert!(harness.query_by_label("Open a recording").is_none());
-        harness.state_mut().dialog.open();
+        harness.state_mut().dialog.open(None);
         harness.run_steps(3);
         let typed = format!("{}/roo", folder.path().display());
         harness.event(eframe::egui::Event::Text(typed.clone()));
@@ -223,6 +276,61 @@ mod tests {
             harness.state().opened,
             [PathBuf::from(format!("{typed}ms.mcap"))]
         );
+    }
+
+    #[test]
+    fn the_recordings_of_a_folder_are_offered_and_any_other_path_is_typed_over_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let recording = folder.path().join("rooms.mcap");
+        fs::write(&recording, "").unwrap();
+        let typed = as_typed(folder.path(), home().as_deref()).unwrap();
+        let mut harness = harness(OpenDialog::default());
+        let open = |harness: &mut Harness<'static, State>, folder: PathBuf| {
+            harness.state_mut().dialog.close();
+            harness.run_steps(2);
+            harness.state_mut().dialog.open(Some(folder));
+            harness.run_steps(3);
+        };
+        open(&mut harness, folder.path().to_owned());
+        assert_eq!(harness.state().dialog.path, typed);
+        assert_eq!(
+            harness.state().dialog.offered,
+            [format!("{typed}rooms.mcap")]
+        );
+        // There is a folder, and not yet a recording.
+        harness.key_press(Key::Enter);
+        harness.run_steps(3);
+        assert!(harness.state().opened.is_empty());
+        harness.event(eframe::egui::Event::Text("ro".to_owned()));
+        harness.run_steps(3);
+        assert_eq!(harness.state().dialog.path, format!("{typed}ro"));
+
+        open(&mut harness, folder.path().to_owned());
+        harness.event(eframe::egui::Event::Text("/x".to_owned()));
+        harness.run_steps(3);
+        assert_eq!(harness.state().dialog.path, "/x");
+        open(&mut harness, folder.path().join("gone"));
+        assert_eq!(harness.state().dialog.path, "/x");
+
+        open(&mut harness, folder.path().to_owned());
+        harness.get_by_label(&format!("{typed}rooms.mcap")).click();
+        harness.run_steps(3);
+        assert_eq!(harness.state().opened, [recording]);
+    }
+
+    #[test]
+    fn a_folder_is_shown_as_it_would_be_typed() {
+        let check = |folder: &str, expected: &str| {
+            let home = Some(Path::new("/home/anna"));
+            let shown = as_typed(Path::new(folder), home).unwrap();
+            assert_eq!(Path::new(&shown), Path::new(expected), "{folder}");
+            assert!(is_folder(&shown), "{shown}");
+        };
+        check("/home/anna/maps", "~/maps/");
+        check("/home/anna/maps/", "~/maps/");
+        check("/home/anna", "~/");
+        check("/home/annabel/maps", "/home/annabel/maps/");
+        check("/", "/");
     }
 
     #[test]
@@ -255,7 +363,7 @@ mod tests {
         for is_open in [false, true] {
             let mut dialog = OpenDialog::default();
             if is_open {
-                dialog.open();
+                dialog.open(None);
             }
             let mut harness = harness(dialog);
             harness.run_steps(2);

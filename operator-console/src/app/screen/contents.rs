@@ -1,6 +1,6 @@
 //! What is in each panel, and which of them there is room for.
 
-use eframe::egui::{CentralPanel, Frame, Panel, Ui};
+use eframe::egui::Ui;
 use robot_edge::clock::Monotonic;
 
 use crate::app::first_run::first_run_ui;
@@ -14,14 +14,13 @@ use crate::panels::events::{EventFilter, EventsData, events_ui};
 use crate::panels::layers::{LayersData, layers_ui};
 use crate::panels::link::{LinkData, link_ui};
 use crate::panels::losses::{LossesData, losses_ui};
+use crate::panels::notice::NoticeRoom;
 use crate::panels::recording::{RecordingData, recording_ui};
 use crate::panels::robot::{RobotData, robot_ui};
 use crate::panels::robots::robots_ui;
 use crate::panels::sensors::{SensorsData, sensors_ui};
 use crate::panels::shores::{ShoresData, shores_ui};
-use crate::panels::stale::{StaleData, stale_ui};
 use crate::shortcuts::Action;
-use crate::theme;
 use crate::workspace::PanelId;
 
 use super::Scene;
@@ -63,6 +62,8 @@ pub(super) struct Panels<'a> {
     pub(super) address: &'a mut AddressEntry,
     pub(super) driving: &'a mut DrivingEntry,
     pub(super) filter: &'a mut EventFilter,
+    /// Where notices lie on the map, as soon as that is drawn.
+    pub(super) notice_room: Option<NoticeRoom>,
 }
 
 impl Panels<'_> {
@@ -139,15 +140,8 @@ impl Panels<'_> {
     }
 
     fn map_ui(&mut self, ui: &mut Ui, model: &ConsoleModel, now: Monotonic) -> Option<Command> {
-        if let Some(stale) = StaleData::new(model, now) {
-            let frame = Frame::new().fill(theme::BANNER[0]).inner_margin(8.0);
-            Panel::top("stale")
-                .frame(frame)
-                .resizable(false)
-                .show(ui, |ui| stale_ui(ui, &stale));
-        }
-        let map = CentralPanel::no_frame();
-        let look = map.show(ui, |ui| self.map_view.show(ui, model, now));
-        look.inner.map(Command::Look)
+        let look = self.map_view.show(ui, model, now);
+        self.notice_room = self.map_view.notice_room();
+        look.map(Command::Look)
     }
 }

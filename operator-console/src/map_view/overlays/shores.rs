@@ -25,7 +25,8 @@ const HEAD: f32 = 9.0;
 /// What is to be drawn, in points.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(in crate::map_view) struct ShoreMarks {
-    /// Numbers of shores and where, the largest shores first; those that would lie on one another are left out.
+    /// Numbers of shores and where, the largest shores first; those that would lie on one another, or on what stands out,
+    /// are left out.
     pub(in crate::map_view) numbers: Vec<(String, Pos2)>,
     /// Letters of docking sites, where, and where to: the best first.
     pub(in crate::map_view) sites: Vec<(String, Pos2, Vec2)>,
@@ -54,9 +55,27 @@ impl ShoreMarks {
                 at
             })
         };
+        // What stands out is labelled whatever else is there.
+        let marked_at = match marked {
+            Some(ShoreMark::Shore(number)) => {
+                let mut clusters = shores.clusters.iter();
+                let shore = clusters.find(|shore| shore.number == number);
+                shore.and_then(|shore| place(&number.to_string(), FIGURE, shore.center_m))
+            }
+            Some(ShoreMark::Site(marked)) => {
+                let mut named = shores.sites.iter().zip(names);
+                let site = named.find(|(_, name)| **name == marked);
+                site.and_then(|(site, name)| place(&name.to_string(), LETTER, site.center_m))
+            }
+            None => None,
+        };
         let sites = shores.sites.iter().zip(names).filter_map(|(site, name)| {
             let text = name.to_string();
-            let at = place(&text, LETTER, site.center_m)?;
+            let at = if marked == Some(ShoreMark::Site(*name)) {
+                marked_at?
+            } else {
+                place(&text, LETTER, site.center_m)?
+            };
             Some((text, at, camera.direction(f64::from(site.heading_rad))))
         });
         let sites = sites.collect();
@@ -64,7 +83,11 @@ impl ShoreMarks {
         clusters.sort_by_key(|cluster| (Reverse(cluster.voxels), cluster.number));
         let numbers = clusters.into_iter().filter_map(|cluster| {
             let text = cluster.number.to_string();
-            let at = place(&text, FIGURE, cluster.center_m)?;
+            let at = if marked == Some(ShoreMark::Shore(cluster.number)) {
+                marked_at?
+            } else {
+                place(&text, FIGURE, cluster.center_m)?
+            };
             Some((text, at))
         });
         Self {
@@ -221,6 +244,11 @@ mod tests {
             vec2(120.0, 120.0)
         );
         assert_eq!(marks_of(gone).outline, [], "it is not where another is now");
+        // What was left out for a larger one is there while it stands out.
+        let mark = Some(ShoreMark::Shore(1));
+        let marks = ShoreMarks::new((&shores, &named), &camera, screen, mark);
+        let numbers: Vec<_> = marks.numbers.iter().map(|(text, _)| &**text).collect();
+        assert_eq!(numbers, ["3", "1"]);
     }
 
     #[test]

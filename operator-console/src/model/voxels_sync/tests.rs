@@ -6,8 +6,12 @@ use crate::pretend::at;
 
 /// Longer than a part when it is packed, because nothing in it repeats.
 fn long_file(seed: u32) -> PackedFile {
+    file_of(40_000, seed)
+}
+
+fn file_of(bytes: u32, seed: u32) -> PackedFile {
     let mut state = seed;
-    let bytes: Vec<u8> = (0..40_000)
+    let bytes: Vec<u8> = (0..bytes)
         .map(|_| {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             (state >> 24) as u8
@@ -69,6 +73,96 @@ fn both_files_are_fetched_from_what_a_vehicle_answers() {
     };
     assert_eq!(sync.progress(), VoxelsProgress::Ready(Arc::new(expected)));
     assert_eq!(sync.question(at(now), &mut number), None);
+}
+
+/// Fetches from a vehicle whose answers take so long, one after the other: the most questions that were under way at once,
+/// and when all was there, milliseconds.
+fn fetched_at(answer_ms: u64, way_ms: u64) -> (usize, u64) {
+    let made = VoxelSnapshot {
+        stamp: RobotTime::from_nanos(5),
+        files: [3, 4].map(|seed| file_of(400_000, seed)),
+    };
+    let mut vehicle = VoxelSnapshots::default();
+    vehicle.offer();
+    vehicle.put(Some(made.clone()), at(0));
+    let mut sync = VoxelsSync::default();
+    let mut number = numbers();
+    sync.want();
+    let (mut now, mut most) = (0, 0);
+    let (mut under_way, mut answered) = (VecDeque::new(), 0);
+    while sync.is_wanted() {
+        while let Some((request, asked)) = sync.question(at(now), &mut number) {
+            answered = answered.max(now + way_ms) + answer_ms;
+            under_way.push_back((answered, request, asked));
+        }
+        most = most.max(under_way.len());
+        let (then, request, asked) = under_way.pop_front().unwrap();
+        now = then;
+        let (stamp_ns, reply) = vehicle.answer(asked, at(now));
+        sync.take(reply, stamp_ns, request, at(now)).unwrap();
+    }
+    let VoxelsProgress::Ready(fetched) = sync.progress() else {
+        panic!("{:?}", sync.progress());
+    };
+    assert_eq!(fetched.files, made.files);
+    (most, now)
+}
+
+#[test]
+fn parts_are_asked_for_ahead_as_far_as_answers_are_quick() {
+    // A long way: 50 parts, most of which are not waited for one by one.
+    let (most, ms) = fetched_at(1, 80);
+    assert_eq!(most, MAX_UNDER_WAY);
+    assert!(ms < 50 * 81 / 3, "{ms} ms");
+    // A link of 256 kbit/s: nothing else waits behind more than one part.
+    assert_eq!(fetched_at(512, 20).0, 1);
+    // One of 2 Mbit/s.
+    let (most, _) = fetched_at(65, 20);
+    assert!((2..=5).contains(&most), "{most}");
+}
+
+/// A file whose first parts came, and the questions that are under way by then.
+fn begun(vehicle: &mut VoxelSnapshots) -> (VoxelsSync, Vec<(RequestId, VoxelsRequest)>) {
+    vehicle.offer();
+    let files = [3, 4].map(|seed| file_of(400_000, seed));
+    let stamp = RobotTime::from_nanos(5);
+    vehicle.put(Some(VoxelSnapshot { stamp, files }), at(0));
+    let mut sync = VoxelsSync::default();
+    let mut number = numbers();
+    sync.want();
+    let mut under_way = VecDeque::new();
+    for _ in 0..4 {
+        under_way.extend(std::iter::from_fn(|| sync.question(at(0), &mut number)));
+        let (request, asked) = under_way.pop_front().unwrap();
+        let (stamp_ns, reply) = vehicle.answer(asked, at(0));
+        sync.take(reply, stamp_ns, request, at(0)).unwrap();
+    }
+    (sync, under_way.into())
+}
+
+#[test]
+fn what_was_asked_for_behind_an_answer_that_is_lost_is_asked_for_again() {
+    let mut vehicle = VoxelSnapshots::default();
+    let (mut sync, under_way) = begun(&mut vehicle);
+    let [(lost, asked), (behind, other), ..] = under_way[..] else {
+        panic!("{under_way:?}");
+    };
+    let again = || RequestId(100);
+    let mut after_end = sync.clone();
+    assert!(after_end.ended(lost, at(0)));
+    assert!(!after_end.ended(behind, at(0)));
+    assert_eq!(after_end.question(at(499), again), None);
+    assert_eq!(
+        after_end.question(at(500), again),
+        Some((RequestId(100), asked))
+    );
+    assert_eq!(after_end.question(at(500), again), None);
+    // The answer comes before anything says that the one before it will not.
+    let (stamp_ns, reply) = vehicle.answer(other, at(0));
+    let taken = sync.take(reply, stamp_ns, behind, at(0));
+    assert_eq!(taken, Err(Refusal::OldRevision));
+    assert_eq!(sync.question(at(0), again), Some((RequestId(100), asked)));
+    assert_eq!(sync.question(at(0), again), None);
 }
 
 #[test]

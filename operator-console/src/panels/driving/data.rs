@@ -116,7 +116,7 @@ impl DrivingData {
             headline,
             advice,
             estop: estop_face(teleop, helm),
-            driver: driver(teleop, helm),
+            driver: driver(teleop, helm, silence.is_some()),
             lease: lease_face(teleop, helm, silence.is_some() || status.has_ended),
             asks: teleop
                 .lease
@@ -162,7 +162,7 @@ fn silence(model: &ConsoleModel, now: Monotonic) -> Option<Duration> {
 fn lost(silence: Duration, helm: &HelmSight) -> (Tone, String, Option<String>) {
     let advice = match helm.lease {
         Lease::Held(_) => {
-            "It stops by itself when commands stay away. When it is heard again, let go of all keys and press anew."
+            "It stops by itself when commands stay away, and soon gives up the lease. When it is heard again, let go of all keys, and press Drive where nobody drives."
         }
         Lease::None | Lease::Waiting { .. } => "What it does now is not known here.",
     };
@@ -311,9 +311,10 @@ fn estop_face(teleop: &TeleopStatus, helm: &HelmSight) -> EStopFace {
     }
 }
 
-fn driver(teleop: &TeleopStatus, helm: &HelmSight) -> String {
+fn driver(teleop: &TeleopStatus, helm: &HelmSight, is_lost: bool) -> String {
     let lease = &teleop.lease;
     match (&helm.lease, &lease.holder, &lease.next) {
+        (Lease::Held(_), ..) if is_lost => format!("You drove ({})", helm.operator),
         (Lease::Held(_), ..) => format!("You drive ({})", helm.operator),
         (_, Some(holder), _) if *holder == helm.operator => {
             format!("{holder} drives, from another console")

@@ -69,8 +69,7 @@ pub(super) fn rows(
     }
     let stops = teleop.counters.involuntary_stops;
     if stops > 0 {
-        let words = format!("{} unasked for", count(stops));
-        rows.push((Tone::Warning, row("Stops", words)));
+        rows.push((Tone::Warning, row("Unasked stops", count(stops))));
     }
     rows
 }

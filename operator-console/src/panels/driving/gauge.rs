@@ -45,7 +45,7 @@ pub(super) fn gauges(teleop: &TeleopStatus, limits: [f32; 2], is_driven: bool) -
     let to_the_right = |velocity: Velocity| -velocity.angular_radps.to_degrees();
     [
         Gauge {
-            name: "Speed",
+            name: "Told to go",
             figures: figures(format!(
                 "{} of {} m/s",
                 signed(f64::from(applied.linear_mps), 2),
@@ -57,7 +57,7 @@ pub(super) fn gauges(teleop: &TeleopStatus, limits: [f32; 2], is_driven: bool) -
             ends: ["back", "forward"],
         },
         Gauge {
-            name: "Turning",
+            name: "Told to turn",
             figures: figures(turn_of(applied.angular_radps, requested.angular_radps)),
             requested: to_the_right(requested),
             applied: to_the_right(applied),

@@ -46,7 +46,13 @@ pub fn driving_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> 
     let stop = estop_ui(ui, &data.estop);
     let rest = ScrollArea::vertical()
         .auto_shrink([false, false])
-        .show(ui, |ui| rest_ui(ui, data, entry));
+        .show(ui, |ui| {
+            // The bar lies over what it scrolls. It has its room before it comes as well: what is narrower may be lower,
+            // and then the bar would come and go.
+            let bar = ui.spacing().scroll;
+            ui.set_max_width(ui.available_width() - bar.bar_inner_margin - bar.bar_width);
+            rest_ui(ui, data, entry)
+        });
     stop.or(rest.inner).map(Command::Drive)
 }
 
@@ -145,47 +151,50 @@ fn estop_ui(ui: &mut Ui, face: &EStopFace) -> Option<Intent> {
 }
 
 fn lease_ui(ui: &mut Ui, face: LeaseFace) -> Option<Intent> {
-    let buttons: &[(&str, &str, LeaseRequest)] = match face {
+    let buttons: &[(&str, Option<&str>, LeaseRequest)] = match face {
         LeaseFace::Quiet => &[],
         LeaseFace::Free => &[(
             "Drive",
-            "Ask the robot for its lease",
+            Some("Ask the robot for its lease"),
             LeaseRequest::Request,
         )],
         LeaseFace::Others => &[
             (
                 "Ask to hand over",
-                "Who drives is asked to consent",
+                Some("Who drives is asked to consent"),
                 LeaseRequest::Request,
             ),
             (
                 "Take over",
-                "For supervisors: the vehicle stops, then you drive. It is logged",
+                Some("For supervisors: the vehicle stops, then you drive. It is logged"),
                 LeaseRequest::TakeOver,
             ),
         ],
         LeaseFace::Waiting => &[(
             "Wait no longer",
-            "Who drives has not consented yet, or the vehicle still moves",
+            Some("Who drives has not consented yet, or the vehicle still moves"),
             LeaseRequest::Release,
         )],
-        LeaseFace::Mine => &[(
-            "Give back",
-            "The vehicle stops, and others may drive",
-            LeaseRequest::Release,
-        )],
+        // It is where "Drive" was, under a pointer that rests there for the whole drive, and so would be its hint.
+        LeaseFace::Mine => &[("Give back", None, LeaseRequest::Release)],
     };
     let mut asked = None;
     ui.horizontal(|ui| {
         // As high with buttons as without, so that nothing below moves.
         ui.set_min_height(28.0);
         for (label, hint, request) in buttons {
-            let hint = if *request == LeaseRequest::TakeOver {
-                (*hint).to_owned()
-            } else {
-                format!("{hint} ({})", Action::Lease.keys())
-            };
-            if ui.button(*label).on_hover_text(hint).clicked() {
+            let keys = Action::Lease.keys();
+            let mut button = ui.button(*label);
+            match hint {
+                Some(hint) if *request == LeaseRequest::TakeOver => {
+                    button = button.on_hover_text(*hint);
+                }
+                Some(hint) => button = button.on_hover_text(format!("{hint} ({keys})")),
+                None => {
+                    ui.weak(keys);
+                }
+            }
+            if button.clicked() {
                 asked = Some(Intent::Lease(request.clone()));
             }
         }

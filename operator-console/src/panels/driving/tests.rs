@@ -182,6 +182,13 @@ fn a_lost_link_is_no_pause() {
         assert!(data.advice.is_some());
         assert_eq!((data.gauges.as_ref(), data.clamp.as_ref()), (None, None));
         assert_eq!(data.settings, None);
+        // The robot gives up the lease of whom it does not hear.
+        let driver = if driving {
+            "You drove (anna)"
+        } else {
+            "Nobody drives"
+        };
+        assert_eq!(data.driver, driver);
         let (_, first) = &data.rows[0];
         assert_eq!(first.1, "as of 0.6 s ago");
         // The emergency stop can be pressed all the same.

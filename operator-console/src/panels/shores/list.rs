@@ -84,7 +84,7 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
     let mut asked = Asked::default();
     let shores = List {
         name: "shores",
-        called_by: "Shores, by number",
+        called_by: "Shores, called by number",
         why: "The robot numbers its shores, and the map shows the numbers.",
         titles: ["No.", "Class", "Rigid", "Voxels", "Away"],
         first: "no.",

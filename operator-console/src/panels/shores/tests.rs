@@ -130,7 +130,7 @@ fn headings_say_what_numbers_and_letters_are_and_which_is_the_first() {
         &window,
         "Docking sites, called by letter, the gentlest first by steps of 0.05, then the widest",
     );
-    assert!(top(&window, "Shores, by number, the nearest first") < heading);
+    assert!(top(&window, "Shores, called by number, the nearest first") < heading);
     assert!(heading < top(&window, best));
     assert!(top(&window, best) < top(&window, wider), "by rank");
     window.get_by_label("Sort docking sites by width").click();

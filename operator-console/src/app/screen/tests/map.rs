@@ -172,3 +172,88 @@ fn the_map_has_near_half_of_a_small_window_while_somebody_drives() {
         assert!(stop.width() > 250.0, "{stop}");
     }
 }
+
+#[test]
+fn a_notice_is_on_the_map_where_there_is_one_and_covers_nothing_that_stands_on_it() {
+    const SAVED: &str = "Saved as /home/anna/pictures/foreshore-2024-05-01.png";
+    let news = |mut rig: Rig, size: [f32; 2]| {
+        let note = crate::event_log::Severity::Note;
+        rig.log.note(note, "screenshot", SAVED, rig.now, 1);
+        rig.window_of(size)
+    };
+    for size in [[1280.0, 800.0], [1000.0, 640.0], [1920.0, 1080.0]] {
+        let window = news(Rig::live(), size);
+        let map = window.state().screen.map_view().place();
+        let found = window.query_all_by_label(SAVED).map(|text| text.rect());
+        let found: Vec<_> = found.filter(|text| map.intersects(*text)).collect();
+        let [text] = found[..] else {
+            panic!("{size:?}: {found:?}");
+        };
+        assert!(map.contains_rect(text), "{size:?}: {text} {map}");
+        assert!(text.center().y > map.center().y, "{size:?}: {text} {map}");
+        let room = window.state().screen.map_view().notice_room().unwrap();
+        for taken in room.taken {
+            assert!(!taken.intersects(text), "{size:?}: {text} {taken}");
+        }
+    }
+    let window = news(Rig::new(), [1280.0, 800.0]);
+    let mut found = window.query_all_by_label(SAVED).map(|text| text.rect());
+    let at_edge = |text: egui::Rect| {
+        (text.center().x - 640.0).abs() < 2.0 && (750.0..780.0).contains(&text.bottom())
+    };
+    assert!(found.any(at_edge), "where there is no map");
+}
+
+/// Nobody drives yet, and Anna could.
+fn drivable() -> Rig {
+    let mut rig = Rig::live();
+    rig.helm = Some(crate::pretend::helm_of_anna());
+    let status = Status {
+        teleop: Some(crate::pretend::standing()),
+        ..Status::default()
+    };
+    rig.say(Topic::Status, &status);
+    rig
+}
+
+#[test]
+fn no_figure_of_driving_is_under_the_scroll_bar() {
+    let mut rig = drivable();
+    rig.helm.as_mut().unwrap().lease = crate::helm::Lease::Held(4);
+    let window = rig.window_of([640.0, 420.0]);
+    let map = window.state().screen.map_view().place();
+    let stop = window.get_by_label("EMERGENCY STOP").rect();
+    let bars = window.query_all_by_role(Role::ScrollBar);
+    let mut bars = bars.map(|bar| bar.rect());
+    let bar = bars.find(|bar| bar.left() > map.right());
+    let bar = bar.expect("it scrolls");
+    let labels = window.query_all_by_role(Role::Label);
+    let labels = labels.map(|label| label.rect());
+    let below = labels.filter(|label| label.left() > map.right() && label.top() > stop.bottom());
+    let rights: Vec<_> = below.map(|label| label.right()).collect();
+    assert!(rights.len() > 8, "{rights:?}");
+    let greatest = rights.iter().copied().fold(0.0, f32::max);
+    // Figures stand at the right edge of what there is room for.
+    assert!(greatest <= bar.left() && greatest > bar.left() - 20.0);
+}
+
+#[test]
+fn no_hint_stays_over_the_panel_while_somebody_drives() {
+    let mut window = drivable().window();
+    let drive = window
+        .get_by_role_and_label(Role::Button, "Drive")
+        .rect()
+        .center();
+    window.hover_at(drive);
+    window.run_steps(8);
+    check(&window, &["Ask the robot for its lease (Ctrl+G)"], &[]);
+    // By key or by click, the pointer rests where it is.
+    let helm = window.state_mut().helm.as_mut();
+    helm.unwrap().lease = crate::helm::Lease::Held(4);
+    window.run_steps(8);
+    check(&window, &["Ctrl+G"], &["(Ctrl+G)"]);
+    let back = window.get_by_label("Give back").rect().center();
+    window.hover_at(back);
+    window.run_steps(8);
+    check(&window, &["Ctrl+G"], &["(Ctrl+G)", "others may drive"]);
+}

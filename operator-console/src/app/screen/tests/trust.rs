@@ -146,6 +146,85 @@ fn a_silent_robot_is_never_taken_for_a_live_one() {
 }
 
 #[test]
+fn a_map_that_counted_as_in_step_did_so_when_the_link_was_lost() {
+    for (heard_ms, says) in [
+        (2_000, "Was in step 1.0 s before it fell silent"),
+        (7_000, "Was not in step when last heard"),
+    ] {
+        let mut rig = Rig::live();
+        let key = rig.put(0, 0, 251);
+        rig.push(key);
+        rig.announce();
+        rig.outgoing();
+        rig.now = at(heard_ms);
+        rig.put(0, 1, 251);
+        rig.announce();
+        rig.outgoing();
+        rig.now = at(heard_ms + 9_000);
+        check(&rig.window(), &["Silent", says], &["Was in step when"]);
+    }
+}
+
+#[test]
+fn the_banner_of_a_lost_link_moves_no_ground_and_hides_no_button() {
+    for size in [[1280.0, 800.0], [900.0, 560.0]] {
+        let mut rig = Rig::live();
+        let key = rig.put(0, 0, 251);
+        rig.push(key);
+        rig.announce();
+        let mut window = rig.window_of(size);
+        let ground = |window: &Harness<'_, Rig>| {
+            let map_view = window.state().screen.map_view();
+            let points = [[0.0, 0.0], [3.0, -2.0]].map(|point_m| map_view.place_of(point_m));
+            (map_view.place(), map_view.visible_m(), points)
+        };
+        let before = ground(&window);
+        let (map, ..) = before;
+        window.hover_at(map.center());
+        window.run_steps(2);
+        window.state_mut().now = at(13_000);
+        window.run_steps(4);
+        assert_eq!(ground(&window), before, "{size:?}");
+
+        let words = window.query_all_by_label_contains("What is shown is old.");
+        let words = words.map(|words| words.rect());
+        let words: Vec<_> = words.filter(|words| map.contains_rect(*words)).collect();
+        let [banner] = words[..] else {
+            panic!("{size:?}: {words:?}");
+        };
+        assert!(banner.top() < map.top() + 80.0, "{banner}");
+        let has_menu = window.query_by_label("Look").is_some();
+        let entries: &[&str] = if has_menu {
+            &["Look"]
+        } else {
+            &["Whole map", "Follow", "Robot up", "Grid", "Measure"]
+        };
+        for label in [&["+", "−", "Compass: north up"], entries].concat() {
+            let button = window.get_by_label(label).rect();
+            assert!(button.top() > banner.bottom(), "{label}: {button} {banner}");
+            assert!(map.contains_rect(button), "{label}: {button}");
+        }
+        let closer = window.get_by_label("+").rect().center();
+        window.drag_at(closer);
+        window.run_steps(1);
+        window.drop_at(closer);
+        window.run_steps(2);
+        let asked = std::mem::take(&mut window.state_mut().commands);
+        assert_eq!(asked, [Command::Look(Look::In)]);
+        // What is under the banner is not read, and a click on it pins nothing.
+        window.drag_at(banner.center());
+        window.run_steps(1);
+        window.drop_at(banner.center());
+        window.run_steps(2);
+        assert_eq!(window.state().screen.map_view().pinned_m(), None);
+        window.state_mut().now = at(13_100);
+        window.state_mut().announce();
+        window.run_steps(4);
+        assert_eq!(ground(&window), before, "{size:?}, after");
+    }
+}
+
+#[test]
 fn an_old_position_is_said_to_be_old_although_the_robot_is_heard() {
     let mut rig = Rig::live();
     rig.now = at(6_000);
