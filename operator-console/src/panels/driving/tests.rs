@@ -373,31 +373,19 @@ fn the_guard_and_the_last_stop_are_always_seen() {
     for (guard, tone, words) in [
         (Guard::Off, Tone::Warning, "Off"),
         (Guard::Silent, Tone::Warning, "Silent: nothing moves"),
-        (
-            Guard::On(limits(0.25)),
-            Tone::Good,
-            "On, allows 0.25 m/s ahead",
-        ),
+        (Guard::On(limits(0.25)), Tone::Good, "On, ahead ≤ 0.25 m/s"),
         // As fast as it goes, and none at all.
-        (
-            Guard::On(limits(1.0)),
-            Tone::Good,
-            "On, allows full speed ahead",
-        ),
+        (Guard::On(limits(1.0)), Tone::Good, "On, ahead is free"),
         (
             Guard::On(limits(f32::INFINITY)),
             Tone::Good,
-            "On, allows full speed ahead",
+            "On, ahead is free",
         ),
-        (
-            Guard::On(limits(0.0)),
-            Tone::Good,
-            "On, allows nothing ahead",
-        ),
+        (Guard::On(limits(0.0)), Tone::Good, "On, ahead is blocked"),
         (
             Guard::Blind(limits(0.25)),
             Tone::Warning,
-            "Blind, allows 0.25 m/s ahead",
+            "Blind, ahead ≤ 0.25 m/s",
         ),
         (
             Guard::Stale,

@@ -78,13 +78,13 @@ pub fn guard(guard: Guard, greatest_mps: f32) -> (Tone, String) {
 fn ahead(limits: GuardLimits, greatest_mps: f32) -> String {
     let allowed_mps = limits.forward_mps;
     if greatest_mps > 0.0 && allowed_mps >= greatest_mps {
-        ", allows full speed ahead".to_owned()
+        ", ahead is free".to_owned()
     } else if !allowed_mps.is_finite() {
         String::new()
     } else if allowed_mps >= LEAST_SAID {
-        format!(", allows {allowed_mps:.2} m/s ahead")
+        format!(", ahead ≤ {allowed_mps:.2} m/s")
     } else {
-        ", allows nothing ahead".to_owned()
+        ", ahead is blocked".to_owned()
     }
 }
 
