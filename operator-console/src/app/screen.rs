@@ -167,9 +167,12 @@ impl Screen {
             let is_alone = found < 2 || robot.link.recording.is_some();
             (!is_alone).then_some(robot.color)
         });
-        if let Some(RobotSight { model, .. }) = &mut robot {
+        if let Some(RobotSight {
+            model, color: own, ..
+        }) = &mut robot
+        {
             model.want_scan(self.map_view.look_state().has(Overlay::Sensors));
-            self.map_view.surround(surroundings(model, color, now));
+            self.map_view.surround(surroundings(model, *own, now));
             self.map_view.update(model);
             ui.ctx().request_repaint_after(AGES_PERIOD);
         }

@@ -14,12 +14,8 @@ const FRESH_S: f64 = 2.0;
 /// What a sensor that turns all around may leave out: coarse ones have steps of some degrees.
 const FULL_TURN_GAP_RAD: f64 = 0.1;
 
-/// Of the robot that is shown; `color`: its own, where there are several to be told apart.
-pub(super) fn surroundings(
-    model: &ConsoleModel,
-    color: Option<Color32>,
-    now: Monotonic,
-) -> Surroundings {
+/// Of the robot that is shown; `color`: its own, whoever else is there.
+pub(super) fn surroundings(model: &ConsoleModel, color: Color32, now: Monotonic) -> Surroundings {
     let stopping = model.info().and_then(|info| {
         let decel_mps2 = f64::from(info.stop_decel_mps2);
         let teleop = model
@@ -37,7 +33,7 @@ pub(super) fn surroundings(
         stopping,
         sensors: model.sensors().iter().filter_map(field).collect(),
         scan: scan(model, now),
-        color,
+        color: Some(color),
     }
 }
 

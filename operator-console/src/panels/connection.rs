@@ -16,7 +16,7 @@ use crate::theme::{Tone, state_ui};
 
 /// Pushed tiles are compared once a second; while they keep coming a map that was equal so lately is not
 /// behind.
-const EQUAL_ENOUGH: Duration = Duration::from_secs(5);
+pub(super) const EQUAL_ENOUGH: Duration = Duration::from_secs(5);
 /// What is said of a map that is the robot's, and of one that is not.
 const IN_STEP: &str = "In step";
 const BEHIND: &str = "Behind";

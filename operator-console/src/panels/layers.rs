@@ -11,6 +11,7 @@ use robot_edge::clock::Monotonic;
 
 use dragging::{drop_ui, grip_ui};
 
+use super::connection::EQUAL_ENOUGH;
 use super::data_age::DataAge;
 use super::stale::StaleData;
 use super::wording::{age, count};
@@ -118,12 +119,16 @@ fn state_of(step: Option<LayerStep>, tiles: usize, now: Monotonic) -> (Tone, Str
     if step.is_equal {
         return (Tone::Good, format!("{extent}, in step"));
     }
+    let since = step.last_equal.map(|at| now.since(at));
+    if let Some(since) = since.filter(|since| step.missing == 0 && *since < EQUAL_ENOUGH) {
+        let words = format!("{extent}, in step {} ago", age(since));
+        return (Tone::Good, words);
+    }
     let lacks = match step.missing {
         0 => "not in step".to_owned(),
         missing => format!("{} missing", count(missing as u64)),
     };
-    let since = step.last_equal.map(|at| age(now.since(at)));
-    let since = since.map_or_else(String::new, |since| format!(" for {since}"));
+    let since = since.map_or_else(String::new, |since| format!(" for {}", age(since)));
     (Tone::Waiting, format!("{extent}, {lacks}{since}"))
 }
 

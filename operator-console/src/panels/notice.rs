@@ -97,7 +97,8 @@ pub fn notice_ui(ui: &Ui, data: &NoticeData, room: &NoticeRoom) {
     let rect = room.rect(text.size() + margin);
     Area::new(Id::unique("notice"))
         .fixed_pos(rect.min)
-        .order(Order::Foreground)
+        // Over the map, and below dialogs.
+        .order(Order::Background)
         .interactable(false)
         .show(ui.ctx(), |ui| frame.show(ui, |ui| ui.label(text)));
     ui.ctx().request_repaint_after(data.rest);

@@ -7,15 +7,15 @@ use protocol::keys::RobotId;
 use serde::{Deserialize, Serialize};
 
 /// Okabe and Ito's series without black, and so that neighbours differ most: told apart with every kind of colour vision,
-/// and on light and dark. Vermilion comes last, since the vehicle on the map has it while its data is live.
+/// and on light and dark. Vermilion comes first, as on maps of recordings, and orange last, which is the nearest to it.
 const SERIES: [(u8, u8, u8); 7] = [
+    (0xd5, 0x5e, 0x00),
     (0x00, 0x72, 0xb2),
-    (0xe6, 0x9f, 0x00),
     (0x00, 0x9e, 0x73),
     (0xcc, 0x79, 0xa7),
     (0x56, 0xb4, 0xe9),
     (0xf0, 0xe4, 0x42),
-    (0xd5, 0x5e, 0x00),
+    (0xe6, 0x9f, 0x00),
 ];
 /// Robots whose colours are remembered.
 const MAX_ROBOTS: usize = 256;

@@ -39,7 +39,14 @@ impl Behavior<PanelId> for Docking<'_> {
                     ScrollArea::vertical()
                         .id_salt(panel)
                         .auto_shrink([false, false])
-                        .show(ui, |ui| (self.draw)(ui, panel));
+                        .show(ui, |ui| {
+                            if !panel.leaves_room_for_bars() {
+                                let bar = ui.spacing().scroll;
+                                let taken = bar.bar_inner_margin + bar.bar_width;
+                                ui.set_max_width(ui.available_width() - taken);
+                            }
+                            (self.draw)(ui, panel);
+                        });
                 });
         }
         UiResponse::None

@@ -81,4 +81,9 @@ impl PanelId {
     pub(super) const fn fills_its_place(self) -> bool {
         matches!(self, Self::Map)
     }
+
+    /// Whether nothing of it is under a bar that scrolls it, wherever it is drawn.
+    pub(super) const fn leaves_room_for_bars(self) -> bool {
+        matches!(self, Self::Shores | Self::Events)
+    }
 }

@@ -47,6 +47,12 @@ pub(super) fn mistake(typed: &str, has_keys: bool) -> String {
 
 /// Of the host and the port, which may stand behind a protocol.
 fn of_place(typed: &str, place: &str, has_keys: bool) -> String {
+    let is_usual = |sign: char| sign.is_alphanumeric() || "-_.:[]%/".contains(sign);
+    if let Some(sign) = place.chars().find(|sign| !is_usual(*sign)) {
+        return format!(
+            "A {sign} cannot be in an address. Type host:port, for example {SOME_HOST}:{DEFAULT_PORT}."
+        );
+    }
     let right = example(place.trim_end_matches('/'));
     if place.contains('/') {
         return format!("There is a / too many in it. Type host:port, for example {right}.");
@@ -245,6 +251,11 @@ mod tests {
                 "fe80::1",
                 false,
                 "An IPv6 address stands in brackets. Type [fe80::1]:7447.",
+            ),
+            (
+                "tcp/127.0.0.1;7447",
+                false,
+                "A ; cannot be in an address. Type host:port, for example 192.168.1.20:7447.",
             ),
             (
                 "tcp/a/b:1",

@@ -161,5 +161,14 @@ fn a_layer_is_in_step_or_says_what_it_lacks() {
         9,
         (Tone::Waiting, "9 tiles, not in step for 15 s"),
     );
+    // As the bar has it.
+    let lately = |missing| LayerStep {
+        last_equal: Some(Monotonic::from_nanos(17_000_000_000)),
+        ..step(false, missing)
+    };
+    let in_step = (Tone::Good, "9 tiles, in step 3.0 s ago");
+    check(Some(lately(0)), 9, in_step);
+    let behind = (Tone::Waiting, "9 tiles, 2 missing for 3.0 s");
+    check(Some(lately(2)), 9, behind);
     assert_eq!(age(Duration::from_secs(15)), "15 s");
 }

@@ -26,7 +26,7 @@ const BELOW_GAP: f32 = 6.0;
 /// The lists scroll beyond this: eight rows.
 const LIST_HEIGHT: f32 = 192.0;
 /// On the right of the numbers, points.
-const BAR: f32 = 8.0;
+const BAR: f32 = 12.0;
 /// From a row to what is told of it beside the panel, and how wide that is at most, points.
 const HINT_GAP: f32 = 14.0;
 const HINT_WIDTH: f32 = 260.0;
@@ -96,7 +96,8 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
         name: "docking sites",
         called_by: "Docking sites, called by letter",
         why: "The least mean slope cost first, in steps of 0.05; of the same step, the widest. A letter stays with its \
-              place, also on the map, whichever site is the first.",
+              place, also on the map, whichever site is the first. The robot looks for sites in its window: what it has left behind \
+              keeps its class on the map, and has no letter.",
         titles: ["Site", "", "Cost", "Width", "Away"],
         first: "rank",
         usual: SortBy::Number,
