@@ -232,8 +232,8 @@ mod tests {
         let seen = slice::from_ref(&free);
         assert_eq!(alerts.look_around(seen, at(42_000)), none);
         let silent = "boat: Nothing is heard of the robot";
-        assert_eq!(alerts.look_around(&[], at(42_001)), [silent]);
-        assert_eq!(alerts.look_around(seen, at(43_000)), none);
+        assert_eq!(alerts.look_around(seen, at(42_001)), [silent]);
+        assert_eq!(alerts.look_around(&[], at(43_000)), none);
         assert_eq!((counts(&alerts), alerts.unseen_of(&boat)), ((1, 1), 1));
         let mut heard = sighting(&boat, 44_000, FleetState::Free);
         heard.state = None;
