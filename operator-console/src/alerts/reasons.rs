@@ -109,7 +109,9 @@ pub(super) fn reasons_from_afar(state: &FleetState) -> Option<Reason> {
             Alarm::Fault,
             ["The vehicle is at fault", "The vehicle was at fault"],
         ),
-        FleetState::Undriven | FleetState::Free | FleetState::DrivenBy(_) => return None,
+        FleetState::Undriven | FleetState::Ended | FleetState::Free | FleetState::DrivenBy(_) => {
+            return None;
+        }
     };
     Some(Reason {
         alarm,

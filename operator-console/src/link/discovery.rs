@@ -57,6 +57,8 @@ pub struct FoundRobot {
 pub enum FleetState {
     /// It cannot be driven: a recording, or a robot without motors.
     Undriven,
+    /// Its data has ended: there is nothing more to drive.
+    Ended,
     /// Nobody drives it.
     Free,
     /// This operator does.
@@ -71,11 +73,16 @@ impl FleetState {
     /// What a status says.
     pub fn of(status: &Status) -> Self {
         let Some(teleop) = &status.teleop else {
-            return Self::Undriven;
+            return if status.has_ended {
+                Self::Ended
+            } else {
+                Self::Undriven
+            };
         };
         match (&teleop.state, teleop.estop, &teleop.lease.holder) {
             (TeleopState::Fault(_), ..) => Self::Fault,
             (_, Some(_), _) => Self::EStop,
+            (_, None, _) if status.has_ended => Self::Ended,
             (_, None, Some(holder)) => Self::DrivenBy(holder.clone()),
             (_, None, None) => Self::Free,
         }

@@ -117,8 +117,10 @@ impl KnownRobots {
 
 #[cfg(test)]
 mod tests {
+    use protocol::message::{FaultReason, Status, TeleopState};
+
     use super::*;
-    use crate::pretend::at;
+    use crate::pretend::{at, standing};
 
     fn round(found: &[(&str, &str)], ms: u64) -> Round {
         let answer = Answer {
@@ -188,6 +190,25 @@ mod tests {
         assert_eq!(states(&robots), [(FleetState::EStop, at(7))]);
         assert!(robots.take(round(&[("boat", "tcp/b:1")], 8)));
         assert_eq!(states(&robots), [(FleetState::Free, at(8))]);
+    }
+
+    #[test]
+    fn a_robot_whose_data_has_ended_is_not_free() {
+        let state = |teleop, has_ended| {
+            FleetState::of(&Status {
+                teleop,
+                has_ended,
+                ..Status::default()
+            })
+        };
+        let mut teleop = standing();
+        assert_eq!(state(Some(teleop.clone()), false), FleetState::Free);
+        assert_eq!(state(Some(teleop.clone()), true), FleetState::Ended);
+        assert_eq!(state(None, true), FleetState::Ended);
+        assert_eq!(state(None, false), FleetState::Undriven);
+        teleop.state = TeleopState::Fault(FaultReason::Actuator);
+        let fault = FleetState::Fault;
+        assert_eq!(state(Some(teleop), true), fault, "that matters more");
     }
 
     #[test]

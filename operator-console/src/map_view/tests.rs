@@ -175,7 +175,7 @@ fn keys_read_and_measure_what_is_in_the_middle() {
 #[test]
 fn buttons_and_compass_ask_for_what_they_say() {
     for (label, asked) in [
-        ("Compass: north up", Look::Up(Orientation::RobotUp)),
+        ("Compass: y up", Look::Up(Orientation::RobotUp)),
         ("Robot up", Look::Up(Orientation::RobotUp)),
         ("Grid", Look::Draw(Overlay::Grid, true)),
         ("Measure", Look::Measure(true)),
@@ -386,7 +386,7 @@ fn the_card_of_a_small_map_covers_neither_what_is_read_nor_the_vehicle() {
         let card = card(&window);
         assert!(!card.contains(place), "{card} {place}");
         assert!(screen.contains_rect(card.shrink(1.0)), "{card}");
-        let compass = window.get_by_label("Compass: north up").rect();
+        let compass = window.get_by_label("Compass: y up").rect();
         assert!(!card.intersects(compass), "{card} {compass}");
         tops.push(card.top().round() as i32);
     }

@@ -26,6 +26,9 @@ const LEGENDS_APART: f32 = 4.0;
 /// Least height of a row of colours, points.
 const ROW: f32 = 16.0;
 
+/// What is free, of a layer that lies over another.
+const SEE_THROUGH: &str = "free: see-through";
+
 /// The legends of all layers that are drawn.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LegendsData {
@@ -47,7 +50,7 @@ impl LegendsData {
                 && palette.layer() == LayerId::Obstacle
                 && let Some(free) = legend.swatches.first_mut()
             {
-                *free = Swatch::plain([0; 4], "free: clear".to_owned());
+                *free = Swatch::plain([0; 4], SEE_THROUGH.to_owned());
             }
             legend
         };
@@ -151,11 +154,23 @@ fn rows<'a>(ui: &Ui, swatches: &'a [Swatch], width: f32) -> Vec<&'a [Swatch]> {
     rows
 }
 
+/// Whether it has no colour of its own, and shows the layer below.
+fn is_see_through(swatch: &Swatch) -> bool {
+    swatch.label == SEE_THROUGH
+}
+
 /// Draws a colour and its pattern.
 pub(super) fn paint_swatch(ui: &Ui, rect: Rect, swatch: &Swatch) {
     let of = |[red, green, blue, alpha]: [u8; 4]| {
         Color32::from_rgba_unmultiplied(red, green, blue, alpha)
     };
+    if is_see_through(swatch) {
+        // What the map lies on would be the colour of the unknown.
+        let ink = ui.visuals().weak_text_color();
+        let line = [rect.left_bottom(), rect.right_top()];
+        ui.painter().line_segment(line, Stroke::new(1.0, ink));
+        return frame(ui, rect);
+    }
     // Colours that let something through are seen on what the map lies on.
     ui.painter()
         .rect_filled(rect, 0.0, theme::ground(ui.visuals()));
@@ -299,7 +314,10 @@ mod tests {
         });
         assert_eq!(
             labels.collect::<Vec<_>>(),
-            [vec!["free: clear", "obstacle"], vec!["unknown"]]
+            [vec!["free: see-through", "obstacle"], vec!["unknown"]]
         );
+        let swatches = data.legends.iter().flat_map(|legend| &legend.swatches);
+        let see_through = swatches.map(is_see_through).collect::<Vec<_>>();
+        assert_eq!(see_through, [true, false, false]);
     }
 }

@@ -175,6 +175,7 @@ fn state_words(sighting: &Sighting, link: Option<LinkState>, now: Monotonic) -> 
     match &sighting.state {
         None => (Tone::Waiting, "there".to_owned()),
         Some(FleetState::Undriven) => (Tone::Waiting, "not to be driven".to_owned()),
+        Some(FleetState::Ended) => (Tone::Waiting, "ended".to_owned()),
         Some(FleetState::Free) => (Tone::Good, "free".to_owned()),
         Some(FleetState::DrivenBy(operator)) => (Tone::Waiting, format!("{operator} drives")),
         Some(FleetState::EStop) => (Tone::Warning, "emergency stop".to_owned()),
@@ -313,6 +314,7 @@ mod tests {
             seen("d", 25, Some(FleetState::Free)),
             seen("e", 3, Some(FleetState::Free)),
             seen("f", 3, None),
+            seen("g", 3, Some(FleetState::Ended)),
         ];
         fleet[1].alerts = 1;
         fleet[2].alerts = 2;
@@ -333,6 +335,7 @@ mod tests {
                 ("silent, last seen 25 s ago", Tone::Warning),
                 ("silent", Tone::Warning),
                 ("there", Tone::Waiting),
+                ("ended", Tone::Waiting),
             ]
         );
     }

@@ -37,9 +37,10 @@ impl CompassData {
 /// Draws it in `rect`; whether it was clicked.
 pub(in crate::map_view) fn compass_ui(ui: &Ui, rect: Rect, data: CompassData) -> bool {
     let response = ui.interact(rect, ui.scope_id().with("compass"), Sense::click());
-    let label = match data.orientation {
-        Orientation::NorthUp => "Compass: north up",
-        Orientation::RobotUp => "Compass: robot up",
+    let label = match (data.orientation, data.is_on_earth) {
+        (Orientation::NorthUp, true) => "Compass: north up",
+        (Orientation::NorthUp, false) => "Compass: y up",
+        (Orientation::RobotUp, _) => "Compass: robot up",
     };
     response.widget_info(|| WidgetInfo::labeled(Role::Button, true, label));
     let painter = ui.painter();

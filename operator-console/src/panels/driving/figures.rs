@@ -89,7 +89,8 @@ pub(super) fn link_rows(model: &ConsoleModel, now: Monotonic) -> Vec<Row> {
     };
     let poses = format!(
         "{:.0} of {:.0} Hz, {}",
-        quality.pose_hz(now),
+        // It counts some seconds, of which the first may have been of another rate.
+        quality.pose_hz(now).min(quality.expected_hz()),
         quality.expected_hz(),
         age_of(Stream::Pose)
     );

@@ -199,7 +199,7 @@ fn the_banner_of_a_lost_link_moves_no_ground_and_hides_no_button() {
         } else {
             &["Whole map", "Follow", "Robot up", "Grid", "Measure"]
         };
-        for label in [&["+", "−", "Compass: north up"], entries].concat() {
+        for label in [&["+", "−", "Compass: y up"], entries].concat() {
             let button = window.get_by_label(label).rect();
             assert!(button.top() > banner.bottom(), "{label}: {button} {banner}");
             assert!(map.contains_rect(button), "{label}: {button}");
