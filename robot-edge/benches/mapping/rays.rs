@@ -216,19 +216,14 @@ pub(super) fn pool(threads: usize) -> anyhow::Result<rayon::ThreadPool> {
 fn write_voxels(octree: &Octree, path: &Path) -> anyhow::Result<()> {
     use std::io::Write as _;
     let mut out = std::io::BufWriter::new(fs::File::create(path)?);
-    for cube in octree.cubes() {
-        let edge = cube.edge.cast_signed();
-        let is_occupied = u8::from(cube.state == VoxelState::Occupied);
-        for n in 0..edge * edge * edge {
-            let (x, y, z) = (n % edge, n / edge % edge, n / (edge * edge));
-            let first = cube.first;
-            writeln!(
-                out,
-                "{} {} {} {is_occupied}",
-                first.x + x,
-                first.y + y,
-                first.z + z
-            )?;
+    for block in octree.known_blocks(|least| least) {
+        let least = block.least;
+        for (brick, voxels) in (0_i32..).zip(block.bricks) {
+            for n in (0..64).filter(|n| voxels.known >> n & 1 == 1) {
+                let along = |axis: i32| brick >> (2 * axis) << 2 & 12 | n >> (2 * axis) & 3;
+                let (x, y, z) = (least.x + along(0), least.y + along(1), least.z + along(2));
+                writeln!(out, "{x} {y} {z} {}", voxels.occupied >> n & 1)?;
+            }
         }
     }
     Ok(out.flush()?)

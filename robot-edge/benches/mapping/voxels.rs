@@ -6,13 +6,14 @@ use anyhow::anyhow;
 use nalgebra::Point3;
 use robot_edge::clock::Monotonic;
 use robot_edge::experiments::run::{pipeline, vehicle_config};
+use robot_edge::export::voxels::{PublishedClasses, pack_voxels};
 use robot_edge::mapping::columns::{ColumnKind, ColumnRules, read_columns};
 use robot_edge::mapping::cost_config::Surface;
 use robot_edge::mapping::octree::{BrickColumn, Octree};
 use robot_edge::mapping::posed_scan::PosedScan;
 use robot_edge::mapping::voxel_layers::VoxelLayers;
 use robot_edge::measurement::{Measurement, Stream};
-use robot_edge::robot_time::RobotDuration;
+use robot_edge::robot_time::{RobotDuration, RobotTime};
 use robot_edge::simulation::{SimulatedSource, SimulationOptions, World};
 
 use super::rays::pool;
@@ -36,6 +37,10 @@ struct Figures {
     map_mb: f64,
     /// Processor time of reading all columns of the box around where the drive ended.
     columns_ms: f64,
+    /// Of `voxels.bt`.
+    tree_mb: f64,
+    /// Processor time of making and packing both files of the octree.
+    files_ms: f64,
 }
 
 /// Side of the box whose columns are read, metres.
@@ -45,16 +50,16 @@ const WORLDS: [&str; 3] = ["meadow", "yard", "lake"];
 pub(crate) fn print() -> anyhow::Result<()> {
     println!("a scan's way through the pipeline: placing, octree, cost, metrics, classes, tiles");
     println!(
-        "| world | vehicle | threads | scans | × real time (processor) | × real time (elapsed) | p50 ms | p99 ms | octree MB | {BOX_M} m box to columns, ms |"
+        "| world | vehicle | threads | scans | × real time (processor) | × real time (elapsed) | p50 ms | p99 ms | octree MB | {BOX_M} m box to columns, ms | voxels.bt MB | both files made and packed, ms |"
     );
-    println!("| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |");
+    println!("| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |");
     for name in WORLDS {
         let drive = Drive::through(name)?;
         for threads in [1, 2] {
             let figures = drive.map_in(threads)?;
             let ways: Rounds = figures.ways_us.iter().copied().collect();
             println!(
-                "| {name} | {} | {threads} | {} | {:.1} | {:.1} | {:.2} | {:.2} | {:.1} | {:.1} |",
+                "| {name} | {} | {threads} | {} | {:.1} | {:.1} | {:.2} | {:.2} | {:.1} | {:.1} | {:.1} | {:.0} |",
                 drive.world.vehicle(),
                 figures.scans,
                 drive.duration_s / figures.processor_s,
@@ -62,7 +67,9 @@ pub(crate) fn print() -> anyhow::Result<()> {
                 ways.median() / 1e3,
                 ways.quantile(0.99) / 1e3,
                 figures.map_mb,
-                figures.columns_ms
+                figures.columns_ms,
+                figures.tree_mb,
+                figures.files_ms
             );
         }
     }
@@ -157,6 +164,10 @@ impl Drive {
         let columns_ms = octree.zip(end).map_or(f64::NAN, |(octree, end)| {
             1e3 * timed(|| read_box(octree, end)).1
         });
+        let classes = PublishedClasses::of(&pipeline.publisher().store());
+        let (files, files_s) =
+            timed(|| octree.map(|octree| pack_voxels(RobotTime::from_nanos(0), octree, &classes)));
+        let tree_bytes = files.transpose()?.map_or(0, |made| made.files[0].bytes);
         Ok(Figures {
             scans: pipeline.report().scans_mapped,
             processor_s,
@@ -164,6 +175,8 @@ impl Drive {
             ways_us: ways,
             map_mb: octree.map_or(0, Octree::bytes) as f64 / 1e6,
             columns_ms,
+            tree_mb: tree_bytes as f64 / 1e6,
+            files_ms: 1e3 * files_s,
         })
     }
 }

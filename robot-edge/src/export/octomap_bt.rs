@@ -5,11 +5,13 @@
 //! Bit 0 of a child's number is x, bit 1 y, bit 2 z. The root is an inner node of 2¹⁶ voxels along an edge,
 //! the origin in its middle. (octomap 1.9.7, `OccupancyOcTreeBase::writeBinaryNode`.)
 
+mod curve;
 mod reader;
 mod writer;
 
+pub use curve::place;
 pub use reader::{BtError, BtReader};
-pub use writer::{BtSizes, BtWriteError, write};
+pub use writer::{BtSizes, BtWriteError, BtWriter};
 
 use crate::mapping::voxel::VoxelIndex;
 

@@ -12,9 +12,9 @@ use protocol::packed_file::PackedFile;
 use protocol::tile::{TileCells, TileKey};
 use protocol::tile_store::TileStore;
 
-use super::octomap_bt::{self, BtWriteError, Cube};
+use super::octomap_bt::{self, BtWriteError, BtWriter};
 use super::ply::{self, PlyHeader, PlyPoint};
-use crate::mapping::octree::{Octree, SurfaceVoxel, VoxelState};
+use crate::mapping::octree::{Octree, SurfaceVoxel};
 use crate::mapping::voxel::VoxelIndex;
 use crate::robot_time::RobotTime;
 use crate::streaming::cells_to_tiles::key;
@@ -54,8 +54,6 @@ pub struct VoxelFiles {
 const UNCLASSIFIED: (u8, &str) = (0, "unclassified");
 /// The layers whose classes the points have, and what is added to the code of a class.
 const CLASS_LAYERS: [(LayerId, u8); 2] = [(LayerId::Rigidity, 0), (LayerId::Shore, 10)];
-/// Voxels of an `OctoMap` lie within so many of the origin, along each axis.
-const BT_REACH: i32 = 32_768;
 
 /// Writes both files to `dir`. The class of a point is that of its column in the published maps.
 pub fn export_voxels(
@@ -78,7 +76,7 @@ pub fn export_voxels(
                 path: tree.clone(),
                 why,
             },
-            why @ (BtWriteError::Misplaced(_) | BtWriteError::Overlap(_)) => {
+            why @ (BtWriteError::Misplaced(_) | BtWriteError::Disordered(_)) => {
                 VoxelExportError::Tree {
                     path: tree.clone(),
                     why,
@@ -136,15 +134,14 @@ pub fn pack_voxels(
 /// its least voxel, these as little-endian i32, then for each of its 64 bricks which voxels are known and which are
 /// occupied, as bits of little-endian u64; bricks and voxels x first, then y, then z.
 pub fn voxel_digest(octree: &Octree) -> String {
-    let mut blocks: Vec<_> = octree.known_by_block().collect();
-    blocks.sort_unstable_by_key(|(first, _)| *first);
     let mut hasher = blake3::Hasher::new();
-    for (first, voxels) in blocks {
-        for coordinate in [first.x, first.y, first.z] {
+    for block in octree.known_blocks(|least| least) {
+        for coordinate in [block.least.x, block.least.y, block.least.z] {
             hasher.update(&coordinate.to_le_bytes());
         }
-        for bits in voxels {
-            hasher.update(&bits.to_le_bytes());
+        for brick in block.bricks {
+            hasher.update(&brick.known.to_le_bytes());
+            hasher.update(&brick.occupied.to_le_bytes());
         }
     }
     hasher.finalize().to_string()
@@ -152,24 +149,17 @@ pub fn voxel_digest(octree: &Octree) -> String {
 
 /// Voxels that are left out, because the format has no place for them.
 fn write_tree(octree: &Octree, mut out: impl Write) -> Result<u64, BtWriteError> {
+    let mut tree = BtWriter::default();
     let mut left_out = 0;
-    let fits = |first: VoxelIndex, edge: i32| {
-        let within = |at: i32| at >= -BT_REACH && at <= BT_REACH - edge;
-        within(first.x) && within(first.y) && within(first.z)
-    };
-    let mut cubes = Vec::new();
-    for cube in octree.cubes() {
-        if fits(cube.first, cube.edge.cast_signed()) {
-            cubes.push(Cube {
-                least: cube.first,
-                edge_log2: cube.edge.trailing_zeros() as u8,
-                is_occupied: cube.state == VoxelState::Occupied,
-            });
+    for block in octree.known_blocks(octomap_bt::place) {
+        if octomap_bt::place(block.least).is_some() {
+            tree.push_block(block.least, &block.bricks)?;
         } else {
-            left_out += u64::from(cube.edge).pow(3);
+            let known = block.bricks.iter().map(|brick| brick.known.count_ones());
+            left_out += u64::from(known.sum::<u32>());
         }
     }
-    octomap_bt::write(cubes, octree.cell_m(), &mut out)?;
+    tree.write(octree.cell_m(), &mut out)?;
     Ok(left_out)
 }
 

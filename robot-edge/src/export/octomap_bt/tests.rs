@@ -5,6 +5,7 @@ use std::process::Command;
 use proptest::prelude::*;
 
 use super::*;
+use crate::mapping::octree::BrickStates;
 use crate::recording::shared_data::shared_data;
 
 const fn at(x: i32, y: i32, z: i32) -> VoxelIndex {
@@ -19,9 +20,17 @@ const fn cube(least: VoxelIndex, edge_log2: u8, is_occupied: bool) -> Cube {
     }
 }
 
+fn tree(cubes: impl IntoIterator<Item = Cube>) -> Result<BtWriter, BtWriteError> {
+    let mut cubes: Vec<_> = cubes.into_iter().collect();
+    cubes.sort_by_key(|cube| place(cube.least));
+    let mut tree = BtWriter::default();
+    cubes.into_iter().try_for_each(|cube| tree.push(cube))?;
+    Ok(tree)
+}
+
 fn written(cubes: impl IntoIterator<Item = Cube>) -> Vec<u8> {
     let mut bytes = Vec::new();
-    write(cubes, 0.1, &mut bytes).unwrap();
+    tree(cubes).unwrap().write(0.1, &mut bytes).unwrap();
     bytes
 }
 
@@ -100,12 +109,19 @@ fn what_the_format_cannot_hold_is_refused() {
         cube(at(0, 0, 0), 16, true),
         cube(at(0, 0, 0), 255, true),
     ] {
-        let refused = write([misplaced], 0.1, &mut Vec::new());
+        let refused = tree([misplaced]);
         assert!(matches!(refused, Err(BtWriteError::Misplaced(cube)) if cube == misplaced));
     }
     let overlapping = [cube(at(0, 0, 0), 3, true), cube(at(5, 6, 7), 0, false)];
-    let refused = write(overlapping, 0.1, &mut Vec::new());
-    assert!(matches!(refused, Err(BtWriteError::Overlap(voxel)) if voxel == at(5, 6, 7)));
+    let refused = tree(overlapping);
+    assert!(matches!(refused, Err(BtWriteError::Disordered(voxel)) if voxel == at(5, 6, 7)));
+    let mut late = tree([cube(at(0, 0, 0), 0, true)]).unwrap();
+    let refused = late.push(cube(at(-1, 0, 0), 0, true));
+    assert!(matches!(refused, Err(BtWriteError::Disordered(voxel)) if voxel == at(-1, 0, 0)));
+    for misplaced in [at(8, 0, 0), at(32_768, 0, 0)] {
+        let refused = BtWriter::default().push_block(misplaced, &[BrickStates::default(); 64]);
+        assert!(matches!(refused, Err(BtWriteError::Misplaced(cube)) if cube.least == misplaced));
+    }
 }
 
 #[test]
@@ -203,7 +219,44 @@ fn labels(cubes: &[Cube]) -> BTreeMap<VoxelIndex, bool> {
     labels.collect()
 }
 
+/// Bricks that are whole more often than chance has it.
+fn any_brick() -> impl Strategy<Value = BrickStates> {
+    let bits = || {
+        prop_oneof![
+            Just(0),
+            Just(u64::MAX),
+            any::<u64>(),
+            any::<u64>().prop_map(|n| n | n << 1 | !255)
+        ]
+    };
+    (bits(), bits()).prop_map(|(known, occupied)| BrickStates {
+        known,
+        occupied: known & occupied,
+    })
+}
+
 proptest! {
+    #[test]
+    fn a_block_is_written_as_its_voxels_are(bricks in prop::collection::vec(any_brick(), 64), corner in 0..3_i32) {
+        let bricks: [BrickStates; 64] = bricks.try_into().unwrap();
+        let least = at(16 * corner, -16, -16 * corner);
+        let mut voxels = Vec::new();
+        for (number, brick) in (0_i32..).zip(&bricks) {
+            for voxel in (0..64).filter(|voxel| brick.known >> voxel & 1 == 1) {
+                let along = |axis: i32| 4 * (number >> (2 * axis) & 3) + (voxel >> (2 * axis) & 3);
+                let voxel_at = at(least.x + along(0), least.y + along(1), least.z + along(2));
+                voxels.push(cube(voxel_at, 0, brick.occupied >> voxel & 1 == 1));
+            }
+        }
+        let mut tree = BtWriter::default();
+        tree.push_block(least, &bricks).unwrap();
+        let (mut bytes, mut one_by_one) = (Vec::new(), Vec::new());
+        let sizes = tree.write(0.1, &mut bytes).unwrap();
+        prop_assert_eq!(self::tree(voxels).unwrap().write(0.1, &mut one_by_one).unwrap(), sizes);
+        prop_assert_eq!(read(&bytes).unwrap().len() as u64, sizes.leaves);
+        prop_assert_eq!(bytes, one_by_one);
+    }
+
     #[test]
     fn what_was_written_is_read(cubes in any_cubes()) {
         let bytes = written(cubes.iter().copied());
@@ -255,7 +308,7 @@ fn a_map_of_others_is_read_and_written_byte_for_byte() {
     let leaves: Vec<Cube> = reader.map(Result::unwrap).collect();
     assert_eq!(counts(&leaves), (143_729, 284_415));
     let mut again = Vec::new();
-    let sizes = write(leaves.into_iter().rev(), 0.08, &mut again).unwrap();
+    let sizes = tree(leaves).unwrap().write(0.08, &mut again).unwrap();
     assert_eq!(sizes.nodes, 532_566);
     assert_eq!(sizes.leaves, 143_729 + 284_415);
     assert!(again == bytes, "{} bytes of {}", again.len(), bytes.len());

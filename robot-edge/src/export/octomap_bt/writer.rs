@@ -1,8 +1,10 @@
-//! Writes cubes as a pruned tree.
+//! Writes a pruned tree while its voxels come along the curve: nothing is sorted, and only the tree is kept.
 
 use std::io::{self, Write};
 
-use super::{Child, Cube, FIRST_LINE, LEVELS, ORIGIN};
+use super::curve::{place, voxel_at, voxels, x_first};
+use super::{Child, Cube, FIRST_LINE, LEVELS};
+use crate::mapping::octree::BrickStates;
 use crate::mapping::voxel::VoxelIndex;
 
 /// Why cubes were not written.
@@ -12,9 +14,9 @@ pub enum BtWriteError {
     #[error("the cube of edge 2^{} at voxel ({}, {}, {}) is not within ±32768 voxels of the origin, on a \
         multiple of its edge and of an edge up to 2^15", .0.edge_log2, .0.least.x, .0.least.y, .0.least.z)]
     Misplaced(Cube),
-    /// Something is said twice.
-    #[error("two cubes overlap at voxel ({}, {}, {})", .0.x, .0.y, .0.z)]
-    Overlap(VoxelIndex),
+    /// Something is said twice, or too late.
+    #[error("the cube at voxel ({}, {}, {}) begins before the end of the one before it", .0.x, .0.y, .0.z)]
+    Disordered(VoxelIndex),
     /// The file could not be written.
     #[error(transparent)]
     Io(#[from] io::Error),
@@ -29,162 +31,198 @@ pub struct BtSizes {
     pub leaves: u64,
 }
 
-/// Writes `cubes`, in any order, of voxels `cell_m` wide, as a tree in which eight equal leaves are one.
-///
-/// It needs 16 bytes of memory per cube, and 2 per inner node.
-pub fn write(
-    cubes: impl IntoIterator<Item = Cube>,
-    cell_m: f64,
-    out: &mut impl Write,
-) -> Result<BtSizes, BtWriteError> {
-    let leaves: Result<Vec<_>, _> = cubes.into_iter().map(Leaf::new).collect();
-    let mut leaves = leaves?;
-    leaves.sort_unstable_by_key(|leaf| leaf.first);
-    if let Some(pair) = leaves.windows(2).find(|pair| pair[0].end() > pair[1].first) {
-        return Err(BtWriteError::Overlap(voxel_at(pair[1].first)));
-    }
-    let leaves = pruned(leaves);
-    let mut tree = Tree::default();
-    if !leaves.is_empty() {
-        tree.nodes = 1;
-        tree.add_node(&leaves, 0, LEVELS);
-    }
-    write!(
-        out,
-        "{FIRST_LINE}\n# (feel free to add / change comments, but leave the first line as it is!)\n#\n\
-        id OcTree\nsize {}\nres {cell_m}\ndata\n",
-        tree.nodes
-    )?;
-    out.write_all(&tree.bytes)?;
-    Ok(BtSizes {
-        nodes: tree.nodes,
-        leaves: leaves.len() as u64,
-    })
+/// A tree that grows along the curve, in which eight equal leaves are one. It needs 2 bytes per inner node.
+#[derive(Clone, Debug, Default)]
+pub struct BtWriter {
+    /// The nodes as the file has them; of open ones the place is kept.
+    bytes: Vec<u8>,
+    /// From the root down to the smallest node around what came last: node n has an edge of 2¹⁶⁻ⁿ voxels.
+    open: Vec<OpenNode>,
+    /// Of closed nodes.
+    leaves: u64,
+    /// Where along the curve the next cube may begin.
+    next: u64,
 }
 
-/// A cube as a stretch of the Morton curve, which passes the voxels of any cube of the tree in one go.
+/// An inner node to which children may come.
 #[derive(Clone, Copy, Debug)]
-struct Leaf {
+struct OpenNode {
     /// Its first voxel along the curve.
     first: u64,
-    edge_log2: u8,
-    is_occupied: bool,
+    /// Where in the tree's bytes it is.
+    at: usize,
+    /// Two bits for each of its children.
+    children: u16,
 }
 
-impl Leaf {
-    fn new(cube: Cube) -> Result<Self, BtWriteError> {
+/// Edge of a brick: four voxels.
+const BRICK_LOG2: u8 = 2;
+/// The node whose eight children are free leaves.
+const ALL_FREE: u16 = 0x5555;
+/// The same of occupied ones.
+const ALL_OCCUPIED: u16 = 0xaaaa;
+
+impl BtWriter {
+    /// Adds a leaf, which must lie behind all others along the curve (see [`place`]).
+    pub fn push(&mut self, cube: Cube) -> Result<(), BtWriteError> {
         let VoxelIndex { x, y, z } = cube.least;
-        let is_placed = |index: i32| {
-            (-ORIGIN..ORIGIN).contains(&index) && index.trailing_zeros() >= cube.edge_log2.into()
+        let is_placed = |index: i32| index.trailing_zeros() >= cube.edge_log2.into();
+        let first = place(cube.least)
+            .filter(|_| cube.edge_log2 < LEVELS && [x, y, z].into_iter().all(is_placed))
+            .ok_or(BtWriteError::Misplaced(cube))?;
+        self.add(first, cube.edge_log2, Child::leaf(cube.is_occupied))
+    }
+
+    /// Adds 16³ voxels from `least` on, behind all others along the curve: 4³ bricks of 4³ voxels, x first, then y,
+    /// then z.
+    pub fn push_block(
+        &mut self,
+        least: VoxelIndex,
+        bricks: &[BrickStates; 64],
+    ) -> Result<(), BtWriteError> {
+        let misplaced = BtWriteError::Misplaced(Cube {
+            least,
+            edge_log2: 2 * BRICK_LOG2,
+            is_occupied: false,
+        });
+        let first = place(least)
+            .filter(|first| first.is_multiple_of(voxels(2 * BRICK_LOG2)))
+            .ok_or(misplaced)?;
+        for number in 0..bricks.len() {
+            let first = first + number as u64 * voxels(BRICK_LOG2);
+            self.add_brick(first, bricks[x_first(number)])?;
+        }
+        Ok(())
+    }
+
+    /// Writes the file: a tree of voxels `cell_m` metres wide.
+    pub fn write(mut self, cell_m: f64, out: &mut impl Write) -> Result<BtSizes, BtWriteError> {
+        while !self.open.is_empty() {
+            self.close();
+        }
+        let inner = self.bytes.len() as u64 / 2;
+        let sizes = BtSizes {
+            nodes: inner + self.leaves,
+            leaves: self.leaves,
         };
-        if cube.edge_log2 >= LEVELS || ![x, y, z].into_iter().all(is_placed) {
-            return Err(BtWriteError::Misplaced(cube));
+        write!(
+            out,
+            "{FIRST_LINE}\n# (feel free to add / change comments, but leave the first line as it is!)\n#\n\
+            id OcTree\nsize {}\nres {cell_m}\ndata\n",
+            sizes.nodes
+        )?;
+        out.write_all(&self.bytes)?;
+        Ok(sizes)
+    }
+
+    fn add_brick(&mut self, first: u64, brick: BrickStates) -> Result<(), BtWriteError> {
+        let BrickStates { known, occupied } = brick;
+        match (known, occupied) {
+            (0, _) => return Ok(()),
+            (u64::MAX, 0) => return self.add(first, BRICK_LOG2, Child::Free),
+            (u64::MAX, u64::MAX) => return self.add(first, BRICK_LOG2, Child::Occupied),
+            (_, _) => self.add(first, BRICK_LOG2, Child::Inner)?,
         }
-        let spread = |index: i32| spread((index + ORIGIN).cast_unsigned());
-        Ok(Self {
-            first: spread(x) | spread(y) << 1 | spread(z) << 2,
-            edge_log2: cube.edge_log2,
-            is_occupied: cube.is_occupied,
-        })
-    }
-
-    const fn end(self) -> u64 {
-        self.first + voxels(self.edge_log2)
-    }
-}
-
-/// Voxels of a cube.
-const fn voxels(edge_log2: u8) -> u64 {
-    1 << (3 * edge_log2)
-}
-
-/// Every bit of the lower 16 at three times its place.
-const fn spread(index: u32) -> u64 {
-    let mut bits = index as u64;
-    bits = (bits | bits << 16) & 0x0000_ff00_00ff;
-    bits = (bits | bits << 8) & 0x00f0_0f00_f00f;
-    bits = (bits | bits << 4) & 0x0c30_c30c_30c3;
-    (bits | bits << 2) & 0x2492_4924_9249
-}
-
-/// The voxel at a place of the curve.
-fn voxel_at(place: u64) -> VoxelIndex {
-    let along = |axis: u32| {
-        let bits = (0..u32::from(LEVELS)).map(|bit| ((place >> (3 * bit + axis)) & 1) << bit);
-        bits.sum::<u64>() as i32 - ORIGIN
-    };
-    VoxelIndex {
-        x: along(0),
-        y: along(1),
-        z: along(2),
-    }
-}
-
-/// Leaves in order, eight equal ones that fill a cube made one, again and again.
-fn pruned(leaves: Vec<Leaf>) -> Vec<Leaf> {
-    let mut pruned: Vec<Leaf> = Vec::with_capacity(leaves.len());
-    for leaf in leaves {
-        pruned.push(leaf);
-        while let Some(whole) = last_eight(&pruned) {
-            pruned.truncate(pruned.len() - 8);
-            pruned.push(whole);
-        }
-    }
-    pruned
-}
-
-/// The cube that the last eight leaves fill, if they are equal. The root is never a leaf.
-fn last_eight(leaves: &[Leaf]) -> Option<Leaf> {
-    let eight = leaves.last_chunk::<8>()?;
-    let edge_log2 = eight[0].edge_log2 + 1;
-    let are_equal = eight[1..].iter().all(|leaf| {
-        (leaf.edge_log2, leaf.is_occupied) == (eight[0].edge_log2, eight[0].is_occupied)
-    });
-    let whole = Leaf {
-        edge_log2,
-        ..eight[0]
-    };
-    let fill_it = whole.first.is_multiple_of(voxels(edge_log2)) && eight[7].end() == whole.end();
-    (are_equal && fill_it && edge_log2 < LEVELS).then_some(whole)
-}
-
-/// The tree as it is written.
-#[derive(Debug, Default)]
-struct Tree {
-    bytes: Vec<u8>,
-    nodes: u64,
-}
-
-impl Tree {
-    /// Adds the inner node that begins at `first` of the curve, and all below it: `leaves`, in order.
-    ///
-    /// It calls itself, 16 deep at most.
-    fn add_node(&mut self, leaves: &[Leaf], first: u64, edge_log2: u8) {
-        let child_edge_log2 = edge_log2 - 1;
-        let mut inner: [(u64, &[Leaf]); 8] = [(0, &[]); 8];
-        let mut node = 0_u16;
-        let mut rest = leaves;
-        for (number, inner) in (0_u8..).zip(&mut inner) {
-            let start = first + u64::from(number) * voxels(child_edge_log2);
-            let end = start + voxels(child_edge_log2);
-            let (own, others) = rest.split_at(rest.partition_point(|leaf| leaf.first < end));
-            rest = others;
-            let child = match own {
-                [] => Child::Unknown,
-                [leaf] if leaf.edge_log2 == child_edge_log2 => Child::leaf(leaf.is_occupied),
+        let at = self.bytes.len();
+        self.bytes.extend([0; 2]);
+        let mut node = 0;
+        for number in 0..8_u8 {
+            let octet = children(octet(known, number), octet(occupied, number));
+            let child = match octet {
+                0 => Child::Unknown,
+                ALL_FREE => Child::Free,
+                ALL_OCCUPIED => Child::Occupied,
                 _ => {
-                    *inner = (start, own);
+                    self.leaves += leaves(octet);
+                    self.bytes.extend(octet.to_le_bytes());
                     Child::Inner
                 }
             };
-            self.nodes += u64::from(child != Child::Unknown);
             node |= child.bits() << (2 * number);
         }
-        self.bytes.extend(node.to_le_bytes());
-        for (start, leaves) in inner {
-            if !leaves.is_empty() {
-                self.add_node(leaves, start, child_edge_log2);
-            }
+        self.leaves += leaves(node);
+        self.bytes[at..at + 2].copy_from_slice(&node.to_le_bytes());
+        Ok(())
+    }
+
+    /// Tells its parent of a child, which is opened where it is not yet.
+    fn add(&mut self, first: u64, edge_log2: u8, child: Child) -> Result<(), BtWriteError> {
+        if first < self.next {
+            return Err(BtWriteError::Disordered(voxel_at(first)));
+        }
+        self.next = first + voxels(edge_log2);
+        while let Some(node) = self.open.last()
+            && first - node.first >= voxels(self.open_edge_log2())
+        {
+            self.close();
+        }
+        while self.open.is_empty() || self.open_edge_log2() > edge_log2 + 1 {
+            let edge_log2 = LEVELS - self.open.len() as u8;
+            self.open.push(OpenNode {
+                first: first & !(voxels(edge_log2) - 1),
+                at: self.bytes.len(),
+                children: 0,
+            });
+            self.bytes.extend([0; 2]);
+        }
+        self.tell_parent(first, edge_log2, child);
+        Ok(())
+    }
+
+    /// Edge of the smallest open node, of which there must be one.
+    fn open_edge_log2(&self) -> u8 {
+        LEVELS + 1 - self.open.len() as u8
+    }
+
+    fn tell_parent(&mut self, first: u64, edge_log2: u8, child: Child) {
+        let number = first >> (3 * edge_log2) & 7;
+        if let Some(parent) = self.open.last_mut() {
+            parent.children |= child.bits() << (2 * number);
         }
     }
+
+    /// Closes the smallest open node: eight equal leaves are one, but the root is never a leaf.
+    fn close(&mut self) {
+        let edge_log2 = self.open_edge_log2();
+        let Some(node) = self.open.pop() else {
+            return;
+        };
+        let is_root = self.open.is_empty();
+        let child = if matches!(node.children, ALL_FREE | ALL_OCCUPIED) && !is_root {
+            self.bytes.truncate(node.at);
+            Child::of(node.children, 0)
+        } else {
+            self.leaves += leaves(node.children);
+            self.bytes[node.at..node.at + 2].copy_from_slice(&node.children.to_le_bytes());
+            Child::Inner
+        };
+        if !is_root {
+            self.tell_parent(node.first, edge_log2, child);
+        }
+    }
+}
+
+/// Leaves among the children of a node: those of which one bit is set.
+fn leaves(children: u16) -> u64 {
+    ((children ^ children >> 1) & 0x5555).count_ones().into()
+}
+
+/// The bits of 2³ voxels of 4³, both x first: of cube `number` along the curve.
+const fn octet(brick: u64, number: u8) -> u8 {
+    let first = (number & 1) << 1 | (number & 2) << 2 | (number & 4) << 3;
+    let bits = brick >> first;
+    (bits & 0x03 | bits >> 2 & 0x0c | bits >> 12 & 0x30 | bits >> 14 & 0xc0) as u8
+}
+
+/// A node whose children are voxels.
+const fn children(known: u8, occupied: u8) -> u16 {
+    apart(known & !occupied) | apart(known & occupied) << 1
+}
+
+/// Every bit at twice its place.
+const fn apart(bits: u8) -> u16 {
+    let mut apart = bits as u16;
+    apart = (apart | apart << 4) & 0x0f0f;
+    apart = (apart | apart << 2) & 0x3333;
+    (apart | apart << 1) & 0x5555
 }

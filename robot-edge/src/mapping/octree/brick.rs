@@ -18,11 +18,13 @@ pub(super) struct BrickChange {
     pub(super) uniform: bool,
 }
 
-/// Which voxels of a brick are known, and which of them are occupied, a bit for each.
+/// What is known of the 4³ voxels of a brick, a bit for each: x first, then y, then z.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct BrickStates {
-    pub(super) known: u64,
-    pub(super) occupied: u64,
+pub struct BrickStates {
+    /// Something is known of them.
+    pub known: u64,
+    /// Those of the known that are occupied; the others are free.
+    pub occupied: u64,
 }
 
 impl Brick {

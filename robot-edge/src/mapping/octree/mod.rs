@@ -19,7 +19,8 @@ mod surface;
 
 use nalgebra::Point3;
 
-pub use self::queries::{ColumnStates, Cube, VoxelCounts, VoxelState};
+pub use self::brick::BrickStates;
+pub use self::queries::{ColumnStates, KnownBlock, VoxelCounts, VoxelState};
 pub(super) use self::surface::FINER;
 pub use self::surface::{SurfaceHit, SurfaceVoxel};
 

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::block::Block;
+use super::brick::BrickStates;
 use super::codes::{BLOCK_BRICKS, BLOCK_EDGE, BRICK_EDGE, BRICK_VOXELS, BlockIndex, split};
 use super::steps::{EVEN, UNKNOWN};
 use super::surface::SurfaceVoxel;
@@ -20,15 +21,13 @@ pub enum VoxelState {
     Occupied,
 }
 
-/// A cube of voxels that are all alike.
+/// 16³ voxels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Cube {
-    /// The voxel with the least coordinates.
-    pub first: VoxelIndex,
-    /// Voxels along an edge, a power of two.
-    pub edge: u32,
-    /// What is known of each.
-    pub state: VoxelState,
+pub struct KnownBlock {
+    /// Its voxel of least x, y and z.
+    pub least: VoxelIndex,
+    /// Its bricks of 4³ voxels, x first, then y, then z.
+    pub bricks: [BrickStates; BLOCK_BRICKS],
 }
 
 /// How many voxels are what.
@@ -143,25 +142,18 @@ impl Octree {
         counts
     }
 
-    /// For each block of 16³ voxels that holds a known one: its least voxel, and for each of its bricks of 4³ the bits
-    /// of the voxels that are known and of those that are occupied; in both x first, then y, then z.
-    pub fn known_by_block(&self) -> impl Iterator<Item = (VoxelIndex, Vec<u64>)> + '_ {
-        self.blocks().filter_map(move |block| {
-            let bricks = (0..BLOCK_BRICKS).map(|number| block.states(number, self.values()));
-            let bits: Vec<_> = bricks
-                .flat_map(|brick| [brick.known, brick.occupied])
-                .collect();
-            let is_known = bits.iter().any(|&bits| bits != 0);
-            is_known.then(|| (block.index.first_voxel(), bits))
-        })
-    }
-
-    /// Everything that is known, in cubes of one voxel or of one brick, in no order that means anything but
-    /// always the same one.
-    pub fn cubes(&self) -> impl Iterator<Item = Cube> + '_ {
-        self.blocks().flat_map(move |block| {
-            (0..BLOCK_BRICKS).flat_map(move |number| self.cubes_of_brick(block, number))
-        })
+    /// The blocks that hold a known voxel, in the `order` of their least voxels.
+    pub fn known_blocks<K: Ord>(
+        &self,
+        order: impl Fn(VoxelIndex) -> K,
+    ) -> impl Iterator<Item = KnownBlock> {
+        let mut blocks: Vec<_> = self.blocks().collect();
+        blocks.sort_by_cached_key(|block| order(block.index.first_voxel()));
+        let known = blocks.into_iter().map(|block| KnownBlock {
+            least: block.index.first_voxel(),
+            bricks: std::array::from_fn(|number| block.states(number, self.values())),
+        });
+        known.filter(|block| block.bricks.iter().any(|brick| brick.known != 0))
     }
 
     /// Every occupied voxel with what its hits were like, in no order that means anything but always the same one.
@@ -176,31 +168,6 @@ impl Octree {
                 })
             })
         })
-    }
-
-    fn cubes_of_brick(&self, block: &Block, number: usize) -> impl Iterator<Item = Cube> + use<> {
-        let states = block.states(number, self.values());
-        let state =
-            move |voxel: usize| match (states.known >> voxel & 1, states.occupied >> voxel & 1) {
-                (0, _) => VoxelState::Unknown,
-                (_, 0) => VoxelState::Free,
-                (_, _) => VoxelState::Occupied,
-            };
-        let is_whole = states.known == u64::MAX && [0, u64::MAX].contains(&states.occupied);
-        let index = block.index;
-        let voxels = if is_whole { 1 } else { BRICK_VOXELS };
-        let edge = if is_whole {
-            BRICK_EDGE.cast_unsigned()
-        } else {
-            1
-        };
-        (0..voxels)
-            .filter(move |voxel| states.known >> voxel & 1 == 1)
-            .map(move |voxel| Cube {
-                first: index.voxel(number * BRICK_VOXELS + voxel),
-                edge,
-                state: state(voxel),
-            })
     }
 
     fn greatest(&self, block: Option<&Block>, first: VoxelIndex, edge: i32) -> VoxelState {

@@ -97,16 +97,18 @@ impl Reference {
 
 fn states(octree: &Octree) -> BTreeMap<VoxelIndex, VoxelState> {
     let mut states = BTreeMap::new();
-    for cube in octree.cubes() {
-        let edge = cube.edge.cast_signed();
-        for n in 0..edge * edge * edge {
-            let first = cube.first;
-            let at = voxel(
-                first.x + n % edge,
-                first.y + n / edge % edge,
-                first.z + n / (edge * edge),
-            );
-            assert_eq!(states.insert(at, cube.state), None, "{at:?} twice");
+    for block in octree.known_blocks(|least| least) {
+        for (brick, voxels) in (0_i32..).zip(block.bricks) {
+            for n in (0..64).filter(|n| voxels.known >> n & 1 == 1) {
+                let along = |axis: i32| brick >> (2 * axis) << 2 & 12 | n >> (2 * axis) & 3;
+                let least = block.least;
+                let at = voxel(least.x + along(0), least.y + along(1), least.z + along(2));
+                let state = match voxels.occupied >> n & 1 {
+                    0 => VoxelState::Free,
+                    _ => VoxelState::Occupied,
+                };
+                assert_eq!(states.insert(at, state), None, "{at:?} twice");
+            }
         }
     }
     states
