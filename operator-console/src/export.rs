@@ -19,7 +19,7 @@ use protocol::packed_file::UnpackError;
 
 use crate::model::{ConsoleModel, FetchedVoxels, TrajectoryProgress, VoxelsProgress};
 
-pub use fetching::{Fetching, fetch};
+pub use fetching::{Fetcher, Fetching};
 pub use parts::{Exported, export_parts};
 
 /// Something that can be exported by itself.

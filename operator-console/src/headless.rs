@@ -15,7 +15,7 @@ use robot_edge::exit::{Exit, Interrupted};
 use robot_edge::link::sessions::Endpoints;
 use robot_edge::link::{random_id, zenoh_config_file};
 
-use crate::export::{ExportPart, Snapshot, export_parts, fetch};
+use crate::export::{ExportPart, Fetcher, Snapshot, export_parts};
 use crate::link::RobotSession;
 use crate::milestones::{Milestones, VISIBLE_M};
 use crate::model::{ConsoleModel, LinkState, ModelSettings};
@@ -115,21 +115,20 @@ pub fn run(
     // What is fetched comes first: a robot whose data has ended does not wait for files that are written.
     let mut parts: Vec<_> = ExportPart::all().collect();
     parts.sort_by_key(|part| !matches!(part, ExportPart::Trajectory | ExportPart::Voxels));
-    let exported = export_parts(&settings.export, parts, |part, _| {
-        match watched {
-            Watched::InStep => fetch(&handle, part, settings.timeout, |_| {
-                if is_interrupted() {
-                    ControlFlow::Break(())
-                } else {
-                    ControlFlow::Continue(())
-                }
-            }),
-            // What came is written, whatever it is.
-            Watched::TimedOut | Watched::Interrupted => {
-                ControlFlow::Continue(Ok(Snapshot::of(&handle.lock(), part)))
+    // Of a map that is not in step, what came is written, whatever it is.
+    let fetcher = matches!(watched, Watched::InStep)
+        .then(|| Fetcher::begin(&handle, parts.iter().copied(), settings.timeout));
+    let exported = export_parts(&settings.export, parts, |part, _| match &fetcher {
+        Some(fetcher) => fetcher.fetch(part, |_| {
+            if is_interrupted() {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
             }
-        }
+        }),
+        None => ControlFlow::Continue(Ok(Snapshot::of(&handle.lock(), part))),
     })?;
+    drop(fetcher);
     session.model().set_unfinished(false);
     let model = session.model();
     if !settings.quiet {

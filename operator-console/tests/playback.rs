@@ -11,7 +11,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use clap::Parser as _;
-use operator_console::export::{ExportPart, export_parts, fetch};
+use operator_console::export::{ExportPart, Fetcher, export_parts};
 use operator_console::link::RobotSession;
 use operator_console::map_view::{LayerStack, ProbeData};
 use operator_console::model::{ConsoleModel, ModelSettings};
@@ -90,8 +90,9 @@ impl Rig {
     #[track_caller]
     fn assert_exports(&self, edge: &Path, folder: &Path) {
         let model = self.session.handle();
+        let fetcher = Fetcher::begin(&model, ExportPart::all(), PATIENCE);
         let exported = export_parts(folder, ExportPart::all(), |part, _| {
-            fetch(&model, part, PATIENCE, |_| ControlFlow::Continue(()))
+            fetcher.fetch(part, |_| ControlFlow::Continue(()))
         });
         exported.unwrap().outcome(folder).unwrap();
         for file in ["tif", "pgm", "yaml", "png"]

@@ -149,6 +149,17 @@ mod tests {
         (alerts.iter().count(), alerts.unseen())
     }
 
+    fn sighting(robot: &RobotId, seen_ms: u64, state: FleetState) -> Sighting {
+        Sighting {
+            found: FoundRobot {
+                robot: robot.clone(),
+                endpoint: "tcp/a:7447".to_owned(),
+            },
+            seen: at(seen_ms),
+            state: Some(state),
+        }
+    }
+
     #[test]
     fn what_nobody_acknowledged_stays_with_its_robot() {
         let [boat, scout, recording]: [RobotId; 3] =
@@ -191,14 +202,6 @@ mod tests {
     #[test]
     fn a_robot_that_is_not_shown_any_more_is_heard_of() {
         let [boat, scout]: [RobotId; 2] = ["boat", "scout"].map(|name| name.parse().unwrap());
-        let sighting = |robot: &RobotId, seen_ms: u64, state: FleetState| Sighting {
-            found: FoundRobot {
-                robot: robot.clone(),
-                endpoint: "tcp/a:7447".to_owned(),
-            },
-            seen: at(seen_ms),
-            state: Some(state),
-        };
         let mut alerts = FleetAlerts::default();
         alerts.change_to(&boat, at(0));
         alerts.change_to(&scout, at(5_000));
@@ -257,5 +260,27 @@ mod tests {
         assert_eq!(alerts.look_around(&[faulty], at(57_000)).len(), 1);
         let active = alerts.iter().filter(|(_, alert)| alert.is_active);
         assert_eq!(active.count(), 2);
+    }
+
+    #[test]
+    fn a_robot_that_left_is_missed_from_when_it_was_seen_and_not_from_when_that_was_looked_at() {
+        let boat: RobotId = "boat".parse().unwrap();
+        let mut alerts = FleetAlerts::default();
+        alerts.change_to(&boat, at(0));
+        alerts.leave(at(5_000));
+        let since = |alerts: &FleetAlerts| alerts.others[&boat].since;
+        assert_eq!(since(&alerts), at(5_000));
+        let mut look = |sighting: Sighting, now_ms: u64| {
+            let begun = alerts.look_around(&[sighting], at(now_ms));
+            (begun.len(), since(&alerts))
+        };
+        let free = |seen_ms| sighting(&boat, seen_ms, FleetState::Free);
+        assert_eq!(look(free(4_000), 6_000), (0, at(5_000)), "older than that");
+        assert_eq!(look(free(7_000), 9_000), (0, at(7_000)));
+        // Seen before the look that came before, and told of since.
+        let stopped = sighting(&boat, 8_000, FleetState::EStop);
+        assert_eq!(look(stopped.clone(), 9_500), (1, at(8_000)));
+        assert_eq!(look(stopped.clone(), 23_000), (0, at(8_000)));
+        assert_eq!(look(stopped, 23_001), (1, at(8_000)), "it is missed");
     }
 }

@@ -10,7 +10,7 @@ use std::time::Duration;
 use super::watch::Note;
 use crate::command::ExportWish;
 use crate::event_log::Severity;
-use crate::export::{ExportPart, Fetching, export_parts, fetch};
+use crate::export::{ExportPart, Fetcher, Fetching, export_parts};
 use crate::link::ModelHandle;
 use crate::locks::lock;
 use crate::playback::in_words;
@@ -141,11 +141,7 @@ fn write(
     wake: &dyn Fn(),
 ) -> Result<String, String> {
     let mut begun = 0;
-    // The robot makes them for seconds: meanwhile the other parts are fetched and written.
-    let has_voxels = wish.parts.contains(&ExportPart::Voxels);
-    if has_voxels && !is_cancelled.load(Ordering::Relaxed) {
-        model.lock().want_voxels();
-    }
+    let fetcher = Fetcher::begin(model, wish.parts.iter().copied(), PATIENCE);
     let exported = export_parts(&wish.folder, wish.parts.iter().copied(), |part, so_far| {
         if is_cancelled.load(Ordering::Relaxed) {
             return ControlFlow::Break(());
@@ -158,7 +154,7 @@ fn write(
         drop(now);
         begun += 1;
         wake();
-        fetch(model, part, PATIENCE, |fetching| {
+        fetcher.fetch(part, |fetching| {
             if is_cancelled.load(Ordering::Relaxed) {
                 return ControlFlow::Break(());
             }
@@ -168,10 +164,6 @@ fn write(
             ControlFlow::Continue(())
         })
     });
-    if has_voxels {
-        // It may have been left before it came to them.
-        model.lock().drop_voxels();
-    }
     let exported = exported.map_err(|why| in_words(&why))?;
     lock(progress).files = exported.files.len();
     exported.outcome(&wish.folder)

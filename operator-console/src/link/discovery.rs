@@ -11,8 +11,8 @@ use std::sync::{Arc, Mutex};
 use std::thread::{self, ScopedJoinHandle};
 use std::time::Duration;
 
-use protocol::keys::{OperatorId, RobotId, Topic, every_robot_alive};
-use protocol::message::{Status, TeleopState};
+use protocol::keys::{RobotId, Topic, every_robot_alive};
+use protocol::message::Status;
 use protocol::wire::{self, MAX_MESSAGE_BYTES};
 use robot_edge::clock::{self, Monotonic};
 use robot_edge::credentials::Credentials;
@@ -24,7 +24,8 @@ use zenoh::config::WhatAmI;
 use zenoh::sample::Sample;
 
 use super::address_state::AddressState;
-use super::known_robots::{Answer, KnownRobots, MAX_ROBOTS, Round};
+use super::fleet_state::FleetState;
+use super::known_robots::{Answer, FoundRobot, KnownRobots, MAX_ROBOTS, Round, Sighting};
 use super::opening::close;
 use crate::locks::lock;
 
@@ -42,63 +43,6 @@ pub const SEEN_LATELY: Duration = Duration::from_secs(15);
 const MAX_ADDRESSES: usize = 32;
 /// Of these at once.
 const ASKED_AT_ONCE: usize = 8;
-
-/// A robot that can be watched.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct FoundRobot {
-    /// Its name.
-    pub robot: RobotId,
-    /// Control endpoint through which it is reached.
-    pub endpoint: String,
-}
-
-/// How a robot is, by its own word.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum FleetState {
-    /// It cannot be driven: a recording, or a robot without motors.
-    Undriven,
-    /// Its data has ended: there is nothing more to drive.
-    Ended,
-    /// Nobody drives it.
-    Free,
-    /// This operator does.
-    DrivenBy(OperatorId),
-    /// An emergency stop is in force.
-    EStop,
-    /// It does not trust itself.
-    Fault,
-}
-
-impl FleetState {
-    /// What a status says.
-    pub fn of(status: &Status) -> Self {
-        let Some(teleop) = &status.teleop else {
-            return if status.has_ended {
-                Self::Ended
-            } else {
-                Self::Undriven
-            };
-        };
-        match (&teleop.state, teleop.estop, &teleop.lease.holder) {
-            (TeleopState::Fault(_), ..) => Self::Fault,
-            (_, Some(_), _) => Self::EStop,
-            (_, None, _) if status.has_ended => Self::Ended,
-            (_, None, Some(holder)) => Self::DrivenBy(holder.clone()),
-            (_, None, None) => Self::Free,
-        }
-    }
-}
-
-/// A robot that was found, and what is known of it from looking for robots.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Sighting {
-    /// The robot.
-    pub found: FoundRobot,
-    /// When it answered last.
-    pub seen: Monotonic,
-    /// How it is; none where it has not said so.
-    pub state: Option<FleetState>,
-}
 
 /// Looks for robots until it is dropped.
 pub struct Discovery {

@@ -5,12 +5,32 @@ use std::collections::BTreeMap;
 use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
-use super::discovery::{FleetState, FoundRobot, Sighting};
+use super::fleet_state::FleetState;
 
 /// A robot that did not answer for so many rounds is gone.
 const ROUNDS_KEPT: u32 = 3;
 /// Robots that are listed.
 pub(super) const MAX_ROBOTS: usize = 256;
+
+/// A robot that can be watched.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct FoundRobot {
+    /// Its name.
+    pub robot: RobotId,
+    /// Control endpoint through which it is reached.
+    pub endpoint: String,
+}
+
+/// A robot that was found, and what is known of it from looking for robots.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sighting {
+    /// The robot.
+    pub found: FoundRobot,
+    /// When it answered last.
+    pub seen: Monotonic,
+    /// How it is; none where it has not said so.
+    pub state: Option<FleetState>,
+}
 
 /// What one round has found: a robot may answer at several endpoints.
 pub(super) type Round = BTreeMap<FoundRobot, Answer>;
@@ -117,10 +137,8 @@ impl KnownRobots {
 
 #[cfg(test)]
 mod tests {
-    use protocol::message::{FaultReason, Status, TeleopState};
-
     use super::*;
-    use crate::pretend::{at, standing};
+    use crate::pretend::at;
 
     fn round(found: &[(&str, &str)], ms: u64) -> Round {
         let answer = Answer {
@@ -190,25 +208,6 @@ mod tests {
         assert_eq!(states(&robots), [(FleetState::EStop, at(7))]);
         assert!(robots.take(round(&[("boat", "tcp/b:1")], 8)));
         assert_eq!(states(&robots), [(FleetState::Free, at(8))]);
-    }
-
-    #[test]
-    fn a_robot_whose_data_has_ended_is_not_free() {
-        let state = |teleop, has_ended| {
-            FleetState::of(&Status {
-                teleop,
-                has_ended,
-                ..Status::default()
-            })
-        };
-        let mut teleop = standing();
-        assert_eq!(state(Some(teleop.clone()), false), FleetState::Free);
-        assert_eq!(state(Some(teleop.clone()), true), FleetState::Ended);
-        assert_eq!(state(None, true), FleetState::Ended);
-        assert_eq!(state(None, false), FleetState::Undriven);
-        teleop.state = TeleopState::Fault(FaultReason::Actuator);
-        let fault = FleetState::Fault;
-        assert_eq!(state(Some(teleop), true), fault, "that matters more");
     }
 
     #[test]

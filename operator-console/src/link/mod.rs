@@ -8,6 +8,7 @@ mod address_state;
 mod connect;
 mod discovery;
 mod driving;
+mod fleet_state;
 mod known_robots;
 mod lost_link;
 mod opening;
@@ -28,8 +29,10 @@ use crate::model::{ConsoleModel, Incoming, ModelSettings};
 use connect::Connections;
 
 pub use address_state::{AddressState, place};
-pub use discovery::{Discovery, FleetState, FoundRobot, SEEN_LATELY, Sighting};
+pub use discovery::{Discovery, SEEN_LATELY};
 pub use driving::DrivingLink;
+pub use fleet_state::FleetState;
+pub use known_robots::{FoundRobot, Sighting};
 pub use transport::Transport;
 
 /// What of Zenoh's own log is for operators, in the syntax of `tracing_subscriber::EnvFilter`: errors, not

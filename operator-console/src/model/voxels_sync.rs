@@ -116,12 +116,10 @@ impl VoxelsSync {
         *self = Self::default();
     }
 
-    /// Another run of the robot began.
+    /// Another run of the robot began: what came of the last one, or that it had no octree, says nothing of this.
     pub(super) fn forget(&mut self) {
-        if self.is_wanted() {
+        if !matches!(self.phase, Phase::Unwanted) {
             self.want();
-        } else {
-            self.drop_all();
         }
     }
 

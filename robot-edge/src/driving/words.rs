@@ -7,15 +7,18 @@ use protocol::message::{
 };
 use protocol::signed::{SignedError, Stamp};
 
-use super::board::Notice;
 use crate::teleop::arbiter::{FaultReason, StopReason};
 use crate::teleop::arming::Arming;
-use crate::teleop::emergency_stop::EStopSource;
-use crate::teleop::lease::{How, LeaseEnd};
 use crate::teleop::report::Clamp;
 use crate::teleop::{
-    self, AgeToken, GuardVerdict, Happening, Mode, OperatorId, Refusal, TeleopReport, Velocity,
+    self, AgeToken, GuardVerdict, Mode, OperatorId, Refusal, TeleopReport, Velocity,
 };
+
+mod events;
+mod reasons;
+
+pub(super) use events::event;
+use reasons::stop_reason;
 
 /// What can be switched beside the arbiter, and what is counted there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -140,151 +143,6 @@ pub(super) fn status(
     }
 }
 
-/// What happened, in a word and in a sentence.
-pub(super) fn event(notice: &Notice, names: &[OperatorName]) -> (&'static str, String) {
-    let name = |id: OperatorId| {
-        let known = names.get(id.0 as usize);
-        known.map_or_else(|| format!("operator {}", id.0), ToString::to_string)
-    };
-    let happening = match *notice {
-        Notice::Arbiter(happening) => happening,
-        Notice::Unguarded { lack } => {
-            let lack = lack.map_or_else(|| "it said nothing".to_owned(), |lack| lack.to_string());
-            return (
-                "involuntary_stop",
-                format!("stopping: the collision guard could not judge, {lack}"),
-            );
-        }
-        Notice::Motors(fault) => return ("motors", fault.to_string()),
-        Notice::Recording { is_on, by } => {
-            let done = if is_on { "started" } else { "stopped" };
-            return (
-                "recording",
-                format!("a recording was {done} by {}", name(by)),
-            );
-        }
-        Notice::Guard { is_on, by } => {
-            let (kind, to) = if is_on {
-                ("guard", "on")
-            } else {
-                ("guard_off", "off")
-            };
-            return (
-                kind,
-                format!("the collision guard was switched {to} by {}", name(by)),
-            );
-        }
-    };
-    match happening {
-        Happening::Mode { from, to } => {
-            let text = match to {
-                Mode::Stopping { reason, .. } => format!("stopping: {}", why_stopped(reason)),
-                Mode::SafeBoot
-                | Mode::Idle
-                | Mode::Held
-                | Mode::Driving
-                | Mode::EStop
-                | Mode::Fault(_) => format!("{} after {}", said(to), said(from)),
-            };
-            (mode_kind(to), text)
-        }
-        Happening::LeaseRequested { by } => {
-            ("lease_requested", format!("{} asks to drive", name(by)))
-        }
-        Happening::LeaseGranted { to, how, .. } => {
-            let how = match how {
-                How::Request => "asked and the lease was free",
-                How::HandOver => "it was handed over",
-                How::TakeOver => "as supervisor, whoever drove",
-            };
-            ("lease_granted", format!("{} drives: {how}", name(to)))
-        }
-        Happening::LeaseEnded { operator, why } => {
-            let why = match why {
-                LeaseEnd::Released => "it was given back",
-                LeaseEnd::Expired => "no command came",
-                LeaseEnd::Renewed => "it was asked for anew",
-                LeaseEnd::HandedOver => "it was handed over",
-                LeaseEnd::TakenOver => "a supervisor took it",
-                LeaseEnd::Revoked => "no operator any more",
-                LeaseEnd::Reset => "an emergency stop was reset",
-                LeaseEnd::Fault => "the vehicle is at fault",
-            };
-            (
-                "lease_ended",
-                format!("{} no longer drives: {why}", name(operator)),
-            )
-        }
-        Happening::EStopped { id, by } => {
-            let by = match by {
-                Some(EStopSource::Operator(operator)) => name(operator),
-                Some(EStopSource::Local) => "somebody at the vehicle".to_owned(),
-                None => "the run before".to_owned(),
-            };
-            ("estop", format!("emergency stop {}, by {by}", id.0))
-        }
-        Happening::Reset { id, by } => {
-            let by = by.map_or_else(
-                || "somebody at the vehicle".to_owned(),
-                |caller| name(caller.operator),
-            );
-            (
-                "estop_reset",
-                format!("emergency stop {} reset by {by}", id.0),
-            )
-        }
-        Happening::Refused { caller, refusal } => (
-            "refused",
-            format!("a request of {}: {refusal}", name(caller.operator)),
-        ),
-    }
-}
-
-const fn why_stopped(reason: StopReason) -> &'static str {
-    match reason {
-        StopReason::Released => "nothing is pressed",
-        StopReason::Age => "the commands are too old",
-        StopReason::NotFinite => "what was asked for is no number",
-        StopReason::GuardStale => "the collision guard could not judge",
-        StopReason::LeaseEnded(why) => match why {
-            LeaseEnd::Released => "the lease was given back",
-            LeaseEnd::Expired => "no command came",
-            LeaseEnd::Renewed => "the lease was asked for anew",
-            LeaseEnd::HandedOver => "the lease was handed over",
-            LeaseEnd::TakenOver => "a supervisor took the lease",
-            LeaseEnd::Revoked => "who drove is no operator any more",
-            LeaseEnd::Reset => "an emergency stop was reset",
-            LeaseEnd::Fault => "the vehicle is at fault",
-        },
-    }
-}
-
-/// A fault and a stop that nobody asked for matter more than other changes of state.
-const fn mode_kind(to: Mode) -> &'static str {
-    match to {
-        Mode::Fault(_) => "fault",
-        Mode::Stopping { reason, .. } if !reason.is_voluntary() => "involuntary_stop",
-        Mode::SafeBoot
-        | Mode::Idle
-        | Mode::Held
-        | Mode::Driving
-        | Mode::Stopping { .. }
-        | Mode::EStop => "teleop_state",
-    }
-}
-
-const fn said(mode: Mode) -> &'static str {
-    match mode {
-        Mode::SafeBoot => "starting",
-        Mode::Idle => "idle",
-        Mode::Held => "held",
-        Mode::Driving => "driving",
-        Mode::Stopping { .. } => "stopping",
-        Mode::EStop => "emergency stop",
-        Mode::Fault(_) => "fault",
-    }
-}
-
 const fn state(mode: Mode) -> TeleopState {
     match mode {
         Mode::SafeBoot => TeleopState::SafeBoot,
@@ -295,25 +153,6 @@ const fn state(mode: Mode) -> TeleopState {
         Mode::EStop => TeleopState::EStop,
         Mode::Fault(FaultReason::SelfTest) => TeleopState::Fault(message::FaultReason::SelfTest),
         Mode::Fault(FaultReason::Actuator) => TeleopState::Fault(message::FaultReason::Actuator),
-    }
-}
-
-const fn stop_reason(reason: StopReason) -> message::StopReason {
-    match reason {
-        StopReason::Released => message::StopReason::Released,
-        StopReason::Age => message::StopReason::Age,
-        StopReason::NotFinite => message::StopReason::NotFinite,
-        StopReason::GuardStale => message::StopReason::GuardStale,
-        StopReason::LeaseEnded(why) => message::StopReason::LeaseEnded(match why {
-            LeaseEnd::Released => message::LeaseEnd::Released,
-            LeaseEnd::Expired => message::LeaseEnd::Expired,
-            LeaseEnd::Renewed => message::LeaseEnd::Renewed,
-            LeaseEnd::HandedOver => message::LeaseEnd::HandedOver,
-            LeaseEnd::TakenOver => message::LeaseEnd::TakenOver,
-            LeaseEnd::Revoked => message::LeaseEnd::Revoked,
-            LeaseEnd::Reset => message::LeaseEnd::Reset,
-            LeaseEnd::Fault => message::LeaseEnd::Fault,
-        }),
     }
 }
 
@@ -364,44 +203,5 @@ const fn on_the_wire(velocity: Velocity) -> message::Velocity {
     message::Velocity {
         linear_mps: velocity.linear_mps as f32,
         angular_radps: velocity.angular_radps as f32,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::time::Duration;
-
-    use super::*;
-    use crate::clock::Monotonic;
-    use crate::teleop::guard::Lack;
-
-    #[test]
-    fn a_stop_says_why() {
-        let stops = |reason| {
-            let since = Monotonic::default();
-            let to = Mode::Stopping { reason, since };
-            let from = Mode::Driving;
-            Notice::Arbiter(Happening::Mode { from, to })
-        };
-        let lack = Some(Lack::Pose(Some(Duration::from_millis(420))));
-        for (notice, kind, text) in [
-            (
-                stops(StopReason::Age),
-                "involuntary_stop",
-                "stopping: the commands are too old",
-            ),
-            (
-                stops(StopReason::Released),
-                "teleop_state",
-                "stopping: nothing is pressed",
-            ),
-            (
-                Notice::Unguarded { lack },
-                "involuntary_stop",
-                "stopping: the collision guard could not judge, its newest pose was 0.42 s old",
-            ),
-        ] {
-            assert_eq!(event(&notice, &[]), (kind, text.to_owned()));
-        }
     }
 }

@@ -55,10 +55,14 @@ fn what_is_fetched_moves_the_bar() {
     );
 }
 
-fn exported(folder: &std::path::Path, is_cancelled: bool) -> (Result<String, String>, usize) {
+fn exported(
+    folder: &std::path::Path,
+    last: ExportPart,
+    is_cancelled: bool,
+) -> (Result<String, String>, usize) {
     let wish = ExportWish {
         folder: folder.to_owned(),
-        parts: [ExportPart::Trajectory, ExportPart::Shores].into(),
+        parts: [ExportPart::Trajectory, last].into(),
         opens_folder: false,
     };
     let model = ModelHandle::of(crate::pretend::scout());
@@ -76,7 +80,7 @@ fn exported(folder: &std::path::Path, is_cancelled: bool) -> (Result<String, Str
 #[test]
 fn what_cannot_be_written_is_said_and_the_rest_is_written() {
     let dir = tempfile::tempdir().unwrap();
-    let (ended, files) = exported(dir.path(), false);
+    let (ended, files) = exported(dir.path(), ExportPart::Shores, false);
     let folder = dir.path().display();
     let expected = format!(
         "1 file is in {folder}\n\
@@ -87,7 +91,7 @@ fn what_cannot_be_written_is_said_and_the_rest_is_written() {
 
     fs::remove_file(dir.path().join("trajectory.tum")).unwrap();
     fs::create_dir(dir.path().join("trajectory.tum")).unwrap();
-    let (ended, files) = exported(dir.path(), false);
+    let (ended, files) = exported(dir.path(), ExportPart::Shores, false);
     let why = ended.unwrap_err();
     assert!(
         why.starts_with(&format!("0 files are in {folder}\ntrajectory is missing")),
@@ -95,6 +99,16 @@ fn what_cannot_be_written_is_said_and_the_rest_is_written() {
     );
     assert_eq!(files, 0);
 
-    let (ended, _) = exported(dir.path(), true);
+    let (ended, _) = exported(dir.path(), ExportPart::Shores, true);
     assert!(ended.unwrap_err().starts_with("Left after 0 files"));
+}
+
+#[test]
+fn an_octree_that_does_not_come_is_missing() {
+    let dir = tempfile::tempdir().unwrap();
+    let (ended, files) = exported(dir.path(), ExportPart::Voxels, false);
+    let why = ended.unwrap_err();
+    let missing = "\nvoxels is missing: the robot is not heard. Export it again later";
+    assert!(why.contains(missing), "{why}");
+    assert_eq!(files, 1, "the way");
 }

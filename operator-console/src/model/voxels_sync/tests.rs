@@ -268,3 +268,28 @@ fn silence_is_asked_again_less_and_less_often() {
         .unwrap();
     assert_eq!(sync.progress(), VoxelsProgress::None);
 }
+
+#[test]
+fn whoever_waits_while_another_run_begins_gets_the_octree_of_that() {
+    let mut vehicle = VoxelSnapshots::default();
+    vehicle.offer();
+    vehicle.put(Some(snapshot(5)), at(0));
+    let mut sync = VoxelsSync::default();
+    let mut number = numbers();
+    sync.forget();
+    assert_eq!(sync.progress(), VoxelsProgress::Unwanted);
+    sync.want();
+    while let Some((request, asked)) = sync.question(at(0), &mut number) {
+        let (stamp_ns, reply) = vehicle.answer(asked, at(0));
+        sync.take(reply, stamp_ns, request, at(0)).unwrap();
+    }
+    assert!(matches!(sync.progress(), VoxelsProgress::Ready(_)));
+    // Nobody has taken it yet.
+    sync.forget();
+    assert_eq!(sync.progress(), VoxelsProgress::Waiting);
+    let (request, asked) = sync.question(at(0), &mut number).unwrap();
+    assert_eq!((asked.snapshot, asked.offset), (None, 0));
+    sync.take(VoxelsReply::None, 0, request, at(0)).unwrap();
+    sync.forget();
+    assert_eq!(sync.progress(), VoxelsProgress::Waiting);
+}

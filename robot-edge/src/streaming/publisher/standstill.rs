@@ -70,3 +70,76 @@ impl Publisher {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use protocol::layer::LayerId;
+    use protocol::tile::BootId;
+
+    use super::*;
+    use crate::config::load;
+
+    /// A tile of the occupancy grid.
+    const fn key(tx: i32) -> TileKey {
+        let layer = LayerId::Occupancy;
+        TileKey { layer, tx, ty: 0 }
+    }
+
+    fn cells(code: u16) -> TileCells {
+        TileCells::from_fn(|_, _| code)
+    }
+
+    fn publish(publisher: &mut Publisher, stamp_ns: i64, tx: i32, code: u16) {
+        publisher.store().set_stamp(stamp_ns);
+        publisher.store_tile(key(tx), cells(code)).unwrap();
+    }
+
+    /// Stamp and first code of each tile.
+    fn published(publisher: &Publisher) -> Vec<(i32, i64, Option<u16>)> {
+        let store = publisher.store();
+        let tiles = store.tiles(LayerId::Occupancy);
+        let known = tiles.filter(|(_, stored)| stored.known() > 0);
+        let told = known.map(|(key, stored)| {
+            let code = stored.cells().and_then(|cells| cells.get(0, 0));
+            (key.tx, stored.stamp_ns(), code)
+        });
+        told.collect()
+    }
+
+    #[test]
+    fn what_is_put_back_is_as_old_as_it_was() {
+        let config = load("generic2d", &[]).unwrap();
+        let mapper = Mapper::new(
+            &config.mapping,
+            config.vehicle.shape(),
+            &config.range_models(),
+        );
+        let mut publisher = Publisher::new(BootId([7; 16]), 1, &mapper, false).unwrap();
+        publish(&mut publisher, 5, 0, 10);
+        publish(&mut publisher, 7, 1, 20);
+        publish(&mut publisher, 8, 2, 30);
+        let before = published(&publisher);
+        assert_eq!(
+            before,
+            [(0, 5, Some(10)), (1, 7, Some(20)), (2, 8, Some(30))]
+        );
+
+        let mut ended = publisher.remembering();
+        publish(&mut ended, 9, 0, 11);
+        publish(&mut ended, 9, 1, 21);
+        // Twice: what was there before the first is what comes back.
+        publish(&mut ended, 9, 1, 22);
+        publish(&mut ended, 9, 3, 40);
+        assert_eq!(
+            published(&publisher),
+            [
+                (0, 9, Some(11)),
+                (1, 9, Some(22)),
+                (2, 8, Some(30)),
+                (3, 9, Some(40)),
+            ]
+        );
+        publisher.take_back(ended.into_published()).unwrap();
+        assert_eq!(published(&publisher), before);
+    }
+}

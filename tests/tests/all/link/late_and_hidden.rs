@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::time::Duration;
 
-use operator_console::export::{ExportPart, export_parts, fetch};
+use operator_console::export::{ExportPart, Fetcher, export_parts};
 use operator_console::link::RobotSession;
 use operator_console::model::{ConsoleModel, LinkState, ModelSettings};
 use protocol::layer::LayerId;
@@ -88,8 +88,9 @@ fn a_late_console_that_shows_no_layer_exports_the_edges_map_and_way() {
     assert!(!is_known(&late.model()), "occupancy is hidden");
 
     let handle = late.handle();
+    let fetcher = Fetcher::begin(&handle, ExportPart::all(), PATIENCE);
     let exported = export_parts(&at("console"), ExportPart::all(), |part, _| {
-        fetch(&handle, part, PATIENCE, |_| ControlFlow::Continue(()))
+        fetcher.fetch(part, |_| ControlFlow::Continue(()))
     });
     exported.unwrap().outcome(&at("console")).unwrap();
     assert!(is_known(&late.model()));

@@ -243,7 +243,10 @@ fn who_is_taken_off_the_list_drives_no_more_at_once_and_all_is_written_down() {
         at("lease_granted", "anna drives"),
         at("operators_unreadable", "stays in force"),
         at("operators", "off it operator:anna"),
-        at("lease_ended", "no operator any more"),
+        at(
+            "lease_ended",
+            "anna no longer drives: the leave to drive was taken away",
+        ),
         at("refused", "in the name of anna: its signature is wrong"),
         at("lease_granted", "bert drives"),
         at("estop", "by bert"),

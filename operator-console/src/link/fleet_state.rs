@@ -1,0 +1,89 @@
+//! How a robot is by its own word, in one of a few: for the list of robots, and for alerts of those that are not shown.
+
+use protocol::keys::OperatorId;
+use protocol::message::{Status, TeleopState};
+
+/// How a robot is, by its own word.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FleetState {
+    /// It cannot be driven: a recording, or a robot without motors.
+    Undriven,
+    /// Its data has ended: there is nothing more to drive.
+    Ended,
+    /// Nobody drives it.
+    Free,
+    /// This operator does.
+    DrivenBy(OperatorId),
+    /// An emergency stop is in force.
+    EStop,
+    /// It does not trust itself.
+    Fault,
+}
+
+impl FleetState {
+    /// What a status says.
+    pub fn of(status: &Status) -> Self {
+        let Some(teleop) = &status.teleop else {
+            return if status.has_ended {
+                Self::Ended
+            } else {
+                Self::Undriven
+            };
+        };
+        match (&teleop.state, teleop.estop, &teleop.lease.holder) {
+            (TeleopState::Fault(_), ..) => Self::Fault,
+            (_, Some(_), _) => Self::EStop,
+            (_, None, _) if status.has_ended => Self::Ended,
+            (_, None, Some(holder)) => Self::DrivenBy(holder.clone()),
+            (_, None, None) => Self::Free,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::message::{EStopStatus, FaultReason, TeleopStatus};
+
+    use super::*;
+    use crate::pretend::standing;
+
+    #[test]
+    fn what_matters_most_is_said() {
+        let state = |teleop: &TeleopStatus| {
+            FleetState::of(&Status {
+                teleop: Some(teleop.clone()),
+                ..Status::default()
+            })
+        };
+        let mut teleop = standing();
+        let anna: OperatorId = "anna".parse().unwrap();
+        teleop.lease.holder = Some(anna.clone());
+        assert_eq!(state(&teleop), FleetState::DrivenBy(anna));
+        teleop.estop = Some(EStopStatus {
+            number: 3,
+            is_stored: true,
+        });
+        assert_eq!(state(&teleop), FleetState::EStop);
+        teleop.state = TeleopState::Fault(FaultReason::Actuator);
+        assert_eq!(state(&teleop), FleetState::Fault);
+    }
+
+    #[test]
+    fn a_robot_whose_data_has_ended_is_not_free() {
+        let state = |teleop, has_ended| {
+            FleetState::of(&Status {
+                teleop,
+                has_ended,
+                ..Status::default()
+            })
+        };
+        let mut teleop = standing();
+        assert_eq!(state(Some(teleop.clone()), false), FleetState::Free);
+        assert_eq!(state(Some(teleop.clone()), true), FleetState::Ended);
+        assert_eq!(state(None, true), FleetState::Ended);
+        assert_eq!(state(None, false), FleetState::Undriven);
+        teleop.state = TeleopState::Fault(FaultReason::Actuator);
+        let fault = FleetState::Fault;
+        assert_eq!(state(Some(teleop), true), fault, "that matters more");
+    }
+}

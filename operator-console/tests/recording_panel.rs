@@ -1,0 +1,170 @@
+//! What the Recording panel says of a robot that is not as it should be.
+
+#![allow(
+    clippy::unwrap_used,
+    reason = "the lint knows functions marked as tests, not what they call"
+)]
+
+use std::path::Path;
+use std::time::Duration;
+
+use operator_console::helm::{EStopSight, HelmSight, Lease};
+use operator_console::model::{ConsoleModel, Incoming, ModelSettings};
+use operator_console::panels::recording::RecordingData;
+use operator_console::teleop_input::{SpeedStep, Wish};
+use operator_console::theme::Tone;
+use protocol::keys::Topic;
+use protocol::message::{RecordingState, RecordingStatus, Status};
+use protocol::tile::BootId;
+use protocol::wire::{self, Header};
+use robot_edge::clock::Monotonic;
+
+const fn at(ms: u64) -> Monotonic {
+    Monotonic::from_nanos(ms * 1_000_000)
+}
+
+fn recording(state: RecordingState) -> RecordingStatus {
+    RecordingStatus {
+        state,
+        file: "scout.mcap".to_owned(),
+        files: 1,
+        duration_s: 75,
+        bytes: 4_100_000,
+        free_bytes: None,
+        lost: 0,
+    }
+}
+
+/// A robot that has told nothing.
+fn silent() -> ConsoleModel {
+    ConsoleModel::new(ModelSettings {
+        robot: "scout".parse().unwrap(),
+        session: BootId([1; 16]),
+        store_mb: 1,
+        layers: [].into(),
+    })
+    .unwrap()
+}
+
+/// A robot that tells this of its recording at 1 s.
+fn model(recording: RecordingStatus, has_ended: bool) -> ConsoleModel {
+    let mut model = silent();
+    let status = Status {
+        recording: Some(recording),
+        has_ended,
+        ..Status::default()
+    };
+    let header = Header {
+        boot: BootId([7; 16]),
+        seq: 1,
+        robot_time_ns: 0,
+    };
+    let told = Incoming::Sample {
+        key: Topic::Status.key(model.robot()),
+        payload: wire::encode(&header, &status).unwrap(),
+    };
+    model.apply(told, at(1_000));
+    model
+}
+
+fn helm(token_age: Option<Duration>) -> HelmSight {
+    HelmSight {
+        operator: "anna".parse().unwrap(),
+        lease: Lease::None,
+        step: SpeedStep::default(),
+        limits: [1.0, 1.5],
+        wish: Wish::NEUTRAL,
+        ignored: None,
+        is_ready: true,
+        token_age,
+        is_asking: false,
+        notice: None,
+        estop: EStopSight::Quiet,
+    }
+}
+
+fn data(model: &ConsoleModel, ms: u64) -> RecordingData {
+    let helm = helm(Some(Duration::from_millis(20)));
+    RecordingData::new(model, Some(&helm), None, at(ms))
+}
+
+/// Tone, words and advice, and why its button cannot be pressed.
+fn said(data: &RecordingData) -> (Tone, &str, Option<&str>, Option<&str>) {
+    let button = data.button.as_ref();
+    let blocked = button.and_then(|button| button.blocked);
+    (data.tone, &data.state, data.advice.as_deref(), blocked)
+}
+
+#[test]
+fn a_file_that_would_be_elsewhere_is_not_opened() {
+    let folder = Path::new("/home/anna/recordings");
+    let finished = |file: &str| {
+        let recording = RecordingStatus {
+            file: file.to_owned(),
+            ..recording(RecordingState::Stopped)
+        };
+        let data = RecordingData::new(&model(recording, false), None, Some(folder), at(1_100));
+        data.finished.map(|(path, _)| path)
+    };
+    assert_eq!(finished("scout.mcap"), Some(folder.join("scout.mcap")));
+    for elsewhere in ["../scout.mcap", "/etc/passwd", "old/scout.mcap", "..", ""] {
+        assert_eq!(finished(elsewhere), None, "{elsewhere}");
+    }
+}
+
+#[test]
+fn where_the_data_has_ended_nothing_more_is_written() {
+    let ended = model(recording(RecordingState::Recording), true);
+    let advice = Some("The data has ended: nothing more is written.");
+    let expected = (
+        Tone::Waiting,
+        "Recording",
+        advice,
+        Some("Its data has ended"),
+    );
+    assert_eq!(said(&data(&ended, 1_100)), expected);
+}
+
+#[test]
+fn what_is_not_heard_any_more_is_told_with_its_age() {
+    let model = model(recording(RecordingState::Recording), false);
+    let live = data(&model, 1_100);
+    assert_eq!(said(&live), (Tone::Good, "Recording", None, None));
+    let silent = data(&model, 9_000);
+    let expected = (
+        Tone::Waiting,
+        "Recording",
+        Some("As of 8.0 s ago"),
+        Some("The robot is not heard"),
+    );
+    assert_eq!(said(&silent), expected);
+    assert_eq!(silent.rows, live.rows);
+}
+
+#[test]
+fn a_recording_that_failed_is_a_warning() {
+    let failed = model(recording(RecordingState::Failed), false);
+    let advice = Some("The event says why. What was written before is kept.");
+    let expected = (Tone::Warning, "Stopped: it cannot be written", advice, None);
+    assert_eq!(said(&data(&failed, 1_100)), expected);
+}
+
+#[test]
+fn a_robot_that_gives_no_tokens_takes_no_requests() {
+    let model = model(recording(RecordingState::Stopped), false);
+    let helm = helm(None);
+    let data = RecordingData::new(&model, Some(&helm), None, at(1_100));
+    let expected = (
+        Tone::Waiting,
+        "Not recording",
+        None,
+        Some("The robot takes no requests"),
+    );
+    assert_eq!(said(&data), expected);
+}
+
+#[test]
+fn of_a_robot_that_has_told_nothing_nothing_is_said() {
+    let expected = (Tone::Waiting, "Nothing is known of it yet", None, None);
+    assert_eq!(said(&data(&silent(), 1_100)), expected);
+}
