@@ -1,6 +1,6 @@
 //! The menus of the top bar. Every entry says its keys.
 
-use eframe::egui::{Button, Ui};
+use eframe::egui::{Button, Checkbox, Ui};
 
 use crate::settings::{Appearance, ThemeChoice};
 use crate::shortcuts::Action;
@@ -12,6 +12,8 @@ pub(super) struct MenuSight<'a> {
     pub(super) appearance: Appearance,
     /// Whether a robot is shown, whose map could be exported.
     pub(super) has_robot: bool,
+    /// Why a panel is not there although it is wanted.
+    pub(super) why_not: &'a dyn Fn(PanelId) -> Option<&'static str>,
 }
 
 /// What was chosen.
@@ -38,13 +40,8 @@ pub(super) fn menus_ui(ui: &mut Ui, sight: &MenuSight<'_>) -> Option<Choice> {
     });
     ui.menu_button("View", |ui| {
         for panel in PanelId::ALL {
-            if !panel.can_be_closed() {
-                continue;
-            }
-            let mut is_wanted = sight.workspace.is_wanted(panel);
-            if ui.checkbox(&mut is_wanted, panel.title()).clicked() {
-                choice = Some(Choice::Panel(panel, is_wanted));
-                ui.close();
+            if panel.can_be_closed() {
+                choice = choice.or(panel_ui(ui, panel, sight));
             }
         }
         entry_ui(ui, Action::ResetLayout, true, &mut choice);
@@ -69,6 +66,21 @@ pub(super) fn menus_ui(ui: &mut Ui, sight: &MenuSight<'_>) -> Option<Choice> {
         }
     });
     choice
+}
+
+/// A panel that is there is ticked. What nobody could see now can be neither shown nor hidden, and says why.
+fn panel_ui(ui: &mut Ui, panel: PanelId, sight: &MenuSight<'_>) -> Option<Choice> {
+    let why_not = (sight.why_not)(panel);
+    let mut is_wanted = sight.workspace.is_wanted(panel) && why_not.is_none();
+    let tick = Checkbox::new(&mut is_wanted, panel.title());
+    let mut tick = ui.add_enabled(why_not.is_none(), tick);
+    if let Some(why_not) = why_not {
+        tick = tick.on_disabled_hover_text(why_not);
+    }
+    tick.clicked().then(|| {
+        ui.close();
+        Choice::Panel(panel, is_wanted)
+    })
 }
 
 fn entry_ui(ui: &mut Ui, action: Action, is_possible: bool, choice: &mut Option<Choice>) {

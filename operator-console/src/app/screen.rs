@@ -29,7 +29,7 @@ use crate::settings::{Appearance, Settings};
 use crate::shortcuts::{Action, KeyScene, Pressed, TypeAhead, pressed};
 use crate::workspace::{PanelId, Workspace};
 
-use contents::{Panels, fits};
+use contents::Panels;
 
 /// Narrower windows, and lower ones, have no room for more than the map and the helm while somebody drives, points.
 const NARROW: f32 = 1000.0;
@@ -51,6 +51,8 @@ pub struct Screen {
     dialogs: Dialogs,
     /// Whether text was typed when the last frame ended.
     was_typing: bool,
+    /// While somebody drove when the last frame was drawn, whether it was narrow, and whether it was low.
+    is_tight: Option<[bool; 2]>,
     type_ahead: TypeAhead,
 }
 
@@ -215,6 +217,7 @@ impl Screen {
         let shown = CentralPanel::no_frame().show(ui, |ui| {
             let room = ui.available_size();
             let is_tight = is_driving.then_some([room.x < NARROW, room.y < LOW]);
+            self.is_tight = is_tight;
             let panels = &mut Panels {
                 map_view: &mut self.map_view,
                 address: &mut self.address,
@@ -225,7 +228,7 @@ impl Screen {
             let (actions, commands) = (&mut actions, &mut commands);
             self.workspace.show(
                 ui,
-                |panel| scene.has(panel) && is_tight.is_none_or(|is_tight| fits(panel, is_tight)),
+                |panel| scene.why_not(panel, is_tight).is_none(),
                 &mut |ui, panel| panels.draw(ui, panel, scene, actions, commands),
             );
             panels.notice_room.take()
@@ -264,6 +267,7 @@ impl Screen {
                         workspace: &self.workspace,
                         appearance: self.appearance,
                         has_robot: scene.robot.is_some(),
+                        why_not: &|panel| scene.why_not(panel, self.is_tight),
                     };
                     match menus_ui(ui, &sight) {
                         Some(Choice::Act(action)) => actions.push(action),

@@ -1,9 +1,10 @@
-//! The card with the legends, on the map. Where they would hide much of it, those of the upper layers are shown, and a button
-//! opens the others.
+//! The card with the legends, on the map. Where they would hide much of it, those of the upper layers are shown, on a narrow map
+//! that of the uppermost alone; and a button in the row of the first title opens the others.
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
-    Align2, Area, Button, Frame, Id, Order, Rect, RichText, ScrollArea, Ui, WidgetInfo, pos2, vec2,
+    Align2, Area, Button, Frame, Id, LayerId, Order, Rect, RichText, ScrollArea, Sense, TextStyle,
+    Ui, UiBuilder, WidgetInfo, vec2,
 };
 use protocol::layer::Palette;
 
@@ -11,20 +12,24 @@ use super::CARD_MARGIN;
 use super::edges::LEAST_FOR_CARDS;
 use super::scroll_keys::ScrollKeys;
 use crate::panels::layers::layer_name;
-use crate::panels::legend::{LegendsData, legends_height, legends_ui};
+use crate::panels::legend::{
+    LINES_APART, LegendsData, legends_height, legends_ui, title_height, title_ui,
+};
 use crate::theme;
 
-/// Within the card, points.
+/// Within the card, and beside the words on the button, points.
 const PADDING: f32 = 8.0;
 /// Legends are this wide, points, where the map is not narrow.
 const WIDTH: f32 = 220.0;
-/// Of the width of a narrow map, they have this share.
-const WIDTH_SHARE: f32 = 0.45;
+/// Of the width of a narrow map, they have this share at most, and that one at least: in between, what the shortest scale bar
+/// leaves, which is beside them, with margins and paddings, points.
+const WIDTH_SHARES: [f32; 2] = [0.57, 0.45];
+const BESIDE: f32 = 116.0;
 /// Legends that nobody has opened cover this share of the map at most, where one alone does.
 const MAP_SHARE: f32 = 0.2;
-/// Height of the button over the card, and between the two, points.
-const BUTTON: f32 = 22.0;
-const BUTTON_GAP: f32 = 3.0;
+/// Height of the button, points, and between it and the title that it stands beside.
+const BUTTON: f32 = 20.0;
+const BUTTON_GAP: f32 = 4.0;
 
 /// What the areas of the card and of the button are called.
 const CARD_NAME: &str = "map legend";
@@ -60,77 +65,151 @@ impl LegendCard {
         }
         let fitting = fitting(ui, screen, layers);
         let shown = if self.has_all { layers.len() } else { fitting };
-        let data = data(screen, &layers[..shown]);
         let corner = screen.right_bottom() - vec2(CARD_MARGIN, CARD_MARGIN);
-        let is_opened = shown > fitting;
         if shown > 0 {
-            let room = screen.height() - top - CARD_MARGIN - BUTTON - BUTTON_GAP - 2.0 * PADDING;
+            let beside = (fitting < layers.len()).then(|| button_width(ui, layers, fitting));
+            let content = Content::new(screen, layers, (shown, beside));
+            let opened = (shown > fitting).then(|| {
+                let closed = Content::new(screen, layers, (fitting.max(1), beside));
+                let others = 2.0 * PADDING + content.head_height(ui);
+                let most = |taken: f32| screen.height() - taken - CARD_MARGIN - others;
+                // No less than what is there while it is closed.
+                let least = legends_height(ui, &closed.legends, closed.width);
+                most(top).max(least).min(most(CARD_MARGIN)).max(0.0)
+            });
             let card = Area::new(Id::unique(CARD_NAME))
                 .fixed_pos(corner)
                 .pivot(Align2::RIGHT_BOTTOM)
                 .constrain_to(screen)
                 .order(Order::Background)
                 // Hands reach through it to the map, unless it may have to be scrolled.
-                .interactable(is_opened)
+                .interactable(opened.is_some())
                 .show(ui.ctx(), |ui| {
                     let card = Frame::new()
                         .fill(theme::card(ui.visuals()))
                         .corner_radius(4.0)
                         .inner_margin(PADDING);
-                    card.show(ui, |ui| {
-                        ui.set_width(inner_width(screen));
-                        if is_opened {
-                            // An area has room for what was in it before, and what scrolls would never ask for more.
-                            let height =
-                                |data: &LegendsData| legends_height(ui, data, inner_width(screen));
-                            // No less than what is there while it is closed.
-                            let least = height(&self::data(screen, &layers[..fitting.max(1)]));
-                            let most = room.max(least).min(
-                                screen.height()
-                                    - 2.0 * CARD_MARGIN
-                                    - BUTTON
-                                    - BUTTON_GAP
-                                    - 2.0 * PADDING,
-                            );
-                            let height = height(&data).min(most.max(0.0));
-                            let scroll = ScrollArea::vertical()
-                                .max_height(height)
-                                .min_scrolled_height(height);
-                            let legends = legends_height(ui, &data, inner_width(screen));
-                            let keys = ScrollKeys {
-                                label: "Legends; Page Up and Page Down scroll them",
-                                is_needed: legends > height + 1.0,
-                                is_on_button,
-                            };
-                            keys.show(ui, (height, scroll), |ui| legends_ui(ui, &data));
-                        } else {
-                            legends_ui(ui, &data);
-                        }
-                    });
+                    card.show(ui, |ui| content.show(ui, opened, is_on_button));
                 });
             self.place = Some(card.response.rect);
         }
-        let left_out = &layers[fitting..];
-        if left_out.is_empty() {
+        if fitting == layers.len() {
             return;
         }
-        let bottom = self.place.map_or(corner.y, |card| card.top() - BUTTON_GAP);
+        // In an area of its own, for hands reach through the card.
+        let (at, pivot) = match self.place {
+            Some(card) => (
+                card.right_top() + vec2(-PADDING, PADDING),
+                Align2::RIGHT_TOP,
+            ),
+            None => (corner, Align2::RIGHT_BOTTOM),
+        };
+        let is_alone = self.place.is_none();
         let button = Area::new(Id::unique(BUTTON_NAME))
-            .fixed_pos(pos2(corner.x, bottom))
-            .pivot(Align2::RIGHT_BOTTOM)
+            .fixed_pos(at)
+            .pivot(pivot)
             .constrain_to(screen)
             .order(Order::Background)
             .show(ui.ctx(), |ui| {
-                more_ui(ui, (left_out, fitting == 0), &mut self.has_all)
+                more_ui(ui, (layers, fitting), is_alone, &mut self.has_all)
             });
+        if !is_alone {
+            // Who scrolls the card would lay it over the button.
+            let [card, button] = [CARD_NAME, BUTTON_NAME]
+                .map(|name| LayerId::new(Order::Background, Id::unique(name)));
+            ui.ctx().set_sublayer(card, button);
+        }
         self.is_on_button = button.inner;
         let button = button.response.rect;
         self.place = Some(self.place.map_or(button, |card| card.union(button)));
     }
 }
 
+/// What the card shows.
+struct Content {
+    /// The first title, where it stands beside the button, and what that leaves it, points.
+    head: Option<(String, f32)>,
+    /// What is below it.
+    legends: LegendsData,
+    /// Of the card within its padding, points.
+    width: f32,
+}
+
+impl Content {
+    /// Legends of so many of the layers, beside a button that is so wide where there is one.
+    fn new(screen: Rect, layers: &[Drawn], (shown, beside): (usize, Option<f32>)) -> Self {
+        let width = inner_width(screen);
+        let mut legends = if is_narrow(screen) {
+            // What is unknown is said with the lowest, whether that is shown or not.
+            let mut all = LegendsData::with_short_titles(layers.iter().copied());
+            all.legends.truncate(shown);
+            all
+        } else {
+            LegendsData::new(layers[..shown].iter().copied())
+        };
+        let left = beside.map(|button| (width - button - BUTTON_GAP).max(0.0));
+        Self {
+            head: left.map(|left| (legends.take_first_title(), left)),
+            legends,
+            width,
+        }
+    }
+
+    /// Of the row with the first title and the button, and of the gap below it, points.
+    fn head_height(&self, ui: &Ui) -> f32 {
+        self.head.as_ref().map_or(0.0, |(title, left)| {
+            title_height(ui, title, *left).max(BUTTON) + LINES_APART
+        })
+    }
+
+    fn height(&self, ui: &Ui) -> f32 {
+        self.head_height(ui) + legends_height(ui, &self.legends, self.width)
+    }
+
+    /// Draws it. Where it is `opened`, what is below its head has so much height, points.
+    fn show(&self, ui: &mut Ui, opened: Option<f32>, is_on_button: bool) {
+        ui.set_width(self.width);
+        ui.spacing_mut().item_spacing.y = 0.0;
+        self.head_ui(ui);
+        let Some(most) = opened else {
+            return legends_ui(ui, &self.legends);
+        };
+        // An area has room for what was in it before, and what scrolls would never ask for more.
+        let legends = legends_height(ui, &self.legends, self.width);
+        let height = legends.min(most);
+        let scroll = ScrollArea::vertical()
+            .max_height(height)
+            .min_scrolled_height(height);
+        let keys = ScrollKeys {
+            label: "Legends; Page Up and Page Down scroll them",
+            is_needed: legends > height + 1.0,
+            is_on_button,
+        };
+        keys.show(ui, (height, scroll), |ui| legends_ui(ui, &self.legends));
+    }
+
+    fn head_ui(&self, ui: &mut Ui) {
+        let Some((title, left)) = &self.head else {
+            return;
+        };
+        let size = vec2(self.width, self.head_height(ui));
+        let (row, _) = ui.allocate_exact_size(size, Sense::hover());
+        // A title of one line stands in the middle of its row.
+        let above = 0.5 * (BUTTON - title_height(ui, title, *left)).max(0.0);
+        let place = Rect::from_min_size(row.min + vec2(0.0, above), vec2(*left, row.height()));
+        let mut beside = ui.new_child(UiBuilder::new().max_rect(place));
+        title_ui(&mut beside, title);
+    }
+}
+
 fn inner_width(screen: Rect) -> f32 {
-    WIDTH.min(WIDTH_SHARE * screen.width())
+    let [most, least] = WIDTH_SHARES.map(|share| share * screen.width());
+    let narrow = most.min(screen.width() - BESIDE).max(least);
+    WIDTH.min(narrow)
+}
+
+fn is_narrow(screen: Rect) -> bool {
+    inner_width(screen) < WIDTH
 }
 
 /// Of the card on a map that is so large, points.
@@ -138,36 +217,54 @@ pub(super) fn width(screen: Rect) -> f32 {
     inner_width(screen) + 2.0 * PADDING
 }
 
-fn data(screen: Rect, layers: &[Drawn]) -> LegendsData {
-    let layers = layers.iter().copied();
-    if inner_width(screen) < WIDTH {
-        LegendsData::with_short_titles(layers)
-    } else {
-        LegendsData::new(layers)
-    }
-}
-
-/// How many legends there is room for: one at least, but where a map is so small that even that would hide it.
+/// How many legends there is room for: one at least, but where a map is so small that even that would hide it. A narrow map
+/// has one.
 fn fitting(ui: &Ui, screen: Rect, layers: &[Drawn]) -> usize {
     let most = MAP_SHARE * screen.area() / width(screen) - 2.0 * PADDING;
     let fits = |count: &usize| {
-        let data = data(screen, &layers[..*count]);
-        legends_height(ui, &data, inner_width(screen)) <= most
+        let beside = (*count < layers.len()).then(|| button_width(ui, layers, *count));
+        let content = Content::new(screen, layers, (*count, beside));
+        content.height(ui) <= most
     };
     let is_tiny = screen.width() < LEAST_FOR_CARDS[0] || screen.height() < LEAST_FOR_CARDS[1];
     let least = usize::from(!is_tiny);
-    (1..=layers.len()).rev().find(fits).unwrap_or(least)
+    let greatest = if is_narrow(screen) { 1 } else { layers.len() };
+    (1..=greatest).rev().find(fits).unwrap_or(least)
 }
 
-/// The button that opens the legends that are left out, and closes them; whether it has the keyboard.
-fn more_ui(ui: &mut Ui, (left_out, are_all): (&[Drawn], bool), has_all: &mut bool) -> bool {
-    let count = left_out.len();
-    let words = match (*has_all, are_all, count) {
-        (true, ..) => "Fewer".to_owned(),
-        (false, true, 1) => "Legend".to_owned(),
-        (false, true, _) => "Legends".to_owned(),
-        (false, false, _) => format!("{count} more"),
+/// Words on the button where so many legends are left out, and where they are opened.
+fn words(count: usize, are_all: bool) -> [String; 2] {
+    let more = match (are_all, count) {
+        (true, 1) => "Legend".to_owned(),
+        (true, _) => "Legends".to_owned(),
+        (false, _) => format!("{count} more"),
     };
+    [more, "Fewer".to_owned()]
+}
+
+/// Of the button, whatever it says, points.
+fn button_width(ui: &Ui, layers: &[Drawn], fitting: usize) -> f32 {
+    let font = TextStyle::Small.resolve(ui.style());
+    let ink = ui.visuals().text_color();
+    let words = words(layers.len() - fitting, fitting == 0);
+    let widths = words.map(|words| {
+        let text = ui.painter().layout_no_wrap(words, font.clone(), ink);
+        text.size().x + 2.0 * PADDING
+    });
+    widths.into_iter().fold(0.0, f32::max)
+}
+
+/// The button that opens the legends that are left out, and closes them; whether it has the keyboard. Alone on the map it has
+/// paper of its own.
+fn more_ui(
+    ui: &mut Ui,
+    (layers, fitting): (&[Drawn], usize),
+    is_alone: bool,
+    has_all: &mut bool,
+) -> bool {
+    let left_out = &layers[fitting..];
+    let (count, are_all) = (left_out.len(), fitting == 0);
+    let [more, fewer] = words(count, are_all);
     let names: Vec<_> = left_out
         .iter()
         .map(|(palette, _)| layer_name(palette.layer()))
@@ -178,20 +275,23 @@ fn more_ui(ui: &mut Ui, (left_out, are_all): (&[Drawn], bool), has_all: &mut boo
     );
     let hint = match (*has_all, are_all) {
         (true, _) => "Fewer legends".to_owned(),
-        (false, true) => format!("{words}: {names}"),
-        (false, false) => format!("{words} {legends}: {names}"),
+        (false, true) => format!("{more}: {names}"),
+        (false, false) => format!("{more} {legends}: {names}"),
     };
-    let paper = theme::card(ui.visuals());
-    let visuals = &mut ui.visuals_mut().widgets;
-    for widget in [
-        &mut visuals.inactive,
-        &mut visuals.hovered,
-        &mut visuals.active,
-    ] {
-        widget.weak_bg_fill = paper;
+    if is_alone {
+        let paper = theme::card(ui.visuals());
+        let visuals = &mut ui.visuals_mut().widgets;
+        for widget in [
+            &mut visuals.inactive,
+            &mut visuals.hovered,
+            &mut visuals.active,
+        ] {
+            widget.weak_bg_fill = paper;
+        }
     }
     ui.spacing_mut().button_padding = vec2(PADDING, 2.0);
     ui.spacing_mut().interact_size.y = BUTTON;
+    let words = if *has_all { fewer } else { more };
     let button = ui.add(Button::new(RichText::new(words).small()));
     button.widget_info(|| WidgetInfo::labeled(Role::Button, true, &hint));
     let has_keyboard = button.has_focus();

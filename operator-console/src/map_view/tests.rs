@@ -1,3 +1,5 @@
+mod legends;
+
 use std::time::Duration;
 
 use eframe::egui::{Event, Key, Modifiers, pos2, vec2};
@@ -268,98 +270,6 @@ fn what_does_not_change_is_not_drawn_again() {
     let delay = outputs.values().map(|output| output.repaint_delay).min();
     assert!(delay.unwrap() >= Duration::from_secs(1), "{delay:?}");
     assert!(window.output().textures_delta.set.is_empty());
-}
-
-/// The share of the map that is under the legends.
-fn under_legends(window: &Harness<'_, Rig>) -> f32 {
-    let view = &window.state().view;
-    let place = view.legends.place().unwrap();
-    place.area() / view.place().area()
-}
-
-#[test]
-fn legends_leave_a_small_map_in_sight_and_a_button_opens_the_others() {
-    // A fifth, and the strip that the button is in. One legend is always there, and may take more.
-    for (width, height, most) in [
-        (215.0, 390.0, 0.22),
-        (260.0, 300.0, 0.28),
-        (500.0, 400.0, 0.24),
-    ] {
-        let mut window = window_of(width, height);
-        let share = under_legends(&window);
-        assert!(share < most, "{width} × {height}: {share}");
-        let button = window.get_by_label_contains("more legend");
-        button.focus();
-        window.run_steps(2);
-        assert!(window.get_by_label_contains("more legend").is_focused());
-        window.key_press(Key::Enter);
-        window.run_steps(4);
-        window.get_by_label("Fewer legends");
-        let opened = under_legends(&window);
-        assert!(opened > share, "{width} × {height}: {opened}");
-        let place = window.state().view.legends.place().unwrap();
-        assert!(window.state().view.place().contains_rect(place), "{place}");
-        window.get_by_label("Fewer legends").click();
-        window.run_steps(4);
-        window.get_by_label_contains("more legend");
-        let closed = under_legends(&window);
-        assert!((closed - share).abs() < 0.01, "{closed} {share}");
-    }
-    let mut tiny = window_of(190.0, 150.0);
-    assert!(under_legends(&tiny) < 0.1);
-    tiny.get_by_label_contains("Legends: ").click();
-    tiny.run_steps(4);
-    tiny.get_by_label("Fewer legends");
-    assert!(under_legends(&tiny) > 0.25, "{}", under_legends(&tiny));
-    let large = window_of(1400.0, 1000.0);
-    assert!(large.query_by_label_contains("more legend").is_none());
-    assert!(large.query_by_label_contains("Legends: ").is_none());
-}
-
-#[test]
-fn opened_legends_that_have_no_room_are_scrolled_by_keys() {
-    const SCROLLED: &str = "Legends; Page Up and Page Down scroll them";
-    let mut window = window_of(260.0, 300.0);
-    assert!(window.query_by_label(SCROLLED).is_none(), "closed");
-    window.get_by_label_contains("more legend").focus();
-    window.run_steps(2);
-    window.key_press(Key::Enter);
-    window.run_steps(4);
-    let first = window.get_by_label("Obstacle").rect().top();
-    let top = |window: &Harness<'_, Rig>| window.get_by_label("Obstacle").rect().top();
-    // Who opened them has the keyboard on their button.
-    window.key_press(Key::PageDown);
-    window.run_steps(4);
-    let second = top(&window);
-    assert!(second < first - 40.0, "{second} {first}");
-    window.key_press(Key::PageUp);
-    window.run_steps(4);
-    assert!((top(&window) - first).abs() < 1.0);
-    // So has who goes to them, and nobody else.
-    window.get_by_label(SCROLLED).focus();
-    window.run_steps(2);
-    window.key_press(Key::PageDown);
-    window.run_steps(4);
-    assert!((top(&window) - second).abs() < 1.0);
-    window.key_press(Key::ArrowUp);
-    window.run_steps(4);
-    assert!((top(&window) - second).abs() < 1.0, "arrows drive");
-    window.ctx.memory_mut(|memory| {
-        if let Some(focused) = memory.focused() {
-            memory.surrender_focus(focused);
-        }
-    });
-    window.run_steps(2);
-    window.key_press(Key::PageUp);
-    window.run_steps(4);
-    assert!((top(&window) - second).abs() < 1.0);
-    // Where all have room there is nothing to go to.
-    let mut roomy = window_of(500.0, 800.0);
-    if let Some(button) = roomy.query_by_label_contains("more legend") {
-        button.click();
-    }
-    roomy.run_steps(4);
-    assert!(roomy.query_by_label(SCROLLED).is_none());
 }
 
 #[test]

@@ -12,7 +12,7 @@ use super::rows::{Row, row, rows_ui};
 use super::wording::{age, count};
 use crate::link::Transport;
 use crate::model::{ConsoleModel, LinkState, MapSync};
-use crate::theme::{Tone, state_ui};
+use crate::theme::{Tone, long_state_ui, state_ui};
 
 /// Pushed tiles are compared once a second; while they keep coming a map that was equal so lately is not
 /// behind.
@@ -204,7 +204,7 @@ pub fn connection_ui(ui: &mut Ui, data: &ConnectionData) {
         let ink = ui.visuals().text_color();
         ui.label(with_options(ui, advice, &TextStyle::Small, ink));
     }
-    state_ui(ui, data.map_tone, &data.map, 16.0);
+    long_state_ui(ui, data.map_tone, &data.map, 16.0);
     rows_ui(ui, "connection", &data.rows);
 }
 

@@ -1,6 +1,7 @@
 //! The link: how it is, what it carries, and both over the last minutes.
 
 mod axis;
+mod key;
 mod plots;
 
 use eframe::egui::{RichText, Ui};
@@ -168,8 +169,6 @@ fn segments<'a>(
 
 /// Width of the figures beside the plots, points.
 const FIGURES: f32 = 210.0;
-/// All plots stand in one row where each is at least so wide, points.
-const WIDE_PLOT: f32 = 200.0;
 
 /// Draws the panel: plots beside the figures where there is room, else below them.
 pub fn link_ui(ui: &mut Ui, data: &LinkData) {
@@ -182,7 +181,7 @@ pub fn link_ui(ui: &mut Ui, data: &LinkData) {
     let height = ui.available_height();
     if ui.available_width() < 1.8 * FIGURES {
         figures_ui(ui, data);
-        plots_ui(ui, &data.plots, 1, height);
+        plots_ui(ui, &data.plots, height);
         return;
     }
     ui.horizontal_top(|ui| {
@@ -190,10 +189,7 @@ pub fn link_ui(ui: &mut Ui, data: &LinkData) {
             ui.set_width(FIGURES);
             figures_ui(ui, data);
         });
-        ui.vertical(|ui| {
-            let is_wide = ui.available_width() >= 4.0 * WIDE_PLOT;
-            plots_ui(ui, &data.plots, if is_wide { 4 } else { 2 }, height);
-        });
+        ui.vertical(|ui| plots_ui(ui, &data.plots, height));
     });
 }
 
@@ -209,8 +205,14 @@ fn figures_ui(ui: &mut Ui, data: &LinkData) {
 mod tests {
     use std::time::Duration;
 
+    use eframe::egui::accesskit::Role;
+    use eframe::egui::{Rect, vec2};
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
     use super::*;
-    use crate::pretend::at;
+    use crate::pretend::{at, scout};
+    use crate::theme;
 
     #[test]
     fn what_was_not_measured_is_a_gap_and_no_line() {
@@ -256,5 +258,50 @@ mod tests {
         assert!(words.contains("QUIC does not answer"));
         assert_eq!(transport_words(Transport::Quic).0, Tone::Good);
         assert!(transport_words(Transport::Tcp).1.contains("not secured"));
+    }
+
+    /// The panel with its longest words, on so wide a window; it may be higher than that, for it scrolls.
+    fn window(width: f32) -> Harness<'static> {
+        let mut data = LinkData::new(&scout(), &LinkSight::default(), at(1_000));
+        data.connection.map = "Was in step 1.0 s before it fell silent".to_owned();
+        data.transport = Some(transport_words(Transport::TlsInstead));
+        let mut window = Harness::builder()
+            .with_size(vec2(width, 300.0))
+            .build_ui(move |ui| {
+                theme::set(ui.ctx());
+                link_ui(ui, &data);
+            });
+        window.run_steps(4);
+        window
+    }
+
+    #[test]
+    fn nothing_is_cut_in_a_narrow_panel() {
+        // 216 points are 200 and the margins of a window.
+        for width in [216.0, 300.0, 380.0, 400.0, 467.0, 560.0, 760.0, 1100.0] {
+            let window = window(width);
+            let places = |role| {
+                let found = window.query_all_by_role(role).map(|node| node.rect());
+                found.collect::<Vec<Rect>>()
+            };
+            let (plots, words) = (places(Role::Image), places(Role::Label));
+            assert_eq!(plots.len(), 4, "{width}");
+            assert!(words.len() >= 12, "{width}: {words:?}");
+            for place in plots.iter().chain(&words) {
+                assert!(place.right() <= width, "{width}: {place}");
+            }
+            for (index, plot) in plots.iter().enumerate() {
+                assert!(
+                    plot.width() > 100.0 && plot.height() > 45.0,
+                    "{width}: {plot}"
+                );
+                let others = plots[..index].iter().chain(&words);
+                let apart = |other: &Rect| !other.shrink(0.5).intersects(*plot);
+                assert!(
+                    others.copied().all(|other| apart(&other)),
+                    "{width}: {plot}"
+                );
+            }
+        }
     }
 }

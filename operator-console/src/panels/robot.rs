@@ -96,12 +96,17 @@ fn pose_rows(model: &ConsoleModel) -> Vec<Row> {
     ]
 }
 
-/// `angle_deg`: counter-clockwise from x of `odom`, which points east where north is known.
+/// `angle_deg`: counter-clockwise from x of `odom`, which points east where north is known. Where it is not, x is the robot's
+/// direction at its start for some robots, and any direction for others: only the map has it.
 fn heading(angle_deg: f64, knows_north: bool) -> String {
     if knows_north {
-        bearing(90.0 - angle_deg)
-    } else {
-        format!("{}° from x, left is plus", signed(angle_deg, 0))
+        return bearing(90.0 - angle_deg);
+    }
+    match angle_deg.round() as i64 {
+        0 => "Along map's x".to_owned(),
+        -180 | 180 => "Against map's x".to_owned(),
+        left @ 1.. => format!("{left}° left of map's x"),
+        right @ ..0 => format!("{}° right of map's x", right.unsigned_abs()),
     }
 }
 
@@ -164,11 +169,13 @@ mod tests {
     #[test]
     fn a_heading_is_the_compasss_where_north_is_known() {
         for (angle_deg, on_earth, on_map) in [
-            (90.0, "000°", "90° from x, left is plus"),
-            (1.2, "089°", "1° from x, left is plus"),
-            (-90.0, "180°", "−90° from x, left is plus"),
-            (179.9, "270°", "180° from x, left is plus"),
-            (90.3, "000°", "90° from x, left is plus"),
+            (90.0, "000°", "90° left of map's x"),
+            (1.2, "089°", "1° left of map's x"),
+            (-0.4, "090°", "Along map's x"),
+            (-90.0, "180°", "90° right of map's x"),
+            (179.9, "270°", "Against map's x"),
+            (-179.9, "270°", "Against map's x"),
+            (90.3, "000°", "90° left of map's x"),
         ] {
             assert_eq!(heading(angle_deg, true), on_earth);
             assert_eq!(heading(angle_deg, false), on_map);

@@ -9,18 +9,18 @@ use eframe::egui::{
     TextEdit, Ui, Window,
 };
 
-use super::path_completion::{common_beginning, completions};
+use super::path_completion::{Completions, completions};
 use crate::typed_path::{home, typed_path};
 
 /// What the dialog has above and below the list of paths, points.
-const OTHERS: f32 = 200.0;
+const OTHERS: f32 = 224.0;
 
 /// The dialog, where it is open.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct OpenDialog {
     is_open: bool,
     path: String,
-    offered: Vec<String>,
+    completions: Completions,
     /// Why the path could not be opened.
     problem: Option<String>,
     wants_focus: Option<Focus>,
@@ -45,7 +45,7 @@ impl OpenDialog {
         }
         let begin = folder.and_then(|folder| as_typed(&folder, home().as_deref()));
         if let Some(begin) = begin
-            && !completions(&begin).is_empty()
+            && !completions(&begin).offered.is_empty()
         {
             self.path = begin;
         }
@@ -56,7 +56,7 @@ impl OpenDialog {
         self.is_open = true;
         self.wants_focus = Some(focus);
         self.problem = None;
-        self.offered = completions(&self.path);
+        self.completions = completions(&self.path);
     }
 
     /// Says why a recording could not be opened, and asks for another.
@@ -133,7 +133,7 @@ impl OpenDialog {
         }
         if field.changed() {
             self.problem = None;
-            self.offered = completions(&self.path);
+            self.completions = completions(&self.path);
         }
         let is_entered = field.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
         if let Some(problem) = &self.problem {
@@ -164,12 +164,12 @@ impl OpenDialog {
     }
 
     fn complete(&mut self) {
-        if let Some(common) = common_beginning(&self.offered)
+        if let Some(common) = &self.completions.common
             && common.len() > self.path.len()
         {
-            self.path = common;
+            self.path.clone_from(common);
         }
-        self.offered = completions(&self.path);
+        self.completions = completions(&self.path);
         self.wants_focus = Some(Focus::AtEnd);
     }
 
@@ -177,12 +177,15 @@ impl OpenDialog {
         let mut chosen = None;
         let height = (ui.ctx().content_rect().height() - OTHERS).clamp(60.0, 220.0);
         ScrollArea::vertical().max_height(height).show(ui, |ui| {
-            for path in &self.offered {
+            for path in &self.completions.offered {
                 if ui.selectable_label(false, path).clicked() {
                     chosen = Some(path.clone());
                 }
             }
         });
+        if let Some(more) = &self.completions.more {
+            ui.weak(more);
+        }
         chosen
     }
 }
@@ -211,182 +214,4 @@ fn as_typed(folder: &Path, home: Option<&Path>) -> Option<String> {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::fs;
-    use std::sync::Arc;
-
-    use eframe::egui::{DroppedFile, vec2};
-    use egui_kittest::Harness;
-    use egui_kittest::kittest::Queryable as _;
-
-    use super::*;
-
-    struct State {
-        dialog: OpenDialog,
-        opened: Vec<PathBuf>,
-    }
-
-    fn harness(dialog: OpenDialog) -> Harness<'static, State> {
-        let state = State {
-            dialog,
-            opened: Vec::new(),
-        };
-        Harness::builder()
-            .with_size(vec2(700.0, 500.0))
-            .build_ui_state(
-                |ui, state: &mut State| {
-                    let ctx = ui.ctx().clone();
-                    state.opened.extend(state.dialog.show(&ctx));
-                },
-                state,
-            )
-    }
-
-    #[test]
-    fn a_recording_is_found_by_its_beginning() {
-        let folder = tempfile::tempdir().unwrap();
-        for name in ["rooms.mcap", "roof.mcap"] {
-            fs::write(folder.path().join(name), "").unwrap();
-        }
-        let mut harness = harness(OpenDialog::default());
-        harness.run();
-        assert!(harness.query_by_label("Open a recording").is_none());
-        harness.state_mut().dialog.open(None);
-        harness.run_steps(3);
-        let typed = format!("{}/roo", folder.path().display());
-        harness.event(eframe::egui::Event::Text(typed.clone()));
-        harness.run_steps(3);
-        let offered = harness.state().dialog.offered.clone();
-        assert_eq!(
-            offered,
-            [format!("{typed}f.mcap"), format!("{typed}ms.mcap")]
-        );
-        harness.event(eframe::egui::Event::Text("m".to_owned()));
-        harness.run_steps(3);
-        harness.key_press(Key::Tab);
-        harness.run_steps(3);
-        assert_eq!(harness.state().dialog.path, format!("{typed}ms.mcap"));
-        harness.event(eframe::egui::Event::Text("x".to_owned()));
-        harness.run_steps(3);
-        assert_eq!(harness.state().dialog.path, format!("{typed}ms.mcapx"));
-        harness.key_press(Key::Backspace);
-        harness.key_press(Key::Enter);
-        harness.run_steps(3);
-        assert_eq!(
-            harness.state().opened,
-            [PathBuf::from(format!("{typed}ms.mcap"))]
-        );
-    }
-
-    #[test]
-    fn the_recordings_of_a_folder_are_offered_and_any_other_path_is_typed_over_it() {
-        let folder = tempfile::tempdir().unwrap();
-        let recording = folder.path().join("rooms.mcap");
-        fs::write(&recording, "").unwrap();
-        let typed = as_typed(folder.path(), home().as_deref()).unwrap();
-        let mut harness = harness(OpenDialog::default());
-        let open = |harness: &mut Harness<'static, State>, folder: PathBuf| {
-            harness.state_mut().dialog.close();
-            harness.run_steps(2);
-            harness.state_mut().dialog.open(Some(folder));
-            harness.run_steps(3);
-        };
-        open(&mut harness, folder.path().to_owned());
-        assert_eq!(harness.state().dialog.path, typed);
-        assert_eq!(
-            harness.state().dialog.offered,
-            [format!("{typed}rooms.mcap")]
-        );
-        // There is a folder, and not yet a recording.
-        harness.key_press(Key::Enter);
-        harness.run_steps(3);
-        assert!(harness.state().opened.is_empty());
-        harness.event(eframe::egui::Event::Text("ro".to_owned()));
-        harness.run_steps(3);
-        assert_eq!(harness.state().dialog.path, format!("{typed}ro"));
-
-        open(&mut harness, folder.path().to_owned());
-        harness.event(eframe::egui::Event::Text("/x".to_owned()));
-        harness.run_steps(3);
-        assert_eq!(harness.state().dialog.path, "/x");
-        open(&mut harness, folder.path().join("gone"));
-        assert_eq!(harness.state().dialog.path, "/x");
-
-        open(&mut harness, folder.path().to_owned());
-        harness.get_by_label(&format!("{typed}rooms.mcap")).click();
-        harness.run_steps(3);
-        assert_eq!(harness.state().opened, [recording]);
-    }
-
-    #[test]
-    fn a_folder_is_shown_as_it_would_be_typed() {
-        let check = |folder: &str, expected: &str| {
-            let home = Some(Path::new("/home/anna"));
-            let shown = as_typed(Path::new(folder), home).unwrap();
-            assert_eq!(Path::new(&shown), Path::new(expected), "{folder}");
-            assert!(is_folder(&shown), "{shown}");
-        };
-        check("/home/anna/maps", "~/maps/");
-        check("/home/anna/maps/", "~/maps/");
-        check("/home/anna", "~/");
-        check("/home/annabel/maps", "/home/annabel/maps/");
-        check("/", "/");
-    }
-
-    #[test]
-    fn a_recording_in_the_home_folder_is_opened_there() {
-        let mut dialog = OpenDialog::default();
-        dialog.refuse("~/no such day.mcap".to_owned(), "gone".to_owned());
-        let mut harness = harness(dialog);
-        harness.run_steps(3);
-        harness.key_press(Key::Enter);
-        harness.run_steps(3);
-        let home = crate::typed_path::home().unwrap();
-        assert_eq!(harness.state().opened, [home.join("no such day.mcap")]);
-    }
-
-    #[derive(Debug)]
-    struct Dropped(PathBuf);
-
-    impl DroppedFile for Dropped {
-        fn path(&self) -> &Path {
-            &self.0
-        }
-
-        fn bytes(&self) -> Result<Vec<u8>, String> {
-            Err("nobody reads it here".to_owned())
-        }
-    }
-
-    #[test]
-    fn a_recording_that_is_dropped_on_the_window_is_opened() {
-        for is_open in [false, true] {
-            let mut dialog = OpenDialog::default();
-            if is_open {
-                dialog.open(None);
-            }
-            let mut harness = harness(dialog);
-            harness.run_steps(2);
-            let file = Dropped(PathBuf::from("rooms.mcap"));
-            harness.input_mut().dropped_files.push(Arc::new(file));
-            harness.run_steps(2);
-            assert_eq!(harness.state().opened, [PathBuf::from("rooms.mcap")]);
-        }
-    }
-
-    #[test]
-    fn what_could_not_be_opened_is_said_and_asked_for_again() {
-        let mut dialog = OpenDialog::default();
-        dialog.refuse(
-            "notes.txt".to_owned(),
-            "notes.txt: not a recording".to_owned(),
-        );
-        let mut harness = harness(dialog);
-        harness.run_steps(3);
-        harness.get_by_label("notes.txt: not a recording");
-        harness.get_by_label("Cancel").click();
-        harness.run_steps(3);
-        assert!(harness.query_by_label("Open a recording").is_none());
-        assert!(harness.state().opened.is_empty());
-    }
-}
+mod tests;

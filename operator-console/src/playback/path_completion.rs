@@ -2,15 +2,16 @@
 
 use std::fs;
 use std::path::{MAIN_SEPARATOR, Path};
+use std::time::SystemTime;
 
 use robot_edge::recording::Format;
 
 use crate::typed_path::{home, within};
 
-/// Entries of a folder that are looked at: whoever has more types another letter.
+/// Entries of a folder that are looked at.
 const MAX_LOOKED_AT: usize = 5_000;
-/// Completions that are offered.
-pub(super) const MAX_OFFERED: usize = 10;
+/// Recordings that are offered, and folders: whoever has more types another letter.
+const MAX_OFFERED: usize = 10;
 /// How recordings end.
 const ENDINGS: [&str; 2] = ["mcap", "bag"];
 /// How CARMEN logs end, and much else: these are looked into.
@@ -18,14 +19,31 @@ const LOG_ENDINGS: [&str; 2] = ["log", "clf"];
 /// So many files are looked into at most.
 const MAX_OPENED: usize = 50;
 
-/// Paths that begin with `typed`, by name; folders end with the separator. What begins with `~/` goes on doing so.
-pub(super) fn completions(typed: &str) -> Vec<String> {
+/// What a path that is being typed may become.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Completions {
+    /// What is offered: recordings, those first that were changed last, for they are most often looked for; then folders by
+    /// name, which end with the separator. What begins with `~/` goes on doing so.
+    pub(super) offered: Vec<String>,
+    /// What there is besides, in words.
+    pub(super) more: Option<String>,
+    /// As much as all have in common, offered or not.
+    pub(super) common: Option<String>,
+}
+
+/// What `typed` may become.
+pub(super) fn completions(typed: &str) -> Completions {
     completions_of(typed, home().as_deref())
 }
 
-fn completions_of(typed: &str, home: Option<&Path>) -> Vec<String> {
+fn completions_of(typed: &str, home: Option<&Path>) -> Completions {
     if typed == "~" && home.is_some() {
-        return vec![format!("~{MAIN_SEPARATOR}")];
+        let folder = format!("~{MAIN_SEPARATOR}");
+        return Completions {
+            offered: vec![folder.clone()],
+            more: None,
+            common: Some(folder),
+        };
     }
     let folder_end = typed.rfind(MAIN_SEPARATOR).map_or(0, |at| at + 1);
     let (folder, beginning) = typed.split_at(folder_end);
@@ -33,38 +51,102 @@ fn completions_of(typed: &str, home: Option<&Path>) -> Vec<String> {
         "" => Path::new(".").to_owned(),
         _ => within(folder, home),
     };
-    let read = fs::read_dir(&read_from);
-    let entries = read.into_iter().flatten().flatten().take(MAX_LOOKED_AT);
-    let mut names: Vec<String> = entries
-        .filter_map(|entry| {
-            let name = entry.file_name().into_string().ok()?;
+    let Found {
+        recordings,
+        folders,
+        unknown,
+    } = Found::in_folder(&read_from, beginning);
+    let [recordings, folders] = [recordings, folders].map(|names| {
+        let paths = names.iter().map(|name| format!("{folder}{name}"));
+        paths.collect::<Vec<_>>()
+    });
+    let offered = |paths: &[String]| paths.iter().take(MAX_OFFERED).cloned().collect::<Vec<_>>();
+    Completions {
+        offered: [offered(&recordings), offered(&folders)].concat(),
+        more: more([recordings.len(), folders.len()], unknown),
+        common: common_beginning(&[recordings, folders].concat()),
+    }
+}
+
+/// What of a folder begins as somebody typed.
+struct Found {
+    /// Names, in the order in which they are offered.
+    recordings: Vec<String>,
+    folders: Vec<String>,
+    /// Files that may be recordings, and that were too many to be looked into.
+    unknown: usize,
+}
+
+impl Found {
+    fn in_folder(folder: &Path, beginning: &str) -> Self {
+        let read = fs::read_dir(folder);
+        let entries = read.into_iter().flatten().flatten().take(MAX_LOOKED_AT);
+        let mut folders = Vec::new();
+        let mut files: Vec<(Option<SystemTime>, String)> = Vec::new();
+        for entry in entries {
+            let Ok(name) = entry.file_name().into_string() else {
+                continue;
+            };
             let is_hidden = name.starts_with('.') && !beginning.starts_with('.');
             if is_hidden || !name.starts_with(beginning) {
-                return None;
+                continue;
             }
-            if entry.path().is_dir() {
-                Some(format!("{name}{MAIN_SEPARATOR}"))
-            } else {
-                let may_be_one = ends_with(&name, &ENDINGS) || ends_with(&name, &LOG_ENDINGS);
-                may_be_one.then_some(name)
+            // Of what a link leads to.
+            let about = fs::metadata(entry.path()).ok();
+            if about.as_ref().is_some_and(fs::Metadata::is_dir) {
+                folders.push(format!("{name}{MAIN_SEPARATOR}"));
+            } else if ends_with(&name, &ENDINGS) || ends_with(&name, &LOG_ENDINGS) {
+                let changed = about.and_then(|about| about.modified().ok());
+                files.push((changed, name));
             }
+        }
+        folders.sort();
+        files.sort_by(|(changed, name), (other_changed, other)| {
+            other_changed.cmp(changed).then_with(|| name.cmp(other))
+        });
+        let (mut opened, mut unknown) = (0, 0);
+        files.retain(|(_, name)| {
+            if !ends_with(name, &LOG_ENDINGS) {
+                return true;
+            }
+            if opened == MAX_OPENED {
+                unknown += 1;
+                return false;
+            }
+            opened += 1;
+            is_recording(&folder.join(name))
+        });
+        Self {
+            recordings: files.into_iter().map(|(_, name)| name).collect(),
+            folders,
+            unknown,
+        }
+    }
+}
+
+/// What is not offered of so many recordings and folders, in words, and so many files that were not looked into.
+fn more([recordings, folders]: [usize; 2], unknown: usize) -> Option<String> {
+    let left_out = |found: usize, kind: &str| {
+        let count = found.saturating_sub(MAX_OFFERED);
+        (count, format!("more {kind}"))
+    };
+    let left_out = [
+        left_out(recordings, "recording"),
+        left_out(folders, "folder"),
+        (unknown, "unread log".to_owned()),
+    ];
+    let left_out = left_out.into_iter().filter(|(count, _)| *count > 0);
+    let parts: Vec<_> = left_out
+        .map(|(count, what)| match count {
+            1 => format!("1 {what}"),
+            _ => format!("{count} {what}s"),
         })
         .collect();
-    names.sort();
-    let mut opened = 0;
-    let is_one = |name: &String| {
-        if !ends_with(name, &LOG_ENDINGS) {
-            return true;
-        }
-        opened += 1;
-        opened <= MAX_OPENED && is_recording(&read_from.join(name))
-    };
-    let offered = names.into_iter().filter(is_one).take(MAX_OFFERED);
-    offered.map(|name| format!("{folder}{name}")).collect()
+    (!parts.is_empty()).then(|| format!("{}: type how a name begins", parts.join(", ")))
 }
 
 /// As much as all completions have in common.
-pub(super) fn common_beginning(completions: &[String]) -> Option<String> {
+fn common_beginning(completions: &[String]) -> Option<String> {
     let first = completions.first()?;
     let common = completions.iter().fold(first.len(), |length, other| {
         let pairs = first.char_indices().zip(other.chars());
@@ -90,32 +172,47 @@ fn is_recording(path: &Path) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
+
+    /// Writes a file as if that had been so many seconds ago.
+    fn write(path: &Path, content: &str, age_s: u64) {
+        fs::write(path, content).unwrap();
+        let file = fs::File::options().append(true).open(path).unwrap();
+        let now = file.metadata().unwrap().modified().unwrap();
+        file.set_modified(now - Duration::from_secs(age_s)).unwrap();
+    }
 
     #[test]
     fn folders_and_recordings_are_offered() {
         let folder = tempfile::tempdir().unwrap();
-        for name in [
-            "roof.mcap",
-            "rooms.MCAP",
+        for (age_s, name) in [
+            "räume.log",
             "room.txt",
+            "rooms.MCAP",
             ".rooms.bag",
             "rooms.log",
-            "räume.log",
-        ] {
+            "roof.mcap",
+        ]
+        .into_iter()
+        .enumerate()
+        {
             let begins_with = match name {
                 "räume.log" => {
                     "# message_name [message contents]\nFLASER 2 0.5 0.6 0 0 0 0 0 0 1.0 a 1.0\n"
                 }
                 _ => "Nov 22 18:20:42 a machine's own log\n",
             };
-            fs::write(folder.path().join(name), begins_with).unwrap();
+            write(&folder.path().join(name), begins_with, age_s as u64);
         }
         fs::create_dir(folder.path().join("rover")).unwrap();
         let root = format!("{}{MAIN_SEPARATOR}", folder.path().display());
         let offered = |typed: &str| {
             let all = completions(&format!("{root}{typed}"));
+            assert_eq!(all.more, None);
             let names = all
+                .offered
                 .iter()
                 .map(|path| path.strip_prefix(&root).unwrap().to_owned());
             names.collect::<Vec<_>>()
@@ -123,9 +220,9 @@ mod tests {
         let rover = format!("rover{MAIN_SEPARATOR}");
         assert_eq!(
             offered(""),
-            ["roof.mcap", "rooms.MCAP", &rover, "räume.log"]
+            ["räume.log", "rooms.MCAP", "roof.mcap", &rover]
         );
-        assert_eq!(offered("roo"), ["roof.mcap", "rooms.MCAP"]);
+        assert_eq!(offered("roo"), ["rooms.MCAP", "roof.mcap"]);
         assert_eq!(offered("."), [".rooms.bag"]);
         assert_eq!(offered("x"), [""; 0]);
         assert_eq!(offered("gone/x"), [""; 0]);
@@ -136,17 +233,57 @@ mod tests {
         let home = tempfile::tempdir().unwrap();
         fs::write(home.path().join("rooms.mcap"), "").unwrap();
         fs::create_dir(home.path().join("roofs")).unwrap();
-        let offered = |typed: &str| completions_of(typed, Some(home.path()));
+        let offered = |typed: &str| completions_of(typed, Some(home.path())).offered;
         let tilde = format!("~{MAIN_SEPARATOR}");
         assert_eq!(offered("~"), std::slice::from_ref(&tilde));
         assert_eq!(
             offered(&format!("{tilde}roo")),
             [
-                format!("{tilde}roofs{MAIN_SEPARATOR}"),
-                format!("{tilde}rooms.mcap")
+                format!("{tilde}rooms.mcap"),
+                format!("{tilde}roofs{MAIN_SEPARATOR}")
             ]
         );
         assert_eq!(offered(&format!("{tilde}x")), [""; 0]);
+    }
+
+    #[test]
+    fn of_many_recordings_the_newest_are_offered_and_the_others_are_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        for number in 0..14_u64 {
+            let path = folder.path().join(format!("lake-{number:02}.mcap"));
+            write(&path, "", 14 - number);
+            if number < 11 {
+                fs::create_dir(folder.path().join(format!("maps-{number:02}"))).unwrap();
+            }
+        }
+        write(&folder.path().join("rooms.bag"), "", 1_000);
+        let root = format!("{}{MAIN_SEPARATOR}", folder.path().display());
+        let all = completions(&root);
+        let newest = (4..14).rev();
+        let newest = newest.map(|number| format!("{root}lake-{number:02}.mcap"));
+        let folders = (0..10).map(|number| format!("{root}maps-{number:02}{MAIN_SEPARATOR}"));
+        assert_eq!(all.offered, newest.chain(folders).collect::<Vec<_>>());
+        assert_eq!(
+            all.more.as_deref(),
+            Some("5 more recordings, 1 more folder: type how a name begins")
+        );
+        // Tab goes no farther than what is not offered goes along.
+        assert_eq!(all.common, Some(root.clone()));
+        let some = completions(&format!("{root}l"));
+        assert_eq!(some.common, Some(format!("{root}lake-")));
+        assert_eq!(completions(&format!("{root}lake-0")).more, None);
+    }
+
+    #[test]
+    fn logs_that_were_not_looked_into_are_counted_too() {
+        let folder = tempfile::tempdir().unwrap();
+        for number in 0..MAX_OPENED + 2 {
+            write(&folder.path().join(format!("{number}.log")), "text", 0);
+        }
+        let all = completions(&format!("{}{MAIN_SEPARATOR}", folder.path().display()));
+        assert_eq!(all.offered, [""; 0]);
+        let more = all.more.unwrap();
+        assert_eq!(more, "2 unread logs: type how a name begins");
     }
 
     #[test]

@@ -62,10 +62,10 @@ pub fn play(
         mapping,
     };
     let (survey, config, plan) = look_through(command)?;
-    if let Some(length) = length(&survey) {
+    let (run, mut source) = set_up(command, true, &survey, &config, plan)?;
+    if let Some(length) = length(&survey, &mut source)? {
         control.tell_length(length);
     }
-    let (run, source) = set_up(command, true, &survey, &config, plan)?;
     player::play(&run, source, control, interrupt)
 }
 
@@ -144,23 +144,27 @@ pub(super) fn set_up<'a>(
     Ok((run, Replayed::new(Box::new(open), what)?))
 }
 
-/// How long the recording is, as far as looking through it can tell.
-fn length(survey: &Survey) -> Option<Length> {
+/// How long the recording is, as far as looking through it can tell. One that was looked through to its end is read once more,
+/// as it is replayed, so that the replay ends where this says: what is mapped may go on behind the last scan, and count the
+/// time of clocks that start anew.
+pub(super) fn length(
+    survey: &Survey,
+    source: &mut Replayed,
+) -> Result<Option<Length>, recording::RecordingError> {
     if survey.scans.is_empty() {
-        return None;
+        return Ok(None);
     }
-    let read = survey.duration();
     if survey.is_complete() {
-        return Some(Length {
-            duration: read,
+        return Ok(Some(Length {
+            duration: source.length()?,
             is_estimate: false,
-        });
+        }));
     }
     let part = survey.position.bytes_read as f64 / survey.position.bytes_total as f64;
-    Some(Length {
-        duration: RobotDuration::from_secs_f64(read.as_secs_f64() / part),
+    Ok(Some(Length {
+        duration: RobotDuration::from_secs_f64(survey.duration().as_secs_f64() / part),
         is_estimate: true,
-    })
+    }))
 }
 
 fn start_is_within(survey: &Survey, start_s: f64) -> Result<(), UsageError> {

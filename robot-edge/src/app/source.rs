@@ -133,6 +133,15 @@ impl Replayed {
         Ok(())
     }
 
+    /// Time of the data from the first scan to the end of what is mapped. Reads all of it, and begins anew; a replay that
+    /// repeats has no end.
+    pub(super) fn length(&mut self) -> Result<RobotDuration, RecordingError> {
+        while self.next()?.is_some() {}
+        let length = self.clock.elapsed();
+        self.begin_anew()?;
+        Ok(length)
+    }
+
     /// Time of the data since the first scan of the round, up to the newest item.
     pub(super) const fn clock(&self) -> DataClock {
         self.clock

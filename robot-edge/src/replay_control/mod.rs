@@ -97,7 +97,7 @@ pub enum ReplayState {
 /// How long a recording is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Length {
-    /// From the first scan to the last.
+    /// From the first scan to the end of what is mapped: poses may go on behind the last scan.
     pub duration: RobotDuration,
     /// It was not read to its end yet, and this is a guess from the part that was.
     pub is_estimate: bool,

@@ -26,7 +26,7 @@ use crate::workspace::PanelId;
 use super::Scene;
 
 /// Whether there is room for a panel while somebody drives in a window that is narrow, or low.
-pub(super) const fn fits(panel: PanelId, [is_narrow, is_low]: [bool; 2]) -> bool {
+const fn fits(panel: PanelId, [is_narrow, is_low]: [bool; 2]) -> bool {
     match panel {
         PanelId::Map | PanelId::Driving => true,
         PanelId::Robots | PanelId::Robot | PanelId::Layers | PanelId::Shores => !is_narrow,
@@ -39,19 +39,47 @@ pub(super) const fn fits(panel: PanelId, [is_narrow, is_low]: [bool; 2]) -> bool
     }
 }
 
+/// What there is to say of a panel that does not fit.
+const NO_ROOM: &str = "No room for it in so small a window while you drive";
+
 impl Scene<'_> {
-    /// Whether there is anything to show in a panel.
-    pub(super) fn has(&self, panel: PanelId) -> bool {
+    /// Why a panel is not there although it is wanted; `None` where it is. `is_tight`: while somebody drives, whether the window
+    /// is narrow, and whether it is low.
+    pub(super) fn why_not(
+        &self,
+        panel: PanelId,
+        is_tight: Option<[bool; 2]>,
+    ) -> Option<&'static str> {
+        let has_room = is_tight.is_none_or(|is_tight| fits(panel, is_tight));
+        self.lacks(panel).or((!has_room).then_some(NO_ROOM))
+    }
+
+    /// Why there is nothing to show in a panel; `None` where there is something.
+    fn lacks(&self, panel: PanelId) -> Option<&'static str> {
+        const NOT_TOLD: &str = "This robot has not told of it yet";
+        let Some((model, link)) = self.robot else {
+            return panel.needs_a_robot().then_some("No robot is shown");
+        };
         match panel {
-            PanelId::Map | PanelId::Robots | PanelId::Events | PanelId::Alerts => true,
-            PanelId::Robot | PanelId::Layers | PanelId::Link | PanelId::Losses => {
-                self.robot.is_some()
+            PanelId::Map
+            | PanelId::Robots
+            | PanelId::Robot
+            | PanelId::Layers
+            | PanelId::Link
+            | PanelId::Events
+            | PanelId::Alerts
+            | PanelId::Losses => None,
+            PanelId::Shores if model.has_shores() => None,
+            PanelId::Shores if model.info().is_none() => Some(NOT_TOLD),
+            PanelId::Shores if link.recording.is_some() => {
+                Some("This recording is mapped without shores")
             }
-            PanelId::Shores => self.robot.is_some_and(|(model, _)| model.has_shores()),
-            PanelId::Driving => self.driving.is_some(),
-            PanelId::Sensors | PanelId::Recording => self
-                .robot
-                .is_some_and(|(model, _)| model.status().is_some()),
+            PanelId::Shores => Some("This robot maps no shores"),
+            PanelId::Driving if self.driving.is_some() => None,
+            PanelId::Driving if link.recording.is_some() => Some("A recording cannot be driven"),
+            PanelId::Driving if model.status().is_none() => Some(NOT_TOLD),
+            PanelId::Driving => Some("This robot cannot be driven from here"),
+            PanelId::Sensors | PanelId::Recording => model.status().is_none().then_some(NOT_TOLD),
         }
     }
 }

@@ -112,6 +112,18 @@ impl Rig {
         rig
     }
 
+    /// The same, which nobody drives yet, and Anna could.
+    fn drivable() -> Self {
+        let mut rig = Self::live();
+        rig.helm = Some(crate::pretend::helm_of_anna());
+        let status = Status {
+            teleop: Some(crate::pretend::standing()),
+            ..Status::default()
+        };
+        rig.say(Topic::Status, &status);
+        rig
+    }
+
     /// A robot that is heard and tells of these shores, if of any.
     fn on_water(shores: Option<Shores>) -> Self {
         let mut rig = Self::with_robot();

@@ -1,57 +1,76 @@
-//! Plots of the last minutes.
-
-use std::f32::consts::GOLDEN_RATIO;
+//! Plots of the last minutes, each below its key.
 
 use eframe::egui::accesskit::Role;
-use eframe::egui::{
-    Align2, Color32, Pos2, Rect, Shape, Stroke, TextStyle, Ui, WidgetInfo, pos2, vec2,
-};
-use egui_plot::{Line, LineStyle, Plot, PlotPoints};
+use eframe::egui::{Align, Layout, Sense, Ui, Vec2, WidgetInfo, vec2};
+use egui_plot::{Line, Plot, PlotPoints};
 
 use super::LinkPlot;
 use super::axis::{Axis, label};
+use super::key::{Key, looks};
 
 /// What plots reach back, seconds.
 const SPAN_S: f64 = 300.0;
-/// Least height of a plot, points.
-const LEAST: f32 = 62.0;
+/// Least height of a plot without its key, points.
+const LEAST: f32 = 50.0;
 /// Half the height of a figure on the axis, points.
 const AXIS_TEXT: f64 = 8.0;
-/// Length of the piece of a line before its name, points.
-const SAMPLE: f32 = 16.0;
+/// All plots stand in one row where each is at least so wide, points.
+const WIDE: f32 = 200.0;
+/// Two stand side by side where each is at least so wide, points: else the figures on its axis would leave a line little room.
+const NARROW: f32 = 160.0;
 
-/// Draws them in so many columns. `height`: of all rows together, as long as none becomes too low.
-pub(super) fn plots_ui(ui: &mut Ui, plots: &[LinkPlot], columns: usize, height: f32) {
-    let rows = plots.len() / columns;
+/// Draws them in as many columns as there is room for. `height`: of all rows together with their keys, as long as no plot
+/// becomes too low.
+pub(super) fn plots_ui(ui: &mut Ui, plots: &[LinkPlot], height: f32) {
     let gap = ui.spacing().item_spacing;
     let share =
         |all: f32, gap: f32, count: usize| (all - gap * (count as f32 - 1.0)) / count as f32;
-    let size = vec2(
-        share(ui.available_width(), gap.x, columns),
-        share(height, gap.y, rows).max(LEAST),
-    );
-    for row in plots.chunks(columns) {
-        ui.horizontal(|ui| {
-            for plot in row {
-                ui.allocate_ui(size, |ui| plot_ui(ui, plot, size.x, size.y));
+    let of_width = |columns| share(ui.available_width(), gap.x, columns);
+    let columns = match (of_width(4) >= WIDE, of_width(2) >= NARROW) {
+        (true, _) => 4,
+        (false, true) => 2,
+        (false, false) => 1,
+    };
+    let width = of_width(columns);
+    let keys: Vec<_> = plots.iter().map(|plot| Key::new(ui, plot, width)).collect();
+    // Plots that stand side by side are as high as each other.
+    let key_heights: Vec<_> = keys
+        .chunks(columns)
+        .map(|row| row.iter().map(Key::height).fold(0.0, f32::max))
+        .collect();
+    let for_plots = height - key_heights.iter().sum::<f32>();
+    let size = vec2(width, share(for_plots, gap.y, key_heights.len()).max(LEAST));
+    let rows = plots.chunks(columns).zip(keys.chunks(columns));
+    for ((plots, keys), key_height) in rows.zip(key_heights) {
+        ui.horizontal_top(|ui| {
+            for (plot, key) in plots.iter().zip(keys) {
+                let cell = size + vec2(0.0, key_height);
+                ui.allocate_ui_with_layout(cell, Layout::top_down(Align::Min), |ui| {
+                    ui.spacing_mut().item_spacing.y = 0.0;
+                    let above = vec2(width, key_height);
+                    let (above, _) = ui.allocate_exact_size(above, Sense::hover());
+                    key.paint(ui, above.left_top());
+                    plot_ui(ui, plot, size);
+                });
             }
         });
     }
 }
 
-fn plot_ui(ui: &mut Ui, data: &LinkPlot, width: f32, height: f32) {
+fn plot_ui(ui: &mut Ui, data: &LinkPlot, size: Vec2) {
     let highest = data
         .lines
         .iter()
         .flat_map(|(_, segments)| segments.iter().flatten())
         .fold(data.least, |highest, [_, value]| highest.max(*value));
     // Figures on the axis are written around their lines, and reach beyond the first and the last.
-    let between = f64::from(height) - 2.0 * AXIS_TEXT;
+    let between = f64::from(size.y) - 2.0 * AXIS_TEXT;
     let axis = Axis::new(highest, between);
     let edge = axis.end * AXIS_TEXT / between;
     let plot = Plot::new(data.title)
-        .width(width)
-        .height(height)
+        .min_size(size)
+        .width(size.x)
+        .height(size.y)
         .allow_drag(false)
         .allow_zoom(false)
         .allow_scroll(false)
@@ -77,8 +96,7 @@ fn plot_ui(ui: &mut Ui, data: &LinkPlot, width: f32, height: f32) {
         .y_axis_min_width(34.0);
     let dark = ui.visuals().dark_mode;
     let shown = plot.show(ui, |plot| {
-        let styles = colors(dark).into_iter().zip(STYLES);
-        for ((name, segments), (color, style)) in data.lines.iter().zip(styles) {
+        for ((name, segments), (color, style)) in data.lines.iter().zip(looks(dark)) {
             for segment in segments {
                 let points = PlotPoints::from(segment.clone());
                 plot.line(
@@ -90,7 +108,6 @@ fn plot_ui(ui: &mut Ui, data: &LinkPlot, width: f32, height: f32) {
             }
         }
     });
-    key_ui(ui, data, shown.response.rect);
     let words = in_words(data);
     shown
         .response
@@ -108,75 +125,6 @@ fn in_words(data: &LinkPlot) -> String {
     });
     let newest = newest.collect::<Vec<_>>().join(", ");
     format!("{}: {newest}", data.title)
-}
-
-/// Title and, where there are several lines, what each of them is: a legend would cover a plot that is low.
-fn key_ui(ui: &Ui, data: &LinkPlot, place: Rect) {
-    let font = TextStyle::Small.resolve(ui.style());
-    let painter = ui.painter_at(place);
-    let corner = place.left_top() + vec2(6.0, 3.0);
-    let ink = ui.visuals().text_color();
-    let mut at = painter
-        .text(corner, Align2::LEFT_TOP, data.title, font.clone(), ink)
-        .right_top();
-    if data.lines.len() < 2 {
-        return;
-    }
-    let styles = colors(ui.visuals().dark_mode).into_iter().zip(STYLES);
-    for ((name, _), (color, style)) in data.lines.iter().zip(styles) {
-        let text = painter.layout_no_wrap((*name).to_owned(), font.clone(), color);
-        let width = SAMPLE + 3.0 + text.size().x;
-        at.x += 8.0;
-        if at.x + width > place.right() {
-            at = pos2(corner.x, at.y + text.size().y);
-        }
-        let y = at.y + 0.5 * text.size().y;
-        let ends = [pos2(at.x, y), pos2(at.x + SAMPLE, y)];
-        painter.extend(sample(&ends, style, Stroke::new(1.5, color)));
-        painter.galley(pos2(at.x + SAMPLE + 3.0, at.y), text, color);
-        at.x += width;
-    }
-}
-
-/// A piece of a line as the plot draws it.
-fn sample(ends: &[Pos2], style: LineStyle, stroke: Stroke) -> Vec<Shape> {
-    match style {
-        LineStyle::Solid => vec![Shape::line(ends.to_vec(), stroke)],
-        LineStyle::Dotted { spacing } => {
-            Shape::dotted_line(ends, stroke.color, spacing, stroke.width)
-        }
-        LineStyle::Dashed { length } => {
-            let gap = length * (GOLDEN_RATIO - 1.0);
-            Shape::dashed_line(ends, stroke, length, gap)
-        }
-    }
-}
-
-/// No line is told by its colour alone.
-const STYLES: [LineStyle; 4] = [
-    LineStyle::Solid,
-    LineStyle::Dashed { length: 8.0 },
-    LineStyle::Dotted { spacing: 4.0 },
-    LineStyle::Dashed { length: 3.0 },
-];
-
-const fn colors(dark: bool) -> [Color32; 4] {
-    let rgb = Color32::from_rgb;
-    if dark {
-        [
-            rgb(0x56, 0xb4, 0xe9),
-            rgb(0xe6, 0x9f, 0x00),
-            rgb(0x2f, 0xc4, 0x97),
-            rgb(0xcc, 0x79, 0xa7),
-        ]
-    } else {
-        [
-            rgb(0x00, 0x5d, 0x92),
-            rgb(0xa8, 0x48, 0x00),
-            rgb(0x00, 0x74, 0x55),
-            rgb(0x8e, 0x24, 0x6a),
-        ]
-    }
 }
 
 #[cfg(test)]

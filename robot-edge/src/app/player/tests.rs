@@ -7,7 +7,7 @@ use protocol::tile::TileKey;
 
 use super::super::checkpoints::MOST;
 use super::super::feed::feed;
-use super::super::replay::{look_through, set_up};
+use super::super::replay::{length, look_through, set_up};
 use super::*;
 use crate::cli::{Cli, Command, Replay};
 use crate::replay_control::{ReplaySight, ReplayState};
@@ -130,6 +130,37 @@ fn wherever_it_is_wound_the_map_is_that_of_a_replay_up_to_there() {
         assert_eq!(control.sight().state, ReplayState::Ended);
         assert_eq!(left(&player.side), fresh(&rooms, None));
     });
+}
+
+#[test]
+fn a_recording_is_as_long_at_its_end_as_it_is_said_to_be_before() {
+    // Its poses go on for 140 ms behind its last scan.
+    let rooms = rooms();
+    let command = command(&rooms);
+    let (survey, config, plan) = look_through(&command).unwrap();
+    let (run, mut source) = set_up(&command, true, &survey, &config, plan).unwrap();
+    let told = length(&survey, &mut source).unwrap().unwrap();
+    assert!(!told.is_estimate && told.duration > survey.duration());
+    let control = ReplayControl::new(Rate::Max);
+    control.tell_length(told);
+    let interrupt = AtomicBool::new(false);
+    let mut player = Player::new(&run, source, &control, &interrupt).unwrap();
+    let sight = settle(&mut player, &control);
+    assert_eq!(sight.state, ReplayState::Ended);
+    assert_eq!((sight.length, sight.position), (Some(told), told.duration));
+    // To have been read before changes nothing.
+    assert_eq!(left(&player.side), fresh(&rooms, None));
+
+    // Who clicks on the end of the time line comes to the end.
+    control.pause();
+    control.seek(seconds(50.0));
+    assert_eq!(settle(&mut player, &control).state, ReplayState::Paused);
+    control.seek(told.duration);
+    let sight = settle(&mut player, &control);
+    assert_eq!(
+        (sight.state, sight.position),
+        (ReplayState::Ended, told.duration)
+    );
 }
 
 #[test]

@@ -103,6 +103,95 @@ fn keys_open_and_close_what_lies_over_the_window() {
     );
 }
 
+/// Whether an entry of the View menu can be chosen, and whether it is ticked.
+fn entry(window: &Harness<'_, Rig>, panel: PanelId) -> [bool; 2] {
+    let entry = window.get_by_role_and_label(Role::CheckBox, panel.title());
+    let entry = entry.accesskit_node();
+    let is_ticked = entry.toggled() == Some(egui::accesskit::Toggled::True);
+    [!entry.is_disabled(), is_ticked]
+}
+
+/// With the View menu open.
+fn with_view_menu(rig: Rig, size: [f32; 2]) -> Harness<'static, Rig> {
+    let mut window = rig.window_of(size);
+    window.get_by_label("View").click();
+    window.run_steps(4);
+    window
+}
+
+/// Anna drives.
+fn driven() -> Rig {
+    let mut rig = Rig::drivable();
+    rig.helm.as_mut().unwrap().lease = crate::helm::Lease::Held(4);
+    rig
+}
+
+const LARGE: [f32; 2] = [1280.0, 800.0];
+
+#[test]
+fn what_is_not_there_cannot_be_ticked_in_the_view_menu_and_says_why() {
+    let check = |rig: Rig, size, panel: PanelId, why: &str| {
+        let mut window = with_view_menu(rig, size);
+        assert_eq!(entry(&window, panel), [false, false], "{panel:?}");
+        let place = window.get_by_role_and_label(Role::CheckBox, panel.title());
+        let place = place.rect().center();
+        window.hover_at(place);
+        window.run_steps(8);
+        check(&window, &[why], &[]);
+    };
+    let mut without_motors = Rig::live();
+    without_motors.say(Topic::Status, &Status::default());
+    let no_motors = "This robot cannot be driven from here";
+    check(without_motors, LARGE, PanelId::Driving, no_motors);
+    let not_told = "This robot has not told of it yet";
+    check(Rig::live(), LARGE, PanelId::Driving, not_told);
+    let no_shores = "This robot maps no shores";
+    check(Rig::live(), LARGE, PanelId::Shores, no_shores);
+    check(Rig::new(), LARGE, PanelId::Link, "No robot is shown");
+    let no_room = "No room for it in so small a window while you drive";
+    check(driven(), [700.0, 620.0], PanelId::Robots, no_room);
+}
+
+#[test]
+fn what_is_there_is_ticked_in_the_view_menu_and_what_was_closed_is_not() {
+    let check = |rig: Rig, panels: &[PanelId]| {
+        let window = with_view_menu(rig, LARGE);
+        for panel in panels {
+            assert_eq!(entry(&window, *panel), [true, true], "{panel:?}");
+        }
+    };
+    check(Rig::new(), &[PanelId::Robots]);
+    check(Rig::on_water(None), &[PanelId::Shores]);
+    check(driven(), &[PanelId::Driving, PanelId::Robots]);
+    let mut window = with_view_menu(Rig::live(), LARGE);
+    let losses = PanelId::Losses;
+    window
+        .get_by_role_and_label(Role::CheckBox, losses.title())
+        .click();
+    window.run_steps(4);
+    window.get_by_label("View").click();
+    window.run_steps(4);
+    assert_eq!(entry(&window, losses), [true, false]);
+}
+
+#[test]
+fn escape_closes_a_menu_whether_the_link_lives_or_not() {
+    for (ms, says) in [(1_000, "Live"), (13_000, "Link lost")] {
+        let mut rig = Rig::live();
+        rig.now = at(ms);
+        let mut window = rig.window();
+        check(&window, &[says], &[]);
+        for (menu, entry) in [("File", "Quit"), ("View", "Scale: "), ("Help", "About")] {
+            window.get_by_label(menu).click();
+            window.run_steps(4);
+            check(&window, &[entry], &[]);
+            window.key_press(Key::Escape);
+            window.run_steps(4);
+            check(&window, &[], &[entry]);
+        }
+    }
+}
+
 #[test]
 fn an_export_is_chosen_part_by_part() {
     let mut window = Rig::live().window();

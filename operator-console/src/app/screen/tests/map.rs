@@ -204,21 +204,9 @@ fn a_notice_is_on_the_map_where_there_is_one_and_covers_nothing_that_stands_on_i
     assert!(found.any(at_edge), "where there is no map");
 }
 
-/// Nobody drives yet, and Anna could.
-fn drivable() -> Rig {
-    let mut rig = Rig::live();
-    rig.helm = Some(crate::pretend::helm_of_anna());
-    let status = Status {
-        teleop: Some(crate::pretend::standing()),
-        ..Status::default()
-    };
-    rig.say(Topic::Status, &status);
-    rig
-}
-
 #[test]
 fn no_figure_of_driving_is_under_the_scroll_bar() {
-    let mut rig = drivable();
+    let mut rig = Rig::drivable();
     rig.helm.as_mut().unwrap().lease = crate::helm::Lease::Held(4);
     let window = rig.window_of([640.0, 420.0]);
     let map = window.state().screen.map_view().place();
@@ -239,7 +227,7 @@ fn no_figure_of_driving_is_under_the_scroll_bar() {
 
 #[test]
 fn no_hint_stays_over_the_panel_while_somebody_drives() {
-    let mut window = drivable().window();
+    let mut window = Rig::drivable().window();
     let drive = window
         .get_by_role_and_label(Role::Button, "Drive")
         .rect()

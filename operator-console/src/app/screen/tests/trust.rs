@@ -303,3 +303,15 @@ fn all_plots_of_the_link_are_in_sight_at_first() {
         seen.push(rect);
     }
 }
+
+#[test]
+fn plots_of_the_link_are_wide_enough_beside_the_driving_panel_in_large_type() {
+    // 1280 × 800 at 120 %.
+    let window = Rig::drivable().window_of([1067.0, 667.0]);
+    let stop = window.get_by_label("EMERGENCY STOP").rect();
+    for title in ["Round trip, ms", "Received, kbit/s", "Age, s"] {
+        let plot = window.get_by_label_contains(title).rect();
+        assert!(plot.width() > 150.0, "{title}: {plot}");
+        assert!(plot.right() < stop.left(), "{title}: {plot}");
+    }
+}

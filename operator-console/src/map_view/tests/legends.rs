@@ -1,0 +1,130 @@
+//! The card with the legends, and its button.
+
+use super::*;
+
+/// The share of the map that is under the legends.
+fn under_legends(window: &Harness<'_, Rig>) -> f32 {
+    let view = &window.state().view;
+    let place = view.legends.place().unwrap();
+    place.area() / view.place().area()
+}
+
+#[test]
+fn legends_leave_a_small_map_in_sight_and_a_button_opens_the_others() {
+    // One legend is always there, and the button in its row.
+    for (width, height, most) in [
+        (215.0, 390.0, 0.19),
+        (260.0, 300.0, 0.21),
+        (500.0, 400.0, 0.21),
+    ] {
+        let mut window = window_of(width, height);
+        let share = under_legends(&window);
+        assert!(share < most, "{width} × {height}: {share}");
+        let button = window.get_by_label_contains("more legend");
+        button.focus();
+        window.run_steps(2);
+        assert!(window.get_by_label_contains("more legend").is_focused());
+        window.key_press(Key::Enter);
+        window.run_steps(4);
+        window.get_by_label("Fewer legends");
+        let opened = under_legends(&window);
+        assert!(opened > share, "{width} × {height}: {opened}");
+        let place = window.state().view.legends.place().unwrap();
+        assert!(window.state().view.place().contains_rect(place), "{place}");
+        window.get_by_label("Fewer legends").click();
+        window.run_steps(4);
+        window.get_by_label_contains("more legend");
+        let closed = under_legends(&window);
+        assert!((closed - share).abs() < 0.01, "{closed} {share}");
+    }
+    let mut tiny = window_of(190.0, 150.0);
+    assert!(under_legends(&tiny) < 0.1);
+    tiny.get_by_label_contains("Legends: ").click();
+    tiny.run_steps(4);
+    tiny.get_by_label("Fewer legends");
+    assert!(under_legends(&tiny) > 0.25, "{}", under_legends(&tiny));
+    let large = window_of(1400.0, 1000.0);
+    assert!(large.query_by_label_contains("more legend").is_none());
+    assert!(large.query_by_label_contains("Legends: ").is_none());
+}
+
+#[test]
+fn a_narrow_map_has_one_legend_and_the_button_for_the_others_in_its_row() {
+    // What a window of 700 × 620 points leaves of the map.
+    let mut window = window_of(294.0, 406.0);
+    crate::theme::set(&window.ctx);
+    window.run_steps(4);
+    let share = under_legends(&window);
+    assert!(share < 0.13, "{share}");
+    for (name, is_there) in [
+        ("Sparse", true),
+        ("Docking site", true),
+        ("Obstacle", false),
+        ("Unknown", false),
+    ] {
+        let found = window.query_by_label(name).is_some();
+        assert_eq!(found, is_there, "{name}");
+    }
+    let button = window.get_by_label_contains("4 more legends: Obstacles");
+    let button = button.rect();
+    let title = window.get_by_label("Shore").rect();
+    let card = window.state().view.legends.place().unwrap();
+    assert!(card.contains_rect(button), "{card} {button}");
+    assert!(button.y_range().contains(title.center().y), "{title}");
+    assert!(title.right() <= button.left(), "{title} {button}");
+    // It is pressed there, also when what is below it has been scrolled by hand.
+    for label in ["more legend", "Fewer legends", "more legend"] {
+        window.get_by_label_contains(label).click();
+        window.run_steps(4);
+        let card = window.state().view.legends.place().unwrap();
+        click(&mut window, card.center_bottom() - vec2(0.0, 20.0));
+        window.run_steps(2);
+    }
+    window.get_by_label("Fewer legends");
+}
+
+#[test]
+fn opened_legends_that_have_no_room_are_scrolled_by_keys() {
+    const SCROLLED: &str = "Legends; Page Up and Page Down scroll them";
+    let mut window = window_of(260.0, 300.0);
+    assert!(window.query_by_label(SCROLLED).is_none(), "closed");
+    window.get_by_label_contains("more legend").focus();
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    window.run_steps(4);
+    let first = window.get_by_label("Obstacle").rect().top();
+    let top = |window: &Harness<'_, Rig>| window.get_by_label("Obstacle").rect().top();
+    // Who opened them has the keyboard on their button.
+    window.key_press(Key::PageDown);
+    window.run_steps(4);
+    let second = top(&window);
+    assert!(second < first - 40.0, "{second} {first}");
+    window.key_press(Key::PageUp);
+    window.run_steps(4);
+    assert!((top(&window) - first).abs() < 1.0);
+    // So has who goes to them, and nobody else.
+    window.get_by_label(SCROLLED).focus();
+    window.run_steps(2);
+    window.key_press(Key::PageDown);
+    window.run_steps(4);
+    assert!((top(&window) - second).abs() < 1.0);
+    window.key_press(Key::ArrowUp);
+    window.run_steps(4);
+    assert!((top(&window) - second).abs() < 1.0, "arrows drive");
+    window.ctx.memory_mut(|memory| {
+        if let Some(focused) = memory.focused() {
+            memory.surrender_focus(focused);
+        }
+    });
+    window.run_steps(2);
+    window.key_press(Key::PageUp);
+    window.run_steps(4);
+    assert!((top(&window) - second).abs() < 1.0);
+    // Where all have room there is nothing to go to.
+    let mut roomy = window_of(500.0, 800.0);
+    if let Some(button) = roomy.query_by_label_contains("more legend") {
+        button.click();
+    }
+    roomy.run_steps(4);
+    assert!(roomy.query_by_label(SCROLLED).is_none());
+}
