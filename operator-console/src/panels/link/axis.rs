@@ -63,6 +63,21 @@ mod tests {
         assert_eq!(labels(81.0, 90.0), ["0", "50", "100"]);
         assert_eq!(labels(2.0, 90.0), ["0", "1", "2"]);
         assert_eq!(labels(0.03, 90.0), ["0", "0.015", "0.03"]);
+        // The next round number, so that a line has most of the height.
+        for (highest, end) in [
+            (1.5, 2.0),
+            (2.1, 3.0),
+            (3.1, 4.0),
+            (41.0, 50.0),
+            (51.0, 60.0),
+            (0.61, 0.8),
+            (81.0, 100.0),
+        ] {
+            let reached = Axis::new(highest, 90.0).end;
+            assert!((reached - end).abs() < 1e-9, "{highest}: {reached}");
+        }
+        // Numbers stand farther apart than what would make them pale.
+        assert_eq!(labels(50.0, 2.0 * APART), ["0", "50"]);
         for highest in [0.1, 9.99, 10.0, 19.9, 21.0, 77.7, 4_321.0, 1e7] {
             for height in [40.0, 62.0, 200.0] {
                 let axis = Axis::new(highest, height);
