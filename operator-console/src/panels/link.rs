@@ -286,6 +286,14 @@ mod tests {
             };
             let (plots, words) = (places(Role::Image), places(Role::Label));
             assert_eq!(plots.len(), 4, "{width}");
+            // The words above each are drawn, and no labels.
+            for pair in plots
+                .windows(2)
+                .filter(|pair| pair[1].top() > pair[0].bottom())
+            {
+                let between = pair[1].top() - pair[0].bottom();
+                assert!(between > 12.0, "{width}: {pair:?}");
+            }
             assert!(words.len() >= 12, "{width}: {words:?}");
             for place in plots.iter().chain(&words) {
                 assert!(place.right() <= width, "{width}: {place}");

@@ -256,7 +256,9 @@ mod tests {
                 fs::create_dir(folder.path().join(format!("maps-{number:02}"))).unwrap();
             }
         }
-        write(&folder.path().join("rooms.bag"), "", 1_000);
+        for old in ["lamp.bag", "rooms.bag"] {
+            write(&folder.path().join(old), "", 1_000);
+        }
         let root = format!("{}{MAIN_SEPARATOR}", folder.path().display());
         let all = completions(&root);
         let newest = (4..14).rev();
@@ -265,12 +267,12 @@ mod tests {
         assert_eq!(all.offered, newest.chain(folders).collect::<Vec<_>>());
         assert_eq!(
             all.more.as_deref(),
-            Some("5 more recordings, 1 more folder: type how a name begins")
+            Some("6 more recordings, 1 more folder: type how a name begins")
         );
         // Tab goes no farther than what is not offered goes along.
         assert_eq!(all.common, Some(root.clone()));
         let some = completions(&format!("{root}l"));
-        assert_eq!(some.common, Some(format!("{root}lake-")));
+        assert_eq!(some.common, Some(format!("{root}la")));
         assert_eq!(completions(&format!("{root}lake-0")).more, None);
     }
 

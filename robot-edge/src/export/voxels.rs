@@ -207,3 +207,46 @@ fn class_of<'a>(voxel: VoxelIndex, cells: &impl Fn(TileKey) -> Option<&'a TileCe
         .find_map(of_layer)
         .unwrap_or(UNCLASSIFIED.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::octomap_bt::BtReader;
+    use super::*;
+    use crate::mapping::octree::{Ray, VoxelState};
+    use crate::mapping::octree_config::{OctreeConfig, RangeSensorModel};
+    use crate::mapping::posed_scan::SensorId;
+
+    #[test]
+    fn the_tree_has_all_that_it_has_room_for_and_the_rest_is_counted() {
+        let mut octree = Octree::new(&OctreeConfig::default(), &[RangeSensorModel::default()], 1);
+        let mut see = |from: [f64; 3], to: [f64; 3]| {
+            let ray = Ray {
+                origin: from.into(),
+                end: to.into(),
+                is_hit: true,
+            };
+            assert_eq!(octree.integrate(SensorId(0), [ray]), 0);
+        };
+        // Many blocks, from the last of the curve to the first.
+        see([8.05, 8.05, 8.05], [-8.05, -8.05, -8.05]);
+        see([9.05, -7.05, 0.05], [-7.05, 9.05, 0.05]);
+        // Voxels 32,760 to 32,775 along x: half of them are beyond the format.
+        see([3_276.05, 0.05, 0.05], [3_277.55, 0.05, 0.05]);
+        let counts = octree.counts();
+        let mut bytes = Vec::new();
+        assert_eq!(write_tree(&octree, &mut bytes).unwrap(), 8);
+        let mut read = [0; 2];
+        for cube in BtReader::new(&bytes).unwrap() {
+            let cube = cube.unwrap();
+            let state = if cube.is_occupied {
+                VoxelState::Occupied
+            } else {
+                VoxelState::Free
+            };
+            assert_eq!(octree.state(cube.least), state, "{cube:?}");
+            read[usize::from(cube.is_occupied)] += 1 << (3 * cube.edge_log2);
+        }
+        // The last of those beyond was hit.
+        assert_eq!(read, [counts.free - 7, counts.occupied - 1]);
+    }
+}

@@ -49,6 +49,13 @@ fn legends_leave_a_small_map_in_sight_and_a_button_opens_the_others() {
 }
 
 #[test]
+fn a_narrow_map_has_one_legend_however_high_it_is() {
+    window_of(294.0, 1_200.0).get_by_label_contains("4 more legends");
+    let wide = window_of(900.0, 1_200.0);
+    assert!(wide.query_by_label_contains("more legend").is_none());
+}
+
+#[test]
 fn a_narrow_map_has_one_legend_and_the_button_for_the_others_in_its_row() {
     // What a window of 700 × 620 points leaves of the map.
     let mut window = window_of(294.0, 406.0);

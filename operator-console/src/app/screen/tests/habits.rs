@@ -148,6 +148,15 @@ fn what_is_not_there_cannot_be_ticked_in_the_view_menu_and_says_why() {
     let no_shores = "This robot maps no shores";
     check(Rig::live(), LARGE, PanelId::Shores, no_shores);
     check(Rig::new(), LARGE, PanelId::Link, "No robot is shown");
+    let recording = || {
+        let mut rig = Rig::live();
+        rig.link.recording = Some("rooms.mcap".to_owned());
+        rig
+    };
+    let no_drive = "A recording cannot be driven";
+    check(recording(), LARGE, PanelId::Driving, no_drive);
+    let without_shores = "This recording is mapped without shores";
+    check(recording(), LARGE, PanelId::Shores, without_shores);
     let no_room = "No room for it in so small a window while you drive";
     check(driven(), [700.0, 620.0], PanelId::Robots, no_room);
 }
