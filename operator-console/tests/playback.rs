@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "all of it is tests")]
 
+use std::cell::Cell;
 use std::collections::BTreeSet;
 use std::fs;
 use std::ops::ControlFlow;
@@ -249,6 +250,25 @@ fn a_recording_in_a_loop_begins_anew_and_one_without_ends() {
         sight.rounds == rounds + 1 && sight.state == ReplayState::Playing
     });
     assert!(!rig.playback.obey(PlaybackCommand::Close));
+}
+
+#[test]
+fn a_recording_in_a_loop_has_no_faulty_sensor() {
+    let mut rig = Rig::open(&rooms(), Rate::Max);
+    rig.ask(PlaybackCommand::SetLooping(true));
+    let told = Cell::new(0);
+    rig.wait("the third round is under way", |sight, model| {
+        for sensor in model
+            .status()
+            .iter()
+            .flat_map(|(status, _)| &status.sensors)
+        {
+            assert_eq!(sensor.fault, None, "{sensor:?}");
+            told.set(told.get() + 1);
+        }
+        sight.rounds >= 2 && sight.position > seconds(60)
+    });
+    assert!(told.get() > 0, "nothing was told of sensors");
 }
 
 #[test]

@@ -267,7 +267,7 @@ impl MappingSide {
         self.clock = DataClock::default();
         self.streams.clear();
         if let Some(network) = &mut self.network {
-            network.begin_anew(&self.pipeline);
+            network.wind(&self.pipeline, self.clock.elapsed());
         }
         Ok(())
     }
@@ -287,7 +287,7 @@ impl MappingSide {
         self.clock = clock;
         self.streams.clear();
         if let Some(network) = &mut self.network {
-            network.begin_anew(&self.pipeline);
+            network.wind(&self.pipeline, self.clock.elapsed());
             if let Some((stamp, shores)) = self.pipeline.known_shores() {
                 network.shores(stamp, Arc::new(shores));
             }

@@ -215,9 +215,10 @@ impl Network {
         );
     }
 
-    /// The data begins anew, and so did the maps.
-    pub(super) fn begin_anew(&mut self, pipeline: &Pipeline) {
-        self.reset_clock(true);
+    /// The data is wound, as the maps are: `elapsed` of its time has passed there.
+    pub(super) fn wind(&mut self, pipeline: &Pipeline, elapsed: RobotDuration) {
+        self.reset_clock(false);
+        self.sensors.wind(sensors::of_data(elapsed));
         self.no_shores_yet(pipeline);
     }
 

@@ -32,6 +32,8 @@ const GAPS: usize = 9;
 pub(super) struct Health {
     nominal_hz: Option<f64>,
     messages: u64,
+    /// It is watched since then.
+    since: Duration,
     first: Option<Duration>,
     /// Of the newest messages, not older than the window, when they could be known.
     recent: VecDeque<Duration>,
@@ -49,6 +51,7 @@ impl Health {
         Self {
             nominal_hz: nominal_hz.map(f64::from).filter(|rate_hz| *rate_hz > 0.0),
             messages: 0,
+            since: Duration::ZERO,
             first: None,
             recent: VecDeque::new(),
             last: None,
@@ -95,6 +98,16 @@ impl Health {
         self.stamp = None;
     }
 
+    /// Time stands at `to`, before or behind what it was: of messages only their number is kept.
+    pub(super) fn wind(&mut self, to: Duration) {
+        *self = Self {
+            messages: self.messages,
+            since: to,
+            nominal_hz: self.nominal_hz,
+            ..Self::new(None)
+        };
+    }
+
     pub(super) const fn messages(&self) -> u64 {
         self.messages
     }
@@ -127,7 +140,7 @@ impl Health {
     /// What is wrong at `now`.
     pub(super) fn fault(&self, now: Duration) -> Option<SensorFault> {
         let Some((last, first)) = self.last.zip(self.first) else {
-            return (now >= FIRST_WORD).then_some(SensorFault::Silent);
+            return (now.saturating_sub(self.since) >= FIRST_WORD).then_some(SensorFault::Silent);
         };
         if now.saturating_sub(last) > self.silent_after() {
             return Some(SensorFault::Silent);

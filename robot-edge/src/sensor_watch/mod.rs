@@ -117,6 +117,15 @@ impl SensorWatch {
         }
     }
 
+    /// The data is wound: time stands at `to`, before or behind what it was. What was told of is not told to be over.
+    pub fn wind(&mut self, to: Duration) {
+        self.looked = None;
+        for sensor in &mut self.sensors {
+            sensor.health.wind(to);
+            sensor.told = None;
+        }
+    }
+
     /// Whether it is time to [`look`](Self::look).
     pub fn is_look_due(&self, now: Duration) -> bool {
         self.looked

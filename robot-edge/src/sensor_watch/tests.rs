@@ -1,3 +1,5 @@
+mod winding;
+
 use std::collections::BTreeMap;
 
 use nalgebra::Point3;
