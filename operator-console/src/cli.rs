@@ -11,6 +11,8 @@ use robot_edge::exit::UsageError;
 use robot_edge::pacer::Rate;
 use robot_edge::replay_control::RATES;
 
+use crate::link::LOG_FILTER;
+
 const EXIT_CODES: &str = "\
 Exit codes: 0 done; 1 it failed while running; 2 wrong usage or configuration; 130 interrupted.";
 
@@ -26,7 +28,7 @@ pub struct Cli {
     /// Watch this robot
     #[arg(long, value_name = "ID", global = true)]
     pub robot: Option<RobotId>,
-    /// Start a simulated robot and connect to it: nothing else to set up
+    /// Start a simulated robot and connect to it: nothing else to set up. Other robots are not looked for
     #[arg(long, value_name = "WORLD", num_args = 0..=1, default_missing_value = "rooms",
           conflicts_with_all = ["connect", "robot"], value_parser = NonEmptyStringValueParser::new())]
     pub demo: Option<String>,
@@ -115,6 +117,18 @@ pub struct CompletionsArgs {
 }
 
 impl Cli {
+    /// The filter for `tracing`, where `RUST_LOG` says nothing. Of winit, whose warnings are of a display without a desktop,
+    /// errors alone.
+    pub fn log_filter(&self) -> String {
+        match (self.quiet, self.verbose) {
+            (true, _) => format!("error,{LOG_FILTER}"),
+            (false, 0) => format!("warn,winit=error,{LOG_FILTER}"),
+            (false, 1) => "info,zenoh=warn".to_owned(),
+            (false, 2) => "debug".to_owned(),
+            (false, _) => "trace".to_owned(),
+        }
+    }
+
     /// Checks what stands in no single option.
     ///
     /// # Errors
@@ -161,6 +175,7 @@ fn seconds(text: &str) -> Result<Duration, String> {
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory as _;
+    use tracing_subscriber::EnvFilter;
 
     use super::*;
 
@@ -224,6 +239,30 @@ mod tests {
         let of = |option: &str| help.lines().find(|line| line.contains(option)).unwrap();
         assert!(of("--screenshot <").contains("--after"), "{help}");
         assert!(of("--after <").contains("with --screenshot"), "{help}");
+    }
+
+    #[test]
+    fn help_says_that_a_demonstration_looks_for_no_other_robot() {
+        let help = Cli::command().render_help().to_string();
+        let (_, demo) = help.split_once("--demo [").unwrap();
+        let (demo, _) = demo.split_once("--").unwrap();
+        assert!(demo.contains("Other robots are not looked for"), "{help}");
+    }
+
+    #[test]
+    fn warnings_of_winit_are_for_those_who_ask_for_more() {
+        for (line, of_all, of_winit) in [
+            ("--quiet", "error,", None),
+            ("", "warn,", Some("winit=error")),
+            ("-v", "info,", None),
+            ("-vv", "debug", None),
+        ] {
+            let filter = parse(line).unwrap().log_filter();
+            let found = filter.split(',').find(|part| part.starts_with("winit"));
+            assert_eq!(found, of_winit, "{line}: {filter}");
+            assert!(filter.starts_with(of_all), "{line}: {filter}");
+            assert!(filter.parse::<EnvFilter>().is_ok(), "{filter}");
+        }
     }
 
     #[test]

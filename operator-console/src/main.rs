@@ -5,21 +5,14 @@ use std::process::ExitCode;
 
 use clap::Parser as _;
 use operator_console::cli::Cli;
-use operator_console::link::LOG_FILTER;
 use operator_console::run::{complaint, run};
 use robot_edge::exit::{Exit, Interrupted};
 use tracing_subscriber::EnvFilter;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    let level = match (cli.quiet, cli.verbose) {
-        (true, _) => format!("error,{LOG_FILTER}"),
-        (false, 0) => format!("warn,{LOG_FILTER}"),
-        (false, 1) => "info,zenoh=warn".to_owned(),
-        (false, 2) => "debug".to_owned(),
-        (false, _) => "trace".to_owned(),
-    };
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(level));
+    let filter =
+        EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(cli.log_filter()));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(io::stderr)

@@ -10,6 +10,9 @@ const MAX_POINTS_PER_M: f64 = 2_000.0;
 const MIN_POINTS_PER_M: f64 = 0.05;
 /// Part of the screen that a fitted map fills.
 const FIT_PART: f64 = 0.92;
+/// Part of the shorter side of the screen that what is approached fills, and how near one comes by it, points for a metre.
+const APPROACHED_PART: f64 = 1.0 / 3.0;
+const NEAREST_APPROACH: f64 = 40.0;
 /// A map of one cell is not blown up to fill the screen.
 const MIN_FIT_SIDE_M: f64 = 4.0;
 /// y of `odom`: exact, so that a map that is not turned has its cells on whole numbers.
@@ -127,21 +130,56 @@ impl Camera {
         self.center_m[1] += held_m[1] - moved_m[1];
     }
 
-    /// Shows all of a rectangle: lowest and greatest x and y, metres.
-    pub fn fit(&mut self, screen: Rect, [low_x, low_y, high_x, high_y]: [f64; 4]) {
-        let is_rectangle = [low_x, low_y, high_x, high_y].iter().all(|m| m.is_finite());
+    /// Shows all of a rectangle, lowest and greatest x and y, metres, in a part of the screen.
+    pub fn fit(&mut self, screen: Rect, part: Rect, bounds_m: [f64; 4]) {
+        let is_rectangle = bounds_m.iter().all(|m| m.is_finite());
+        if !is_rectangle || part.width() < 1.0 || part.height() < 1.0 {
+            return;
+        }
+        let [across_m, ahead_m] = self.size_m(bounds_m).map(|m| m.max(MIN_FIT_SIDE_M));
+        let across = f64::from(part.width()) / across_m;
+        let ahead = f64::from(part.height()) / ahead_m;
+        self.points_per_m =
+            (across.min(ahead) * FIT_PART).clamp(MIN_POINTS_PER_M, MAX_POINTS_PER_M);
+        let [dx, dy] = self.offset_m(part.center() - screen.center());
+        let [x, y] = middle(bounds_m);
+        self.center_m = [x - dx, y - dy];
+    }
+
+    /// Brings a rectangle into the middle, lowest and greatest x and y, metres, and so near that one sees what it is. Who is nearer
+    /// and sees all of it stays as near.
+    pub fn approach(&mut self, screen: Rect, bounds_m: [f64; 4]) {
+        let is_rectangle = bounds_m.iter().all(|m| m.is_finite());
         if !is_rectangle || screen.width() < 1.0 || screen.height() < 1.0 {
             return;
         }
+        self.center_m = middle(bounds_m);
+        let [across_m, ahead_m] = self.size_m(bounds_m);
+        let [width, height] = [screen.width(), screen.height()].map(f64::from);
+        let part = APPROACHED_PART * width.min(height) / across_m.max(ahead_m);
+        let wanted = part.clamp(MIN_POINTS_PER_M, NEAREST_APPROACH);
+        let scale = self.points_per_m / FIT_PART;
+        let is_all_seen = across_m * scale <= width && ahead_m * scale <= height;
+        if self.points_per_m < wanted || !is_all_seen {
+            self.points_per_m = wanted;
+        }
+    }
+
+    /// Where a rectangle is on the screen, lowest and greatest x and y, metres: where the map is turned, what is around it.
+    pub fn place_of(&self, screen: Rect, bounds_m: [f64; 4]) -> Rect {
+        let [across_m, ahead_m] = self.size_m(bounds_m);
+        let size = vec2(
+            (across_m * self.points_per_m) as f32,
+            (ahead_m * self.points_per_m) as f32,
+        );
+        Rect::from_center_size(self.to_screen(screen, middle(bounds_m)), size)
+    }
+
+    /// How far a rectangle of `odom` goes across the screen, and ahead, metres.
+    fn size_m(&self, [low_x, low_y, high_x, high_y]: [f64; 4]) -> [f64; 2] {
         let (dx, dy) = (high_x - low_x, high_y - low_y);
         let [up_x, up_y] = self.up.map(f64::abs);
-        let across_m = (dx * up_y + dy * up_x).max(MIN_FIT_SIDE_M);
-        let ahead_m = (dx * up_x + dy * up_y).max(MIN_FIT_SIDE_M);
-        let across = f64::from(screen.width()) / across_m;
-        let ahead = f64::from(screen.height()) / ahead_m;
-        self.center_m = [0.5 * (low_x + high_x), 0.5 * (low_y + high_y)];
-        self.points_per_m =
-            (across.min(ahead) * FIT_PART).clamp(MIN_POINTS_PER_M, MAX_POINTS_PER_M);
+        [dx * up_y + dy * up_x, dx * up_x + dy * up_y]
     }
 
     /// What lies between two places of the screen in `odom`, metres.
@@ -151,6 +189,10 @@ impl Camera {
         let [up_x, up_y] = self.up;
         [right * up_y + ahead * up_x, ahead * up_y - right * up_x]
     }
+}
+
+fn middle([low_x, low_y, high_x, high_y]: [f64; 4]) -> [f64; 2] {
+    [0.5 * (low_x + high_x), 0.5 * (low_y + high_y)]
 }
 
 /// Lowest and greatest x and y of points.
@@ -234,10 +276,13 @@ mod tests {
             [width, height] in [0.0..2e3, 0.0..2e3],
         ) {
             let mut camera = camera;
-            camera.fit(screen(), [x, y, x + width, y + height]);
+            let part = Rect::from_min_size(pos2(300.0, 50.0), vec2(400.0, 500.0));
+            camera.fit(screen(), part, [x, y, x + width, y + height]);
+            let place = camera.place_of(screen(), [x, y, x + width, y + height]);
+            prop_assert!(part.contains_rect(place), "{place}");
             for corner_m in [[x, y], [x + width, y], [x + width, y + height], [x, y + height]] {
                 let corner = camera.to_screen(screen(), corner_m);
-                prop_assert!(screen().contains(corner), "{corner:?}");
+                prop_assert!(place.expand(0.1).contains(corner), "{corner:?}");
             }
             let [low_x, low_y, high_x, high_y] = camera.visible_m(screen());
             prop_assert!(low_x <= x && low_y <= y && high_x >= x + width && high_y >= y + height);
@@ -283,18 +328,59 @@ mod tests {
         }
         camera.center_on([f64::NAN, 0.0]);
         camera.turn_up(f64::NAN);
-        camera.fit(screen(), [0.0, 0.0, f64::INFINITY, 1.0]);
-        camera.fit(Rect::NOTHING, [0.0, 0.0, 1.0, 1.0]);
+        for edge in [f64::INFINITY, f64::NAN] {
+            camera.fit(screen(), screen(), [0.0, 0.0, edge, 1.0]);
+            camera.approach(screen(), [0.0, 0.0, edge, 1.0]);
+        }
+        camera.fit(screen(), Rect::NOTHING, [0.0, 0.0, 1.0, 1.0]);
+        camera.approach(Rect::NOTHING, [0.0, 0.0, 1.0, 1.0]);
         assert_eq!(camera, before);
     }
 
     #[test]
     fn a_fitted_map_fills_the_screen_and_a_cell_does_not() {
         let mut camera = Camera::default();
-        camera.fit(screen(), [0.0, 0.0, 50.0, 10.0]);
+        camera.fit(screen(), screen(), [0.0, 0.0, 50.0, 10.0]);
         assert_near(camera.center_m(), [25.0, 5.0], 1e-9);
         assert!((camera.points_per_m() - 20.0 * FIT_PART).abs() < 1e-9);
-        camera.fit(screen(), [1.0, 1.0, 1.1, 1.1]);
+        camera.fit(screen(), screen(), [1.0, 1.0, 1.1, 1.1]);
         assert!((camera.points_per_m() - 700.0 / MIN_FIT_SIDE_M * FIT_PART).abs() < 1e-9);
+    }
+
+    #[test]
+    fn what_is_approached_fills_a_third_and_nobody_is_taken_farther_away_without_need() {
+        let at_scale = |points_per_m: f64, bounds_m| {
+            let mut camera = Camera::default();
+            let middle = screen().center();
+            camera.zoom_about(screen(), middle, points_per_m / camera.points_per_m());
+            camera.approach(screen(), bounds_m);
+            assert_near(camera.center_m(), middle_of(bounds_m), 1e-9);
+            camera.points_per_m()
+        };
+        // The screen is 1000 × 700 points.
+        for (before, bounds_m, after) in [
+            (0.5, [10.0, 10.0, 30.0, 15.0], 700.0 / 3.0 / 20.0),
+            (0.5, [10.0, 10.0, 15.0, 30.0], 700.0 / 3.0 / 20.0),
+            // Small ones are not blown up, and nothing is no place to look at from nearby.
+            (0.5, [10.0, 10.0, 11.0, 10.5], 40.0),
+            (0.5, [10.0, 10.0, 10.0, 10.0], 40.0),
+            (100.0, [10.0, 10.0, 11.0, 10.5], 100.0),
+            // Nearer, and all of it is seen; the last is too large for that.
+            (30.0, [10.0, 10.0, 30.0, 15.0], 30.0),
+            (100.0, [10.0, 10.0, 30.0, 15.0], 700.0 / 3.0 / 20.0),
+        ] {
+            let scale = at_scale(before, bounds_m);
+            assert!(
+                (scale - after).abs() < 1e-9,
+                "{before} {bounds_m:?}: {scale}"
+            );
+        }
+    }
+
+    fn middle_of([low_x, low_y, high_x, high_y]: [f64; 4]) -> [f64; 2] {
+        [
+            low_x + 0.5 * (high_x - low_x),
+            low_y + 0.5 * (high_y - low_y),
+        ]
     }
 }

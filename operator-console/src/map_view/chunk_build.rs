@@ -4,13 +4,12 @@ use std::collections::BTreeSet;
 
 use eframe::egui::{Color32, ColorImage};
 use protocol::layer::LayerId;
-use protocol::tile::{TILE_CELLS as CELLS, TILE_SIDE, TileKey};
 use protocol::tile_store::TileStore;
 
-use super::chunks::{CHUNK_TEXELS, ChunkKey, Level, paint_tile, tile_image};
+use super::beneath::{KnownLayer, known_below};
+use super::chunks::{CHUNK_TEXELS, ChunkKey, Codes, Level, paint_tile, tile_image};
 use super::coloring::Coloring;
 use super::frame_time::FrameTime;
-use super::highest_codes::highest_codes;
 use super::known_tiles::KnownTiles;
 
 /// A layer as it is to be drawn.
@@ -21,6 +20,8 @@ pub(super) struct LayerLook<'a> {
     pub(super) store: &'a TileStore,
     pub(super) known: &'a KnownTiles,
     pub(super) coloring: &'a Coloring,
+    /// The layers below it that are seen.
+    pub(super) below: &'a [KnownLayer<'a>],
 }
 
 /// The image of a chunk, as far as it is done.
@@ -98,20 +99,25 @@ impl LayerLook<'_> {
         })
     }
 
-    /// Hands on the highest codes of a tile's texels, where it is known.
-    fn with_codes(&self, tile: (i32, i32), level: Level, take: impl FnOnce(&[u16])) {
+    /// Hands on the codes of a tile's texels, where it is known.
+    fn with_codes(&self, tile: (i32, i32), level: Level, take: impl FnOnce(Codes<'_>)) {
         let step = level.cells_per_texel();
-        if let Some(codes) = self.known.coarse_codes(tile, step) {
-            return take(codes);
-        }
-        let (layer, (tx, ty)) = (self.layer, tile);
-        let stored = self.store.get(TileKey { layer, tx, ty });
-        if let Some(cells) = stored.and_then(|stored| stored.cells()) {
-            let mut codes = [0; CELLS];
-            let side = TILE_SIDE / step;
-            let codes = &mut codes[..side * side];
-            highest_codes(cells, step, codes);
-            take(codes);
-        }
+        let drawn = KnownLayer {
+            layer: self.layer,
+            cell_m: self.cell_m,
+            store: self.store,
+            known: self.known,
+        };
+        let is_over_known = if self.coloring.lets_through() {
+            known_below(self.below, (tile, self.cell_m), step)
+        } else {
+            Vec::new()
+        };
+        drawn.with_codes(tile, step, |highest| {
+            take(Codes {
+                highest,
+                is_over_known: &is_over_known,
+            });
+        });
     }
 }

@@ -132,32 +132,49 @@ impl ChunkKey {
     }
 }
 
+/// The codes of a tile's texels, or of its cells where those are larger, the greatest y first.
+#[derive(Clone, Copy)]
+pub(super) struct Codes<'a> {
+    /// The highest of each.
+    pub(super) highest: &'a [u16],
+    /// Whether each lies over something known; empty where that makes no difference, as where there are patterns.
+    pub(super) is_over_known: &'a [bool],
+}
+
 /// Writes a tile as texels into `texels`, which are `width` wide and whose first is the tile's upper left one. A texel
 /// shows the highest code of its cells, so that walls stay visible, as in exported pictures. `at` is where the tile
 /// begins in its chunk: there its patterns go on from those of its neighbours.
-///
-/// `highest` are the codes of the tile's texels, or of its cells where those are larger, the greatest y first.
 pub(super) fn paint_tile(
     texels: &mut [Color32],
     width: usize,
     level: Level,
     at: [usize; 2],
-    highest: &[u16],
+    codes: Codes<'_>,
     coloring: &Coloring,
 ) {
     let per_cell = level.texels_per_cell();
     let side = TILE_SIDE / level.cells_per_texel();
     let rows = texels.chunks_mut(width).take(level.tile_texels());
     for (y, row) in rows.enumerate() {
-        let codes = &highest[y / per_cell * side..][..side];
+        let first = y / per_cell * side;
+        let highest = &codes.highest[first..][..side];
         let row = &mut row[..level.tile_texels()];
         if coloring.has_patterns() || per_cell > 1 {
             for (x, texel) in row.iter_mut().enumerate() {
-                *texel = coloring.color_at(codes[x / per_cell], at[0] + x, at[1] + y);
+                *texel = coloring.color_at(highest[x / per_cell], at[0] + x, at[1] + y);
+            }
+        } else if codes.is_over_known.is_empty() {
+            for (texel, code) in row.iter_mut().zip(highest) {
+                *texel = coloring.plain(*code);
             }
         } else {
-            for (texel, code) in row.iter_mut().zip(codes) {
-                *texel = coloring.plain(*code);
+            let is_over_known = &codes.is_over_known[first..][..side];
+            for ((texel, code), is_over) in row.iter_mut().zip(highest).zip(is_over_known) {
+                *texel = if *is_over {
+                    coloring.plain(*code)
+                } else {
+                    coloring.alone(*code)
+                };
             }
         }
     }
@@ -165,14 +182,14 @@ pub(super) fn paint_tile(
 
 /// A tile of `level` as a picture of its own.
 pub(super) fn tile_image(
-    highest: &[u16],
+    codes: Codes<'_>,
     level: Level,
     at: [usize; 2],
     coloring: &Coloring,
 ) -> ColorImage {
     let side = level.tile_texels();
     let mut image = ColorImage::filled([side; 2], Color32::TRANSPARENT);
-    paint_tile(&mut image.pixels, side, level, at, highest, coloring);
+    paint_tile(&mut image.pixels, side, level, at, codes, coloring);
     image
 }
 
@@ -274,7 +291,11 @@ mod tests {
         let side = TILE_SIDE / level.cells_per_texel();
         let mut highest = vec![0; side * side];
         highest_codes(cells, level.cells_per_texel(), &mut highest);
-        tile_image(&highest, level, at, coloring)
+        let codes = Codes {
+            highest: &highest,
+            is_over_known: &[],
+        };
+        tile_image(codes, level, at, coloring)
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Codes → colours on the screen, and which values they are spread over.
 //!
 //! The lowest layer that is shown has the colours of its palette. What lies over another lets through where it has
-//! nothing to say: free cells of obstacles, low probabilities and low costs, and the unknown of every layer.
+//! nothing to say: free cells of obstacles, low probabilities and low costs, where a layer below knows anything, and the
+//! unknown of every layer.
 
 use eframe::egui::Color32;
 use protocol::layer::{LayerId, Palette, Pattern, Quantisation, Scheme, UNKNOWN};
@@ -17,6 +18,8 @@ pub(super) struct Coloring {
     palette: Palette,
     is_over: bool,
     table: Vec<Color32>,
+    /// The same where nothing is known below; empty where that makes no difference.
+    alone: Vec<Color32>,
     /// The pattern of each code and the colour of its marks; empty where the layer's classes have none.
     marks: Vec<(Pattern, Color32)>,
 }
@@ -34,19 +37,27 @@ impl Coloring {
         let codes = || UNKNOWN..=last;
         let has_patterns = codes().any(|code| palette.pattern(code) != Pattern::Plain);
         let mark = |code| (palette.pattern(code), of(palette.mark_color(code)));
-        let color = |code| {
+        let covering = |code, part: f32| {
             let [red, green, blue, alpha] = palette.color(code);
+            of([red, green, blue, (f32::from(alpha) * part).round() as u8])
+        };
+        let color = |code| {
             let part = if is_over {
                 cover(palette.layer(), code)
             } else {
                 1.0
             };
-            of([red, green, blue, (f32::from(alpha) * part).round() as u8])
+            covering(code, part)
         };
+        // What is unknown is left to what lies below, or to what the map lies on.
+        let alone = |code| covering(code, f32::from(code != UNKNOWN));
+        let lets_through =
+            is_over && codes().any(|code| code != UNKNOWN && cover(palette.layer(), code) < 1.0);
         Self {
             palette,
             is_over,
             table: codes().map(color).collect(),
+            alone: codes().filter(|_| lets_through).map(alone).collect(),
             marks: codes().filter(|_| has_patterns).map(mark).collect(),
         }
     }
@@ -58,6 +69,17 @@ impl Coloring {
     /// Whether they are those of a layer over another.
     pub(super) const fn is_over(&self) -> bool {
         self.is_over
+    }
+
+    /// Whether what is known below makes a difference.
+    pub(super) fn lets_through(&self) -> bool {
+        !self.alone.is_empty()
+    }
+
+    /// The colour of a code where nothing is known below.
+    pub(super) fn alone(&self, code: u16) -> Color32 {
+        let color = self.alone.get(usize::from(code));
+        color.copied().unwrap_or_else(|| self.plain(code))
     }
 
     /// Whether a colour depends on where it is.
@@ -191,6 +213,21 @@ mod tests {
         }
         let dots = LayerId::Shore.quantisation();
         assert!(color(LayerId::Shore, Scheme::OkabeIto, dots.encode(1.0)).is_opaque());
+    }
+
+    #[test]
+    fn what_lies_over_nothing_known_has_the_colours_of_its_palette() {
+        for palette in LayerId::ALL.into_iter().flat_map(LayerId::palettes) {
+            let layer = palette.layer();
+            let [over, lowest] = [true, false].map(|is_over| Coloring::new(palette, is_over));
+            let lets_through = [LayerId::Obstacle, LayerId::Occupancy, LayerId::Cost];
+            assert_eq!(over.lets_through(), lets_through.contains(&layer));
+            assert!(!lowest.lets_through(), "nothing lies below it");
+            assert_eq!(over.alone(UNKNOWN), Color32::TRANSPARENT);
+            for code in 1..lowest.table.len() as u16 {
+                assert_eq!(over.alone(code), lowest.plain(code), "{layer} {code}");
+            }
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@ use eframe::egui::{Color32, Context, Painter, Pos2, Sense, Ui, WidgetInfo, vec2}
 use protocol::layer::LayerId;
 use robot_edge::clock::Monotonic;
 
+use super::edges::knows_north;
 use super::frame_time::FrameTime;
 use super::map_layers::MapLayers;
 use super::overlays::scale_bar::{self, ScaleBar};
@@ -12,7 +13,7 @@ use super::overlays::shores::ShoreMarks;
 use super::overlays::stopping::{self, Motion};
 use super::overlays::vehicle::VehicleMark;
 use super::overlays::{self, grid, sensors, trail};
-use super::{CARD_MARGIN, Leg, MapView, Overlay, Ruler, probe, probe_card, ruler};
+use super::{CARD_MARGIN, MapView, Overlay, Ruler, probe, probe_card, ruler};
 use crate::command::Look;
 use crate::model::ConsoleModel;
 use crate::panels::stale::{StaleData, is_position_old};
@@ -142,10 +143,15 @@ impl MapView {
         }
         let height = |point_m| probe::value_at(model.map(), LayerId::Elevation, point_m);
         let legs = Ruler::legs(&points_m, height);
-        let view = (&self.camera, self.screen);
-        overlays::ruler::paint(painter, &points_m, &legs, view, ink, paper);
-        let words = legs.iter().map(Leg::label).chain(ruler::total(&legs));
-        (!legs.is_empty()).then(|| words.collect::<Vec<_>>().join("; "))
+        let is_on_earth = knows_north(model);
+        let labels: Vec<_> = legs.iter().map(|leg| leg.label(is_on_earth)).collect();
+        let (total, view) = (ruler::total(&legs), (&self.camera, self.screen));
+        let words = (&*labels, total.as_deref());
+        overlays::ruler::paint(painter, &points_m, words, view, ink, paper);
+        (!legs.is_empty()).then(|| {
+            let words = labels.into_iter().chain(total);
+            words.collect::<Vec<_>>().join("; ")
+        })
     }
 
     /// Whether a place on the screen is where this point (metres in `odom`) is drawn.

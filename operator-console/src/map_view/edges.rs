@@ -8,7 +8,7 @@ use super::card_place::LEAST;
 use super::map_layers::MapLayers;
 use super::overlays::compass::{self, CompassData};
 use super::toolbar::{self, ToolbarData};
-use super::{CARD_MARGIN, MapView, Overlay, legend_card};
+use super::{CARD_MARGIN, MapView, Overlay, Sight, legend_card};
 use crate::command::Look;
 use crate::model::ConsoleModel;
 use crate::panels::notice::NoticeRoom;
@@ -23,6 +23,11 @@ pub(super) const OVER_SCALE_BAR: f32 = 60.0;
 const SCALE_BAR: [f32; 2] = [190.0, OVER_SCALE_BAR];
 /// A map that is smaller says nothing of what is under the pointer: the card would hide it. Width and height, points.
 pub(super) const LEAST_FOR_CARDS: [f32; 2] = [200.0, 160.0];
+
+/// Whether y of `odom` points north.
+pub(super) fn knows_north(model: &ConsoleModel) -> bool {
+    model.shores().is_some_and(|shores| shores.datum.is_some())
+}
 
 impl MapView {
     pub(super) fn has_room_for_cards(&self) -> bool {
@@ -111,7 +116,7 @@ impl MapView {
         let at = pos2(right - compass::SIZE, top + CARD_MARGIN);
         let data = CompassData {
             north: self.camera.direction(FRAC_PI_2),
-            is_on_earth: model.shores().is_some_and(|shores| shores.datum.is_some()),
+            is_on_earth: knows_north(model),
             orientation: self.look.orientation,
         };
         let rect = Rect::from_min_size(at, vec2(compass::SIZE, compass::SIZE));
@@ -132,6 +137,15 @@ impl MapView {
             .collect();
         let banner = self.roof - self.screen.top();
         let top = banner + toolbar::HEIGHT + compass::SIZE + 3.0 * CARD_MARGIN;
+        let before = self.legends.place();
         self.legends.show(ui, (self.screen, top), &palettes);
+        let is_other = match (before, self.legends.place()) {
+            (Some(before), Some(now)) => (now.size() - before.size()).length() > 0.5,
+            (before, now) => before.is_some() != now.is_some(),
+        };
+        if self.look.sight == Sight::Whole && is_other {
+            // The whole map is beside them.
+            ui.ctx().request_repaint();
+        }
     }
 }

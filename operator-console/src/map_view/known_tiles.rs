@@ -20,6 +20,8 @@ struct KnownBox {
 #[derive(Clone, Debug)]
 struct KnownTile {
     known: KnownBox,
+    /// Where in the tile: other cells have another number.
+    shape: u64,
     coarse: CoarseCodes,
 }
 
@@ -32,19 +34,25 @@ pub(super) struct KnownTiles {
 }
 
 impl KnownTiles {
-    /// Looks at one tile again.
-    pub(super) fn update(&mut self, store: &TileStore, key: TileKey) {
+    /// Looks at one tile again; whether other cells of it are known than were.
+    pub(super) fn update(&mut self, store: &TileStore, key: TileKey) -> bool {
         let cells = store.get(key).and_then(|stored| stored.cells());
         let tile = cells.and_then(|cells| {
             let (known, coarse) = (KnownBox::of(cells)?, CoarseCodes::of(cells));
-            Some(KnownTile { known, coarse })
+            Some(KnownTile {
+                known,
+                shape: shape(cells),
+                coarse,
+            })
         });
         let at = (key.tx, key.ty);
         let after = tile.as_ref().map(|tile| tile.known.edges(at));
+        let shape_after = tile.as_ref().map(|tile| tile.shape);
         let before = match tile {
             Some(tile) => self.tiles.insert(at, tile),
             None => self.tiles.remove(&at),
         };
+        let shape_before = before.as_ref().map(|tile| tile.shape);
         let before = before.map(|tile| tile.known.edges(at));
         match (before, after) {
             // Maps grow: only what shrinks has to be looked for.
@@ -58,6 +66,7 @@ impl KnownTiles {
             (None, None) => {}
             (Some(_), _) | (None, Some(_)) => self.bounds_cells = None,
         }
+        shape_before != shape_after
     }
 
     /// How many there are.
@@ -96,6 +105,17 @@ impl KnownTiles {
         }
         self.bounds_cells
     }
+}
+
+/// A number that stands for which cells are known.
+fn shape(cells: &TileCells) -> u64 {
+    (0..TILE_SIDE).fold(0xcbf2_9ce4_8422_2325, |shape: u64, row| {
+        let known = cells.row(row).iter();
+        let known = known.fold(0, |bits, code| bits << 1 | u64::from(*code != UNKNOWN));
+        (shape ^ known)
+            .wrapping_mul(0x0000_0100_0000_01b3)
+            .rotate_left(29)
+    })
 }
 
 fn join(a: [i64; 4], b: [i64; 4]) -> [i64; 4] {
@@ -185,8 +205,11 @@ mod tests {
         let mut known = of_layer(&store);
         assert_eq!(known.bounds_cells(), Some([-4, 3, 129, 65]));
         publish(&mut store, key(2, 1), &[]);
-        known.update(&store, key(2, 1));
+        assert!(known.update(&store, key(2, 1)));
         assert_eq!(known.bounds_cells(), Some([-4, 3, -1, 6]));
+        publish(&mut store, key(-1, 0), &[(60, 5), (61, 4), (62, 3)]);
+        assert!(known.update(&store, key(-1, 0)), "within the same bounds");
+        assert!(!known.update(&store, key(-1, 0)));
         publish(&mut store, key(-1, 0), &[]);
         known.update(&store, key(-1, 0));
         assert_eq!(known.len(), 0);

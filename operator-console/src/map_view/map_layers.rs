@@ -7,6 +7,7 @@ use protocol::layer::{LayerId, Palette, Scheme};
 use protocol::tile::TileKey;
 use protocol::tile_store::{StoredTile, TileStore};
 
+use super::beneath::{KnownLayer, tiles_above};
 use super::camera::Camera;
 use super::chunk_build::LayerLook;
 use super::coloring::{Coloring, fitted_to, palette_of};
@@ -23,6 +24,8 @@ pub(super) const MAX_TEXTURES: usize = 192;
 struct MapLayer {
     known: KnownTiles,
     coloring: Coloring,
+    /// The layers below it that are seen, and how large their cells are, metres.
+    below: Vec<(LayerId, f64)>,
     textures: TileTextures,
     /// Tiles known when the colours were fitted last.
     fitted_at: usize,
@@ -45,6 +48,7 @@ impl MapLayer {
         Self {
             known: KnownTiles::default(),
             coloring: Coloring::new(layer.default_palette(), false),
+            below: Vec::new(),
             textures: TileTextures::default(),
             fitted_at: 0,
             newest: None,
@@ -74,6 +78,15 @@ impl MapLayer {
     fn recolor(&mut self, coloring: Coloring) {
         self.coloring = coloring;
         self.textures.recolor();
+    }
+
+    fn lie_over(&mut self, below: Vec<(LayerId, f64)>) {
+        if self.below != below {
+            self.below = below;
+            if self.coloring.lets_through() {
+                self.textures.recolor();
+            }
+        }
     }
 
     fn fit(&mut self, store: &TileStore) {
@@ -155,12 +168,37 @@ impl MapLayers {
                 .layers
                 .entry(layer)
                 .or_insert_with(|| MapLayer::new(layer));
-            held.known.update(store, key);
+            let is_known_elsewhere = held.known.update(store, key);
             held.textures.changed((key.tx, key.ty));
             held.see(map, key);
+            if is_known_elsewhere {
+                self.change_above(key, store);
+            }
         }
         self.color(stack, store);
         self.waiting.is_empty()
+    }
+
+    /// Other cells of a tile are known than were: what lies over it lets through others.
+    fn change_above(&mut self, key: TileKey, store: &TileStore) {
+        for (layer, held) in &mut self.layers {
+            let mut below = held.below.iter();
+            let below = below.find(|(below, _)| *below == key.layer);
+            let (Some((_, below_m)), Some(cell_m)) = (below, store.cell_m(*layer)) else {
+                continue;
+            };
+            if !held.coloring.lets_through() {
+                continue;
+            }
+            match tiles_above((key.tx, key.ty), below_m / cell_m) {
+                Some((first, side)) => {
+                    for tile in held.known.in_square(first, side) {
+                        held.textures.changed(tile);
+                    }
+                }
+                None => held.textures.recolor(),
+            }
+        }
     }
 
     /// Spreads the colours of a layer over its values.
@@ -185,6 +223,7 @@ impl MapLayers {
             } else if held.coloring.is_over() != *is_over {
                 held.recolor(Coloring::new(palette, *is_over));
             }
+            held.lie_over(seen_below(*layer, &shown, store));
             // Heights are not known beforehand: as the map grows, so does the range of its colours, seldom enough that
             // a colour keeps its meaning. Not before the tiles that came at once are all looked at.
             let has_grown = held.known.len() >= 2 * held.fitted_at.max(1);
@@ -226,22 +265,48 @@ impl MapLayers {
         let mut is_complete = true;
         for (stacked, _) in shown {
             let layer = stacked.layer;
-            if let (Some(held), Some(cell_m)) = (self.layers.get_mut(&layer), store.cell_m(layer)) {
-                let bounds_cells = held.known.bounds_cells();
+            let (Some(held), Some(cell_m)) = (self.layers.get_mut(&layer), store.cell_m(layer))
+            else {
+                continue;
+            };
+            let bounds_cells = held.known.bounds_cells();
+            // Apart, while this layer and those below it are looked at.
+            let mut textures = std::mem::take(&mut held.textures);
+            if let Some(held) = self.layers.get(&layer) {
+                let below = self.known_layers(&held.below, store);
                 let look = LayerLook {
                     layer,
                     cell_m,
                     store,
                     known: &held.known,
                     coloring: &held.coloring,
+                    below: &below,
                 };
                 let view = (camera, screen);
-                is_complete &=
-                    held.textures
-                        .prepare(ctx, look, view, bounds_cells, allowance, time);
+                is_complete &= textures.prepare(ctx, look, view, bounds_cells, allowance, time);
+            }
+            if let Some(held) = self.layers.get_mut(&layer) {
+                held.textures = textures;
             }
         }
         is_complete
+    }
+
+    /// What these layers know.
+    fn known_layers<'a>(
+        &'a self,
+        layers: &[(LayerId, f64)],
+        store: &'a TileStore,
+    ) -> Vec<KnownLayer<'a>> {
+        let known = layers.iter().filter_map(|(layer, cell_m)| {
+            Some(KnownLayer {
+                layer: *layer,
+                cell_m: *cell_m,
+                store,
+                known: &self.layers.get(layer)?.known,
+            })
+        });
+        known.collect()
     }
 
     /// Draws the layers that are shown.
@@ -261,3 +326,21 @@ impl MapLayers {
         }
     }
 }
+
+/// The layers below `layer` that are seen, and how large their cells are, metres.
+fn seen_below(
+    layer: LayerId,
+    shown: &[(StackLayer, bool)],
+    store: &TileStore,
+) -> Vec<(LayerId, f64)> {
+    let below = shown.iter().take_while(|(one, _)| one.layer != layer);
+    let seen = below.filter(|(one, _)| one.opacity > 0.0);
+    let mut seen: Vec<_> = seen
+        .filter_map(|(one, _)| Some((one.layer, store.cell_m(one.layer)?)))
+        .collect();
+    seen.sort_by_key(|(one, _)| *one);
+    seen
+}
+
+#[cfg(test)]
+mod tests;

@@ -16,6 +16,8 @@ pub enum ShoreMark {
 pub(super) struct Marking {
     hovered: Option<ShoreMark>,
     chosen: Option<ShoreMark>,
+    /// Chosen, and not looked at closely yet.
+    sought: Option<ShoreMark>,
 }
 
 impl Marking {
@@ -36,5 +38,11 @@ impl Marking {
 
     pub(super) const fn choose(&mut self, mark: ShoreMark) {
         self.chosen = Some(mark);
+        self.sought = Some(mark);
+    }
+
+    /// What was chosen since it was asked last.
+    pub(super) const fn take_sought(&mut self) -> Option<ShoreMark> {
+        self.sought.take()
     }
 }

@@ -1,5 +1,6 @@
 //! The map: the layers that the model holds, one over the other, seen through a camera that the operator moves.
 
+mod beneath;
 mod camera;
 mod card_place;
 mod chunk_build;

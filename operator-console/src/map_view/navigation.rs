@@ -2,9 +2,14 @@
 
 use eframe::egui::{CursorIcon, PointerButton, Pos2, Rect, Response, Ui, vec2};
 
+use super::camera::around;
+use super::overlays::shores::outline_m;
 use super::toolbar;
 use super::{CARD_MARGIN, MapView, Orientation, Sight};
 use crate::model::ConsoleModel;
+
+/// A map that would be smaller than this part of what it could be goes on under the legends.
+const LEAST_PART: f64 = 0.5;
 
 impl MapView {
     pub(super) fn move_by_hand(&mut self, ui: &Ui, response: &Response) {
@@ -104,6 +109,7 @@ impl MapView {
         {
             self.camera.turn_up(heading_rad);
         }
+        self.approach(model);
         match self.look.sight {
             Sight::Free => {}
             Sight::Vehicle => {
@@ -114,10 +120,48 @@ impl MapView {
             Sight::Whole => {
                 let map_m = self.layers.bounds_m(&self.look.stack, model.map().store());
                 if let Some(bounds_m) = with_point(map_m, vehicle_m) {
-                    self.camera.fit(self.fit_screen(), bounds_m);
+                    self.fit(bounds_m);
                 }
             }
         }
+    }
+
+    /// Comes near a shore or docking site that was chosen.
+    fn approach(&mut self, model: &ConsoleModel) {
+        if let Some(mark) = self.marking.take_sought()
+            && let Some(shores) = model.shores()
+        {
+            let outline_m = outline_m(shores, model.site_names(), mark);
+            // There is none of a shore that is gone: then there is no more than its middle to look at.
+            if !outline_m.is_empty() {
+                self.camera.approach(self.screen, around(&outline_m));
+            }
+        }
+    }
+
+    /// Shows all of the map: where legends would cover some of it, beside or above them, whichever shows it larger.
+    fn fit(&mut self, bounds_m: [f64; 4]) {
+        let (screen, whole) = (self.screen, self.fit_screen());
+        let fitted = |part: Rect| {
+            let mut camera = self.camera;
+            camera.fit(screen, part, bounds_m);
+            camera
+        };
+        let under = fitted(whole);
+        let covers = |legends: &Rect| under.place_of(screen, bounds_m).intersects(*legends);
+        let Some(legends) = self.legends_place().filter(covers) else {
+            self.camera = under;
+            return;
+        };
+        let [right, bottom] = [legends.left(), legends.top()].map(|edge| edge - CARD_MARGIN);
+        let parts = [whole.with_max_x(right), whole.with_max_y(bottom)];
+        let parts = parts.into_iter().filter(Rect::is_positive);
+        let least = LEAST_PART * under.points_per_m();
+        let beside = parts
+            .map(fitted)
+            .filter(|camera| camera.points_per_m() >= least)
+            .max_by(|a, b| a.points_per_m().total_cmp(&b.points_per_m()));
+        self.camera = beside.unwrap_or(under);
     }
 
     /// The screen as `fit` takes it: the same middle, but away from bar, buttons and edges.

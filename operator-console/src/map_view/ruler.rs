@@ -1,6 +1,6 @@
 //! Measuring on the map: how far it is along a line of points, in which direction, and how much higher. Pure.
 
-use crate::panels::wording::{bearing, signed};
+use crate::panels::wording::{direction, signed};
 
 /// Points of a line at most.
 pub(super) const MAX_POINTS: usize = 100;
@@ -65,9 +65,10 @@ impl Ruler {
 }
 
 impl Leg {
-    /// In words.
-    pub fn label(&self) -> String {
-        let bearing = self.bearing_deg.map(bearing);
+    /// In words: its direction is the compass's where north is known, else from the map's x, as the robot's heading is.
+    pub fn label(&self, knows_north: bool) -> String {
+        let bearing = self.bearing_deg;
+        let bearing = bearing.map(|deg| direction(90.0 - deg, knows_north, "x"));
         let rise = self.rise_m.map(|rise_m| {
             let sign = if rise_m > 0.0 { "+" } else { "" };
             format!("height {sign}{} m", signed(rise_m, 2))
@@ -106,7 +107,7 @@ mod tests {
         let slope = |[x, _]: [f64; 2]| (x < 5.0).then_some(0.5 * x as f32);
         let points_m = [[0.0, 0.0], [3.0, 4.0], [3.0, 0.0], [-1.0, 0.0], [9.0, 0.0]];
         let legs = Ruler::legs(&points_m, slope);
-        let labels: Vec<_> = legs.iter().map(Leg::label).collect();
+        let labels: Vec<_> = legs.iter().map(|leg| leg.label(true)).collect();
         assert_eq!(
             labels,
             [
@@ -116,6 +117,16 @@ mod tests {
                 "10.00 m  ·  090°"
             ]
         );
+        let labels: Vec<_> = legs.iter().map(|leg| leg.label(false)).collect();
+        assert_eq!(
+            labels,
+            [
+                "5.00 m  ·  53° left of x  ·  height +1.50 m",
+                "4.00 m  ·  90° right of x  ·  height 0.00 m",
+                "4.00 m  ·  against x  ·  height −2.00 m",
+                "10.00 m  ·  along x"
+            ]
+        );
         assert_eq!(total(&legs).as_deref(), Some("total 23.00 m"));
         assert_eq!(total(&legs[..1]), None);
     }
@@ -123,11 +134,11 @@ mod tests {
     #[test]
     fn nearly_north_is_north_and_nothing_has_no_direction() {
         let legs = Ruler::legs(&[[0.0, 0.0], [-0.001, 1.0], [-0.001, 1.0]], FLAT);
-        assert_eq!(legs[0].label(), "1.00 m  ·  000°");
-        assert_eq!(legs[1].label(), "0.00 m");
+        assert_eq!(legs[0].label(true), "1.00 m  ·  000°");
+        assert_eq!(legs[1].label(true), "0.00 m");
         let far = Ruler::legs(&[[0.0, 0.0], [0.0, 250.0], [0.0, 12_750.0]], FLAT);
-        assert_eq!(far[0].label(), "250.0 m  ·  000°");
-        assert_eq!(far[1].label(), "12.50 km  ·  000°");
+        assert_eq!(far[0].label(true), "250.0 m  ·  000°");
+        assert_eq!(far[1].label(true), "12.50 km  ·  000°");
     }
 
     #[test]

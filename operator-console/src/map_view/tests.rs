@@ -1,4 +1,5 @@
 mod legends;
+mod looking;
 
 use std::time::Duration;
 

@@ -159,7 +159,7 @@ pub(super) fn remembered_ui(ui: &mut Ui, addresses: &[ListedAddress]) -> Option<
     if quiet.is_empty() {
         return None;
     }
-    let heading = CollapsingHeader::new(format!("Remembered addresses ({})", quiet.len()));
+    let heading = CollapsingHeader::new(remembered_heading(ui, quiet.len()));
     heading.id_salt("remembered addresses").show(ui, |ui| {
         for listed in quiet {
             ui.horizontal(|ui| {
@@ -171,6 +171,18 @@ pub(super) fn remembered_ui(ui: &mut Ui, addresses: &[ListedAddress]) -> Option<
         }
     });
     command
+}
+
+/// How many there are, in as many words as there is room for: a heading has one line.
+fn remembered_heading(ui: &Ui, number: usize) -> String {
+    let [long, short] =
+        ["Remembered addresses", "Remembered"].map(|words| format!("{words} ({number})"));
+    let spacing = ui.spacing();
+    let room = ui.available_width() - spacing.indent - spacing.button_padding.x;
+    let font = TextStyle::Button.resolve(ui.style());
+    let painter = ui.painter();
+    let galley = painter.layout_no_wrap(long.clone(), font, ui.visuals().text_color());
+    if galley.size().x <= room { long } else { short }
 }
 
 fn buttons_ui(ui: &mut Ui, listed: &ListedAddress) -> Option<Command> {

@@ -24,6 +24,10 @@ const NO_MAP: &str = "No map";
 const OLD: &str = "Old";
 /// All that a map may be in a word or two.
 pub(super) const SHORT_MAPS: [&str; 4] = [IN_STEP, BEHIND, NO_MAP, OLD];
+/// What is said of the map of a recording that plays faster than it is drawn: nothing of it is asked for, or late.
+const DRAWING: &str = "Drawing";
+/// All that the map of a recording may be.
+pub(super) const SHORT_RECORDED: [&str; 3] = [IN_STEP, DRAWING, NO_MAP];
 
 /// What is known of the sessions.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -118,7 +122,10 @@ impl ConnectionData {
             }
         };
         let heard = connection.age(now).unwrap_or_default();
-        let (map_tone, map, map_short) = map_state(model.map(), (state, heard), now);
+        let (map_tone, map, map_short) = match map_state(model.map(), (state, heard), now) {
+            (tone, _, BEHIND) if link.recording.is_some() => drawing(tone, missing(model.map())),
+            state => state,
+        };
         Self {
             tone,
             state: word,
@@ -179,10 +186,9 @@ fn map_state(
     if map.is_in_step() {
         return (Tone::Good, IN_STEP.to_owned(), IN_STEP);
     }
-    let missing: usize = map.steps().map(|step| step.missing).sum();
+    let missing = missing(map);
     if missing > 0 {
-        let tiles = if missing == 1 { "tile" } else { "tiles" };
-        let text = format!("{} {tiles} missing", count(missing as u64));
+        let text = format!("{} missing", tiles(missing));
         return (Tone::Waiting, text, BEHIND);
     }
     match equal_at.map(|at| now.since(at)) {
@@ -195,6 +201,25 @@ fn map_state(
             (Tone::Waiting, text, BEHIND)
         }
     }
+}
+
+/// How many tiles are known to be missing.
+fn missing(map: &MapSync) -> usize {
+    map.steps().map(|step| step.missing).sum()
+}
+
+fn tiles(number: usize) -> String {
+    let tiles = if number == 1 { "tile" } else { "tiles" };
+    format!("{} {tiles}", count(number as u64))
+}
+
+/// The same of the map of a recording, of which so many tiles are known to be missing.
+fn drawing(tone: Tone, missing: usize) -> (Tone, String, &'static str) {
+    let text = match missing {
+        0 => "Being drawn".to_owned(),
+        1.. => format!("Being drawn: {} to come", tiles(missing)),
+    };
+    (tone, text, DRAWING)
 }
 
 /// Draws the panel.
@@ -211,10 +236,49 @@ pub fn connection_ui(ui: &mut Ui, data: &ConnectionData) {
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
+    use protocol::layer::LayerId;
     use protocol::message::Status;
+    use protocol::tile::{TileCells, TileKey};
+    use protocol::tile_store::{LayerGrid, TileStore};
 
     use super::*;
-    use crate::pretend::{at, console, says};
+    use crate::pretend::{BOOT, announces, at, console, says};
+
+    #[test]
+    fn the_map_of_a_recording_is_drawn_and_not_asked_for() {
+        let layer = LayerId::Occupancy;
+        let mut store = TileStore::new(BOOT, 10);
+        store.set_grid(LayerGrid { layer, cell_m: 0.1 }).unwrap();
+        let key = TileKey {
+            layer,
+            tx: 0,
+            ty: 0,
+        };
+        let cells = TileCells::from_fn(|_, _| 251);
+        drop(store.publish(key, cells).unwrap());
+        let mut model = console("recording-1", &[layer]);
+        announces(&mut model, &store, at(1_000));
+        let told = |link: &LinkSight| {
+            let data = ConnectionData::new(&model, link, at(1_100));
+            (data.map_tone, data.map, data.map_short)
+        };
+        let behind = "Behind, asking what is missing".to_owned();
+        let robot = LinkSight::default();
+        assert_eq!(told(&robot), (Tone::Waiting, behind, "Behind"));
+        let recording = LinkSight {
+            recording: Some("rooms.mcap".to_owned()),
+            ..LinkSight::default()
+        };
+        let drawn = (Tone::Waiting, "Being drawn".to_owned(), "Drawing");
+        assert_eq!(told(&recording), drawn);
+        for (missing, says) in [
+            (1, "Being drawn: 1 tile to come"),
+            (1_200, "Being drawn: 1\u{2009}200 tiles to come"),
+        ] {
+            let expected = (Tone::Waiting, says.to_owned(), "Drawing");
+            assert_eq!(drawing(Tone::Waiting, missing), expected);
+        }
+    }
 
     #[test]
     fn a_recording_is_never_called_live() {

@@ -285,6 +285,11 @@ fn colors_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
     {
         command = Some(LayerCommand::Opacity(layer, opacity));
     }
+    if let [only] = layer.schemes() {
+        // Nothing to choose.
+        ui.label(RichText::new(scheme_name(*only)).small());
+        return command;
+    }
     let combo = ComboBox::from_id_salt("colours")
         .selected_text(RichText::new(scheme_name(row.scheme)).small())
         .width(116.0)

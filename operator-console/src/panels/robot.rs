@@ -5,7 +5,7 @@ use robot_edge::clock::{Monotonic, utc_label};
 
 use super::rows::{Row, row, rows_ui};
 use super::stale::is_position_old;
-use super::wording::{age, bearing, count, signed, turn};
+use super::wording::{age, capitalised, count, direction, signed, turn};
 use crate::model::{ConsoleModel, LinkState};
 use crate::playback::is_recording;
 
@@ -96,18 +96,9 @@ fn pose_rows(model: &ConsoleModel) -> Vec<Row> {
     ]
 }
 
-/// `angle_deg`: counter-clockwise from x of `odom`, which points east where north is known. Where it is not, x is the robot's
-/// direction at its start for some robots, and any direction for others: only the map has it.
+/// `angle_deg`: counter-clockwise from x of `odom`.
 fn heading(angle_deg: f64, knows_north: bool) -> String {
-    if knows_north {
-        return bearing(90.0 - angle_deg);
-    }
-    match angle_deg.round() as i64 {
-        0 => "Along map's x".to_owned(),
-        -180 | 180 => "Against map's x".to_owned(),
-        left @ 1.. => format!("{left}° left of map's x"),
-        right @ ..0 => format!("{}° right of map's x", right.unsigned_abs()),
-    }
+    capitalised(&direction(angle_deg, knows_north, "map's x"))
 }
 
 /// Draws the panel.

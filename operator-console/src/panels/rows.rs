@@ -6,6 +6,8 @@ use crate::theme::Tone;
 
 /// A name and its value.
 pub(super) type Row = (String, String);
+/// What is told of a row to whoever points at it, by its name.
+pub(super) type Hint<'a> = &'a dyn Fn(&str) -> Option<&'static str>;
 
 /// The column of the names, points, and what it has at most of a panel that is narrow.
 const NAMES: f32 = 96.0;
@@ -13,15 +15,17 @@ const NAMES_SHARE: f32 = 0.46;
 
 /// Draws rows; `id` tells the columns of one panel from another's.
 pub(super) fn rows_ui(ui: &mut Ui, id: &str, rows: &[Row]) {
-    grid_ui(ui, id, rows.iter().map(|row| (Tone::Good, row)));
+    grid_ui(ui, id, rows.iter().map(|row| (Tone::Good, row)), &|_name| {
+        None
+    });
 }
 
-/// Draws rows of which some want to be looked at.
-pub(super) fn toned_rows_ui(ui: &mut Ui, id: &str, rows: &[(Tone, Row)]) {
-    grid_ui(ui, id, rows.iter().map(|(tone, row)| (*tone, row)));
+/// Draws rows of which some want to be looked at, and some have more to say to whoever points at them: `hint`, by their names.
+pub(super) fn toned_rows_ui(ui: &mut Ui, id: &str, rows: &[(Tone, Row)], hint: Hint<'_>) {
+    grid_ui(ui, id, rows.iter().map(|(tone, row)| (*tone, row)), hint);
 }
 
-fn grid_ui<'a>(ui: &mut Ui, id: &str, rows: impl Iterator<Item = (Tone, &'a Row)>) {
+fn grid_ui<'a>(ui: &mut Ui, id: &str, rows: impl Iterator<Item = (Tone, &'a Row)>, hint: Hint<'_>) {
     let names = NAMES.min(NAMES_SHARE * ui.available_width());
     Grid::new(id)
         .num_columns(2)
@@ -30,22 +34,28 @@ fn grid_ui<'a>(ui: &mut Ui, id: &str, rows: impl Iterator<Item = (Tone, &'a Row)
         .spacing([12.0, 4.0])
         .show(ui, |ui| {
             for (tone, (name, value)) in rows {
+                let hint = hint(name);
                 let name = RichText::new(name).color(ui.visuals().weak_text_color());
-                if names < NAMES {
-                    ui.scope(|ui| {
+                let name = if names < NAMES {
+                    let narrow = ui.scope(|ui| {
                         ui.set_max_width(names);
-                        ui.add(Label::new(name).wrap());
+                        ui.add(Label::new(name).wrap())
                     });
+                    narrow.inner
                 } else {
-                    ui.label(name);
-                }
+                    ui.label(name)
+                };
                 let value = RichText::new(value);
                 let value = match tone {
                     Tone::Warning => value.color(tone.color(ui.visuals())),
                     Tone::Good | Tone::Waiting => value,
                 };
                 // What is too long for its line has another: nothing is cut off.
-                ui.add(Label::new(value).wrap());
+                let value = ui.add(Label::new(value).wrap());
+                if let Some(hint) = hint {
+                    name.on_hover_text(hint);
+                    value.on_hover_text(hint);
+                }
                 ui.end_row();
             }
         });

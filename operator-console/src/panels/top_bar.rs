@@ -9,7 +9,7 @@ use eframe::egui::{
 };
 use robot_edge::clock::Monotonic;
 
-use super::connection::{ConnectionData, LinkSight, SHORT_MAPS};
+use super::connection::{ConnectionData, LinkSight, SHORT_MAPS, SHORT_RECORDED};
 use super::driving::{DrivingData, EStopFace};
 use super::elide::elided;
 use super::robots::{alerts, swatch_ui};
@@ -34,6 +34,9 @@ const RECORDINGS: [&str; 2] = ["Recording", "Opening"];
 const AGES: [&str; 2] = ["< 0.2 s ago", "< 0.2 s"];
 /// Bars that are narrower leave out what can be missed, points.
 const NARROW: f32 = 520.0;
+/// Those that are narrower still tell of alerts by their number alone, which is not longer.
+const NARROWEST: f32 = 400.0;
+const SHORT_ALERTS: &str = "88";
 
 /// What the bar shows of a robot.
 #[derive(Clone, Debug, PartialEq)]
@@ -104,10 +107,10 @@ pub fn robot_bar_ui(ui: &mut Ui, data: &TopBarData) {
     let gap = ui.spacing().item_spacing.x;
     let mark = 0.8 * SIZE + gap;
     let line = LINE + gap;
-    let links: &[_] = if RECORDINGS.contains(&&*data.link.1) {
-        &RECORDINGS
+    let (links, maps): (&[_], &[_]) = if RECORDINGS.contains(&&*data.link.1) {
+        (&RECORDINGS, &SHORT_RECORDED)
     } else {
-        &LINKS
+        (&LINKS, &SHORT_MAPS)
     };
     let wanted = Wanted {
         name: width(ui, &data.name),
@@ -120,14 +123,15 @@ pub fn robot_bar_ui(ui: &mut Ui, data: &TopBarData) {
             .driver
             .as_ref()
             .map_or(0.0, |driver| line + gap + width(ui, driver)),
-        map: mark + widest(ui, &SHORT_MAPS),
-        gaps: 2.0 * gap + line,
+        map: mark + widest(ui, maps),
+        mark,
+        // With the gap after what is before it.
+        before_map: gap + line,
+        gaps: gap,
     };
     let room = Room::new(ui.available_width(), wanted);
     name_ui(ui, &data.name, room.name);
-    slot_ui(ui, wanted.link, |ui| {
-        state_ui(ui, data.link.0, &data.link.1, SIZE);
-    });
+    link_ui(ui, &data.link, room.has_link_words.then_some(wanted.link));
     if let Some((age, (room, is_long))) = data.age.as_ref().zip(room.age) {
         let words = if is_long {
             age
@@ -144,8 +148,21 @@ pub fn robot_bar_ui(ui: &mut Ui, data: &TopBarData) {
         line_ui(ui);
         ui.add(Label::new(driver).truncate());
     }
-    line_ui(ui);
-    map_ui(ui, data, mark);
+    if room.has_map {
+        line_ui(ui);
+        map_ui(ui, data, mark);
+    }
+}
+
+/// How the link is, in so much room; without any, by its mark alone: who asks for the word, or hears it, has it.
+fn link_ui(ui: &mut Ui, (tone, link): &(Tone, String), room: Option<f32>) {
+    if let Some(room) = room {
+        slot_ui(ui, room, |ui| state_ui(ui, *tone, link, SIZE));
+        return;
+    }
+    let label = short_state_ui(ui, *tone, "", SIZE);
+    label.widget_info(|| WidgetInfo::labeled(Role::Label, true, link));
+    label.on_hover_text(link);
 }
 
 /// How the map is, in as many words as there is room for beside a mark so wide, or by that alone; who asks for them, or hears
@@ -213,9 +230,16 @@ pub fn right_bar_ui(
         if let Some(estop) = data.and_then(|data| data.estop.as_ref()) {
             asked.command = stop_ui(ui, estop).map(Command::Drive);
         }
-        let words = match unseen {
+        let is_narrow = ui.available_width() < NARROW;
+        let is_narrowest = ui.available_width() < NARROWEST;
+        let told = match unseen {
             0 => NO_ALERTS.to_owned(),
             n => alerts(n),
+        };
+        let words = if is_narrowest {
+            unseen.to_string()
+        } else {
+            told.clone()
         };
         let [fill, ink] = theme::BANNER;
         let text = RichText::new(words);
@@ -225,15 +249,21 @@ pub fn right_bar_ui(
             Button::new(text).frame(false)
         };
         // As wide with alerts as without: what is beside it stays.
-        let is_narrow = ui.available_width() < NARROW;
-        let widest = if is_narrow { FEW_ALERTS } else { NO_ALERTS };
+        let widest = match (is_narrowest, is_narrow) {
+            (true, _) => SHORT_ALERTS,
+            (false, true) => FEW_ALERTS,
+            (false, false) => NO_ALERTS,
+        };
         let room = width(ui, widest) + 2.0 * ui.spacing().button_padding.x;
         // Where there is little room, that there is none is not said.
         if unseen > 0 || !is_narrow {
             let button = ui.add(button.min_size(vec2(room, 0.0)));
-            asked.shows_alerts = button
-                .on_hover_text("Show the alerts, of all robots that were shown")
-                .clicked();
+            button.widget_info(|| WidgetInfo::labeled(Role::Button, true, &told));
+            let hint = match unseen {
+                0 => "Show the alerts, of all robots that were shown".to_owned(),
+                _ => format!("{told}. Show the alerts, of all robots that were shown"),
+            };
+            asked.shows_alerts = button.on_hover_text(hint).clicked();
         } else {
             ui.add_space(room + ui.spacing().item_spacing.x);
         }

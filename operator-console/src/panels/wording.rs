@@ -44,6 +44,23 @@ pub fn bearing(deg: f64) -> String {
     format!("{whole:03.0}°")
 }
 
+/// A direction, degrees counter-clockwise from x of `odom`, which points east where north is known. Where it is not, x is the
+/// robot's direction at its start for some robots, and any direction for others: only the map has it, and `x` is what it is
+/// called.
+pub fn direction(angle_deg: f64, knows_north: bool, x: &str) -> String {
+    if knows_north {
+        return bearing(90.0 - angle_deg);
+    }
+    // Half a turn to the left at most, or as far to the right.
+    let left_deg = 180.0 - (180.0 - angle_deg).rem_euclid(360.0);
+    match left_deg.round() as i64 {
+        0 => format!("along {x}"),
+        -180 | 180 => format!("against {x}"),
+        left @ 1.. => format!("{left}° left of {x}"),
+        right @ ..0 => format!("{}° right of {x}", right.unsigned_abs()),
+    }
+}
+
 /// A count in groups of three digits.
 pub fn count(number: u64) -> String {
     let digits = number.to_string();
@@ -91,6 +108,25 @@ mod tests {
         check(120_000, "2 min");
         check(7_199_000, "119 min");
         check(90_000_000, "25 h");
+    }
+
+    #[test]
+    fn a_direction_is_the_compasss_where_north_is_known() {
+        for (angle_deg, on_earth, on_map) in [
+            (0.0, "090°", "along x"),
+            (-0.4, "090°", "along x"),
+            (13.2, "077°", "13° left of x"),
+            (-13.2, "103°", "13° right of x"),
+            (179.9, "270°", "against x"),
+            (-179.9, "270°", "against x"),
+            // Beyond half a turn the other way is shorter.
+            (-270.0, "000°", "90° left of x"),
+            (190.0, "260°", "170° right of x"),
+            (359.8, "090°", "along x"),
+        ] {
+            assert_eq!(direction(angle_deg, true, "x"), on_earth);
+            assert_eq!(direction(angle_deg, false, "x"), on_map, "{angle_deg}");
+        }
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use eframe::egui::{Context, ThemePreference};
+use eframe::egui::{Context, Theme, ThemePreference};
 use serde::{Deserialize, Serialize};
 
 /// Light or dark.
@@ -50,13 +50,11 @@ impl ThemeChoice {
         }
     }
 
-    /// The one after it.
-    #[must_use]
-    pub const fn next(self) -> Self {
-        match self {
-            Self::System => Self::Dark,
-            Self::Dark => Self::Light,
-            Self::Light => Self::System,
+    /// The other look than the one that is `seen`, whatever was chosen.
+    pub const fn other_than(seen: Theme) -> Self {
+        match seen {
+            Theme::Dark => Self::Light,
+            Theme::Light => Self::Dark,
         }
     }
 }

@@ -60,7 +60,7 @@ pub enum Action {
     Slower,
     /// Play it faster.
     Faster,
-    /// Begin the recording anew at its end, or do not.
+    /// Switch on or off that the recording begins anew at its end.
     Loop,
     /// End the program.
     Quit,
@@ -70,8 +70,8 @@ pub enum Action {
     PreviousPanel,
     /// Put all panels back where they were at first.
     ResetLayout,
-    /// Light, dark, as the system.
-    NextTheme,
+    /// Light where it is dark, dark where it is light.
+    OtherTheme,
     /// Everything larger.
     ScaleUp,
     /// Everything smaller.

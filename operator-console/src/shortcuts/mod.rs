@@ -15,7 +15,7 @@ use eframe::egui::{Key, KeyboardShortcut, Modifiers};
 pub use action::{Action, Edge};
 pub use handler::{KeyScene, Pressed, pressed};
 pub use late_stop::has_space_behind_text;
-pub use sheet::sheet_ui;
+pub use sheet::Sheet;
 pub use table::{Binding, Group, bindings};
 pub use type_ahead::TypeAhead;
 

@@ -1,47 +1,89 @@
 //! The list of all keys, over the window.
 
-use eframe::egui::{Align2, Context, Grid, RichText, ScrollArea, Ui, Window, vec2};
+use eframe::egui::{
+    Align2, Context, Grid, RichText, ScrollArea, Ui, Vec2, Window, WindowDrag, vec2,
+};
 
 use super::{Action, Binding, Group, bindings, words};
 use crate::teleop_input::SpeedStep;
 
-/// A column with the longest words, points.
+/// A column: keys and words of all rows have room in it. Points.
 const COLUMN: f32 = 300.0;
 const BETWEEN: f32 = 24.0;
 /// What the frame of the window takes of its width and of its height, points.
 const FRAME: [f32; 2] = [40.0, 70.0];
 
-/// Draws the sheet; `is_open` becomes false where it is closed.
-pub fn sheet_ui(ctx: &Context, is_open: &mut bool) {
-    let room = ctx.content_rect().size() - vec2(FRAME[0], FRAME[1]);
+/// The sheet, open or not.
+#[derive(Debug)]
+pub struct Sheet {
+    is_open: bool,
+    /// Whether the operator has moved it since it was opened: till then it is in the middle of the window.
+    is_moved: bool,
+}
+
+impl Sheet {
+    /// It is not open.
+    pub const CLOSED: Self = Self {
+        is_open: false,
+        is_moved: false,
+    };
+
+    /// Opens it, or closes it.
+    pub const fn toggle(&mut self) {
+        *self = Self {
+            is_open: !self.is_open,
+            ..Self::CLOSED
+        };
+    }
+
+    /// Closes it; whether it was open.
+    pub const fn close(&mut self) -> bool {
+        std::mem::replace(self, Self::CLOSED).is_open
+    }
+
+    /// Draws it, where it is open.
+    pub fn show(&mut self, ctx: &Context) {
+        if !self.is_open {
+            return;
+        }
+        let content = ctx.content_rect();
+        let room = content.size() - vec2(FRAME[0], FRAME[1]);
+        let mut window = Window::new("Keyboard shortcuts")
+            .open(&mut self.is_open)
+            .collapsible(false)
+            .resizable(false)
+            // By its title alone, egui 0.37 would leave it where it was.
+            .drag_area(WindowDrag::Anywhere)
+            .pivot(Align2::CENTER_CENTER);
+        if !self.is_moved {
+            window = window.current_pos(content.center());
+        }
+        let shown = window.show(ctx, |ui| contents_ui(ui, room));
+        self.is_moved |= shown.is_some_and(|shown| shown.response.dragged());
+    }
+}
+
+fn contents_ui(ui: &mut Ui, room: Vec2) {
     let columns = columns(room.x);
     let width = columns.len() as f32 * (COLUMN + BETWEEN) - BETWEEN;
-    Window::new("Keyboard shortcuts")
-        .open(is_open)
-        .collapsible(false)
-        .resizable(false)
-        .pivot(Align2::CENTER_CENTER)
-        .default_pos(ctx.content_rect().center())
-        .show(ctx, |ui| {
-            ScrollArea::both()
-                // It scrolls only what the whole window has no room for.
-                .min_scrolled_width(room.x.min(width))
-                .min_scrolled_height(room.y)
-                .max_height(room.y)
-                .show(ui, |ui| {
-                    ui.horizontal_top(|ui| {
-                        ui.spacing_mut().item_spacing.x = BETWEEN;
-                        for blocks in columns {
-                            ui.vertical(|ui| {
-                                ui.spacing_mut().item_spacing.x = 8.0;
-                                ui.set_width(COLUMN);
-                                for block in blocks {
-                                    block.show(ui);
-                                }
-                            });
+    // It scrolls only what the whole window has no room for.
+    ScrollArea::both()
+        .min_scrolled_width(room.x.min(width))
+        .min_scrolled_height(room.y)
+        .max_height(room.y)
+        .show(ui, |ui| {
+            ui.horizontal_top(|ui| {
+                ui.spacing_mut().item_spacing.x = BETWEEN;
+                for blocks in columns {
+                    ui.vertical(|ui| {
+                        ui.spacing_mut().item_spacing.x = 8.0;
+                        ui.set_width(COLUMN);
+                        for block in blocks {
+                            block.show(ui);
                         }
                     });
-                });
+                }
+            });
         });
 }
 
@@ -99,17 +141,35 @@ fn driving_ui(ui: &mut Ui) {
 }
 
 fn group_ui(ui: &mut Ui, group: Group) {
+    rows_ui(ui, group.title(), &rows(group));
+}
+
+/// All that stands under the heading of a group.
+fn rows(group: Group) -> Vec<(String, &'static str)> {
     let of_group = bindings().iter().filter(|binding| binding.group == group);
-    let rows: Vec<_> = of_group.filter_map(row).collect();
-    rows_ui(ui, group.title(), &rows);
+    let of_widgets = of_widgets(group).iter();
+    let of_widgets = of_widgets.map(|(keys, words)| ((*keys).to_owned(), *words));
+    of_group.filter_map(row).chain(of_widgets).collect()
+}
+
+/// Keys that are not in the table, because what has the keyboard takes them.
+const fn of_widgets(group: Group) -> &'static [(&'static str, &'static str)] {
+    match group {
+        Group::Map => &[("PgUp, PgDn", "Scroll opened legends")],
+        Group::Window => &[
+            ("Tab", "To the next control"),
+            ("Shift+Tab", "To the one before"),
+        ],
+        Group::Robots | Group::Recording | Group::Files => &[],
+    }
 }
 
 /// Keys and what they do; `None` where there are none. Robots have one row together.
 fn row(binding: &Binding) -> Option<(String, &'static str)> {
     if let Action::Robot(number) = binding.action {
         let all = || {
-            let [first, last] = [1, 9].map(|number| Action::Robot(number).keys());
-            (format!("{first} to {last}"), "Robot 1 to 9")
+            let first = Action::Robot(1).keys();
+            (format!("{first} … 9"), "Robot 1 to 9")
         };
         return (number == 1).then(all);
     }
@@ -135,6 +195,11 @@ fn rows_ui(ui: &mut Ui, title: &str, rows: &[(String, &str)]) {
 
 #[cfg(test)]
 mod tests {
+    use eframe::egui::accesskit::Role;
+    use eframe::egui::{Pos2, Rect, pos2};
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
     use super::*;
 
     #[test]
@@ -150,16 +215,104 @@ mod tests {
     }
 
     #[test]
-    fn every_key_of_the_table_is_on_it() {
-        let rows: Vec<_> = bindings().iter().filter_map(row).collect();
+    fn every_key_is_on_it() {
+        let rows: Vec<_> = Group::ALL.into_iter().flat_map(rows).collect();
         let says = |keys: &str, words: &str| {
             let is_it = |row: &&(String, &str)| row.0 == keys && row.1 == words;
             assert!(rows.iter().any(|row| is_it(&row)), "{keys}: {words}");
         };
-        says("Ctrl+1 to Ctrl+9", "Robot 1 to 9");
-        says("R", "At the end, begin anew");
+        says("Ctrl+1 … 9", "Robot 1 to 9");
+        says("R", "Loop at the end, on or off");
+        says("Ctrl+Shift+D", "Switch dark and light");
         says("+ or =", "Closer");
+        says("PgUp, PgDn", "Scroll opened legends");
+        says("Tab", "To the next control");
         let keyless = bindings().iter().filter(|binding| binding.keys.is_empty());
-        assert_eq!(rows.len(), bindings().len() - keyless.count() - 8);
+        assert_eq!(rows.len(), bindings().len() - keyless.count() - 8 + 3);
+    }
+
+    fn window(size: [f32; 2]) -> Harness<'static, Sheet> {
+        let mut harness = Harness::builder()
+            .with_size(Vec2::from(size))
+            .build_ui_state(
+                |ui, sheet: &mut Sheet| {
+                    crate::theme::set(ui.ctx());
+                    sheet.show(ui.ctx());
+                },
+                Sheet::CLOSED,
+            );
+        harness.state_mut().toggle();
+        harness.run_steps(6);
+        harness
+    }
+
+    fn place(window: &Harness<'_, Sheet>) -> Rect {
+        let sheet = window.get_by_role_and_label(Role::Window, "Keyboard shortcuts");
+        sheet.rect()
+    }
+
+    /// How many bars lie and how many stand.
+    fn bars(window: &Harness<'_, Sheet>) -> [usize; 2] {
+        let bars = window.query_all_by_role(Role::ScrollBar);
+        let lies: Vec<_> = bars
+            .map(|bar| bar.rect().width() > bar.rect().height())
+            .collect();
+        [true, false].map(|which| lies.iter().filter(|lies| **lies == which).count())
+    }
+
+    #[test]
+    fn a_bar_is_there_only_where_there_is_something_to_scroll() {
+        for (size, expected) in [
+            ([1280.0, 800.0], [0, 0]),
+            ([700.0, 620.0], [0, 1]),
+            ([300.0, 620.0], [1, 1]),
+        ] {
+            assert_eq!(bars(&window(size)), expected, "{size:?}");
+        }
+    }
+
+    #[test]
+    fn it_opens_in_the_middle_and_stays_in_the_window() {
+        let mut window = window([700.0, 620.0]);
+        let is_amid = |window: &Harness<'_, Sheet>, size: Vec2| {
+            let place = place(window);
+            let off = place.center() - (0.5 * size).to_pos2();
+            assert!(off.length() < 1.5, "{place} in {size}");
+            assert!(Rect::from_min_size(Pos2::ZERO, size).contains_rect(place));
+        };
+        is_amid(&window, vec2(700.0, 620.0));
+        // Closed, and opened in a window that is larger by now; then that one shrinks.
+        window.state_mut().toggle();
+        window.run_steps(2);
+        for size in [vec2(1280.0, 800.0), vec2(700.0, 620.0)] {
+            window.set_size(size);
+            if size.x > 1000.0 {
+                window.state_mut().toggle();
+            }
+            window.run_steps(6);
+            is_amid(&window, size);
+        }
+    }
+
+    #[test]
+    fn it_stays_where_it_is_moved_until_it_is_opened_again() {
+        let mut window = window([1280.0, 800.0]);
+        let amid = place(&window).center();
+        let title = pos2(amid.x - 200.0, place(&window).top() + 12.0);
+        window.hover_at(title);
+        window.run_steps(1);
+        window.drag_at(title);
+        window.run_steps(1);
+        window.hover_at(title + vec2(60.0, 20.0));
+        window.run_steps(2);
+        window.drop_at(title + vec2(60.0, 20.0));
+        window.run_steps(4);
+        let by = place(&window).center() - amid;
+        assert!((by - vec2(60.0, 20.0)).length() < 1.5, "{by}");
+        for _time in 0..2 {
+            window.state_mut().toggle();
+            window.run_steps(4);
+        }
+        assert!((place(&window).center() - amid).length() < 1.5);
     }
 }

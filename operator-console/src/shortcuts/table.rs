@@ -129,7 +129,7 @@ fn map() -> Vec<Binding> {
             (Action::Measure, "Measure", &[(PLAIN, Key::M)]),
             (
                 Action::Point,
-                "Read the middle, or measure to it",
+                "Read or measure the middle",
                 &[(PLAIN, Key::C)],
             ),
             (
@@ -196,7 +196,11 @@ fn recording() -> Vec<Binding> {
             (Action::LeapOn, "10 seconds on", &[(SHIFT, Key::Period)]),
             (Action::Slower, "Slower", &[(PLAIN, Key::OpenBracket)]),
             (Action::Faster, "Faster", &[(PLAIN, Key::CloseBracket)]),
-            (Action::Loop, "At the end, begin anew", &[(PLAIN, Key::R)]),
+            (
+                Action::Loop,
+                "Loop at the end, on or off",
+                &[(PLAIN, Key::R)],
+            ),
         ],
     )
 }
@@ -220,7 +224,11 @@ fn window() -> Vec<Binding> {
             (Action::NextPanel, "Next panel", &[(PLAIN, Key::F6)]),
             (Action::PreviousPanel, "Panel before", &[(SHIFT, Key::F6)]),
             (Action::ResetLayout, "Reset layout", &[]),
-            (Action::NextTheme, "Next theme", &[(CTRL_SHIFT, Key::D)]),
+            (
+                Action::OtherTheme,
+                "Switch dark and light",
+                &[(CTRL_SHIFT, Key::D)],
+            ),
             (
                 Action::ScaleUp,
                 "Larger",

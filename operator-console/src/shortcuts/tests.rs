@@ -66,7 +66,7 @@ fn no_action_has_a_key_that_drives() {
 #[test]
 fn keys_are_told_in_words() {
     assert_eq!(Action::Screenshot.keys(), "Ctrl+S");
-    assert_eq!(Action::NextTheme.keys(), "Ctrl+Shift+D");
+    assert_eq!(Action::OtherTheme.keys(), "Ctrl+Shift+D");
     assert_eq!(Action::Pan(Edge::Left).keys(), "Left");
     assert_eq!(Action::ResetLayout.keys(), "");
     assert_eq!(Action::Layer(LayerId::Elevation).keys(), "Alt+2");

@@ -11,7 +11,7 @@ use std::{env, fs};
 
 use anyhow::{Context as _, bail, ensure};
 use nalgebra::Point3;
-use robot_edge::mapping::octree::{Octree, Ray, VoxelState};
+use robot_edge::mapping::octree::{Octree, Ray};
 use robot_edge::mapping::octree_config::{OctreeConfig, RangeSensorModel};
 use robot_edge::mapping::posed_scan::SensorId;
 use robot_edge::summary::peak_rss_bytes;
@@ -220,7 +220,7 @@ fn write_voxels(octree: &Octree, path: &Path) -> anyhow::Result<()> {
         let least = block.least;
         for (brick, voxels) in (0_i32..).zip(block.bricks) {
             for n in (0..64).filter(|n| voxels.known >> n & 1 == 1) {
-                let along = |axis: i32| brick >> (2 * axis) << 2 & 12 | n >> (2 * axis) & 3;
+                let along = |axis: i32| (brick >> (2 * axis) & 3) << 2 | n >> (2 * axis) & 3;
                 let (x, y, z) = (least.x + along(0), least.y + along(1), least.z + along(2));
                 writeln!(out, "{x} {y} {z} {}", voxels.occupied >> n & 1)?;
             }

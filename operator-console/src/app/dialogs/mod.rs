@@ -9,13 +9,13 @@ use super::export_job::ExportProgress;
 use crate::command::Command;
 use crate::model::ConsoleModel;
 use crate::settings::Settings;
-use crate::shortcuts::sheet_ui;
+use crate::shortcuts::Sheet;
 
 use export::ExportDialog;
 
 /// The dialogs, open or not.
 pub(super) struct Dialogs {
-    is_sheet_open: bool,
+    pub(super) sheet: Sheet,
     is_about_open: bool,
     export: Option<ExportDialog>,
     opens_exports: bool,
@@ -31,7 +31,7 @@ impl Dialogs {
     /// None is open.
     pub(super) const fn of(settings: &Settings) -> Self {
         Self {
-            is_sheet_open: false,
+            sheet: Sheet::CLOSED,
             is_about_open: false,
             export: None,
             opens_exports: settings.opens_exports,
@@ -41,10 +41,6 @@ impl Dialogs {
     /// Writes what is to be kept into `settings`.
     pub(super) const fn keep(&self, settings: &mut Settings) {
         settings.opens_exports = self.opens_exports;
-    }
-
-    pub(super) const fn toggle_sheet(&mut self) {
-        self.is_sheet_open = !self.is_sheet_open;
     }
 
     pub(super) const fn show_about(&mut self) {
@@ -72,7 +68,7 @@ impl Dialogs {
         if self.export.take().is_some() {
             return true;
         }
-        std::mem::take(&mut self.is_about_open) || std::mem::take(&mut self.is_sheet_open)
+        std::mem::take(&mut self.is_about_open) || self.sheet.close()
     }
 
     /// Draws those that are open.
@@ -82,9 +78,7 @@ impl Dialogs {
         model: Option<&ConsoleModel>,
         progress: Option<&ExportProgress>,
     ) -> Option<Command> {
-        if self.is_sheet_open {
-            sheet_ui(ctx, &mut self.is_sheet_open);
-        }
+        self.sheet.show(ctx);
         if self.is_about_open {
             about::about_ui(ctx, &mut self.is_about_open);
         }

@@ -9,7 +9,7 @@ use crate::helm::Intent;
 use crate::map_view::{LayerCommand, Overlay, Sight};
 use crate::panels::driving::LeaseFace;
 use crate::playback::PlaybackCommand;
-use crate::settings::Appearance;
+use crate::settings::{Appearance, ThemeChoice};
 use crate::shortcuts::{Action, Edge};
 use crate::workspace::PanelId;
 
@@ -102,8 +102,8 @@ impl Screen {
             Action::NextPanel => self.workspace.cycle_focus(true),
             Action::PreviousPanel => self.workspace.cycle_focus(false),
             Action::ResetLayout => self.workspace.reset(),
-            Action::NextTheme => {
-                self.appearance.theme = self.appearance.theme.next();
+            Action::OtherTheme => {
+                self.appearance.theme = ThemeChoice::other_than(ctx.theme());
                 self.appearance.apply(ctx);
             }
             Action::ScaleUp | Action::ScaleDown => {
@@ -114,7 +114,7 @@ impl Screen {
                 self.appearance.scale_percent = Appearance::default().scale_percent;
                 self.appearance.apply(ctx);
             }
-            Action::ShortcutSheet => self.dialogs.toggle_sheet(),
+            Action::ShortcutSheet => self.dialogs.sheet.toggle(),
             Action::About => self.dialogs.show_about(),
             Action::CloseDialog => {
                 if !self.dialogs.close_one() {

@@ -1,6 +1,7 @@
 mod finding;
 mod habits;
 mod map;
+mod small;
 mod trust;
 
 use std::time::Duration;

@@ -123,7 +123,11 @@ impl ShoreMarks {
 }
 
 /// Corners of what is marked, metres in `odom`; none where it is gone.
-fn outline_m(shores: &Shores, names: &[SiteName], marked: ShoreMark) -> Vec<[f64; 2]> {
+pub(in crate::map_view) fn outline_m(
+    shores: &Shores,
+    names: &[SiteName],
+    marked: ShoreMark,
+) -> Vec<[f64; 2]> {
     match marked {
         ShoreMark::Shore(number) => {
             let shore = shores.clusters.iter().find(|shore| shore.number == number);

@@ -67,6 +67,7 @@ impl Rig {
             store: &self.store,
             known: &self.known,
             coloring: &self.coloring,
+            below: &[],
         };
         let mut time = FrameTime::of_tiles(tiles);
         let view = (&self.camera, screen());

@@ -137,3 +137,21 @@ fn silent_addresses_are_all_in_sight_and_can_be_forgotten() {
     let expected = Command::ForgetAddress("tcp/10.0.0.5:7447".to_owned());
     assert_eq!(window.state().clone(), Some(expected));
 }
+
+#[test]
+fn a_narrow_panel_says_how_many_addresses_are_remembered() {
+    for (width, says) in [
+        (170.0, "Remembered (1)"),
+        (190.0, "Remembered (1)"),
+        (260.0, "Remembered addresses (1)"),
+    ] {
+        let addresses = [listed_as("tcp/here:7447", Some(AddressState::Found))];
+        let mut window = Harness::builder()
+            .with_size(vec2(width, 200.0))
+            .build_ui(move |ui| _ = remembered_ui(ui, &addresses));
+        crate::theme::set(&window.ctx);
+        window.run_steps(3);
+        let place = window.get_by_label(says).rect();
+        assert!(place.right() <= width - 7.5, "{width}: {place}");
+    }
+}

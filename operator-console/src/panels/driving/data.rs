@@ -7,11 +7,12 @@ use protocol::message::{Arming, Clamp, Guard, Settings, StopReason, TeleopState,
 use robot_edge::clock::Monotonic;
 
 use super::gauge::{self, Gauge};
+use super::untold::untold;
 use super::{figures, words};
 use crate::helm::{EStopSight, HelmSight, Lease};
 use crate::model::{ConsoleModel, LinkState, Stream};
 use crate::panels::rows::Row;
-use crate::panels::wording::{age, capitalised, signed};
+use crate::panels::wording::{age, capitalised};
 use crate::teleop_input::SpeedStep;
 use crate::theme::Tone;
 
@@ -21,8 +22,6 @@ const POSE_LATE: Duration = Duration::from_millis(600);
 const STATUS_LATE: Duration = Duration::from_millis(1800);
 /// A vehicle that is slower than this stands, m/s and rad/s.
 const MOVING: f32 = 0.05;
-/// Wind and current seldom carry a boat that is faster than this, m/s.
-const DRIFTING: f32 = 0.5;
 
 /// What the panel shows.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,6 +32,8 @@ pub struct DrivingData {
     pub headline: String,
     /// What follows from it, or what to do.
     pub advice: Option<String>,
+    /// What the words mean, where that is not plain.
+    pub hint: Option<&'static str>,
     /// The emergency stop.
     pub estop: EStopFace,
     /// Who drives, in words.
@@ -45,6 +46,8 @@ pub struct DrivingData {
     pub asks: Option<OperatorId>,
     /// How fast keys drive.
     pub step: SpeedStep,
+    /// The vehicle's greatest speed, m/s; 0 where it is not known.
+    pub top_speed_mps: f32,
     /// Forwards, and turning.
     pub gauges: Option<[Gauge; 2]>,
     /// Why the two differ.
@@ -57,6 +60,25 @@ pub struct DrivingData {
     pub settings: Option<Settings>,
     /// Commands that the robot refused, by reason.
     pub refused: Vec<Row>,
+}
+
+/// How the vehicle is, in words.
+pub(super) struct Headline {
+    pub(super) tone: Tone,
+    pub(super) words: String,
+    pub(super) advice: Option<String>,
+    pub(super) hint: Option<&'static str>,
+}
+
+impl Headline {
+    const fn new(tone: Tone, words: String, advice: Option<String>) -> Self {
+        Self {
+            tone,
+            words,
+            advice,
+            hint: None,
+        }
+    }
 }
 
 /// The big button.
@@ -98,7 +120,7 @@ impl DrivingData {
         let teleop = model.status()?.0.teleop.as_ref()?;
         let silence = silence(model, now);
         let status = &model.status()?.0;
-        let (tone, headline, advice) = match silence {
+        let headline = match silence {
             Some(silence) => lost(silence, helm),
             None if status.has_ended && teleop.state == TeleopState::Idle => ended(),
             None => heard(teleop, helm, moves(model)),
@@ -112,9 +134,10 @@ impl DrivingData {
         let is_held_back = gauges.iter().flatten().any(Gauge::is_held_back);
         let clamp = teleop.clamp.filter(|_| is_held_back);
         Some(Self {
-            tone,
-            headline,
-            advice,
+            tone: headline.tone,
+            headline: headline.words,
+            advice: headline.advice,
+            hint: headline.hint,
             estop: estop_face(teleop, helm),
             driver: driver(teleop, helm, silence.is_some()),
             lease: lease_face(teleop, helm, silence.is_some() || status.has_ended),
@@ -128,6 +151,7 @@ impl DrivingData {
                 .as_ref()
                 .map(|note| capitalised(&words::note(note).0)),
             step: helm.step,
+            top_speed_mps: helm.limits[0],
             gauges,
             clamp: clamp
                 .filter(|clamp| *clamp != Clamp::Stop)
@@ -159,22 +183,22 @@ fn silence(model: &ConsoleModel, now: Monotonic) -> Option<Duration> {
 }
 
 /// A link that is lost is no pause: nobody here knows what the vehicle does.
-fn lost(silence: Duration, helm: &HelmSight) -> (Tone, String, Option<String>) {
+fn lost(silence: Duration, helm: &HelmSight) -> Headline {
     let advice = match helm.lease {
         Lease::Held(_) => {
             "It stops by itself when commands stay away, and soon gives up the lease. When it is heard again, let go of all keys, and press Drive where nobody drives."
         }
         Lease::None | Lease::Waiting { .. } => "What it does now is not known here.",
     };
-    let headline = format!("Link lost for {}", age(silence));
-    (Tone::Warning, headline, Some(advice.to_owned()))
+    let words = format!("Link lost for {}", age(silence));
+    Headline::new(Tone::Warning, words, Some(advice.to_owned()))
 }
 
 /// Where it was and how fast it went are the last that there is.
-fn ended() -> (Tone, String, Option<String>) {
+fn ended() -> Headline {
     let advice = "Nothing new will come of this robot";
-    let headline = "Its data has ended".to_owned();
-    (Tone::Waiting, headline, Some(advice.to_owned()))
+    let words = "Its data has ended".to_owned();
+    Headline::new(Tone::Waiting, words, Some(advice.to_owned()))
 }
 
 /// The speed of a vehicle that moves, forwards, m/s.
@@ -184,43 +208,9 @@ fn moves(model: &ConsoleModel) -> Option<f32> {
     is_moving.then_some(pose.speed_mps)
 }
 
-fn heard(
-    teleop: &TeleopStatus,
-    helm: &HelmSight,
-    moves: Option<f32>,
-) -> (Tone, String, Option<String>) {
-    // Told zero, and moving all the same: pushed, driven by something else, or braking. A boat without thrust is slow, or
-    // was driven a moment ago.
-    let moves_untold = moves.filter(|speed_mps| match teleop.state {
-        TeleopState::Idle => !teleop.is_drifting || speed_mps.abs() > DRIFTING,
-        TeleopState::SafeBoot | TeleopState::Held | TeleopState::EStop | TeleopState::Fault(_) => {
-            !teleop.is_drifting
-        }
-        TeleopState::Driving | TeleopState::Stopping(_) => false,
-    });
-    if let Some(speed_mps) = moves_untold {
-        let headline = match teleop.state {
-            TeleopState::EStop | TeleopState::Fault(_) => words::state(teleop.state),
-            TeleopState::SafeBoot
-            | TeleopState::Idle
-            | TeleopState::Held
-            | TeleopState::Driving
-            | TeleopState::Stopping(_) => "Moving by itself".to_owned(),
-        };
-        let speed = signed(f64::from(speed_mps), 2);
-        // A simulated tour does, and whatever else drives besides operators.
-        if teleop.state == TeleopState::Idle {
-            let advice = format!("Nobody drives it from here: {speed} m/s");
-            // Whether that is a program or a strong current, only the water knows.
-            let tone = if teleop.is_drifting {
-                Tone::Warning
-            } else {
-                Tone::Waiting
-            };
-            return (tone, headline, Some(advice));
-        }
-        let advice = format!("It is told to stand, and moves: {speed} m/s");
-        return (Tone::Warning, headline, Some(advice));
+fn heard(teleop: &TeleopStatus, helm: &HelmSight, moves: Option<f32>) -> Headline {
+    if let Some(untold) = untold(teleop, moves) {
+        return untold;
     }
     let is_mine = helm.lease.held().is_some();
     let headline = match teleop.state {
@@ -278,7 +268,7 @@ fn heard(
             _,
         ) => None,
     };
-    (tone, headline, advice)
+    Headline::new(tone, headline, advice)
 }
 
 impl EStopFace {

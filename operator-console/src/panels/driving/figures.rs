@@ -5,6 +5,7 @@ use std::time::Duration;
 use protocol::message::{Arming, Clamp, TeleopStatus};
 use robot_edge::clock::Monotonic;
 
+use super::guard::guard;
 use super::last_stop::last_stop;
 use super::words;
 use crate::helm::HelmSight;
@@ -15,6 +16,8 @@ use crate::theme::Tone;
 
 /// Ages beyond half of the greatest that is usual are worth a look.
 const OLD_MS: u32 = 200;
+/// The speed that the age of commands allows.
+const AGE_ALLOWS: &str = "Age allows";
 
 pub(super) fn rows(
     model: &ConsoleModel,
@@ -46,8 +49,8 @@ pub(super) fn rows(
     } else {
         Tone::Good
     };
-    rows.push((tone, row("Age allows", allowed)));
-    let (tone, guard) = words::guard(teleop.guard, helm.limits[0]);
+    rows.push((tone, row(AGE_ALLOWS, allowed)));
+    let (tone, guard) = guard(teleop, helm.limits);
     rows.push((tone, row("Guard", guard)));
     let events = model.events().iter().map(|(event, _)| event);
     if let Some((tone, stop)) = last_stop(teleop, model.before_estop(), events) {
@@ -72,6 +75,14 @@ pub(super) fn rows(
         rows.push((Tone::Warning, row("Unasked stops", count(stops))));
     }
     rows
+}
+
+/// What is told of a figure to whoever points at it.
+pub(super) fn hint(name: &str) -> Option<&'static str> {
+    (name == AGE_ALLOWS).then_some(
+        "The older commands are, the slower the robot lets itself be driven: so it goes only a short way on old news. While \
+         none are sent, it reckons with the oldest that it would obey.",
+    )
 }
 
 pub(super) fn link_rows(model: &ConsoleModel, now: Monotonic) -> Vec<Row> {

@@ -3,12 +3,14 @@
 mod data;
 mod figures;
 mod gauge;
+mod guard;
 mod last_stop;
+mod untold;
 pub mod words;
 
 use eframe::egui::{
-    Align, Button, CollapsingHeader, Color32, DragValue, Label, Layout, RichText, ScrollArea,
-    Stroke, Ui, vec2,
+    Align, Button, CollapsingHeader, Color32, DragValue, Label, Layout, RectAlign, Response,
+    RichText, ScrollArea, Stroke, Tooltip, Ui, vec2,
 };
 use protocol::keys::OperatorId;
 use protocol::message::{LeaseRequest, Setting, Settings};
@@ -60,7 +62,10 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
     let mut intent = None;
     ui.add_space(6.0);
     let headline = (HEADLINE_SHARE * ui.available_width()).clamp(14.0, 24.0);
-    state_ui(ui, data.tone, &data.headline, headline);
+    let shown = ui.scope(|ui| state_ui(ui, data.tone, &data.headline, headline));
+    if let Some(hint) = data.hint {
+        shown.response.on_hover_text(hint);
+    }
     // Always there, for the same reason.
     let advice = RichText::new(data.advice.as_deref().unwrap_or(" ")).small();
     ui.add(Label::new(advice).wrap());
@@ -75,7 +80,7 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
         intent = intent.or(question_ui(ui, who));
     }
     ui.separator();
-    intent = intent.or(step_ui(ui, data.step));
+    intent = intent.or(step_ui(ui, data.step, data.top_speed_mps));
     for gauge in data.gauges.iter().flatten() {
         gauge::gauge_ui(ui, gauge);
     }
@@ -83,7 +88,7 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
     let warning = theme::Tone::Warning.color(ui.visuals());
     ui.label(RichText::new(clamp).small().color(warning));
     ui.separator();
-    toned_rows_ui(ui, "driving", &data.rows);
+    toned_rows_ui(ui, "driving", &data.rows, &figures::hint);
     ui.separator();
     rows_ui(ui, "driving link", &data.link);
     if let Some(settings) = data.settings {
@@ -230,20 +235,21 @@ fn question_ui(ui: &mut Ui, who: &OperatorId) -> Option<Intent> {
     answer
 }
 
-fn step_ui(ui: &mut Ui, step: SpeedStep) -> Option<Intent> {
+fn step_ui(ui: &mut Ui, step: SpeedStep, top_speed_mps: f32) -> Option<Intent> {
     let weak = ui.visuals().weak_text_color();
     if ui.available_width() < NARROW {
         ui.colored_label(weak, "Keys drive at");
-        return ui.horizontal(|ui| steps_ui(ui, step)).inner;
+        let row = ui.horizontal(|ui| steps_ui(ui, step, top_speed_mps));
+        return row.inner;
     }
     let row = ui.horizontal(|ui| {
         ui.colored_label(weak, "Keys drive at");
-        steps_ui(ui, step)
+        steps_ui(ui, step, top_speed_mps)
     });
     row.inner
 }
 
-fn steps_ui(ui: &mut Ui, step: SpeedStep) -> Option<Intent> {
+fn steps_ui(ui: &mut Ui, step: SpeedStep, top_speed_mps: f32) -> Option<Intent> {
     let mut chosen = None;
     ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
         ui.spacing_mut().item_spacing.x = 3.0;
@@ -253,15 +259,34 @@ fn steps_ui(ui: &mut Ui, step: SpeedStep) -> Option<Intent> {
         ui.spacing_mut().button_padding.x = 4.0;
         let steps: Vec<_> = SpeedStep::all().collect();
         for of in steps.into_iter().rev() {
-            let words = format!("{:.0} %", 100.0 * of.share());
             let text = RichText::new(of.number().to_string());
             let button = Button::selectable(of == step, text).min_size(vec2(width, 24.0));
-            if ui.add(button).on_hover_text(words).clicked() {
+            let button = ui.add(button);
+            step_hint_ui(&button, of, top_speed_mps);
+            if button.clicked() {
                 chosen = Some(Intent::Step(of));
             }
         }
     });
     chosen
+}
+
+/// Above the step: below it are the speeds that it is chosen for.
+fn step_hint_ui(button: &Response, step: SpeedStep, top_speed_mps: f32) {
+    let mut words = format!(
+        "{}: {:.0} % of its top speed",
+        step.number(),
+        100.0 * step.share()
+    );
+    if top_speed_mps > 0.0 {
+        words = format!("{words}, {:.2} m/s", step.share() * top_speed_mps);
+    }
+    let mut tooltip = Tooltip::for_enabled(button);
+    tooltip.popup = tooltip
+        .popup
+        .align(RectAlign::TOP_END)
+        .align_alternatives(&[RectAlign::TOP, RectAlign::TOP_START]);
+    tooltip.show(|ui| ui.label(words));
 }
 
 fn settings_ui(ui: &mut Ui, settings: Settings, entry: &mut DrivingEntry) -> Option<Intent> {

@@ -1,3 +1,5 @@
+mod asked;
+
 use eframe::egui::vec2;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
@@ -277,7 +279,7 @@ fn an_emergency_stop_is_seen_from_press_to_reset() {
 fn a_vehicle_that_moves_untold_does_not_stand() {
     for (state, headline, tone) in [
         (TeleopState::Idle, "Moving by itself", Tone::Waiting),
-        (TeleopState::Held, "Moving by itself", Tone::Warning),
+        (TeleopState::Held, "Moving untold", Tone::Warning),
         (TeleopState::EStop, "Emergency stop", Tone::Warning),
     ] {
         let mut rig = Rig::new();
@@ -303,7 +305,7 @@ fn a_vehicle_that_moves_untold_does_not_stand() {
     let data = boat.data();
     assert_eq!(
         (data.headline.as_str(), data.tone),
-        ("Moving by itself", Tone::Warning)
+        ("Moving or adrift", Tone::Warning)
     );
     let advice = "Nobody drives it from here: 1.50 m/s";
     assert_eq!(data.advice.as_deref(), Some(advice));

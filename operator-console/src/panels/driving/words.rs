@@ -1,16 +1,12 @@
 //! States and reasons of driving as the operator reads them.
 
 use protocol::message::{
-    Answer, Arming, Clamp, FaultReason, Guard, GuardLimits, LeaseEnd, LeaseRequest, Refusal,
-    Setting, StopReason, TeleopState,
+    Answer, Arming, Clamp, FaultReason, LeaseEnd, LeaseRequest, Refusal, Setting, StopReason,
+    TeleopState,
 };
 
 use crate::helm::{Asked, Note, WhyNot};
 use crate::teleop_input::Loss;
-use crate::theme::Tone;
-
-/// Less is no speed in two decimals, m/s.
-const LEAST_SAID: f32 = 0.005;
 
 /// A state, with its reason.
 pub fn state(state: TeleopState) -> String {
@@ -58,33 +54,6 @@ pub const fn clamp(clamp: Clamp) -> &'static str {
         Clamp::Age => "the age of commands",
         Clamp::Guard => "the collision guard",
         Clamp::Stop => "its state",
-    }
-}
-
-/// The collision guard of a vehicle that goes so fast at most, m/s.
-pub fn guard(guard: Guard, greatest_mps: f32) -> (Tone, String) {
-    match guard {
-        Guard::Silent => (Tone::Warning, "Silent: nothing moves".to_owned()),
-        Guard::Off => (Tone::Warning, "Off".to_owned()),
-        Guard::On(limits) => (Tone::Good, format!("On{}", ahead(limits, greatest_mps))),
-        Guard::Blind(limits) => (
-            Tone::Warning,
-            format!("Blind{}", ahead(limits, greatest_mps)),
-        ),
-        Guard::Stale => (Tone::Warning, "Sees nothing new: nothing moves".to_owned()),
-    }
-}
-
-fn ahead(limits: GuardLimits, greatest_mps: f32) -> String {
-    let allowed_mps = limits.forward_mps;
-    if greatest_mps > 0.0 && allowed_mps >= greatest_mps {
-        ", ahead is free".to_owned()
-    } else if !allowed_mps.is_finite() {
-        String::new()
-    } else if allowed_mps >= LEAST_SAID {
-        format!(", ahead ≤ {allowed_mps:.2} m/s")
-    } else {
-        ", ahead is blocked".to_owned()
     }
 }
 

@@ -27,10 +27,11 @@ struct Window {
 
 fn window() -> Harness<'static, Window> {
     let (top, low) = (LayerId::Obstacle, LayerId::Elevation);
-    let data = LayersData {
-        rows: vec![row(top, None, Some(low)), row(low, Some(top), None)],
-        note: None,
-    };
+    window_of(vec![row(top, None, Some(low)), row(low, Some(top), None)])
+}
+
+fn window_of(rows: Vec<LayerRow>) -> Harness<'static, Window> {
+    let data = LayersData { rows, note: None };
     Harness::builder()
         .with_size(vec2(290.0, 300.0))
         .build_ui_state(
@@ -80,6 +81,25 @@ fn every_control_has_a_name_and_asks_for_what_it_says() {
     window.run_steps(2);
     let scheme = LayerCommand::Scheme(LayerId::Obstacle, Scheme::GreenRed);
     assert_eq!(window.state().asked, [scheme]);
+}
+
+#[test]
+fn colours_that_cannot_be_chosen_are_told_without_a_box() {
+    for (layer, colours, boxes) in [
+        (LayerId::Cost, "Light to dark", 0),
+        (LayerId::Rigidity, "Colour-blind safe", 0),
+        (LayerId::Shore, "Colour-blind safe", 0),
+        (
+            LayerId::Obstacle,
+            "Colours of Obstacles: Colour-blind safe",
+            1,
+        ),
+    ] {
+        let window = window_of(vec![row(layer, None, None)]);
+        let found = window.query_all_by_role(Role::ComboBox).count();
+        assert_eq!(found, boxes, "{layer:?}");
+        assert!(window.query_by_label(colours).is_some(), "{layer:?}");
+    }
 }
 
 #[test]

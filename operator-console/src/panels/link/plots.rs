@@ -11,9 +11,11 @@ use super::key::{Key, looks};
 /// What plots reach back, seconds.
 const SPAN_S: f64 = 300.0;
 /// Least height of a plot without its key, points.
-const LEAST: f32 = 50.0;
-/// Half the height of a figure on the axis, points.
-const AXIS_TEXT: f64 = 8.0;
+const LEAST: f32 = 46.0;
+/// Between rows of plots, points: all of them are in sight beside the driving panel.
+const ROWS_APART: f32 = 3.0;
+/// Half the height of a figure on the axis, points: of its digits, which is all that there is.
+const AXIS_TEXT: f64 = 6.0;
 /// All plots stand in one row where each is at least so wide, points.
 const WIDE: f32 = 200.0;
 /// Two stand side by side where each is at least so wide, points: else the figures on its axis would leave a line little room.
@@ -22,6 +24,7 @@ const NARROW: f32 = 160.0;
 /// Draws them in as many columns as there is room for. `height`: of all rows together with their keys, as long as no plot
 /// becomes too low.
 pub(super) fn plots_ui(ui: &mut Ui, plots: &[LinkPlot], height: f32) {
+    ui.spacing_mut().item_spacing.y = ROWS_APART;
     let gap = ui.spacing().item_spacing;
     let share =
         |all: f32, gap: f32, count: usize| (all - gap * (count as f32 - 1.0)) / count as f32;

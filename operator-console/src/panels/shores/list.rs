@@ -16,6 +16,8 @@ use crate::map_view::ShoreMark;
 
 /// The numbers need it, points: nobody makes a panel so narrow to read it.
 const LEAST_WIDTH: f32 = 170.0;
+/// Longer lists may scroll in a panel that is narrow, and have a bar beside the numbers.
+const FEW: usize = 4;
 const ROW_HEIGHT: f32 = 24.0;
 /// Of what stands below the numbers of a row.
 const BELOW_SIZE: f32 = 12.0;
@@ -63,13 +65,19 @@ struct Asked {
 
 /// Draws the panel; where to look when a row was clicked, and what to mark when the hand is over another.
 pub fn shores_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
-    if ui.available_width() >= LEAST_WIDTH {
+    let has_bar = data.shores.len().max(data.sites.len()) > FEW;
+    let least = if has_bar {
+        LEAST_WIDTH + BAR
+    } else {
+        LEAST_WIDTH
+    };
+    if ui.available_width() >= least {
         return lists_ui(ui, data);
     }
     let shown = ScrollArea::horizontal()
         .auto_shrink([false, true])
         .show(ui, |ui| {
-            ui.set_min_width(LEAST_WIDTH);
+            ui.set_min_width(least);
             lists_ui(ui, data)
         });
     shown.inner
@@ -105,9 +113,9 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
         rows: &data.sites,
     };
     let lists = [shores, sites];
-    let columns = columns(ui, &lists);
+    let (columns, width) = room(ui, &lists);
     for list in &lists {
-        list_ui(ui, (list, &columns), data.marked, &mut asked);
+        list_ui(ui, (list, &columns, width), data.marked, &mut asked);
     }
     let is_other = asked.hovered != data.hovered;
     asked
@@ -115,8 +123,23 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
         .or_else(|| is_other.then_some(Look::Hover(asked.hovered)))
 }
 
+/// Where the columns are, and how wide they are together. A list that scrolls has a bar of its own, which lies beside them.
+fn room(ui: &Ui, lists: &[List<'_>]) -> (Columns, f32) {
+    let width = ui.available_width();
+    let whole = columns(ui, lists, width);
+    let scrolls = |list: &List<'_>| {
+        row_height(ui, list, &whole, width) * list.rows.len() as f32 > LIST_HEIGHT
+    };
+    if !lists.iter().any(scrolls) {
+        return (whole, width);
+    }
+    // With less room its rows are no lower: it scrolls all the same.
+    let width = width - BAR;
+    (columns(ui, lists, width), width)
+}
+
 /// The same for all lists that have something in them.
-fn columns(ui: &Ui, lists: &[List<'_>]) -> Columns {
+fn columns(ui: &Ui, lists: &[List<'_>], width: f32) -> Columns {
     let lists = lists.iter().filter(|list| !list.rows.is_empty());
     let rows: Vec<_> = lists
         .clone()
@@ -124,12 +147,12 @@ fn columns(ui: &Ui, lists: &[List<'_>]) -> Columns {
         .collect();
     let titles = lists.map(|list| list.titles);
     let rows = rows.iter().map(|(row, class)| texts(row, class));
-    Columns::new(ui, ui.available_width(), titles.chain(rows))
+    Columns::new(ui, width, titles.chain(rows))
 }
 
 fn list_ui(
     ui: &mut Ui,
-    (list, columns): (&List<'_>, &Columns),
+    (list, columns, width): (&List<'_>, &Columns, f32),
     marked: Option<ShoreMark>,
     asked: &mut Asked,
 ) {
@@ -146,10 +169,10 @@ fn list_ui(
     };
     let heading = ui.label(RichText::new(heading).small());
     hint_ui(&heading, list.why);
-    titles_ui(ui, list, columns, &mut by);
+    titles_ui(ui, list, (columns, width), &mut by);
     ui.data_mut(|data| data.insert_temp(id, by));
     sort(&mut rows, by);
-    let row_height = row_height(ui, list, columns);
+    let row_height = row_height(ui, list, columns, width);
     ui.scope(|ui| {
         ui.spacing_mut().item_spacing.y = 0.0;
         ScrollArea::vertical()
@@ -157,6 +180,7 @@ fn list_ui(
             .max_height(LIST_HEIGHT)
             .auto_shrink([false, true])
             .show_rows(ui, row_height, rows.len(), |ui, shown| {
+                ui.set_max_width(width);
                 for row in &rows[shown] {
                     let is_marked = marked == Some(row.mark);
                     let response = row_ui(ui, columns, row, row_height, is_marked);
@@ -172,14 +196,14 @@ fn list_ui(
 }
 
 /// The titles of the columns; those that are numbers sort.
-fn titles_ui(ui: &mut Ui, list: &List<'_>, columns: &Columns, by: &mut SortBy) {
+fn titles_ui(ui: &mut Ui, list: &List<'_>, (columns, width): (&Columns, f32), by: &mut SortBy) {
     let List {
         name,
         titles,
         first,
         ..
     } = list;
-    let (rect, _) = ui.allocate_exact_size(vec2(ui.available_width(), 18.0), Sense::hover());
+    let (rect, _) = ui.allocate_exact_size(vec2(width, 18.0), Sense::hover());
     columns.paint(ui, rect, *titles, ui.visuals().weak_text_color());
     for (column, sort) in SORTS.into_iter().enumerate() {
         let Some(sort) = sort else { continue };
@@ -227,8 +251,7 @@ fn below_lines(ui: &Ui, columns: &Columns, row: &ShoreRow, width: f32) -> Option
 }
 
 /// Rows are as high as the highest of them: so it is known which of many are in sight.
-fn row_height(ui: &Ui, list: &List<'_>, columns: &Columns) -> f32 {
-    let width = ui.available_width();
+fn row_height(ui: &Ui, list: &List<'_>, columns: &Columns, width: f32) -> f32 {
     let below = list.rows.iter().filter_map(|row| {
         let lines = below_lines(ui, columns, row, width)?;
         Some(lines.size().y - BELOW_RISE + BELOW_GAP)

@@ -148,14 +148,41 @@ fn headings_say_what_numbers_and_letters_are_and_which_is_the_first() {
 
 /// A panel of this width on the left of a window, and no more of it.
 fn panel(width: f32) -> Harness<'static> {
+    panel_of(width, data())
+}
+
+fn panel_of(width: f32, data: ShoresData) -> Harness<'static> {
     let mut window = Harness::builder()
         .with_size(vec2(width + 460.0, 500.0))
         .build_ui(move |ui| {
             ui.set_max_width(width);
-            _ = shores_ui(ui, &data());
+            _ = shores_ui(ui, &data);
         });
     window.run_steps(2);
     window
+}
+
+#[test]
+fn a_list_that_scrolls_leaves_room_for_its_bar() {
+    let right = |count: u8| {
+        let shore = |number: u8| {
+            let center_m = [3.0 * f32::from(number), 0.0];
+            shore_row(&cluster(number.into(), 40, center_m), Some([0.0, 0.0]))
+        };
+        let data = ShoresData {
+            shores: (1..=count).map(shore).collect(),
+            ..data()
+        };
+        let window = panel_of(260.0, data);
+        window
+            .get_by_label_contains("Shore 1, dense")
+            .rect()
+            .right()
+    };
+    // The bar of the panel lies beside all rows, and that of the list beside those that scroll.
+    let [few, many] = [2, 12].map(right);
+    assert!((few - 256.0).abs() < 0.5, "{few}");
+    assert!((many - 244.0).abs() < 0.5, "{many}");
 }
 
 #[test]

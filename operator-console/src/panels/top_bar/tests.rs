@@ -107,7 +107,7 @@ fn a_long_name_is_read_whole_by_who_asks_for_it() {
 
 #[test]
 fn a_map_that_is_old_or_behind_says_so_in_the_room_that_there_is() {
-    for (width, is_short) in [(520.0, true), (540.0, true), (1120.0, false)] {
+    for (width, is_short) in [(540.0, true), (560.0, true), (1120.0, false)] {
         for (map, map_short) in [
             ("Was not in step when last heard", "Old"),
             ("Behind, asking what is missing", "Behind"),
@@ -150,4 +150,61 @@ fn no_word_of_the_map_is_cut() {
         assert!(is_whole || is_mark_alone, "{width}: {label}");
         assert!(label.right() < window.get_by_label("1 alert").rect().left());
     }
+}
+
+#[test]
+fn in_a_small_window_a_short_name_is_whole_and_nothing_is_cut() {
+    let blue = Some(Color32::BLUE);
+    for (name, color) in [
+        ("two", None),
+        ("demo", None),
+        ("demo", blue),
+        ("scout-1", blue),
+    ] {
+        let of = || TopBarData {
+            name: name.to_owned(),
+            color,
+            ..data()
+        };
+        let wide = bar(1120.0, of(), 0);
+        let whole = |label| wide.get_by_label(label).rect().width();
+        // Beside the menus of windows of 583, 636 and 700 points.
+        for (width, unseen) in [446.0, 499.0, 563.0]
+            .map(|width| [(width, 0), (width, 1)])
+            .concat()
+        {
+            let window = bar(width, of(), unseen);
+            let place = |label: &str| window.get_by_label(label).rect();
+            let is_whole = |label| (place(label).width() - whole(label)).abs() < 0.5;
+            assert!(is_whole(name), "{width} {name}: {}", place(name));
+            assert!(is_whole("Nobody drives"), "{width} {name}");
+            for label in ["Live", "In step"] {
+                let is_mark = place(label).width() < 20.5;
+                assert!(is_whole(label) || is_mark, "{width}: {}", place(label));
+            }
+            let end = if unseen > 0 { "1 alert" } else { "Stop" };
+            let parts = [name, "Live", "Nobody drives", "In step", end].map(place);
+            for pair in parts.windows(2) {
+                assert!(pair[0].right() < pair[1].left(), "{width} {name}: {pair:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_link_without_room_for_its_word_tells_it_to_whoever_points_at_its_mark() {
+    let mut window = bar(
+        446.0,
+        TopBarData {
+            driver: Some("You drive (annabelle-1)".to_owned()),
+            link: (Tone::Warning, "Silent".to_owned()),
+            ..data()
+        },
+        0,
+    );
+    let mark = window.get_by_label("Silent").rect();
+    assert!(mark.width() < 20.5, "{mark}");
+    window.hover_at(mark.center());
+    window.run_steps(60);
+    assert_eq!(window.get_all_by_label("Silent").count(), 2);
 }

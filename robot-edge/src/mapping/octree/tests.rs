@@ -100,7 +100,7 @@ fn states(octree: &Octree) -> BTreeMap<VoxelIndex, VoxelState> {
     for block in octree.known_blocks(|least| least) {
         for (brick, voxels) in (0_i32..).zip(block.bricks) {
             for n in (0..64).filter(|n| voxels.known >> n & 1 == 1) {
-                let along = |axis: i32| brick >> (2 * axis) << 2 & 12 | n >> (2 * axis) & 3;
+                let along = |axis: i32| (brick >> (2 * axis) & 3) << 2 | n >> (2 * axis) & 3;
                 let least = block.least;
                 let at = voxel(least.x + along(0), least.y + along(1), least.z + along(2));
                 let state = match voxels.occupied >> n & 1 {

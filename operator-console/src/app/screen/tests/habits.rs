@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::export::Fetching;
+use crate::settings::ThemeChoice;
 
 /// What a screen reader and a test find: the names of all that can be pressed, chosen or typed into, and those without.
 fn controls(window: &Harness<'_, Rig>) -> (Vec<String>, Vec<String>) {
@@ -101,6 +102,36 @@ fn keys_open_and_close_what_lies_over_the_window() {
             Command::AskForRecording,
         ]
     );
+}
+
+/// Where the system is dark, as where it is light, the first press shows another look.
+#[test]
+fn the_key_of_the_theme_always_changes_what_is_seen() {
+    for system in [egui::Theme::Dark, egui::Theme::Light] {
+        let mut window = Rig::live().window();
+        window.state().screen.appearance().apply(&window.ctx);
+        window.input_mut().system_theme = Some(system);
+        window.run_steps(2);
+        let seen = |window: &Harness<'_, Rig>| {
+            let chosen = window.state().screen.appearance().theme;
+            (chosen, window.ctx.theme())
+        };
+        assert_eq!(seen(&window), (ThemeChoice::System, system));
+        let [dark, light] = [
+            (ThemeChoice::Dark, egui::Theme::Dark),
+            (ThemeChoice::Light, egui::Theme::Light),
+        ];
+        let expected = match system {
+            egui::Theme::Dark => [light, dark, light],
+            egui::Theme::Light => [dark, light, dark],
+        };
+        for expected in expected {
+            let modifiers = Modifiers::COMMAND | Modifiers::SHIFT;
+            window.key_press_modifiers(modifiers, Key::D);
+            window.run_steps(2);
+            assert_eq!(seen(&window), expected, "{system:?}");
+        }
+    }
 }
 
 /// Whether an entry of the View menu can be chosen, and whether it is ticked.

@@ -1,6 +1,7 @@
 //! What is live, what is old, and what says so.
 
 use super::*;
+use crate::link::Transport;
 
 #[test]
 fn a_robot_that_has_not_spoken_is_waited_for() {
@@ -282,7 +283,17 @@ fn a_recording_has_keys_a_name_and_no_link() {
 
 #[test]
 fn all_plots_of_the_link_are_in_sight_at_first() {
-    let window = Rig::live().window();
+    /// Of the panel: what reaches into it is cut off.
+    const MARGIN: f32 = 8.0;
+    // Beside the driving panel they have the least room, and their names the most lines.
+    let mut rig = Rig::drivable();
+    rig.link.transport = Some(Transport::TlsInstead);
+    let window = rig.window();
+    check(
+        &window,
+        &["EMERGENCY STOP", "since QUIC does not answer"],
+        &[],
+    );
     let mut seen: Vec<egui::Rect> = Vec::new();
     for title in [
         "Round trip, ms",
@@ -292,11 +303,11 @@ fn all_plots_of_the_link_are_in_sight_at_first() {
     ] {
         let rect = window.get_by_label_contains(title).rect();
         assert!(
-            rect.right() <= 1280.0 && rect.bottom() <= 800.0,
+            rect.right() <= 1280.0 && rect.bottom() <= 801.0 - MARGIN,
             "{title} {rect}"
         );
         assert!(
-            rect.width() > 150.0 && rect.height() > 50.0,
+            rect.width() > 150.0 && rect.height() > 45.0,
             "{title} {rect}"
         );
         assert!(seen.iter().all(|other| !other.intersects(rect)), "{title}");

@@ -1,0 +1,144 @@
+use eframe::egui::{Color32, ColorImage, ImageData, pos2, vec2};
+use protocol::tile::TileCells;
+use protocol::tile_store::LayerGrid;
+
+use super::super::probe::tests::model_of;
+use super::super::stack::LayerCommand;
+use super::*;
+use crate::model::ConsoleModel;
+use crate::pretend::{BOOT, at, pushes};
+
+/// Costs over shores, as the operator put them.
+struct Rig {
+    ctx: Context,
+    robot: TileStore,
+    model: ConsoleModel,
+    layers: MapLayers,
+    stack: LayerStack,
+}
+
+const TILE: (i32, i32) = (0, 0);
+
+fn key(layer: LayerId) -> TileKey {
+    let (tx, ty) = TILE;
+    TileKey { layer, tx, ty }
+}
+
+impl Rig {
+    /// Costs that are free everywhere, and shores in the upper half.
+    fn new() -> Self {
+        let mut robot = TileStore::new(BOOT, 10);
+        for layer in [LayerId::Cost, LayerId::Shore] {
+            robot.set_grid(LayerGrid { layer, cell_m: 0.1 }).unwrap();
+        }
+        let free = LayerId::Cost.quantisation().encode(0.0);
+        let free = TileCells::from_fn(|_, _| free);
+        let shore = TileCells::from_fn(|_, y| u16::from(y >= 32));
+        drop(robot.publish(key(LayerId::Cost), free).unwrap());
+        drop(robot.publish(key(LayerId::Shore), shore).unwrap());
+        let mut stack = LayerStack::default();
+        stack.obey(LayerCommand::Below(LayerId::Shore, LayerId::Cost));
+        Self {
+            ctx: Context::default(),
+            model: model_of(&robot),
+            robot,
+            layers: MapLayers::default(),
+            stack,
+        }
+    }
+
+    /// The robot finds shores in these rows, by y, and the console hears of it.
+    fn find_shores(&mut self, code: u16, rows: std::ops::Range<usize>) {
+        let shore = TileCells::from_fn(|_, y| code * u16::from(rows.contains(&y)));
+        drop(self.robot.publish(key(LayerId::Shore), shore).unwrap());
+        pushes(&mut self.model, &self.robot, key(LayerId::Shore), at(2_100));
+    }
+
+    /// The pictures that a frame hands to the graphics driver.
+    fn frame(&mut self) -> Vec<ColorImage> {
+        let changed = self.model.take_changed_tiles();
+        let mut time = FrameTime::of_tiles(usize::MAX);
+        let map = self.model.map();
+        let is_done = self.layers.update(map, changed, &self.stack, &mut time);
+        let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(800.0, 600.0));
+        let (camera, store) = (Camera::default(), map.store());
+        let view = (&camera, screen);
+        let is_made = self
+            .layers
+            .prepare(&self.ctx, &self.stack, store, view, &mut time);
+        assert!(is_done && is_made);
+        let mut delta = self.ctx.tex_manager().write().take_delta();
+        let images = delta.set.values().flatten().map(|part| {
+            let ImageData::Color(image) = &part.image;
+            ColorImage::clone(image)
+        });
+        let images = images.collect();
+        delta.clear();
+        images
+    }
+
+    /// What free ground looks like where it is not seen through.
+    fn free(&self) -> Color32 {
+        let palette = self.layers.palette(LayerId::Cost);
+        Coloring::new(palette, false).plain(LayerId::Cost.quantisation().encode(0.0))
+    }
+}
+
+/// Columns and rows of these pixels in all pictures, from the upper left.
+fn places(images: &[ColorImage], color: Color32) -> Vec<[usize; 2]> {
+    let places = images.iter().flat_map(|image| {
+        let pixels = image.pixels.iter().enumerate();
+        let found = pixels.filter(move |(_, pixel)| **pixel == color);
+        found.map(|(at, _)| [at % image.width(), at / image.width()])
+    });
+    places.collect()
+}
+
+#[test]
+fn what_is_free_is_seen_where_nothing_below_is_known() {
+    let mut rig = Rig::new();
+    let images = rig.frame();
+    // The tile is 64 texels wide, in the lower left corner of its chunk; of its upper half, shores are known.
+    let seen = places(&images, rig.free());
+    assert_eq!(seen.len(), 64 * 32);
+    assert!(seen.iter().all(|[x, y]| *x < 64 && *y >= 512 - 32));
+    assert_eq!(rig.frame(), []);
+
+    // Shores of another kind where some were: costs stay as they are.
+    let is_clear = |image: &ColorImage| {
+        let mut pixels = image.pixels.iter();
+        image.size == [64, 64] && pixels.all(|pixel| *pixel == Color32::TRANSPARENT)
+    };
+    rig.find_shores(2, 32..64);
+    let images = rig.frame();
+    assert_eq!(places(&images, rig.free()), [] as [[usize; 2]; 0]);
+    assert!(!images.is_empty() && !images.iter().any(is_clear));
+    // Where shores come to be known, costs let them through.
+    rig.find_shores(2, 0..64);
+    assert_eq!(
+        rig.frame().iter().filter(|image| is_clear(image)).count(),
+        1
+    );
+    // Where they are known no longer, they do not.
+    rig.find_shores(2, 63..64);
+    let seen = places(&rig.frame(), rig.free());
+    assert_eq!(seen.len(), 64 * 63);
+    assert!(seen.iter().all(|[_, y]| *y > 0));
+}
+
+#[test]
+fn what_is_invisible_is_not_seen_through_to() {
+    let mut rig = Rig::new();
+    rig.frame();
+    rig.stack.obey(LayerCommand::Opacity(LayerId::Shore, 0.0));
+    let seen = places(&rig.frame(), rig.free());
+    assert_eq!(seen.len(), 64 * 64);
+    rig.stack.obey(LayerCommand::Opacity(LayerId::Shore, 0.1));
+    assert_eq!(places(&rig.frame(), rig.free()).len(), 64 * 32);
+    // The lowest has its own colours, of one picture, whatever lies over it.
+    rig.stack
+        .obey(LayerCommand::Below(LayerId::Cost, LayerId::Shore));
+    let textures = rig.layers.textures();
+    assert_eq!(places(&rig.frame(), rig.free()).len(), 64 * 64);
+    assert_eq!(rig.layers.textures(), textures);
+}

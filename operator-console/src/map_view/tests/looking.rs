@@ -1,0 +1,120 @@
+//! Where the camera goes by itself, and what is said of directions.
+
+use protocol::keys::Topic;
+use protocol::message::{Datum, DockingSite, ShoreClass, ShoreCluster, Shores, ShoresNews};
+
+use super::*;
+use crate::pretend::says;
+
+/// A shore of 20 × 6 m around (30, 13) that has most of its voxels in the east, and a docking site.
+fn shores(datum: Option<Datum>) -> Shores {
+    let corners = [(200, 100), (400, 100), (400, 160), (200, 160)];
+    let shore = ShoreCluster {
+        number: 3,
+        class: ShoreClass::Dense,
+        voxels: 100,
+        rigid_voxels: 40,
+        center_m: [36.0, 13.0],
+        outline: corners.to_vec(),
+    };
+    let site = DockingSite {
+        center_m: [-19.0, -2.5],
+        heading_rad: 0.0,
+        width_m: 8.0,
+        mean_cost: 0.2,
+    };
+    Shores::gather(0.1, datum, vec![shore], vec![site])
+}
+
+fn hears(window: &mut Harness<'_, Rig>, shores: Shores) {
+    let news = ShoresNews {
+        revision: 1,
+        shores: Some(shores),
+    };
+    let model = &mut window.state_mut().model;
+    says(model, Topic::Shores, &news, at(2_400));
+    window.run_steps(2);
+}
+
+fn assert_looks_at(window: &Harness<'_, Rig>, point_m: [f64; 2]) {
+    let [x_m, y_m] = window.state().view.camera.center_m();
+    let away_m = libm::hypot(x_m - point_m[0], y_m - point_m[1]);
+    assert!(away_m < 1e-3, "{x_m} {y_m} is not {point_m:?}");
+}
+
+#[test]
+fn what_is_chosen_in_the_list_is_seen_whole_and_from_nearby() {
+    let mut window = window();
+    hears(&mut window, shores(None));
+    let shore = Look::Mark(ShoreMark::Shore(3), [36.0, 13.0]);
+    let site = ShoreMark::Site(window.state().model.site_names()[0]);
+    let site = Look::Mark(site, [-19.0, -2.5]);
+    // The map is 800 × 600 points or little smaller.
+    for (mark, side_m, middle_m) in [(shore, 20.0, [30.0, 13.0]), (site, 8.0, [-19.0, -2.5])] {
+        let screen = window.state().view.screen;
+        let camera = &mut window.state_mut().view.camera;
+        *camera = Camera::default();
+        camera.zoom_about(screen, screen.center(), 0.05);
+        look(&mut window, mark);
+        assert_looks_at(&window, middle_m);
+        let view = &window.state().view;
+        let part = side_m * view.camera.points_per_m() / f64::from(view.screen.height());
+        assert!((part - 1.0 / 3.0).abs() < 1e-3, "{mark:?}: {part}");
+        assert_eq!(view.sight(), Sight::Free);
+        // Once: who goes elsewhere then is not brought back.
+        look(&mut window, Look::At([1.0, 2.0]));
+        look(&mut window, Look::Out);
+        assert_looks_at(&window, [1.0, 2.0]);
+    }
+    // Of what is gone, the place is all that is known.
+    let before = window.state().view.camera.points_per_m();
+    look(&mut window, Look::Mark(ShoreMark::Shore(9), [4.0, 5.0]));
+    assert_looks_at(&window, [4.0, 5.0]);
+    let after = window.state().view.camera.points_per_m();
+    assert_eq!(after.to_bits(), before.to_bits());
+}
+
+#[test]
+fn the_whole_map_is_beside_the_legends_or_above_them() {
+    for (width, height) in [(800.0, 600.0), (420.0, 700.0), (1200.0, 700.0)] {
+        let window = window_of(width, height);
+        let view = &window.state().view;
+        assert_eq!(view.sight(), Sight::Whole);
+        let legends = view.legends.place().unwrap();
+        // Tiles (−1, 0), (0, 0) and (1, −1), of 6.4 m.
+        let map = [[-6.4, 6.4], [12.8, 6.4], [12.8, -6.0], [-6.4, -6.0]];
+        let map = Rect::from_points(&map.map(|corner_m| view.place_of(corner_m)));
+        let size = format!("{width} × {height}: {map} {legends}");
+        assert!(!map.intersects(legends), "{size}");
+        assert!(view.screen.contains_rect(map), "{size}");
+    }
+    // Without legends it has the whole place, and its middle in the middle.
+    let mut window = window();
+    let beside = window.state().view.camera.points_per_m();
+    look(&mut window, Look::Draw(Overlay::Legend, false));
+    window.run_steps(2);
+    let camera = window.state().view.camera;
+    assert!(camera.points_per_m() > 1.2 * beside);
+    assert!((camera.center_m()[0] - 3.2).abs() < 1e-6, "{camera:?}");
+}
+
+#[test]
+fn a_direction_is_from_the_maps_x_where_nobody_knows_north() {
+    let datum = Datum {
+        latitude_deg: 47.0,
+        longitude_deg: 8.0,
+        altitude_m: 400.0,
+    };
+    for (datum, words) in [
+        (None, "Map, measured: 5.00 m  ·  53° left of x"),
+        (Some(datum), "Map, measured: 5.00 m  ·  037°"),
+    ] {
+        let mut window = window();
+        hears(&mut window, shores(datum));
+        look(&mut window, Look::At([2.0, 3.0]));
+        look(&mut window, Look::Measure(true));
+        look(&mut window, Look::Point);
+        look(&mut window, Look::At([5.0, 7.0]));
+        window.get_by_label_contains(words);
+    }
+}

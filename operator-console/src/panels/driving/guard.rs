@@ -1,0 +1,60 @@
+//! What the collision guard says of the way that is asked for.
+
+use protocol::message::{Clamp, Guard, GuardLimits, TeleopStatus, Velocity};
+
+use crate::panels::wording::signed;
+use crate::theme::Tone;
+
+/// Less is no speed in two decimals, m/s.
+const LEAST_MPS: f32 = 0.005;
+/// Less is no turn in whole degrees, rad/s.
+const LEAST_RADPS: f32 = 0.0087;
+
+/// The guard of a vehicle that goes and turns so fast at most, m/s and rad/s. Where nothing is asked for, it speaks of what is
+/// ahead.
+pub(super) fn guard(teleop: &TeleopStatus, greatest: [f32; 2]) -> (Tone, String) {
+    let with = |word: &str, limits| format!("{word}{}", allows(teleop, limits, greatest));
+    match teleop.guard {
+        Guard::Silent => (Tone::Warning, "Silent: nothing moves".to_owned()),
+        Guard::Off => (Tone::Warning, "Off".to_owned()),
+        Guard::On(limits) => (Tone::Good, with("On", limits)),
+        Guard::Blind(limits) => (Tone::Warning, with("Blind", limits)),
+        Guard::Stale => (Tone::Warning, "Sees nothing new: nothing moves".to_owned()),
+    }
+}
+
+fn allows(teleop: &TeleopStatus, limits: GuardLimits, [speed_mps, turn_radps]: [f32; 2]) -> String {
+    let Velocity {
+        linear_mps,
+        angular_radps,
+    } = teleop.requested;
+    let turns_only = linear_mps.abs() < LEAST_MPS && angular_radps.abs() >= LEAST_RADPS;
+    let (way, allowed, greatest) = match (turns_only, linear_mps <= -LEAST_MPS) {
+        (true, _) if angular_radps > 0.0 => ("turning left", limits.left_radps, turn_radps),
+        (true, _) => ("turning right", limits.right_radps, turn_radps),
+        (false, true) => ("behind", limits.reverse_mps, speed_mps),
+        (false, false) => ("ahead", limits.forward_mps, speed_mps),
+    };
+    let least = if turns_only { LEAST_RADPS } else { LEAST_MPS };
+    let is_free = greatest > 0.0 && allowed >= greatest;
+    if is_free || !allowed.is_finite() {
+        // It has a reason that is not of this way: a turn beside it, as a rule.
+        return match (teleop.clamp, is_free) {
+            (Some(Clamp::Guard), _) => ", holds it back".to_owned(),
+            (Some(Clamp::Speed | Clamp::Ramp | Clamp::Age | Clamp::Stop) | None, true) => {
+                format!(", {way} is free")
+            }
+            (Some(Clamp::Speed | Clamp::Ramp | Clamp::Age | Clamp::Stop) | None, false) => {
+                String::new()
+            }
+        };
+    }
+    if allowed < least {
+        format!(", {way} is blocked")
+    } else if turns_only {
+        let deg = signed(f64::from(allowed.to_degrees()), 0);
+        format!(", {way} ≤ {deg} °/s")
+    } else {
+        format!(", {way} ≤ {allowed:.2} m/s")
+    }
+}
