@@ -113,6 +113,12 @@ pub const fn key(layer: LayerId, index: TileIndex) -> TileKey {
     }
 }
 
+/// A tile of cells that are all alike.
+#[cfg(test)]
+pub(super) fn alike(code: u16) -> TileCells {
+    TileCells::from_fn(|_, _| code)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -78,6 +78,7 @@ mod tests {
 
     use super::*;
     use crate::config::load;
+    use crate::streaming::cells_to_tiles::alike;
 
     /// A tile of the occupancy grid.
     const fn key(tx: i32) -> TileKey {
@@ -85,13 +86,9 @@ mod tests {
         TileKey { layer, tx, ty: 0 }
     }
 
-    fn cells(code: u16) -> TileCells {
-        TileCells::from_fn(|_, _| code)
-    }
-
     fn publish(publisher: &mut Publisher, stamp_ns: i64, tx: i32, code: u16) {
         publisher.store().set_stamp(stamp_ns);
-        publisher.store_tile(key(tx), cells(code)).unwrap();
+        publisher.store_tile(key(tx), alike(code)).unwrap();
     }
 
     /// Stamp and first code of each tile.
