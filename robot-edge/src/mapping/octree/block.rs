@@ -164,14 +164,14 @@ impl Block {
         }
     }
 
-    /// Reads one byte of each brick, so that the processor fetches all of them at once and not one after another:
-    /// in a large map none is in its caches.
     /// Reads of the block itself what [`Block::apply`] needs, for the same reason as [`Block::fetch`].
     #[inline]
     pub(super) fn fetch_header(&self) -> u8 {
         self.children[0] ^ self.packed.numbers.capacity() as u8
     }
 
+    /// Reads one byte of each brick, so that the processor fetches all of them at once and not one after another:
+    /// in a large map none is in its caches.
     #[inline]
     fn fetch(&self, numbers: u64) -> u8 {
         let byte = |number: usize| match self.children[number] {
