@@ -1,7 +1,8 @@
 //! The map view with a map of 10,000 × 10,000 cells, in a real window that is moved by events: a table.
 //!
-//! `cargo bench -p operator-console` on a screen, or under Xvfb. Frames are counted from one to the next, so they hold
-//! everything: input, layout, textures, painting, and the graphics driver.
+//! `cargo bench -p operator-console` on a screen, or under Xvfb; with `-- --two-layers` obstacles lie over the heights.
+//! Frames are counted from one to the next, so they hold everything: input, layout, textures, painting, and the graphics
+//! driver.
 #![allow(
     clippy::print_stdout,
     clippy::unwrap_used,
@@ -16,6 +17,7 @@ use std::time::Duration;
 use eframe::egui::{CentralPanel, Context, Panel, RawInput, ScrollArea, Ui, ViewportCommand};
 use operator_console::map_view::MapView;
 use operator_console::model::ConsoleModel;
+use operator_console::panels::connection::LinkSight;
 use operator_console::panels::layers::{LayersData, layers_ui};
 use operator_console::theme;
 use robot_edge::clock::Monotonic;
@@ -53,7 +55,7 @@ impl eframe::App for Bench {
         self.view.update(&mut self.model);
         Panel::left("side").default_size(290.0).show(ui, |ui| {
             ScrollArea::vertical().show(ui, |ui| {
-                let data = LayersData::new(&self.model, &self.view, now);
+                let data = LayersData::new(&self.model, &LinkSight::default(), &self.view, now);
                 layers_ui(ui, &data);
             });
         });
@@ -91,9 +93,10 @@ impl Bench {
 
 fn main() {
     let started = Monotonic::now();
-    let (robot, model) = map::great_map();
+    let has = |option: &str| std::env::args().any(|argument| argument == option);
+    let (robot, model) = map::great_map(has("--two-layers"));
     println!(
-        "{} tiles received, {} MB in the store, in {} ms",
+        "{} tiles a layer received, {} MB in the store, in {} ms",
         model.map().store().tile_count(map::LAYER),
         model.map().store().bytes_held() / 1_000_000,
         started.elapsed().as_millis()
@@ -105,7 +108,7 @@ fn main() {
             ..eframe::egui_glow::GlowConfiguration::default()
         },
         // Dithering is worked out for every pixel, which counts where a CPU does it.
-        dithering: !std::env::args().any(|argument| argument == "--plain"),
+        dithering: !has("--plain"),
         ..eframe::NativeOptions::default()
     };
     let create = move |creation: &eframe::CreationContext<'_>| {

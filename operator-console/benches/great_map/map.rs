@@ -19,7 +19,7 @@ const SIDE_TILES: i32 = 157;
 /// The elevation map that changes as a whole: 401 cells.
 const SMALL_TILES: i32 = 7;
 const BOOT: BootId = BootId([7; 16]);
-/// As the console's own.
+/// As the console's own, a layer.
 const STORE_MB: u32 = 256;
 
 pub(crate) struct Robot {
@@ -27,24 +27,33 @@ pub(crate) struct Robot {
     seq: u64,
 }
 
+/// What lies over the heights, where it is asked for: free but for the walls.
+const OVER: LayerId = LayerId::Obstacle;
+
 /// Heights that rise and fall over metres, with walls.
-fn height_code(tile: (i32, i32), x: usize, y: usize, turn: usize) -> u16 {
+fn code(layer: LayerId, tile: (i32, i32), (x, y): (usize, usize), turn: usize) -> u16 {
     let whole = |n: usize| i64::try_from(n).unwrap();
     let cx = i64::from(tile.0) * 64 + whole(x);
     let cy = i64::from(tile.1) * 64 + whole(y);
     let east = ((cx + 3 * whole(turn)).rem_euclid(900) - 450).abs();
     let hill = east + (cy.rem_euclid(700) - 350).abs();
     let wall = cx % 97 == 0 || cy % 131 == 0;
-    let height_m = 0.004 * hill as f32 + if wall { 1.5 } else { 0.0 };
-    LAYER.quantisation().encode(height_m)
+    let value = match (layer, wall) {
+        (OVER, true) => 1.0,
+        (OVER, false) => -1.0,
+        (_, _) => 0.004 * hill as f32 + if wall { 1.5 } else { 0.0 },
+    };
+    layer.quantisation().encode(value)
 }
 
-/// The robot and the console that holds its map, announced and in step.
-pub(crate) fn great_map() -> (Robot, ConsoleModel) {
+/// The robot and the console that holds its map, announced and in step: of heights, or of obstacles over them.
+pub(crate) fn great_map(has_two_layers: bool) -> (Robot, ConsoleModel) {
+    let layers = &[LAYER, OVER][..if has_two_layers { 2 } else { 1 }];
+    let store_mb = STORE_MB * u32::from(has_two_layers) + STORE_MB;
     let settings = ModelSettings {
         robot: "great".parse().unwrap(),
         session: BootId([1; 16]),
-        store_mb: STORE_MB,
+        store_mb,
         layers: LayerId::ALL.into(),
     };
     let mut model = ConsoleModel::new(settings).unwrap();
@@ -52,22 +61,24 @@ pub(crate) fn great_map() -> (Robot, ConsoleModel) {
         encoder: Encoder::new().unwrap(),
         seq: 0,
     };
-    let mut store = TileStore::new(BOOT, STORE_MB);
-    let grid = LayerGrid {
-        layer: LAYER,
-        cell_m: CELL_M,
-    };
-    store.set_grid(grid).unwrap();
-    robot.announce(&mut model, &store);
+    let mut store = TileStore::new(BOOT, store_mb);
+    for &layer in layers {
+        let cell_m = CELL_M;
+        store.set_grid(LayerGrid { layer, cell_m }).unwrap();
+    }
+    robot.announce(&mut model, &store, layers);
     let info = Info {
         vehicle: "bench".to_owned(),
         source: String::new(),
         footprint_m: [1.2, 0.8],
         limits: [1.0, 1.0],
-        layers: vec![LayerInfo {
-            layer: LAYER,
-            cell_m: CELL_M,
-        }],
+        layers: layers
+            .iter()
+            .map(|&layer| LayerInfo {
+                layer,
+                cell_m: CELL_M,
+            })
+            .collect(),
         ..Info::default()
     };
     let reply = Incoming::Reply {
@@ -76,9 +87,12 @@ pub(crate) fn great_map() -> (Robot, ConsoleModel) {
         payload: wire::encode(&robot.header(), &info).unwrap(),
     };
     model.apply(reply, Monotonic::now());
-    for index in 0..SIDE_TILES * SIDE_TILES {
-        let tile = (index % SIDE_TILES, index / SIDE_TILES);
-        robot.push_tile(&mut model, tile, u64::from(index.unsigned_abs()) + 1, 0);
+    for &layer in layers {
+        for index in 0..SIDE_TILES * SIDE_TILES {
+            let tile = (index % SIDE_TILES, index / SIDE_TILES);
+            let revision = u64::from(index.unsigned_abs()) + 1;
+            robot.push_tile(&mut model, layer, tile, (revision, 0));
+        }
     }
     let middle_m = f64::from(SIDE_TILES) * 32.0 * CELL_M;
     let pose = Pose {
@@ -116,15 +130,16 @@ impl Robot {
         model.apply(sample, now);
     }
 
-    fn announce(&mut self, model: &mut ConsoleModel, store: &TileStore) {
+    fn announce(&mut self, model: &mut ConsoleModel, store: &TileStore, layers: &[LayerId]) {
+        let head_of = |&layer: &LayerId| LayerHead {
+            layer,
+            epoch: 0,
+            head_revision: store.head_revision(layer),
+            tiles: 0,
+            root: store.root_digest(layer).unwrap(),
+        };
         let head = MapHead {
-            layers: vec![LayerHead {
-                layer: LAYER,
-                epoch: 0,
-                head_revision: store.head_revision(LAYER),
-                tiles: 0,
-                root: store.root_digest(LAYER).unwrap(),
-            }],
+            layers: layers.iter().map(head_of).collect(),
         };
         self.push(model, Topic::MapHead, &head, Monotonic::now());
     }
@@ -132,13 +147,13 @@ impl Robot {
     fn push_tile(
         &mut self,
         model: &mut ConsoleModel,
+        layer: LayerId,
         tile: (i32, i32),
-        revision: u64,
-        turn: usize,
+        (revision, turn): (u64, usize),
     ) {
-        let cells = TileCells::from_fn(|x, y| height_code(tile, x, y, turn));
+        let cells = TileCells::from_fn(|x, y| code(layer, tile, (x, y), turn));
         let key = TileKey {
-            layer: LAYER,
+            layer,
             tx: tile.0,
             ty: tile.1,
         };
@@ -166,7 +181,7 @@ impl Robot {
         for index in 0..SMALL_TILES * SMALL_TILES {
             let tile = (first + index % SMALL_TILES, first + index / SMALL_TILES);
             let revision = 1_000_000 + turn as u64 * 100 + u64::from(index.unsigned_abs());
-            self.push_tile(model, tile, revision, turn + 1);
+            self.push_tile(model, LAYER, tile, (revision, turn + 1));
         }
     }
 }

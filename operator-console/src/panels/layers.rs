@@ -11,7 +11,7 @@ use robot_edge::clock::Monotonic;
 
 use dragging::{drop_ui, grip_ui};
 
-use super::connection::EQUAL_ENOUGH;
+use super::connection::{EQUAL_ENOUGH, LinkSight};
 use super::data_age::DataAge;
 use super::stale::StaleData;
 use super::wording::{age, count};
@@ -55,8 +55,8 @@ pub struct LayerRow {
 }
 
 impl LayersData {
-    /// The layers of `model` as `view` draws them.
-    pub fn new(model: &ConsoleModel, view: &MapView, now: Monotonic) -> Self {
+    /// The layers of `model` as `view` draws them, of a robot or of a recording, as `link` says.
+    pub fn new(model: &ConsoleModel, link: &LinkSight, view: &MapView, now: Monotonic) -> Self {
         let offered = model.info().map(|info| info.layers.as_slice());
         let offered = offered.unwrap_or_default();
         let is_offered = |layer| offered.iter().any(|offered| offered.layer == layer);
@@ -78,7 +78,7 @@ impl LayersData {
                     format!("as it was {} ago", age(stale.silent_for)),
                 )
             } else {
-                state_of(step, view.tiles(layer), now)
+                state_of(step, view.tiles(layer), link.recording.is_some(), now)
             };
             // What is not received is as old as it is, whatever an export has fetched of it.
             if held.is_shown
@@ -107,7 +107,12 @@ impl LayersData {
     }
 }
 
-fn state_of(step: Option<LayerStep>, tiles: usize, now: Monotonic) -> (Tone, String) {
+fn state_of(
+    step: Option<LayerStep>,
+    tiles: usize,
+    is_recording: bool,
+    now: Monotonic,
+) -> (Tone, String) {
     let extent = match tiles {
         0 => "nothing mapped yet".to_owned(),
         1 => "1 tile".to_owned(),
@@ -123,6 +128,14 @@ fn state_of(step: Option<LayerStep>, tiles: usize, now: Monotonic) -> (Tone, Str
     if let Some(since) = since.filter(|since| step.missing == 0 && *since < EQUAL_ENOUGH) {
         let words = format!("{extent}, in step {} ago", age(since));
         return (Tone::Good, words);
+    }
+    // What is recorded comes over no link: it is mapped here, and drawn when there is time.
+    if is_recording {
+        let comes = match step.missing {
+            0 => "being drawn".to_owned(),
+            missing => format!("{} to come", count(missing as u64)),
+        };
+        return (Tone::Waiting, format!("{extent}, {comes}"));
     }
     let lacks = match step.missing {
         0 => "not in step".to_owned(),

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use eframe::egui::{
-    Align2, Color32, Galley, Label, Mesh, Rect, RichText, Sense, Stroke, StrokeKind, TextStyle, Ui,
-    Vec2, pos2, vec2,
+    Align2, Color32, Galley, Label, Mesh, Rect, RichText, Sense, Shape, Stroke, StrokeKind,
+    TextStyle, Ui, Vec2, pos2, vec2,
 };
 use protocol::layer::{LayerId, Legend, Palette, Ramp, Swatch};
 
@@ -27,8 +27,8 @@ const LEGENDS_APART: f32 = 4.0;
 /// Least height of a row of colours, points.
 const ROW: f32 = 16.0;
 
-/// What is free, of a layer that lies over another.
-const SEE_THROUGH: &str = "free: see-through";
+/// What is free, of a layer that lies over another: where that knows nothing it has its own colour.
+const SEE_THROUGH: &str = "free: clear over the known";
 
 /// The legends of all layers that are drawn.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,7 +51,7 @@ impl LegendsData {
                 && palette.layer() == LayerId::Obstacle
                 && let Some(free) = legend.swatches.first_mut()
             {
-                *free = Swatch::plain([0; 4], SEE_THROUGH.to_owned());
+                SEE_THROUGH.clone_into(&mut free.label);
             }
             legend
         };
@@ -177,7 +177,7 @@ fn rows<'a>(ui: &Ui, swatches: &'a [Swatch], width: f32) -> Vec<&'a [Swatch]> {
     rows
 }
 
-/// Whether it has no colour of its own, and shows the layer below.
+/// Whether it shows the layer below where that is known, and its own colour elsewhere.
 fn is_see_through(swatch: &Swatch) -> bool {
     swatch.label == SEE_THROUGH
 }
@@ -188,7 +188,11 @@ pub(super) fn paint_swatch(ui: &Ui, rect: Rect, swatch: &Swatch) {
         Color32::from_rgba_unmultiplied(red, green, blue, alpha)
     };
     if is_see_through(swatch) {
-        // What the map lies on would be the colour of the unknown.
+        // Half of it is clear. What the map lies on would be the colour of the unknown.
+        let half = vec![rect.left_bottom(), rect.right_top(), rect.right_bottom()];
+        let color = of(swatch.color);
+        ui.painter()
+            .add(Shape::convex_polygon(half, color, Stroke::NONE));
         let ink = ui.visuals().weak_text_color();
         let line = [rect.left_bottom(), rect.right_top()];
         ui.painter().line_segment(line, Stroke::new(1.0, ink));
@@ -340,7 +344,10 @@ mod tests {
         });
         assert_eq!(
             labels.collect::<Vec<_>>(),
-            [vec!["free: see-through", "obstacle"], vec!["unknown"]]
+            [
+                vec!["free: clear over the known", "obstacle"],
+                vec!["unknown"]
+            ]
         );
         let swatches = data.legends.iter().flat_map(|legend| &legend.swatches);
         let see_through = swatches.map(is_see_through).collect::<Vec<_>>();

@@ -382,3 +382,6 @@ impl Driver {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

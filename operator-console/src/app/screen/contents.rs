@@ -143,7 +143,7 @@ impl Panels<'_> {
             PanelId::Map => commands.extend(self.map_ui(ui, model, now)),
             PanelId::Robot => robot_ui(ui, &RobotData::new(model, now)),
             PanelId::Layers => {
-                let layers = LayersData::new(model, self.map_view, now);
+                let layers = LayersData::new(model, link, self.map_view, now);
                 commands.extend(layers_ui(ui, &layers).map(Command::Layer));
             }
             PanelId::Shores => {

@@ -5,6 +5,7 @@ use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 
 use super::*;
+use crate::pretend::at;
 
 fn row(layer: LayerId, over: Option<LayerId>, under: Option<LayerId>) -> LayerRow {
     LayerRow {
@@ -157,7 +158,7 @@ fn a_layer_is_in_step_or_says_what_it_lacks() {
         missing,
     };
     let check = |step, tiles, expected: (Tone, &str)| {
-        let (tone, state) = state_of(step, tiles, now);
+        let (tone, state) = state_of(step, tiles, false, now);
         assert_eq!((tone, state.as_str()), expected);
     };
     check(None, 0, (Tone::Waiting, "nothing mapped yet"));
@@ -191,4 +192,23 @@ fn a_layer_is_in_step_or_says_what_it_lacks() {
     let behind = (Tone::Waiting, "9 tiles, 2 missing for 3.0 s");
     check(Some(lately(2)), 9, behind);
     assert_eq!(age(Duration::from_secs(15)), "15 s");
+}
+
+#[test]
+fn a_layer_of_a_recording_is_drawn_and_not_asked_for() {
+    let says = |missing, is_recording| {
+        let step = LayerStep {
+            layer: LayerId::Occupancy,
+            is_equal: false,
+            last_equal: Some(at(1_000)),
+            missing,
+        };
+        let told = state_of(Some(step), 12, is_recording, at(10_000));
+        assert_eq!(told.0, Tone::Waiting);
+        told.1
+    };
+    assert_eq!(says(0, false), "12 tiles, not in step for 9.0 s");
+    assert_eq!(says(3, false), "12 tiles, 3 missing for 9.0 s");
+    assert_eq!(says(0, true), "12 tiles, being drawn");
+    assert_eq!(says(3, true), "12 tiles, 3 to come");
 }
