@@ -43,6 +43,10 @@ fn the_clip_becomes_maps_and_figures() {
     assert_eq!((ended.stdout.as_str(), ended.stderr.as_str()), ("", ""));
     assert_eq!(names_in(&maps), EXPORTS);
     assert_eq!(names_in(folder.path()), ["new", "s.json"]);
+    // The README says that this is the picture that its command makes.
+    let shown = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/rooms.png");
+    let is_shown = fs::read(shown).unwrap() == fs::read(maps.join("occupancy.png")).unwrap();
+    assert!(is_shown, "docs/rooms.png is of another program");
 
     let summary = read_json(&figures);
     assert_eq!(summary["recording"], rooms().to_str().unwrap());
