@@ -67,7 +67,7 @@ pub struct Cli {
     /// Who you are: your folder of `robot-edge keys`. Then the link is mutual TLS, and --connect is quic/HOST:PORT
     #[arg(long, value_name = "DIR", requires = "connect", global = true)]
     pub keys: Option<PathBuf>,
-    /// Who drives [default: the user of this computer]
+    /// Who drives [default: the user of this computer by `USER`, `LOGNAME` or `USERNAME`, else `console`]
     #[arg(long, value_name = "NAME", global = true)]
     pub operator: Option<OperatorId>,
     /// Zenoh configuration (JSON5) that ours is laid over [default: what `ZENOH_CONFIG` names]

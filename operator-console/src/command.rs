@@ -31,6 +31,8 @@ pub enum Command {
     Playback(PlaybackCommand),
     /// Ask this address no longer, and remember it no longer.
     ForgetAddress(String),
+    /// List this robot no longer, which is silent, and have no alerts of it.
+    ForgetRobot(RobotId),
     /// An alert of this robot was seen.
     Acknowledge(RobotId, Alarm),
     /// All alerts were seen, of every robot.

@@ -144,7 +144,7 @@ impl EventLog {
                 time: time_of_day(unix_s.saturating_sub(ago_s)),
                 severity: Severity::of(event),
                 source: Source::Robot(name.to_owned()),
-                kind: event.kind.replace('_', " "),
+                kind: kind_words(&event.kind),
                 text: event.message.clone(),
             });
             news.push(event.clone());
@@ -158,6 +158,15 @@ impl EventLog {
         }
         self.entries.push_back(entry);
         self.total += 1;
+    }
+}
+
+/// What the wire calls it, in words.
+pub(crate) fn kind_words(kind: &str) -> String {
+    match kind {
+        "teleop_state" => "driving".to_owned(),
+        "estop" => "emergency stop".to_owned(),
+        _ => kind.replace('_', " "),
     }
 }
 
@@ -214,7 +223,7 @@ mod tests {
         assert_eq!(
             told[2..],
             [
-                ("estop", Severity::Alarm, "00:00:00"),
+                ("emergency stop", Severity::Alarm, "00:00:00"),
                 ("export", Severity::Note, "01:02:03"),
                 ("jump", Severity::Warning, "01:02:03"),
             ]

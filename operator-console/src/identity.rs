@@ -25,8 +25,8 @@ impl Identity {
         Self { operator, key }
     }
 
-    /// Whose credentials they are; without any, the operator who is named, else the user of this computer, else
-    /// `NOBODY`.
+    /// Whose credentials they are; without any, the operator who is named, else the user of this computer as the
+    /// environment names them, else `NOBODY`.
     ///
     /// # Errors
     /// Where the credentials are another's than the one who is named, or not a person's, or their key cannot be read.
@@ -41,11 +41,7 @@ impl Identity {
             return Ok(Self::without_keys(operator));
         }
         let users = ["USER", "LOGNAME", "USERNAME"].map(|name| std::env::var(name).ok());
-        let user = users.into_iter().flatten().next();
-        let operator = user
-            .as_deref()
-            .and_then(as_operator)
-            .map_or_else(|| NOBODY.parse(), Ok)?;
+        let operator = first_of(users).map_or_else(|| NOBODY.parse(), Ok)?;
         Ok(Self::without_keys(operator))
     }
 
@@ -76,6 +72,12 @@ impl Identity {
     }
 }
 
+/// The first name that says anything: a variable may be set, and empty.
+fn first_of(users: impl IntoIterator<Item = Option<String>>) -> Option<OperatorId> {
+    let mut users = users.into_iter().flatten();
+    users.find_map(|user| as_operator(&user))
+}
+
 /// A user's name as an operator's: what may not stand in one becomes `_`.
 fn as_operator(user: &str) -> Option<OperatorId> {
     let chars = user.chars().take(64).map(|char| match char {
@@ -101,6 +103,9 @@ mod tests {
         check("anna.b@host", Some("anna_b_host"));
         check("", None);
         check(&"x".repeat(90), Some(&"x".repeat(64)));
+        let users = [None, Some(String::new()), Some("anna".to_owned())];
+        assert_eq!(first_of(users), Some("anna".parse().unwrap()));
+        assert_eq!(first_of([None, Some(String::new())]), None);
         let named = Identity::of(Some("berta".parse().unwrap()), None).unwrap();
         assert_eq!(named.operator.as_str(), "berta");
     }

@@ -78,6 +78,15 @@ pub(crate) fn announces(model: &mut ConsoleModel, store: &TileStore, now: Monoto
     says(model, Topic::MapHead, &MapHead { layers }, now);
 }
 
+/// A run of the robot announces its map, of which there is nothing yet.
+pub(crate) fn starts(model: &mut ConsoleModel, run: BootId, now: Monotonic) {
+    let sample = Incoming::Sample {
+        key: Topic::MapHead.key(model.robot()),
+        payload: payload_of(run, 0, &MapHead { layers: Vec::new() }),
+    };
+    model.apply(sample, now);
+}
+
 /// The robot pushes a tile.
 pub(crate) fn pushes(model: &mut ConsoleModel, store: &TileStore, key: TileKey, now: Monotonic) {
     let tile = store.tile(key).unwrap();
@@ -108,12 +117,16 @@ pub(crate) fn answers<T: Serialize>(
     model.apply(reply, now);
 }
 
-/// Every message is behind all others.
 fn payload<T: Serialize>(stamp_ns: i64, body: &T) -> Vec<u8> {
+    payload_of(BOOT, stamp_ns, body)
+}
+
+/// Every message is behind all others.
+fn payload_of<T: Serialize>(boot: BootId, stamp_ns: i64, body: &T) -> Vec<u8> {
     static SENT: AtomicU64 = AtomicU64::new(0);
     let seq = SENT.fetch_add(1, Ordering::Relaxed);
     let header = Header {
-        boot: BOOT,
+        boot,
         seq,
         robot_time_ns: stamp_ns,
     };
@@ -150,6 +163,7 @@ pub(crate) fn helm_of_anna() -> HelmSight {
     HelmSight {
         operator: "anna".parse().unwrap(),
         lease: Lease::None,
+        last_grant: None,
         step: SpeedStep::default(),
         limits: [1.0, 1.5],
         wish: Wish::NEUTRAL,

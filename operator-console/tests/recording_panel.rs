@@ -71,6 +71,7 @@ fn helm(token_age: Option<Duration>) -> HelmSight {
     HelmSight {
         operator: "anna".parse().unwrap(),
         lease: Lease::None,
+        last_grant: None,
         step: SpeedStep::default(),
         limits: [1.0, 1.5],
         wish: Wish::NEUTRAL,

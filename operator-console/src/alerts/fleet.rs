@@ -7,7 +7,7 @@ use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
 use super::{Alarm, Alert, Alerts};
-use crate::link::{SEEN_LATELY, Sighting};
+use crate::link::{FleetState, SEEN_LATELY, Sighting};
 use crate::playback::is_recording;
 
 /// Alerts by robot.
@@ -23,6 +23,8 @@ struct Left {
     alerts: Alerts,
     /// When it was heard last, by its own link or by whoever looks for robots.
     since: Monotonic,
+    /// It said then that its data had ended: its silence is no news.
+    had_ended: bool,
 }
 
 impl FleetAlerts {
@@ -38,8 +40,23 @@ impl FleetAlerts {
     pub fn leave(&mut self, now: Monotonic) {
         let left = self.shown.take();
         if let Some((robot, alerts)) = left.filter(|(robot, _)| !is_recording(robot)) {
-            self.others.insert(robot, Left { alerts, since: now });
+            let left = Left {
+                alerts,
+                since: now,
+                had_ended: false,
+            };
+            self.others.insert(robot, left);
         }
+    }
+
+    /// Whether this robot is or was shown in this run.
+    pub fn knows(&self, robot: &RobotId) -> bool {
+        self.shows(robot) || self.others.contains_key(robot)
+    }
+
+    /// Nobody wants to know of this robot any more, which is not shown.
+    pub fn forget(&mut self, robot: &RobotId) {
+        self.others.remove(robot);
     }
 
     /// Of what is shown.
@@ -92,9 +109,12 @@ impl FleetAlerts {
             let alert = match of_it.next().filter(|one| one.seen > left.since) {
                 Some(sighting) => {
                     left.since = sighting.seen;
+                    left.had_ended = sighting.state == Some(FleetState::Ended);
                     left.alerts.look_from_afar(sighting.state.as_ref(), now)
                 }
-                None if now.since(left.since) > SEEN_LATELY => left.alerts.lose(now),
+                None if now.since(left.since) > SEEN_LATELY && !left.had_ended => {
+                    left.alerts.lose(now)
+                }
                 None => None,
             };
             begun.extend(alert.map(|(_, text)| format!("{robot}: {text}")));
@@ -125,7 +145,7 @@ mod tests {
 
     use super::*;
     use crate::alerts::Subject;
-    use crate::link::{FleetState, FoundRobot};
+    use crate::link::FoundRobot;
     use crate::pretend::{at, console, says, standing};
 
     /// The robot that is shown says that an emergency stop is in force, or that none is; how many alerts that begins.
@@ -247,6 +267,7 @@ mod tests {
         let text = "boat: The vehicle is at fault";
         assert_eq!(alerts.look_around(&[faulty], at(45_000)), [text]);
         // What it says itself is more.
+        assert!(alerts.knows(&boat) && alerts.knows(&scout));
         alerts.change_to(&boat, at(46_000));
         assert_eq!(stop(&mut alerts, &boat, true), 1);
         assert_eq!(counts(&alerts), (2, 2));
@@ -260,6 +281,13 @@ mod tests {
         assert_eq!(alerts.look_around(&[faulty], at(57_000)).len(), 1);
         let active = alerts.iter().filter(|(_, alert)| alert.is_active);
         assert_eq!(active.count(), 2);
+        alerts.forget(&boat);
+        assert_eq!((counts(&alerts), alerts.knows(&boat)), ((0, 0), false));
+        assert_eq!(
+            alerts.look_around(&[], at(99_000)),
+            none,
+            "it is not missed"
+        );
     }
 
     #[test]
@@ -282,5 +310,19 @@ mod tests {
         assert_eq!(look(stopped.clone(), 9_500), (1, at(8_000)));
         assert_eq!(look(stopped.clone(), 23_000), (0, at(8_000)));
         assert_eq!(look(stopped, 23_001), (1, at(8_000)), "it is missed");
+    }
+
+    #[test]
+    fn a_robot_whose_data_had_ended_is_not_missed() {
+        let boat: RobotId = "boat".parse().unwrap();
+        let mut alerts = FleetAlerts::default();
+        alerts.change_to(&boat, at(0));
+        alerts.leave(at(5_000));
+        let mut look =
+            |sighting: Sighting, now_ms: u64| alerts.look_around(&[sighting], at(now_ms)).len();
+        assert_eq!(look(sighting(&boat, 6_000, FleetState::Ended), 7_000), 0);
+        assert_eq!(look(sighting(&boat, 6_000, FleetState::Ended), 60_000), 0);
+        assert_eq!(look(sighting(&boat, 61_000, FleetState::Free), 62_000), 0);
+        assert_eq!(look(sighting(&boat, 61_000, FleetState::Free), 90_000), 1);
     }
 }

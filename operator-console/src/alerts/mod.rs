@@ -319,6 +319,22 @@ mod tests {
     }
 
     #[test]
+    fn what_had_ended_and_nobody_could_drive_alarms_nobody_when_it_falls_silent() {
+        for (can_be_driven, begun) in [(false, 0), (true, 1)] {
+            let mut model = scout();
+            let status = Status {
+                has_ended: true,
+                teleop: can_be_driven.then(standing),
+                ..Status::default()
+            };
+            pretend::says(&mut model, Topic::Status, &status, at(0));
+            let mut alerts = Alerts::default();
+            let told = alerts.look(&model, Subject::Robot, &[], at(60_000));
+            assert_eq!(told.len(), begun);
+        }
+    }
+
+    #[test]
     fn who_says_from_afar_how_it_is_is_heard_and_says_nothing_of_its_sensors() {
         let mut model = scout();
         let mut alerts = Alerts::default();

@@ -20,7 +20,8 @@ pub(super) struct Reason {
 /// What there is to be alarmed about at the moment.
 pub(super) fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) -> Vec<Reason> {
     let mut reasons = Vec::new();
-    if subject == Subject::Robot && model.connection().state(now) == LinkState::Silent {
+    let is_silent = model.connection().state(now) == LinkState::Silent;
+    if subject == Subject::Robot && is_silent && !model.may_fall_silent() {
         reasons.push(link_lost());
     }
     let Some((status, _)) = model.status() else {

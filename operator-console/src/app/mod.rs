@@ -5,6 +5,7 @@ mod desktop;
 mod dialogs;
 mod export_job;
 mod first_run;
+mod heard_before;
 mod leaving;
 mod menus;
 mod obedience;

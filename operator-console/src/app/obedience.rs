@@ -57,6 +57,9 @@ impl ConsoleApp {
         self.screen.forget_robot();
         self.note_leaving(&found, sort);
         self.tell_of_shown();
+        let before = self
+            .heard_before(&found.robot, Monotonic::now())
+            .filter(|_| sort == Sort::Robot);
         self.alerts.change_to(&found.robot, Monotonic::now());
         self.log.forget_robot();
         self.watch = Watch::default();
@@ -76,6 +79,9 @@ impl ConsoleApp {
         match opened {
             Ok((session, cockpit)) => {
                 self.problem = None;
+                if let Some(before) = before {
+                    session.model().was_heard(before);
+                }
                 if let Some(names) = self.site_names.remove(&found.robot) {
                     session.model().keep_site_names(names);
                 }
@@ -97,11 +103,17 @@ impl ConsoleApp {
     /// What the robot that is shown has said of itself is newer than what looking for robots has found.
     pub(super) fn tell_of_shown(&self) {
         let shown = self.shown.as_ref().filter(|_| self.playback.is_none());
-        if let Some((found, session)) = shown
-            && let Some((status, at)) = session.model().status()
-        {
+        let Some((found, session)) = shown else {
+            return;
+        };
+        let model = session.model();
+        if let Some((status, at)) = model.status() {
             let state = FleetState::of(status);
             self.discovery.tell(&found.robot, state, *at);
+        }
+        // After its state, which poses between two statuses would be newer than.
+        if let Some(at) = model.connection().heard_at() {
+            self.discovery.hear(&found.robot, at);
         }
     }
 
@@ -145,6 +157,11 @@ impl ConsoleApp {
             Command::ForgetAddress(address) => {
                 self.settings.forget(&address);
                 self.discovery.forget_address(&address);
+            }
+            Command::ForgetRobot(robot) => {
+                self.discovery.forget_robot(&robot);
+                self.alerts.forget(&robot);
+                self.site_names.remove(&robot);
             }
             Command::Look(look) => self.screen.map_view_mut().look(look),
             Command::Drive(intent) => self.hands.want(intent, Monotonic::now()),

@@ -22,13 +22,17 @@ pub(super) fn documents() -> Option<PathBuf> {
 /// Where a screenshot goes that is taken now. The name has the date, to the second, and what is shown; where `is_taken` is
 /// true of that, a number as well.
 pub(super) fn screenshot_path(shown: Option<&str>, is_taken: impl Fn(&Path) -> bool) -> PathBuf {
-    let label = wall_clock_label().replace(':', "-").replace('Z', "");
-    let shown = shown.map(|shown| format!("-{shown}")).unwrap_or_default();
+    let name = stamped_name(shown, &wall_clock_label());
     let folder = pictures().unwrap_or_default();
-    free_path(
-        &folder.join(format!("foreshore{shown}-{label}.png")),
-        is_taken,
-    )
+    free_path(&folder.join(format!("{name}.png")), is_taken)
+}
+
+/// What screenshots and folders of exports are called: what is shown, and `label`, a time of UTC as RFC 3339 has it,
+/// without what some file systems forbid.
+pub(super) fn stamped_name(shown: Option<&str>, label: &str) -> String {
+    let label = label.replace(':', "-").replace('Z', "");
+    let shown = shown.map(|shown| format!("-{shown}")).unwrap_or_default();
+    format!("foreshore{shown}-{label}")
 }
 
 /// `path`, or where `is_taken` is true of it the first of `path-2`, `path-3` … of which it is not.
@@ -88,6 +92,13 @@ mod tests {
         let name = path.file_name().unwrap().to_str().unwrap();
         assert!(name.starts_with("foreshore-rooms-2"), "{name}");
         assert_eq!(path.extension().unwrap(), "png");
+    }
+
+    #[test]
+    fn names_have_the_time_in_one_piece() {
+        let name = |shown| stamped_name(shown, "2026-11-23T00:51:31Z");
+        assert_eq!(name(Some("rooms")), "foreshore-rooms-2026-11-23T00-51-31");
+        assert_eq!(name(None), "foreshore-2026-11-23T00-51-31");
     }
 
     #[test]

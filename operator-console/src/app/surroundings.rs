@@ -1,16 +1,18 @@
 //! What the map shows around the vehicle, from what the robot tells.
 
 use std::f64::consts::TAU;
+use std::time::Duration;
 
 use eframe::egui::Color32;
 use protocol::message::SensorInfo;
 use robot_edge::clock::Monotonic;
 
 use crate::map_view::{LastScan, SensorField, Stopping, Surroundings};
-use crate::model::ConsoleModel;
+use crate::model::{self, ConsoleModel};
+use crate::playback::is_recording;
 
-/// A sweep that was heard longer ago says nothing of now, seconds.
-const FRESH_S: f64 = 2.0;
+/// An older sweep says nothing of now.
+const FRESH: Duration = Duration::from_secs(2);
 /// What a sensor that turns all around may leave out: coarse ones have steps of some degrees.
 const FULL_TURN_GAP_RAD: f64 = 0.1;
 
@@ -55,13 +57,80 @@ fn field(sensor: &SensorInfo) -> Option<SensorField> {
 /// The last sweeps of all sensors, as one.
 fn scan(model: &ConsoleModel, now: Monotonic) -> Option<LastScan> {
     let fresh = || {
-        let all = model.scans().map(|(_, scan)| scan);
-        all.filter(|scan| now.since(scan.heard).as_secs_f64() < FRESH_S)
+        let all = model.scans().map(|(_, scan)| (scan, age(model, scan, now)));
+        all.filter(|(_, age)| *age < FRESH)
     };
-    let age = fresh().map(|scan| now.since(scan.heard)).min()?;
-    let points_m = fresh().flat_map(|scan| scan.points_m.iter().copied());
+    let age = fresh().map(|(_, age)| age).min()?;
+    let points_m = fresh().flat_map(|(scan, _)| scan.points_m.iter().copied());
     Some(LastScan {
         points_m: points_m.collect(),
         age,
     })
+}
+
+/// How old a sweep is. Where the data may stand still, in a recording or at the end, no more than its stamp is from the
+/// moment that is shown: a moment that lasts makes nothing older.
+fn age(model: &ConsoleModel, scan: &model::LastScan, now: Monotonic) -> Duration {
+    let here = now.since(scan.heard);
+    let may_stand = is_recording(model.robot()) || model.says_ended();
+    match model.vehicle().stamp_ns().filter(|_| may_stand) {
+        Some(shown_ns) => here.min(Duration::from_nanos(shown_ns.abs_diff(scan.stamp_ns))),
+        None => here,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::keys::Topic;
+    use protocol::message::{Pose, Scan, Status};
+
+    use super::*;
+    use crate::pretend::{at, console, says_of};
+
+    const SECOND_NS: i64 = 1_000_000_000;
+
+    /// Of this robot: a sweep at 58 s of its data, heard at 1 s.
+    fn swept(robot: &str) -> ConsoleModel {
+        let mut model = console(robot, &[]);
+        model.want_scan(true);
+        let sweep = Scan::of_points("laser".to_owned(), [0.0; 2], [[1.0, 2.0]]);
+        says_of(&mut model, 58 * SECOND_NS, Topic::Scan, &sweep, at(1_000));
+        model
+    }
+
+    /// The vehicle is shown where it was at this time of its data.
+    fn stands_at(model: &mut ConsoleModel, stamp_ns: i64, ms: u64) {
+        let pose = Pose {
+            position_m: [0.0; 3],
+            quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
+            speed_mps: 0.0,
+            turn_rate_radps: 0.0,
+            token: None,
+        };
+        says_of(model, stamp_ns, Topic::Pose, &pose, at(ms));
+    }
+
+    fn age_ms(model: &ConsoleModel, ms: u64) -> Option<u128> {
+        scan(model, at(ms)).map(|scan| scan.age.as_millis())
+    }
+
+    #[test]
+    fn the_sweep_of_a_paused_recording_stays_and_that_of_a_robot_fades() {
+        let [mut recording, mut robot] = ["recording-1a2b3c", "scout"].map(swept);
+        for model in [&mut recording, &mut robot] {
+            stands_at(model, 58 * SECOND_NS + SECOND_NS / 10, 1_050);
+        }
+        assert_eq!(age_ms(&recording, 61_000), Some(100));
+        assert_eq!(age_ms(&robot, 2_500), Some(1_500));
+        assert_eq!(age_ms(&robot, 61_000), None);
+        let ended = Status {
+            has_ended: true,
+            ..Status::default()
+        };
+        says_of(&mut robot, 0, Topic::Status, &ended, at(61_000));
+        assert_eq!(age_ms(&robot, 62_000), Some(100), "nothing follows it");
+        // Wound elsewhere, before another sweep came.
+        stands_at(&mut recording, 20 * SECOND_NS, 61_000);
+        assert_eq!(age_ms(&recording, 62_000), None);
+    }
 }

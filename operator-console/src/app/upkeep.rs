@@ -115,7 +115,9 @@ impl ConsoleApp {
         if link.state(now) == LinkState::Live {
             return None;
         }
-        let silent = link.age(now).unwrap_or_else(|| now.since(self.joined));
+        // It may have been silent for long before it was joined: the link has its time all the same.
+        let joined = now.since(self.joined);
+        let silent = link.age(now).map_or(joined, |age| age.min(joined));
         moved_to(shown, silent, &self.discovery.sightings(), now)
     }
 

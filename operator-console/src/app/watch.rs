@@ -1,5 +1,9 @@
-//! What this console notices by itself, once each: the link comes, goes and takes another way.
+//! What this console notices by itself, once each: the link comes, goes and takes another way; the robot has restarted;
+//! its data has ended.
 
+use std::time::Duration;
+
+use protocol::tile::BootId;
 use robot_edge::clock::Monotonic;
 
 use crate::event_log::Severity;
@@ -11,9 +15,16 @@ use crate::panels::wording::age;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Watch {
     link: Option<LinkState>,
-    lost: Option<Monotonic>,
+    /// When it was seen that the robot is silent, and for how long it was by then.
+    lost: Option<(Monotonic, Duration)>,
+    /// Which run of the robot was heard.
+    run: Option<BootId>,
     transport: Option<Transport>,
+    has_ended: bool,
 }
+
+/// What a restart of the robot means.
+const ANEW: &str = "its map begins anew";
 
 /// Something to note: how much it matters, its kind, and what it is.
 pub(super) type Note = (Severity, &'static str, String);
@@ -29,14 +40,21 @@ impl Watch {
         let mut notes = Vec::new();
         let robot = model.robot();
         let link = model.connection().state(now);
+        let had_ended = std::mem::replace(&mut self.has_ended, model.says_ended());
+        let mut has_restarted = self.has_restarted(model.run());
         if self.link != Some(link) {
             match link {
                 LinkState::Waiting => {}
                 LinkState::Live => {
                     let text = match self.lost.take() {
-                        Some(lost) => {
-                            let silent = age(now.since(lost));
-                            format!("{robot} is heard again after {silent}")
+                        Some((seen, silent)) => {
+                            let silent = age(silent + now.since(seen));
+                            let anew = if std::mem::take(&mut has_restarted) {
+                                format!(", restarted: {ANEW}")
+                            } else {
+                                String::new()
+                            };
+                            format!("{robot} is heard again after {silent}{anew}")
                         }
                         None => format!("{robot} is heard"),
                     };
@@ -44,18 +62,41 @@ impl Watch {
                 }
                 LinkState::Silent => {
                     let silent = model.connection().age(now).unwrap_or_default();
-                    self.lost = Some(now);
-                    let text = format!("{robot} is not heard any more, for {}", age(silent));
-                    notes.push((Severity::Warning, "link", text));
+                    self.lost = Some((now, silent));
+                    let gone = format!("{robot} is not heard any more");
+                    notes.push(if model.may_fall_silent() {
+                        let text = format!("{gone} (its data had ended)");
+                        (Severity::Note, "link", text)
+                    } else {
+                        let text = format!("{gone}, for {}", age(silent));
+                        (Severity::Warning, "link", text)
+                    });
                 }
             }
             self.link = Some(link);
+        }
+        if has_restarted {
+            let text = format!("{robot} has restarted: {ANEW}");
+            notes.push((Severity::Note, "link", text));
+        }
+        if self.has_ended && !had_ended {
+            let text = format!("{robot}'s data has ended");
+            notes.push((Severity::Note, "data", text));
         }
         if transport.is_some() && self.transport != transport {
             self.transport = transport;
             notes.extend(transport.and_then(transport_note));
         }
         notes
+    }
+
+    /// Whether another run of the robot is heard than at the last look.
+    fn has_restarted(&mut self, run: Option<BootId>) -> bool {
+        let Some(run) = run else {
+            return false;
+        };
+        let before = self.run.replace(run);
+        before.is_some_and(|before| before != run)
     }
 }
 
@@ -79,7 +120,7 @@ mod tests {
     use protocol::message::Status;
 
     use super::*;
-    use crate::pretend::{at, says, scout};
+    use crate::pretend::{at, says, scout, standing, starts};
 
     #[test]
     fn the_link_is_noted_when_it_changes_and_not_else() {
@@ -103,7 +144,53 @@ mod tests {
         says(&mut model, Topic::Status, &Status::default(), at(9_000));
         assert_eq!(
             look(&model, None, 9_000),
-            ["scout is heard again after 6.0 s"]
+            ["scout is heard again after 8.0 s"]
         );
+    }
+
+    #[test]
+    fn a_restart_of_the_robot_is_noted_with_the_silence_or_alone() {
+        let mut model = scout();
+        let mut watch = Watch::default();
+        // At these times, the run that is heard there, or none.
+        let mut look = |ms, run: Option<u8>| -> Vec<String> {
+            if let Some(run) = run {
+                starts(&mut model, BootId([run; 16]), at(ms));
+            }
+            let notes = watch.look(&model, None, at(ms));
+            notes.into_iter().map(|(_, _, text)| text).collect()
+        };
+        assert_eq!(look(1_000, Some(7)), ["scout is heard"]);
+        let quick = "scout has restarted: its map begins anew";
+        assert_eq!(look(1_500, Some(8)), [quick]);
+        assert_eq!(look(4_000, None).len(), 1);
+        let again = "scout is heard again after 3.4 s, restarted: its map begins anew";
+        assert_eq!(look(4_900, Some(9)), [again]);
+        assert_eq!(look(5_000, Some(9)), [""; 0]);
+    }
+
+    #[test]
+    fn an_end_is_noted_and_the_silence_after_it_is_no_warning() {
+        let gone = |words: &str| format!("scout is not heard any more{words}");
+        for (can_be_driven, severity, silent) in [
+            (false, Severity::Note, gone(" (its data had ended)")),
+            (true, Severity::Warning, gone(", for 2.0 s")),
+        ] {
+            let mut model = scout();
+            let mut watch = Watch::default();
+            says(&mut model, Topic::Status, &Status::default(), at(0));
+            watch.look(&model, None, at(0));
+            let ended = Status {
+                has_ended: true,
+                teleop: can_be_driven.then(standing),
+                ..Status::default()
+            };
+            says(&mut model, Topic::Status, &ended, at(500));
+            let end = (Severity::Note, "data", "scout's data has ended".to_owned());
+            assert_eq!(watch.look(&model, None, at(500)), [end]);
+            assert_eq!(watch.look(&model, None, at(600)), []);
+            let told = watch.look(&model, None, at(2_500));
+            assert_eq!(told, [(severity, "link", silent)]);
+        }
     }
 }

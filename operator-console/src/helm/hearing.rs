@@ -47,6 +47,7 @@ impl Helm {
         }
         let was_known = self.boot.replace(boot).is_some();
         self.epoch = 0;
+        self.last_grant = None;
         self.newest = None;
         self.status = None;
         if let Some(estop) = &self.estop {
@@ -184,6 +185,7 @@ impl Helm {
         self.notice = None;
         self.epoch = self.epoch.max(epoch);
         self.lease = Lease::Held(epoch);
+        self.last_grant = Some(epoch);
         self.neutral_since = None;
         self.sent = Wish::NEUTRAL;
         self.pace = Pace::new(now);

@@ -64,6 +64,8 @@ pub struct Helm {
     /// The newest grant of the lease that is known of, whoever's.
     epoch: u64,
     lease: Lease,
+    /// The newest grant that was this console's, held or not.
+    last_grant: Option<u64>,
     status: Option<TeleopStatus>,
     seq: u64,
     requests: Requests,
@@ -96,6 +98,7 @@ impl Helm {
             boot: None,
             epoch: 0,
             lease: Lease::None,
+            last_grant: None,
             status: None,
             seq: 0,
             requests: Requests::default(),

@@ -19,6 +19,9 @@ pub struct HelmSight {
     pub operator: OperatorId,
     /// Whether they do.
     pub lease: Lease,
+    /// The newest grant that was this console's since the robot began: a status that still tells of it may be older than
+    /// its end here.
+    pub last_grant: Option<u64>,
     /// How fast keys drive.
     pub step: SpeedStep,
     /// What it asks for at most: speed, m/s, and turn rate, rad/s.
@@ -67,6 +70,7 @@ impl Helm {
         HelmSight {
             operator: self.identity.operator.clone(),
             lease: self.lease,
+            last_grant: self.last_grant,
             step: self.input.step(),
             limits: self.limits,
             wish: self.input.wish(),

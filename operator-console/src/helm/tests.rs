@@ -625,6 +625,21 @@ fn who_is_let_go_by_a_reset_hears_why() {
     assert_eq!(rig.helm.sight(at(rig.ms)).notice, Some(Note::LeaseLost));
 }
 
+#[test]
+fn a_grant_is_known_to_have_been_ours_until_the_robot_begins_anew() {
+    let last = |rig: &Rig| rig.helm.sight(at(rig.ms)).last_grant;
+    assert_eq!(last(&Rig::new()), None);
+    let mut rig = Rig::held();
+    rig.ask(LeaseRequest::Release);
+    // A status that is older than that.
+    rig.status(|_| {});
+    assert_eq!(rig.helm.sight(at(rig.ms)).lease, Lease::None);
+    assert_eq!(last(&rig), Some(4));
+    rig.boot = BootId([9; 16]);
+    rig.status(|_| {});
+    assert_eq!(last(&rig), None);
+}
+
 /// Whoever owns the loop owns the clock, the network and the window; so a script's commands are a window's.
 #[test]
 fn helm_and_hands_are_pure() {

@@ -120,13 +120,26 @@ impl Discovery {
         lock(&self.state.found).tell(robot, state, at);
     }
 
+    /// A robot was heard by its own link at that time, whatever it said.
+    pub fn hear(&self, robot: &RobotId, at: Monotonic) {
+        lock(&self.state.found).hear(robot, at);
+    }
+
+    /// This robot is listed no more, unless it answers again.
+    pub fn forget_robot(&self, robot: &RobotId) {
+        lock(&self.state.found).forget(robot);
+    }
+
     /// The robots that are there, by name.
     pub fn found(&self) -> Vec<FoundRobot> {
         let known = lock(&self.state.found);
-        known.sightings().map(|sighting| sighting.found).collect()
+        let mut found: Vec<_> = known.present().cloned().collect();
+        found.sort();
+        found
     }
 
-    /// The robots that are there, by name, with what they say of themselves.
+    /// The robots that were found and not forgotten since, in the order in which they were first found, with what they
+    /// said of themselves last.
     pub fn sightings(&self) -> Vec<Sighting> {
         lock(&self.state.found).sightings().collect()
     }
@@ -191,7 +204,7 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
         if before != problem || changed {
             wake();
         }
-        let is_found = !lock(&state.found).is_empty();
+        let is_found = lock(&state.found).present().next().is_some();
         let pause = if is_found { LONG_PAUSE } else { PAUSE };
         clock::sleep_until(Monotonic::now() + pause, || {
             is_closing() || state.is_hurried.swap(false, Ordering::Relaxed)

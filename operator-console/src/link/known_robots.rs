@@ -1,4 +1,5 @@
-//! Which robots are known from rounds of asking: each once, by its name, at one of the endpoints where it answers.
+//! Which robots are known from rounds of asking: each once, in the order in which they were first found, at one of the
+//! endpoints where it answers. Who answers no more stays known until it is forgotten.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +8,7 @@ use robot_edge::clock::Monotonic;
 
 use super::fleet_state::FleetState;
 
-/// A robot that did not answer for so many rounds is gone.
+/// A robot that did not answer for so many rounds is not there.
 const ROUNDS_KEPT: u32 = 3;
 /// Robots that are listed.
 pub(super) const MAX_ROBOTS: usize = 256;
@@ -44,13 +45,13 @@ pub(super) struct Answer {
     pub(super) state: Option<FleetState>,
 }
 
-/// The robots that answered lately.
+/// The robots that have answered, in the order in which they did so first.
 #[derive(Debug, Default)]
-pub(super) struct KnownRobots(BTreeMap<RobotId, Known>);
+pub(super) struct KnownRobots(Vec<Known>);
 
 #[derive(Debug)]
 struct Known {
-    endpoint: String,
+    found: FoundRobot,
     /// Since it was last heard of.
     rounds: u32,
     seen: Monotonic,
@@ -58,56 +59,81 @@ struct Known {
 }
 
 impl KnownRobots {
-    /// A round is over; whether the list is another now.
+    /// A round is over; whether anything is another than before.
     pub(super) fn take(&mut self, round: Round) -> bool {
-        let before = self.0.len();
-        for robot in self.0.values_mut() {
-            robot.rounds += 1;
+        for known in &mut self.0 {
+            known.rounds = known.rounds.saturating_add(1);
         }
-        self.0.retain(|_, robot| robot.rounds < ROUNDS_KEPT);
-        let mut changed = self.0.len() != before;
         let mut answers: BTreeMap<RobotId, Vec<(String, Answer)>> = BTreeMap::new();
         for (FoundRobot { robot, endpoint }, answer) in round {
             answers.entry(robot).or_default().push((endpoint, answer));
         }
+        let mut changed = false;
         for (robot, answers) in answers {
             changed |= self.heard(robot, answers);
         }
-        changed
+        changed || self.0.iter().any(|known| known.rounds == ROUNDS_KEPT)
     }
 
     /// A robot said more directly how it was at that time.
     pub(super) fn tell(&mut self, robot: &RobotId, state: FleetState, at: Monotonic) {
-        if let Some(known) = self.0.get_mut(robot).filter(|known| known.seen < at) {
+        if let Some(known) = self.known(robot).filter(|known| known.seen < at) {
             (known.state, known.seen) = (Some(state), at);
         }
     }
 
-    /// The robots, by name.
+    /// A robot was heard at that time, whatever it said.
+    pub(super) fn hear(&mut self, robot: &RobotId, at: Monotonic) {
+        if let Some(known) = self.known(robot) {
+            known.seen = known.seen.max(at);
+        }
+    }
+
+    /// Nobody wants to know of this robot any more, unless it answers again.
+    pub(super) fn forget(&mut self, robot: &RobotId) {
+        self.0.retain(|known| known.found.robot != *robot);
+    }
+
+    /// All robots, in the order in which they were first found.
     pub(super) fn sightings(&self) -> impl Iterator<Item = Sighting> {
-        self.0.iter().map(|(robot, known)| Sighting {
-            found: FoundRobot {
-                robot: robot.clone(),
-                endpoint: known.endpoint.clone(),
-            },
+        self.0.iter().map(|known| Sighting {
+            found: known.found.clone(),
             seen: known.seen,
             state: known.state.clone(),
         })
     }
 
-    pub(super) fn is_empty(&self) -> bool {
-        self.0.is_empty()
+    /// Those that are there: they answered in one of the last rounds.
+    pub(super) fn present(&self) -> impl Iterator<Item = &FoundRobot> {
+        let present = self.0.iter().filter(|known| known.rounds < ROUNDS_KEPT);
+        present.map(|known| &known.found)
+    }
+
+    fn known(&mut self, robot: &RobotId) -> Option<&mut Known> {
+        self.0.iter_mut().find(|known| known.found.robot == *robot)
+    }
+
+    /// Whether there is room for one more; where all places are taken, who has not answered for longest gives up its
+    /// own.
+    fn make_room(&mut self) -> bool {
+        if self.0.len() < MAX_ROBOTS {
+            return true;
+        }
+        let all = self.0.iter().enumerate();
+        let silent = all.filter(|(_, known)| known.rounds >= ROUNDS_KEPT);
+        let longest = silent.max_by_key(|(_, known)| known.rounds);
+        let index = longest.map(|(index, _)| index);
+        index.map(|index| self.0.remove(index)).is_some()
     }
 
     /// `robot` has given these answers in one round, at different endpoints; whether anything is new.
     fn heard(&mut self, robot: RobotId, answers: Vec<(String, Answer)>) -> bool {
-        let known = self.0.get(&robot);
-        if known.is_none() && self.0.len() >= MAX_ROBOTS {
-            return false;
-        }
+        let mut all = self.0.iter();
+        let known = all.find(|known| known.found.robot == robot);
         // While it answers where it is known, it stays there; else it is where it answers now.
-        let is_known =
-            |(endpoint, _): &(String, _)| known.is_some_and(|known| known.endpoint == *endpoint);
+        let is_known = |(endpoint, _): &(String, _)| {
+            known.is_some_and(|known| known.found.endpoint == *endpoint)
+        };
         let index = answers.iter().position(is_known).unwrap_or_default();
         let Some((endpoint, mut answer)) = answers.into_iter().nth(index) else {
             return false;
@@ -116,22 +142,27 @@ impl KnownRobots {
         if let Some(known) = known.filter(|known| known.seen > answer.at) {
             answer = Answer {
                 at: known.seen,
-                state: known.state.clone(),
+                state: known.state.clone().or(answer.state),
             };
         }
-        let changed =
-            known.is_none_or(|known| known.endpoint != endpoint || known.state != answer.state);
+        let changed = known
+            .is_none_or(|known| known.found.endpoint != endpoint || known.state != answer.state);
         let Answer { at: seen, state } = answer;
-        self.0.insert(
-            robot,
-            Known {
-                endpoint,
-                rounds: 0,
-                seen,
-                state,
-            },
-        );
-        changed
+        let now_known = Known {
+            found: FoundRobot { robot, endpoint },
+            rounds: 0,
+            seen,
+            state,
+        };
+        if let Some(known) = self.known(&now_known.found.robot) {
+            *known = now_known;
+            return changed;
+        }
+        let has_room = self.make_room();
+        if has_room {
+            self.0.push(now_known);
+        }
+        has_room
     }
 }
 
@@ -211,15 +242,33 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_answers_nowhere_is_gone_after_three_rounds() {
+    fn a_robot_that_answers_no_more_is_not_there_and_keeps_its_place_until_it_is_forgotten() {
         let mut robots = KnownRobots::default();
-        robots.take(round(&[("a", "tcp/a:1"), ("b", "tcp/b:1")], 1));
-        let only_b = || round(&[("b", "tcp/b:1")], 2);
-        assert!(!robots.take(only_b()));
-        assert!(!robots.take(only_b()));
-        assert_eq!(listed(&robots).len(), 2);
-        assert!(robots.take(only_b()), "a is gone");
-        assert_eq!(listed(&robots), [line("b", "tcp/b:1", 2)]);
+        robots.take(round(&[("b", "tcp/b:1")], 1));
+        robots.take(round(&[("a", "tcp/a:1"), ("b", "tcp/b:1")], 2));
+        let only_a = || round(&[("a", "tcp/a:1")], 3);
+        assert!(!robots.take(only_a()));
+        assert!(!robots.take(only_a()));
+        assert_eq!(robots.present().count(), 2);
+        assert!(robots.take(only_a()), "b is missed");
+        assert!(!robots.take(only_a()), "that is known");
+        let present: Vec<_> = robots.present().map(|found| &*found.endpoint).collect();
+        assert_eq!(present, ["tcp/a:1"]);
+        let (a, b) = (line("a", "tcp/a:1", 3), line("b", "tcp/b:1", 2));
+        assert_eq!(listed(&robots), [b, a.clone()], "as first found");
+        robots.forget(&"b".parse().unwrap());
+        assert_eq!(listed(&robots), [a]);
+    }
+
+    #[test]
+    fn a_robot_that_is_heard_without_a_word_of_its_state_was_seen() {
+        let boat = "boat".parse().unwrap();
+        let mut robots = KnownRobots::default();
+        robots.take(round(&[("boat", "tcp/b:1")], 5));
+        for (heard_ms, seen_ms) in [(4, 5), (7, 7)] {
+            robots.hear(&boat, at(heard_ms));
+            assert_eq!(listed(&robots), [line("boat", "tcp/b:1", seen_ms)]);
+        }
     }
 
     #[test]
@@ -233,5 +282,14 @@ mod tests {
         assert!(robots.take(round(&all, 1)));
         assert_eq!(listed(&robots).len(), MAX_ROBOTS);
         assert!(!robots.take(round(&all, 2)));
+        // Who is silent gives up its place, but not while it may have missed a round.
+        for newest in ["r0255", "r0255", "r0256"] {
+            robots.take(round(&all[1..], 3));
+            let listed = listed(&robots);
+            assert_eq!(
+                (listed.len(), &*listed[MAX_ROBOTS - 1].0),
+                (MAX_ROBOTS, newest)
+            );
+        }
     }
 }

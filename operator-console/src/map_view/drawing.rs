@@ -25,7 +25,7 @@ impl MapView {
         let (screen, response) =
             ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
         self.screen = screen;
-        self.standing.clear();
+        let stood = std::mem::take(&mut self.standing);
         self.move_by_hand(ui, &response);
         self.keep_in_sight(model);
 
@@ -39,14 +39,14 @@ impl MapView {
         if is_stale {
             painter.rect_filled(screen, 0.0, theme::STALE_VEIL);
         }
+        let bar_at = screen.left_bottom() + vec2(CARD_MARGIN, -CARD_MARGIN);
+        let bar = ScaleBar::new(self.camera.points_per_m(), self.beside_legend());
         if self.look.has(Overlay::Grid) {
-            grid::paint(
-                &painter,
-                &grid::lines(&self.camera, screen),
-                screen,
-                ink,
-                paper,
-            );
+            let lines = grid::lines(&self.camera, screen);
+            let bar = scale_bar::place(&painter, bar_at, &bar);
+            let covered = stood.iter().copied().chain(self.legends_place());
+            let covered: Vec<_> = covered.chain([bar]).collect();
+            grid::paint(&painter, &lines, (screen, &covered), ink, paper);
         }
         let vehicle_color = self.vehicle_color(is_position_old);
         // Below the labels of shores, which nobody could read through the points of a scan.
@@ -68,19 +68,7 @@ impl MapView {
                 .map_or_else(|| "Map".to_owned(), |it| format!("Map, measured: {it}"));
             WidgetInfo::labeled(Role::Canvas, true, words)
         });
-        let legend = if self.look.has(Overlay::Legend) {
-            self.legend_width() + CARD_MARGIN
-        } else {
-            0.0
-        };
-        let beside_legend = screen.width() - legend - 2.0 * CARD_MARGIN;
-        scale_bar::paint(
-            &painter,
-            screen.left_bottom() + vec2(CARD_MARGIN, -CARD_MARGIN),
-            &ScaleBar::new(self.camera.points_per_m(), beside_legend),
-            ink,
-            paper,
-        );
+        scale_bar::paint(&painter, bar_at, &bar, ink, paper);
         let has_cards = self.has_room_for_cards();
         if has_cards && let Some(pinned_m) = self.pinned_m {
             probe_card::paint_pin(&painter, self.camera.to_screen(screen, pinned_m));
@@ -95,7 +83,21 @@ impl MapView {
         }
         let (from_buttons, bottom) = self.buttons_ui(ui);
         let from_compass = self.compass_ui(ui, model, bottom);
+        if self.look.has(Overlay::Grid) && self.standing != stood {
+            // Its numbers keep clear of what stood on the map.
+            ui.ctx().request_repaint();
+        }
         from_compass.or(from_buttons)
+    }
+
+    /// What the legends leave of the map's width, points.
+    fn beside_legend(&self) -> f32 {
+        let legend = if self.look.has(Overlay::Legend) {
+            self.legend_width() + CARD_MARGIN
+        } else {
+            0.0
+        };
+        self.screen.width() - legend - 2.0 * CARD_MARGIN
     }
 
     /// What the map lies on: the colour of what is unknown in the lowest layer, where that has one.

@@ -13,7 +13,6 @@ use crate::command::Look;
 use crate::model::ConsoleModel;
 use crate::panels::notice::NoticeRoom;
 use crate::panels::stale::{StaleData, stale_ui};
-use crate::theme;
 
 /// Within the banner, points.
 const PADDING: f32 = 8.0;
@@ -61,7 +60,7 @@ impl MapView {
         })
     }
 
-    /// The banner over the upper edge, where the link is lost. The map below it stays where it is, for somebody may be
+    /// The banner over the upper edge, where nothing is heard. The map below it stays where it is, for somebody may be
     /// pointing at it; what can be pressed moves out of the way.
     pub(super) fn banner_ui(&mut self, ui: &mut Ui, stale: Option<&StaleData>) {
         let before = std::mem::replace(&mut self.roof, self.screen.top());
@@ -69,8 +68,9 @@ impl MapView {
             let whole = UiBuilder::new()
                 .max_rect(self.screen)
                 .layout(Layout::top_down(Align::Min));
+            let [ground, _] = stale.colors(ui.visuals());
             let banner = ui.scope_builder(whole, |ui| {
-                let frame = Frame::new().fill(theme::BANNER[0]).inner_margin(PADDING);
+                let frame = Frame::new().fill(ground).inner_margin(PADDING);
                 frame.show(ui, |ui| {
                     ui.set_width(ui.available_width());
                     stale_ui(ui, stale);

@@ -222,9 +222,18 @@ impl MapView {
     /// Does what is wanted of a layer.
     pub fn obey(&mut self, command: LayerCommand, model: &ConsoleModel) {
         self.has_chosen = true;
-        self.look.stack.obey(command);
-        if let LayerCommand::Fit(layer) = command {
-            self.layers.fit_colors(layer, model.map().store());
+        match command {
+            LayerCommand::Only(layer) => {
+                let layers = model.info().into_iter().flat_map(|info| &info.layers);
+                let offered = layers.map(|offered| offered.layer).collect();
+                self.look.stack.show_only(layer, &offered);
+            }
+            LayerCommand::Fit(layer) => self.layers.fit_colors(layer, model.map().store()),
+            LayerCommand::Show(..)
+            | LayerCommand::Opacity(..)
+            | LayerCommand::Scheme(..)
+            | LayerCommand::Above(..)
+            | LayerCommand::Below(..) => self.look.stack.obey(command),
         }
     }
 

@@ -3,7 +3,7 @@
 use eframe::egui::{CursorIcon, PointerButton, Pos2, Rect, Response, Ui, vec2};
 
 use super::camera::around;
-use super::overlays::shores::outline_m;
+use super::overlays::shores::extent_m;
 use super::toolbar;
 use super::{CARD_MARGIN, MapView, Orientation, Sight};
 use crate::model::ConsoleModel;
@@ -131,10 +131,10 @@ impl MapView {
         if let Some(mark) = self.marking.take_sought()
             && let Some(shores) = model.shores()
         {
-            let outline_m = outline_m(shores, model.site_names(), mark);
+            let extent_m = extent_m(shores, model.site_names(), mark);
             // There is none of a shore that is gone: then there is no more than its middle to look at.
-            if !outline_m.is_empty() {
-                self.camera.approach(self.screen, around(&outline_m));
+            if !extent_m.is_empty() {
+                self.camera.approach(self.screen, around(&extent_m));
             }
         }
     }

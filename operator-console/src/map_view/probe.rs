@@ -34,7 +34,7 @@ pub struct ProbedCell {
     pub age: Option<DataAge>,
     /// The revision of the tile around it.
     pub revision: Option<u64>,
-    /// The sensors that it comes from, and when each measured last; `None` where the robot names none.
+    /// The sensors that it comes from, and what is wrong with them now; `None` where the robot names none.
     pub source: Option<String>,
 }
 
@@ -64,10 +64,10 @@ impl ProbeData {
         }
     }
 
-    /// Where it is.
+    /// Where it is. In a narrow card a line ends between x and y, not within them.
     pub fn place(&self) -> String {
         let [x, y] = self.point_m.map(|m| signed(m, 2));
-        format!("x {x} m  y {y} m")
+        format!("x\u{a0}{x}\u{a0}m  y\u{a0}{y}\u{a0}m")
     }
 }
 

@@ -1,12 +1,16 @@
-//! Which sensors a layer is made from, and when each of them measured last.
+//! Which sensors a layer is made from, and what is wrong with one of them now.
+//!
+//! When they measured last is not said: they have seen other places since, and it would be taken for the age of this
+//! one.
 
 use std::time::Duration;
 
 use protocol::layer::LayerId;
-use protocol::message::{SensorInfo, SensorKind, SensorStatus};
+use protocol::message::{SensorFault, SensorInfo, SensorKind, SensorStatus};
 use robot_edge::clock::Monotonic;
 
 use crate::model::ConsoleModel;
+use crate::panels::stale::StaleData;
 use crate::panels::wording::age;
 
 /// More are counted, and not named.
@@ -14,8 +18,8 @@ const MAX_NAMED: usize = 2;
 
 /// The sensors of `model` that feed a layer; `None` where it names none.
 pub(super) fn source(model: &ConsoleModel, layer: LayerId, now: Monotonic) -> Option<String> {
-    let statuses = if model.says_ended() {
-        // It measures no more.
+    let statuses = if model.says_ended() || StaleData::new(model, now).is_some() {
+        // Whether it is so now is not known.
         &[]
     } else {
         model.sensor_statuses()
@@ -34,27 +38,46 @@ fn words(
         .iter()
         .filter(|sensor| feeds(sensor.kind, layer))
         .collect();
-    let mut parts: Vec<_> = feeding
+    let mut names: Vec<_> = feeding
         .iter()
         .take(MAX_NAMED)
-        .map(|sensor| {
-            let status = statuses.iter().find(|status| status.name == sensor.name);
-            let measured = status.and_then(|status| status.age_ms).map(|ms| {
-                let since = Duration::from_millis(ms.into()).saturating_add(since_told);
-                format!(" {} ago", age(since))
-            });
-            format!("{}{}", sensor.name, measured.unwrap_or_default())
-        })
+        .map(|sensor| sensor.name.clone())
         .collect();
     if feeding.len() > MAX_NAMED {
-        parts.push(format!("{} more", feeding.len() - MAX_NAMED));
+        names.push(format!("{} more", feeding.len() - MAX_NAMED));
     }
-    let last = parts.pop()?;
-    Some(if parts.is_empty() {
-        last
+    let last = names.pop()?;
+    let from = if names.is_empty() {
+        format!("from {last}")
     } else {
-        format!("{} and {last}", parts.join(", "))
+        format!("from {} and {last}", names.join(", "))
+    };
+    // Also of those that are only counted: what is wrong is never left out.
+    let faults = feeding.iter().filter_map(|sensor| {
+        let status = statuses.iter().find(|status| status.name == sensor.name)?;
+        Some(fault_words(status, status.fault?, since_told))
+    });
+    let faults: Vec<_> = faults.collect();
+    Some(if faults.is_empty() {
+        from
+    } else {
+        format!("{from} ({})", faults.join(", "))
     })
+}
+
+/// What is wrong with a sensor now, `since_told` after it was told.
+fn fault_words(status: &SensorStatus, fault: SensorFault, since_told: Duration) -> String {
+    let name = &status.name;
+    match (fault, status.age_ms) {
+        (SensorFault::Silent, Some(ms)) => {
+            let since = Duration::from_millis(ms.into()).saturating_add(since_told);
+            format!("{name} silent for {}", age(since))
+        }
+        (SensorFault::Silent, None) => format!("{name} silent from the start"),
+        (SensorFault::Clock, _) => format!("{name}'s clock leapt"),
+        (SensorFault::AllInvalid, _) => format!("{name} sees nothing now"),
+        (SensorFault::Slow, _) => format!("{name} slow now"),
+    }
 }
 
 /// Every sweep goes into every layer that is mapped. What tells vegetation from what is rigid is light: sound goes on in
@@ -91,14 +114,14 @@ mod tests {
         }
     }
 
-    fn status(name: &str, age_ms: Option<u32>) -> SensorStatus {
+    fn status(name: &str, fault: Option<SensorFault>) -> SensorStatus {
         SensorStatus {
             name: name.to_owned(),
             messages: 7,
             rate_hz: 5.0,
-            age_ms,
+            age_ms: Some(10_000),
             dropped: 0,
-            fault: None,
+            fault,
         }
     }
 
@@ -110,17 +133,13 @@ mod tests {
             info("laser tilt", SensorKind::TiltEncoder),
             info("sonar", SensorKind::Sonar),
         ];
-        let statuses = [
-            status("sonar", None),
-            status("laser", Some(150)),
-            status("gps", Some(10)),
-        ];
+        let statuses = [status("sonar", None), status("laser", None)];
         let check = |sensors: &[SensorInfo], layer, expected: Option<&str>| {
-            let words = words(layer, sensors, &statuses, Duration::from_millis(50));
+            let words = words(layer, sensors, &statuses, Duration::ZERO);
             assert_eq!(words.as_deref(), expected);
         };
-        check(&sensors, LayerId::Cost, Some("laser 0.2 s ago and sonar"));
-        check(&sensors, LayerId::Rigidity, Some("laser 0.2 s ago"));
+        check(&sensors, LayerId::Cost, Some("from laser and sonar"));
+        check(&sensors, LayerId::Rigidity, Some("from laser"));
         check(&sensors[..1], LayerId::Cost, None);
         check(&[], LayerId::Occupancy, None);
         for name in ["left", "right"] {
@@ -129,12 +148,47 @@ mod tests {
         check(
             &sensors,
             LayerId::Shore,
-            Some("laser 0.2 s ago, sonar and 2 more"),
+            Some("from laser, sonar and 2 more"),
         );
     }
 
     #[test]
-    fn a_sensor_whose_data_has_ended_measured_at_no_time() {
+    fn what_is_wrong_with_a_sensor_now_is_said_behind_their_names() {
+        let sensors = ["laser", "sonar", "left"].map(|name| info(name, SensorKind::PlanarLaser));
+        let check = |faults: &[(&str, SensorFault)], expected: &str| {
+            let statuses = faults
+                .iter()
+                .map(|(name, fault)| status(name, Some(*fault)));
+            let statuses: Vec<_> = statuses.collect();
+            let told = Duration::from_secs(2);
+            let words = words(LayerId::Cost, &sensors, &statuses, told);
+            assert_eq!(words.as_deref(), Some(expected));
+        };
+        check(
+            &[("laser", SensorFault::Silent)],
+            "from laser, sonar and 1 more (laser silent for 12 s)",
+        );
+        check(
+            &[
+                ("sonar", SensorFault::AllInvalid),
+                ("left", SensorFault::Slow),
+            ],
+            "from laser, sonar and 1 more (sonar sees nothing now, left slow now)",
+        );
+        check(
+            &[("left", SensorFault::Clock)],
+            "from laser, sonar and 1 more (left's clock leapt)",
+        );
+        let never = SensorStatus {
+            age_ms: None,
+            ..status("sonar", None)
+        };
+        let words = fault_words(&never, SensorFault::Silent, Duration::ZERO);
+        assert_eq!(words, "sonar silent from the start");
+    }
+
+    #[test]
+    fn nothing_is_wrong_now_where_nothing_is_heard_or_the_data_has_ended() {
         let mut model = scout();
         let described = Info {
             sensors: vec![info("laser", SensorKind::PlanarLaser)],
@@ -142,14 +196,20 @@ mod tests {
         };
         answers(&mut model, RequestId(0), Topic::Info, &described, at(1_000));
         let mut told = Status {
-            sensors: vec![status("laser", Some(200))],
+            sensors: vec![status("laser", Some(SensorFault::Slow))],
             ..Status::default()
         };
-        for (has_ended, words) in [(false, "laser 0.2 s ago"), (true, "laser")] {
-            told.has_ended = has_ended;
-            says(&mut model, Topic::Status, &told, at(1_000));
-            let source = source(&model, LayerId::Cost, at(1_000));
-            assert_eq!(source.as_deref(), Some(words));
+        for (has_ended, now, words) in [
+            (false, 1_000, "from laser (laser slow now)"),
+            (false, 61_000, "from laser"),
+            (true, 62_000, "from laser"),
+        ] {
+            if now != 61_000 {
+                told.has_ended = has_ended;
+                says(&mut model, Topic::Status, &told, at(now));
+            }
+            let source = source(&model, LayerId::Cost, at(now));
+            assert_eq!(source.as_deref(), Some(words), "{now}");
         }
     }
 }

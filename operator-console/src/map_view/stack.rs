@@ -1,5 +1,7 @@
 //! Which layers are shown, one over the other, how opaque and in which colours. Pure.
 
+use std::collections::BTreeSet;
+
 use protocol::layer::{LayerId, Scheme};
 use serde::{Deserialize, Serialize};
 
@@ -26,7 +28,7 @@ pub struct LayerStack(Vec<StackLayer>);
 pub enum LayerCommand {
     /// Draw it, or do not.
     Show(LayerId, bool),
-    /// Draw it and no other.
+    /// Draw it and no other that the robot maps.
     Only(LayerId),
     /// How opaque: 0 … 1.
     Opacity(LayerId, f32),
@@ -122,16 +124,22 @@ impl LayerStack {
         held.copied().unwrap_or_else(|| StackLayer::new(layer))
     }
 
-    /// Does what is wanted, as far as it is the stack's to do: colours are fitted by whoever knows the map.
+    /// Draws this one of the `offered` layers and no other of them. The stack is that of every robot: what this one does
+    /// not map would be hidden of the next, and nobody hid it there.
+    pub fn show_only(&mut self, layer: LayerId, offered: &BTreeSet<LayerId>) {
+        for held in &mut self.0 {
+            if offered.contains(&held.layer) || held.layer == layer {
+                held.is_shown = held.layer == layer;
+            }
+        }
+    }
+
+    /// Does what is wanted, as far as it is the stack's to do: what a robot maps, and which values colours are spread
+    /// over, is known to whoever knows the map.
     pub fn obey(&mut self, command: LayerCommand) {
         match command {
             LayerCommand::Show(layer, is_shown) => {
                 self.change(layer, |held| held.is_shown = is_shown);
-            }
-            LayerCommand::Only(layer) => {
-                for held in &mut self.0 {
-                    held.is_shown = held.layer == layer;
-                }
             }
             LayerCommand::Opacity(layer, opacity) => self.change(layer, |held| {
                 held.opacity = opacity;
@@ -143,7 +151,7 @@ impl LayerStack {
             }),
             LayerCommand::Above(layer, other) => self.put(layer, other, 1),
             LayerCommand::Below(layer, other) => self.put(layer, other, 0),
-            LayerCommand::Fit(_) => {}
+            LayerCommand::Only(_) | LayerCommand::Fit(_) => {}
         }
     }
 
@@ -192,9 +200,20 @@ mod tests {
         assert_eq!(order(&stack), moved);
         stack.obey(LayerCommand::Above(LayerId::Cost, LayerId::Cost));
         assert_eq!(order(&stack), moved);
-        stack.obey(LayerCommand::Only(LayerId::Cost));
+        stack.show_only(LayerId::Cost, &LayerId::ALL.into());
         let shown: Vec<_> = stack.layers().iter().filter(|held| held.is_shown).collect();
         assert_eq!(shown, [&stack.get(LayerId::Cost)]);
+    }
+
+    #[test]
+    fn only_one_of_a_robots_layers_hides_none_of_anothers() {
+        let mut stack = LayerStack::default();
+        let of_a_boat = [LayerId::Occupancy, LayerId::Cost, LayerId::Shore];
+        stack.show_only(LayerId::Cost, &of_a_boat.into());
+        let shown = stack.layers().iter().filter(|held| held.is_shown);
+        let shown: Vec<_> = shown.map(|held| held.layer).collect();
+        let expected = [LayerId::Elevation, LayerId::Cost, LayerId::Obstacle];
+        assert_eq!(shown, expected);
     }
 
     #[test]

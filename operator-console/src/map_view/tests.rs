@@ -108,7 +108,7 @@ fn a_click_pins_the_point_that_is_read_until_escape() {
     assert!(distance_m < 0.05, "{pinned_m:?}");
     window.remove_cursor();
     window.run_steps(2);
-    window.get_by_label("x 2.00 m  y 3.00 m");
+    window.get_by_label("x\u{a0}2.00\u{a0}m  y\u{a0}3.00\u{a0}m");
     window.get_by_label("Unpin");
     window.state_mut().view.escape();
     window.run_steps(2);
@@ -147,7 +147,7 @@ fn keys_read_and_measure_what_is_in_the_middle() {
     look(&mut window, Look::Point);
     window.run_steps(1);
     assert_eq!(window.state().view.pinned_m(), Some([2.0, 3.0]));
-    window.get_by_label("x 2.00 m  y 3.00 m");
+    window.get_by_label("x\u{a0}2.00\u{a0}m  y\u{a0}3.00\u{a0}m");
     look(&mut window, Look::TakeBack);
     assert_eq!(window.state().view.pinned_m(), None);
 
@@ -245,6 +245,9 @@ fn a_look_is_kept_and_shows_something_of_any_robot() {
     next.forget();
     next.update(&mut model);
     assert!(next.shown_layers().contains(&LayerId::Cost));
+    next.obey(LayerCommand::Only(LayerId::Cost), &model);
+    let shown = [LayerId::Cost, LayerId::Shore];
+    assert_eq!(next.shown_layers(), shown.into(), "Shore is another's");
     next.obey(LayerCommand::Show(LayerId::Cost, false), &model);
     next.update(&mut model);
     assert!(!next.shown_layers().contains(&LayerId::Cost), "as chosen");
@@ -281,7 +284,7 @@ fn the_card_of_a_small_map_covers_neither_what_is_read_nor_the_vehicle() {
     view.obey(LayerCommand::Only(LayerId::Elevation), &model);
     window.run_steps(2);
     let card = |window: &Harness<'_, Rig>| {
-        let text = window.get_by_label_contains(" m  y ").rect();
+        let text = window.get_by_label_contains("m  y\u{a0}").rect();
         let size = window.state().view.card_size;
         Rect::from_min_size(text.min - vec2(8.0, 8.0), size)
     };

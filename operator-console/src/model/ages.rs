@@ -5,12 +5,16 @@
 //! tells how much older it gets, so that it ages by what it should even where the robot's clock is set. Pure: the present is
 //! a parameter.
 
+mod standing;
+
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 use protocol::layer::LayerId;
 use protocol::tile::TileKey;
 use robot_edge::clock::Monotonic;
+
+use standing::{Standing, Stood};
 
 /// A pose with the stamp of a tile's data, or a newer one, comes within this where any come.
 const POSE_COMES: Duration = Duration::from_secs(1);
@@ -28,6 +32,7 @@ pub struct Ages {
     newest: Option<(i64, Monotonic)>,
     /// The number of the message that told so last, and when.
     told: Option<(u64, Monotonic)>,
+    standing: Standing,
     times_set_back: u32,
     tiles: BTreeMap<TileKey, Came>,
     /// Tiles of which nobody knows how old they were, since nothing as new was told of yet; by stamp.
@@ -41,7 +46,17 @@ struct Came {
     at: Monotonic,
     /// How old it was.
     before: Option<Duration>,
+    /// How long the clock of the data stood since.
+    stood: Duration,
     times_set_back: u32,
+}
+
+impl Came {
+    /// How old it is, where it is known how old it was.
+    fn age(&self, now: Monotonic) -> Option<Duration> {
+        let age = now.since(self.at).saturating_add(self.before?);
+        Some(age.saturating_sub(self.stood))
+    }
 }
 
 impl Ages {
@@ -50,6 +65,11 @@ impl Ages {
         if self.told.is_some_and(|(newest_seq, _)| seq < newest_seq) {
             // It was overtaken on its way: poses wait for nothing that is sent again.
             return;
+        }
+        let last = self.newest.zip(self.told);
+        let last = last.map(|((newest_ns, _), (_, told))| (newest_ns, told));
+        if let Some(stood) = self.standing.look(last, stamp_ns, now) {
+            self.stood(stood, now);
         }
         self.told = Some((seq, now));
         match self.newest {
@@ -73,9 +93,20 @@ impl Ages {
         }
     }
 
+    /// What is counted from before the clock of the data stood was counted too long.
+    fn stood(&mut self, stood: Stood, now: Monotonic) {
+        let since = now.since(stood.from);
+        for came in self.tiles.values_mut() {
+            if came.age(now).is_some_and(|age| age >= since) {
+                came.stood += stood.time;
+            }
+        }
+    }
+
     /// The data's time begins anew, where it began or elsewhere: a recording was wound, or maps were erased.
-    pub(super) const fn begin_anew(&mut self) {
+    pub(super) fn begin_anew(&mut self) {
         self.newest = None;
+        self.standing = Standing::default();
     }
 
     /// A tile came whose newest data has this stamp.
@@ -95,6 +126,7 @@ impl Ages {
             stamp_ns,
             at: now,
             before,
+            stood: Duration::ZERO,
             times_set_back: self.times_set_back,
         };
         self.tiles.insert(key, came);
@@ -103,13 +135,11 @@ impl Ages {
     /// How old a tile is; `None` where nobody knows, as the clock of the data was set back behind it.
     pub fn age(&self, key: TileKey, now: Monotonic) -> Option<Duration> {
         let came = self.tiles.get(&key)?;
-        let since = now.since(came.at);
-        let Some(before) = came.before else {
+        came.age(now).or_else(|| {
             // Where nothing was told since, it is not known to be ahead.
             let told = self.told.map(|(_, told)| told.since(came.at));
-            return (told <= Some(POSE_COMES)).then_some(since);
-        };
-        Some(since.saturating_add(before))
+            (told <= Some(POSE_COMES)).then(|| now.since(came.at))
+        })
     }
 
     /// How long before the newest data a tile was measured.
@@ -213,6 +243,32 @@ mod tests {
         assert_eq!(secs(&ages, 1, 600_600), Some(0.1));
         tell(&mut ages, 10 * SECOND_NS, at(600_600));
         assert_eq!(secs(&ages, 1, 601_500), Some(1.0));
+    }
+
+    #[test]
+    fn what_a_suspended_robot_goes_on_with_is_as_old_as_its_stamps_say() {
+        const MS_NS: i64 = 1_000_000;
+        let mut ages = Ages::default();
+        for n in 0..=40 {
+            tell(&mut ages, 50 * MS_NS * n, at(50 * n as u64));
+        }
+        ages.came(key(0), 1_900 * MS_NS, at(2_000));
+        assert_eq!(secs(&ages, 0, 8_000), Some(6.1), "nobody knows more yet");
+        // It was suspended for 7 s with a tile on its way, and another comes when it goes on.
+        ages.came(key(1), 1_800 * MS_NS, at(9_000));
+        for n in 0..=25 {
+            tell(
+                &mut ages,
+                (2_000 + 50 * n) * MS_NS,
+                at(9_000 + 50 * n as u64),
+            );
+            if n == 10 {
+                ages.came(key(2), 2_400 * MS_NS, at(9_500));
+            }
+        }
+        let old = [0, 1, 2].map(|tx| secs(&ages, tx, 10_250));
+        assert_eq!(old, [Some(1.35), Some(1.45), Some(0.85)]);
+        assert_eq!(secs(&ages, 1, 20_250), Some(11.45), "it ages on");
     }
 
     #[test]

@@ -23,17 +23,27 @@ pub const SLOWLY_SILENT_AFTER: Duration = Duration::from_millis(1500);
 /// What the link is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkState {
-    /// No message has come yet.
+    /// No message has come yet, and none is missed.
     Waiting,
     /// Messages come.
     Live,
-    /// Messages came, but not lately.
+    /// Messages came, by this link or before it began, but not lately.
     Silent,
+}
+
+/// What was heard of the robot before this link to it began.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HeardBefore {
+    /// When that was last.
+    pub last: Monotonic,
+    /// From when on it is missed: a link takes its time to be opened.
+    pub missed_from: Monotonic,
 }
 
 /// Measures the link from what arrives.
 #[derive(Clone, Debug, Default)]
 pub struct Connection {
+    before: Option<HeardBefore>,
     last_message: Option<Monotonic>,
     /// Whether poses came often enough to miss them soon.
     is_steady: bool,
@@ -52,10 +62,12 @@ pub struct Connection {
 impl Connection {
     /// The state at `now`.
     pub fn state(&self, now: Monotonic) -> LinkState {
-        match self.last_message {
-            None => LinkState::Waiting,
-            Some(at) if now.since(at) <= self.silent_after() => LinkState::Live,
-            Some(_) => LinkState::Silent,
+        match (self.last_message, self.before) {
+            (Some(at), _) if now.since(at) <= self.silent_after() => LinkState::Live,
+            (None, before) if before.is_none_or(|before| now < before.missed_from) => {
+                LinkState::Waiting
+            }
+            (Some(_) | None, _) => LinkState::Silent,
         }
     }
 
@@ -68,9 +80,15 @@ impl Connection {
         }
     }
 
-    /// Time since the newest message; `None` before the first.
+    /// Time since the robot was heard last, by this link or before it began; `None` where it never was.
     pub fn age(&self, now: Monotonic) -> Option<Duration> {
-        self.last_message.map(|at| now.since(at))
+        let before = self.before.map(|before| before.last);
+        self.last_message.or(before).map(|at| now.since(at))
+    }
+
+    /// When the newest message came by this link; `None` before the first.
+    pub const fn heard_at(&self) -> Option<Monotonic> {
+        self.last_message
     }
 
     /// The last round trip that was measured, while the robot answers.
@@ -113,6 +131,10 @@ impl Connection {
         {
             self.arrivals.pop_front();
         }
+    }
+
+    pub(super) const fn set_before(&mut self, before: HeardBefore) {
+        self.before = Some(before);
     }
 
     /// A message of the robot made sense.
@@ -208,6 +230,22 @@ mod tests {
         assert!(link.is_ping_due(at(6_000)));
         link.expire_pings(at(6_000));
         assert_eq!(link.round_trip(), None, "nobody answers any more");
+    }
+
+    #[test]
+    fn a_robot_that_was_heard_before_is_missed_and_its_age_counts_from_then() {
+        let mut link = Connection::default();
+        link.set_before(HeardBefore {
+            last: at(1_000),
+            missed_from: at(5_000),
+        });
+        let told = |link: &Connection, ms| (link.state(at(ms)), link.age(at(ms)).unwrap());
+        let s = Duration::from_secs;
+        assert_eq!(told(&link, 4_000), (LinkState::Waiting, s(3)));
+        assert_eq!(told(&link, 5_000), (LinkState::Silent, s(4)));
+        link.heard(at(9_000));
+        assert_eq!(told(&link, 10_000), (LinkState::Live, s(1)));
+        assert_eq!(told(&link, 11_000), (LinkState::Silent, s(2)));
     }
 
     #[test]

@@ -48,7 +48,8 @@ pub struct LinkSample {
     pub round_trip: Option<Duration>,
     /// Poses that came a second.
     pub pose_hz: f32,
-    /// Share of the poses that should have come and did not, 0 … 1; none where too little is known.
+    /// Share of the poses that should have come and did not, 0 … 1; none where too little is known, or none are known to have
+    /// been sent.
     pub missing: Option<f32>,
     /// Payload that came, kbit/s.
     pub kbps: f32,
@@ -129,7 +130,13 @@ impl LinkQuality {
     }
 
     /// To be called often: takes a sample where one is due.
-    pub(super) fn sample(&mut self, round_trip: Option<Duration>, kbps: f64, now: Monotonic) {
+    pub(super) fn sample(
+        &mut self,
+        round_trip: Option<Duration>,
+        missing: Option<f32>,
+        kbps: f64,
+        now: Monotonic,
+    ) {
         let is_due = self
             .samples
             .back()
@@ -144,7 +151,7 @@ impl LinkQuality {
             at: now,
             round_trip,
             pose_hz: self.pose_hz(now),
-            missing: self.missing(now),
+            missing,
             kbps: kbps as f32,
             ages: Stream::ALL.map(|stream| self.age(stream, now)),
         });
@@ -218,7 +225,7 @@ mod tests {
         let mut quality = LinkQuality::default();
         for n in 0..10_000 {
             quality.pose(at(n));
-            quality.sample(None, 0.0, at(1000 * n));
+            quality.sample(None, None, 0.0, at(1000 * n));
         }
         assert!(quality.poses.len() <= MAX_POSES);
         assert_eq!(quality.samples().len(), MAX_SAMPLES);

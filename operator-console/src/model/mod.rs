@@ -5,7 +5,9 @@
 
 mod ages;
 mod connection;
+mod ending;
 mod exports;
+mod history;
 mod incoming;
 mod kept_names;
 mod layer_sync;
@@ -41,7 +43,7 @@ use protocol::tile::BootId;
 use robot_edge::clock::Monotonic;
 
 pub use ages::{AgeOrder, Ages};
-pub use connection::{Connection, LinkState, SILENT_AFTER, SLOWLY_SILENT_AFTER};
+pub use connection::{Connection, HeardBefore, LinkState, SILENT_AFTER, SLOWLY_SILENT_AFTER};
 pub use incoming::{Incoming, OpenSessions, Outgoing, RequestId};
 pub use kept_names::KeptSiteNames;
 pub use link_quality::{LinkQuality, LinkSample, Stream};
@@ -104,6 +106,8 @@ pub struct ConsoleModel {
     refusals: Refusals,
     info: Option<(Info, BootId)>,
     status: Option<(Status, Monotonic)>,
+    /// The run of the robot that told it.
+    status_run: Option<BootId>,
     /// The number of the message that first said that the robot's data has ended, and of the newest head.
     ended_seq: Option<u64>,
     head_seq: u64,
@@ -148,6 +152,7 @@ impl ConsoleModel {
             refusals: Refusals::default(),
             info: None,
             status: None,
+            status_run: None,
             ended_seq: None,
             head_seq: 0,
             events: VecDeque::new(),
@@ -293,16 +298,6 @@ impl ConsoleModel {
         since
             .filter(|since| *since >= STATUSES_COME)
             .unwrap_or_default()
-    }
-
-    /// Whether the robot says that its data has ended.
-    pub fn says_ended(&self) -> bool {
-        self.status().is_some_and(|(status, _)| status.has_ended)
-    }
-
-    /// Whether the robot's data has ended and its last announcement is known, so that nothing new will come.
-    pub fn has_ended(&self) -> bool {
-        self.ended_seq.is_some_and(|ended| self.head_seq > ended)
     }
 
     /// Rises with every change that is to be seen at once.

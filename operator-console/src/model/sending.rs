@@ -21,8 +21,9 @@ impl ConsoleModel {
     pub fn outgoing(&mut self, sessions: OpenSessions, now: Monotonic) -> Vec<Outgoing> {
         self.connection.expire_pings(now);
         let round_trip = self.connection.round_trip();
-        self.quality
-            .sample(round_trip, self.connection.kbps(now), now);
+        let missing = self.poses_missing(now);
+        let kbps = self.connection.kbps(now);
+        self.quality.sample(round_trip, missing, kbps, now);
         let mut outgoing = Vec::new();
         if sessions.control {
             outgoing.extend(self.control_outgoing(now));

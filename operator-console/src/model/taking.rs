@@ -82,6 +82,7 @@ impl ConsoleModel {
                 self.changes += u64::from(is_news);
                 self.map.tell_clock(header, now);
                 self.status = Some((status, now));
+                self.status_run = Some(header.boot);
             }
             Topic::Event => {
                 let (_, event): (_, Event) = decode(payload)?;

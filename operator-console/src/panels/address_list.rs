@@ -97,13 +97,12 @@ impl ListedAddress {
                 state: "answers".to_owned(),
                 hint: None,
             },
-            Some(AddressState::NoRobot) => warning(
-                "no robot there".to_owned(),
-                "Whoever answers is a router, or a robot that is still starting.".to_owned(),
-            ),
+            Some(AddressState::NoRobot) => {
+                warning("no robot there".to_owned(), no_robot(host, port))
+            }
             Some(AddressState::UnknownName) => warning(
                 "name not known".to_owned(),
-                format!("No computer is called {host}. Its IP address does without a name."),
+                format!("No computer is called {host}. Type its IP address instead."),
             ),
             Some(AddressState::Refused) => warning("nobody listens".to_owned(), is_started()),
             Some(AddressState::Silent) => warning(
@@ -123,6 +122,21 @@ impl ListedAddress {
             ),
             Some(AddressState::Problem(why)) => warning("cannot be asked".to_owned(), why.clone()),
         }
+    }
+}
+
+/// Who may answer at a port where there is no robot. Every robot has its port for tiles behind the one that it is asked
+/// at.
+fn no_robot(host: &str, port: u16) -> String {
+    let host = if host.contains(':') {
+        format!("[{host}]")
+    } else {
+        host.to_owned()
+    };
+    let who = "Whoever answers is a router, or a robot that is still starting";
+    match port.checked_sub(1).filter(|asked| *asked > 0) {
+        Some(asked) => format!("{who}. Or this is a robot's port for tiles: try {host}:{asked}"),
+        None => who.to_owned(),
     }
 }
 

@@ -22,10 +22,13 @@ const IN_STEP: &str = "In step";
 const BEHIND: &str = "Behind";
 const NO_MAP: &str = "No map";
 const OLD: &str = "Old";
+/// Of a robot that fell silent before it has announced its map: that of an earlier link is not kept.
+const FETCHED_AGAIN: &str = "Its map is fetched when it is heard";
 /// All that a map may be in a word or two.
 pub(super) const SHORT_MAPS: [&str; 4] = [IN_STEP, BEHIND, NO_MAP, OLD];
 /// What is said of the map of a recording that plays faster than it is drawn: nothing of it is asked for, or late.
 const DRAWING: &str = "Drawing";
+const ENDED: &str = "Ended";
 /// All that the map of a recording may be.
 pub(super) const SHORT_RECORDED: [&str; 3] = [IN_STEP, DRAWING, NO_MAP];
 
@@ -93,7 +96,7 @@ impl ConnectionData {
             LinkState::Live => {
                 let (word, tone, advice) = if has_ended {
                     let advice = "Its data has ended: nothing new will come.";
-                    ("Ended", Tone::Waiting, Some(advice.to_owned()))
+                    (ENDED, Tone::Waiting, Some(advice.to_owned()))
                 } else {
                     ("Live", Tone::Good, None)
                 };
@@ -107,6 +110,10 @@ impl ConnectionData {
                     (None, false) => format!("Connecting to {robot}."),
                 };
                 (Tone::Waiting, "Waiting".to_owned(), Some(advice))
+            }
+            LinkState::Silent if model.may_fall_silent() => {
+                let advice = "Its data has ended, and nothing is heard of it any more.";
+                (Tone::Waiting, ENDED.to_owned(), Some(advice.to_owned()))
             }
             LinkState::Silent => {
                 let advice = match (&link.problem, connection.is_present()) {
@@ -124,6 +131,7 @@ impl ConnectionData {
         let heard = connection.age(now).unwrap_or_default();
         let (map_tone, map, map_short) = match map_state(model.map(), (state, heard), now) {
             (tone, _, BEHIND) if link.recording.is_some() => drawing(tone, missing(model.map())),
+            (Tone::Warning, text, short) if model.may_fall_silent() => (Tone::Waiting, text, short),
             state => state,
         };
         Self {
@@ -168,6 +176,9 @@ fn map_state(
     now: Monotonic,
 ) -> (Tone, String, &'static str) {
     let Some(_announced) = map.head_at() else {
+        if state == LinkState::Silent {
+            return (Tone::Warning, FETCHED_AGAIN.to_owned(), NO_MAP);
+        }
         return (Tone::Waiting, format!("{NO_MAP} yet"), NO_MAP);
     };
     let equal_at = map.steps().map(|step| step.last_equal).min().flatten();
@@ -242,7 +253,7 @@ mod tests {
     use protocol::tile_store::{LayerGrid, TileStore};
 
     use super::*;
-    use crate::pretend::{BOOT, announces, at, console, says};
+    use crate::pretend::{BOOT, announces, at, console, says, standing};
 
     #[test]
     fn the_map_of_a_recording_is_drawn_and_not_asked_for() {
@@ -338,7 +349,18 @@ mod tests {
         assert_eq!((data.tone, &*data.state), (Tone::Warning, "Ended"));
         assert_eq!(data.advice, link.problem);
         let data = ConnectionData::new(&model, &LinkSight::default(), at(9_000));
-        assert_eq!((data.tone, &*data.state), (Tone::Warning, "Silent"));
+        assert_eq!((data.tone, &*data.state), (Tone::Waiting, "Ended"));
+        assert!(data.advice.unwrap().contains("nothing is heard"));
         assert!(data.rows.contains(&row("Last heard", "8.0 s ago")));
+        // What could move is missed.
+        let teleop = Some(standing());
+        says(
+            &mut model,
+            Topic::Status,
+            &Status { teleop, ..ended },
+            at(9_100),
+        );
+        let data = ConnectionData::new(&model, &LinkSight::default(), at(19_000));
+        assert_eq!((data.tone, &*data.state), (Tone::Warning, "Silent"));
     }
 }

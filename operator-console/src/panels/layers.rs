@@ -73,10 +73,7 @@ impl LayersData {
             let (tone, mut state) = if !held.is_shown {
                 (Tone::Waiting, "hidden, not received".to_owned())
             } else if let Some(stale) = &stale {
-                (
-                    Tone::Warning,
-                    format!("as it was {} ago", age(stale.silent_for)),
-                )
+                stale_words(*stale)
             } else {
                 state_of(step, view.tiles(layer), link.recording.is_some(), now)
             };
@@ -105,6 +102,14 @@ impl LayersData {
             rows,
         }
     }
+}
+
+fn stale_words(stale: StaleData) -> (Tone, String) {
+    if stale.had_ended {
+        return (Tone::Waiting, "as it was at the end of its data".to_owned());
+    }
+    let words = format!("as it was {} ago", age(stale.silent_for));
+    (Tone::Warning, words)
 }
 
 fn state_of(

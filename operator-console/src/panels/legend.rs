@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use eframe::egui::{
-    Align2, Color32, Galley, Label, Mesh, Rect, RichText, Sense, Shape, Stroke, StrokeKind,
+    Align2, Color32, Galley, Label, Mesh, Rangef, Rect, RichText, Sense, Shape, Stroke, StrokeKind,
     TextStyle, Ui, Vec2, pos2, vec2,
 };
 use protocol::layer::{LayerId, Legend, Palette, Ramp, Swatch};
@@ -244,8 +244,7 @@ fn ramp_ui(ui: &mut Ui, ramp: &Ramp) {
     }
     frame(ui, bar);
     let ink = ui.visuals().text_color();
-    let mut free_from = f32::NEG_INFINITY;
-    for tick in &ramp.ticks {
+    let numbers = ramp.ticks.iter().map(|tick| {
         let x = x_of(tick.value);
         ui.painter()
             .vline(x, bar.bottom()..=bar.bottom() + TICK, Stroke::new(1.0, ink));
@@ -256,12 +255,30 @@ fn ramp_ui(ui: &mut Ui, ramp: &Ramp) {
         let place = Align2::CENTER_TOP.anchor_size(at, text.size());
         let shift = (rect.right() - place.right()).min(0.0) + (rect.left() - place.left()).max(0.0);
         let place = place.translate(vec2(shift, 0.0));
-        // A number that would touch the one before it is left out.
-        if place.left() > free_from {
-            free_from = place.right() + 4.0;
-            ui.painter().galley(place.min, text, ink);
-        }
+        (place, text)
+    });
+    let numbers: Vec<_> = numbers.collect();
+    let digits = ui.painter().layout_no_wrap("00".to_owned(), font, ink);
+    let spans: Vec<_> = numbers.iter().map(|(place, _)| place.x_range()).collect();
+    let is_kept = kept(&spans, digits.size().x);
+    for ((place, text), _) in numbers.into_iter().zip(is_kept).filter(|(_, kept)| *kept) {
+        ui.painter().galley(place.min, text, ink);
     }
+}
+
+/// Which of the numbers below a ramp are written, from left to right: those at its ends, which say what is spread over
+/// it, and of the others those that have `apart` points on both sides. Nearer ones would read as one number, or as a
+/// formula: "0.4 ≥ 0.5".
+fn kept(spans: &[Rangef], apart: f32) -> Vec<bool> {
+    let mut is_kept = vec![false; spans.len()];
+    let last = spans.len().saturating_sub(1);
+    let from_the_ends = [0, last].into_iter().chain(1..last);
+    for index in from_the_ends.filter(|index| *index < spans.len()) {
+        let span = spans[index].expand(apart);
+        let mut others = spans.iter().zip(&is_kept).filter(|(_, kept)| **kept);
+        is_kept[index] |= others.all(|(other, _)| !span.intersects(*other));
+    }
+    is_kept
 }
 
 fn frame(ui: &Ui, rect: Rect) {
@@ -318,6 +335,30 @@ mod tests {
             let [told, drawn] = heights.get();
             assert!((told - drawn).abs() < 2.0, "{width}: {told} {drawn}");
         }
+    }
+
+    #[test]
+    fn numbers_of_a_ramp_keep_apart_and_its_ends_are_there() {
+        let check = |spans: &[[f32; 2]], expected: &[bool]| {
+            let spans: Vec<_> = spans.iter().map(|[a, b]| Rangef::new(*a, *b)).collect();
+            assert_eq!(kept(&spans, 12.0), expected, "{spans:?}");
+        };
+        // As "0.0  0.2  0.4 ≥ 0.5" would stand.
+        check(
+            &[[0.0, 18.0], [60.0, 78.0], [140.0, 158.0], [163.0, 195.0]],
+            &[true, true, false, true],
+        );
+        check(
+            &[[0.0, 18.0], [31.0, 49.0], [62.0, 80.0]],
+            &[true, true, true],
+        );
+        check(
+            &[[0.0, 18.0], [29.0, 47.0], [62.0, 80.0]],
+            &[true, false, true],
+        );
+        check(&[[0.0, 18.0], [20.0, 38.0]], &[true, false]);
+        check(&[[0.0, 18.0]], &[true]);
+        check(&[], &[]);
     }
 
     #[test]

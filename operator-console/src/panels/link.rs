@@ -80,7 +80,7 @@ impl LinkData {
         let trip_ms = |sample: &LinkSample| sample.round_trip.map(|trip| trip.as_secs_f64() * 1e3);
         let lost = |sample: &LinkSample| sample.missing.map(|share| f64::from(share) * 100.0);
         let kbps = |sample: &LinkSample| Some(f64::from(sample.kbps));
-        let missing = quality.missing(now).map_or_else(
+        let missing = model.poses_missing(now).map_or_else(
             || "–".to_owned(),
             |share| {
                 format!(

@@ -1,8 +1,10 @@
 //! What was dropped by the robot and what was refused here, by reason.
 
+mod hints;
+
 use eframe::egui::Ui;
 
-use super::rows::{row, rows_ui};
+use super::rows::{hinted_rows_ui, row};
 use super::wording::count;
 use crate::model::ConsoleModel;
 
@@ -57,7 +59,7 @@ pub fn losses_ui(ui: &mut Ui, data: &LossesData) {
         if rows.is_empty() {
             ui.label("Nothing");
         } else {
-            rows_ui(ui, id, rows);
+            hinted_rows_ui(ui, id, rows, &hints::hint);
         }
     }
 }

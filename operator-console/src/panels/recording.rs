@@ -98,6 +98,11 @@ impl RecordingData {
         } else if is_recording(model.robot()) {
             let advice = "What robots record is started and stopped here while one is shown.";
             ("This is a recording itself", Some(advice.to_owned()))
+        } else if let Some(source) = played(model) {
+            let advice = format!(
+                "What it shows comes from {source}, not from sensors: nothing new to record."
+            );
+            ("This robot does not record", Some(advice))
         } else {
             let advice = "Start robot-edge with --recordings DIR to let operators record.";
             ("This robot does not record", Some(advice.to_owned()))
@@ -113,6 +118,14 @@ impl RecordingData {
             refusal: None,
         }
     }
+}
+
+/// What a robot replays, or simulates at a speed at which nobody can drive: no option of robot-edge lets operators
+/// record that.
+fn played(model: &ConsoleModel) -> Option<&str> {
+    let (status, _) = model.status()?;
+    let source = model.info()?.source.as_str();
+    (!source.is_empty() && status.teleop.is_none()).then_some(source)
 }
 
 fn state_words(state: RecordingState, has_ended: bool) -> (Tone, &'static str, Option<String>) {

@@ -88,7 +88,8 @@ fn pose_rows(model: &ConsoleModel) -> Vec<Row> {
     let speed = format!("{} m/s", signed(f64::from(pose.speed_mps), 2));
     let turning = turn(f64::from(pose.turn_rate_radps));
     vec![
-        row("Position", format!("x {x}  y {y} m")),
+        // In a narrow panel a line ends between x and y, not within them.
+        row("Position", format!("x\u{a0}{x}  y\u{a0}{y}\u{a0}m")),
         row("Height", format!("{z} m")),
         row("Heading", heading(heading_deg, knows_north)),
         row("Speed", now(speed)),

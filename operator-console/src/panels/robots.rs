@@ -1,6 +1,12 @@
 //! The robots on the network, and below them a box for an address where none is found.
 
-use eframe::egui::{Align, Color32, Layout, RichText, Sense, TextStyle, Ui, vec2};
+use std::collections::BTreeSet;
+use std::iter;
+
+use eframe::egui::{
+    Align, Button, Color32, Layout, RichText, Sense, TextStyle, Ui, WidgetInfo, accesskit::Role,
+    vec2,
+};
 use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
@@ -17,7 +23,7 @@ use crate::theme::Tone;
 /// What the panel shows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RobotsData {
-    /// The robots that answered, each once, by name.
+    /// The robots that have answered, each once, in the order in which they did so first.
     pub found: Vec<RobotLine>,
     /// The robot that is shown.
     pub current: Option<RobotId>,
@@ -60,6 +66,8 @@ pub struct RobotLine {
     pub tone: Tone,
     /// The same in words.
     pub state: String,
+    /// Whether it is silent, and not shown: it may be forgotten.
+    pub is_forgettable: bool,
 }
 
 /// A robot that may be a line.
@@ -82,8 +90,10 @@ impl RobotsData {
         problem: Option<String>,
         now: Monotonic,
     ) -> Self {
-        let mut found: Vec<_> = seen
+        let mut known = BTreeSet::new();
+        let found: Vec<_> = seen
             .iter()
+            .filter(|seen| known.insert(&seen.sighting.found.robot))
             .map(|seen| {
                 let sighting = &seen.sighting;
                 let link = current
@@ -99,11 +109,10 @@ impl RobotsData {
                     color: seen.color,
                     tone,
                     state,
+                    is_forgettable: link.is_none() && is_missed(sighting, now),
                 }
             })
             .collect();
-        found.sort_by(|a, b| a.found.cmp(&b.found));
-        found.dedup_by(|a, b| a.found == b.found);
         let heading = match &sought {
             Sought::Demo { failure: None } => "Starting the demo…",
             Sought::Demo { failure: Some(_) } => "The demo has ended",
@@ -159,17 +168,17 @@ pub fn alerts(count: usize) -> String {
     }
 }
 
+/// Whether it was not seen for too long.
+fn is_missed(sighting: &Sighting, now: Monotonic) -> bool {
+    now.since(sighting.seen) > SEEN_LATELY
+}
+
 fn state_words(sighting: &Sighting, link: Option<LinkState>, now: Monotonic) -> (Tone, String) {
-    let seen = now.since(sighting.seen);
+    let seen = format!("last seen {} ago", age(now.since(sighting.seen)));
     match link {
-        Some(LinkState::Silent) => return (Tone::Warning, "silent".to_owned()),
-        Some(LinkState::Waiting) => return (Tone::Waiting, "not heard yet".to_owned()),
-        None if seen > SEEN_LATELY => {
-            return (
-                Tone::Warning,
-                format!("silent, last seen {} ago", age(seen)),
-            );
-        }
+        Some(LinkState::Silent) => return (Tone::Warning, format!("silent, {seen}")),
+        Some(LinkState::Waiting) => return (Tone::Waiting, seen),
+        None if is_missed(sighting, now) => return (Tone::Warning, format!("silent, {seen}")),
         Some(LinkState::Live) | None => {}
     }
     match &sighting.state {
@@ -186,7 +195,8 @@ fn state_words(sighting: &Sighting, link: Option<LinkState>, now: Monotonic) -> 
 /// Draws the panel.
 pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Option<Command> {
     let mut command = None;
-    for (line, number) in data.found.iter().zip(1_u8..) {
+    let numbers = (1..u8::MAX).chain(iter::repeat(u8::MAX));
+    for (line, number) in data.found.iter().zip(numbers) {
         let is_current = data.current.as_ref() == Some(&line.found.robot);
         ui.horizontal(|ui| {
             swatch_ui(ui, line.color);
@@ -201,6 +211,9 @@ pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Op
                 command = Some(Command::Connect(line.found.clone()));
             }
             ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+                if line.is_forgettable && forget_ui(ui, &line.found.robot) {
+                    command = Some(Command::ForgetRobot(line.found.robot.clone()));
+                }
                 let color = line.tone.color(ui.visuals());
                 ui.label(RichText::new(&line.state).small().color(color));
             });
@@ -225,6 +238,14 @@ pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Op
         .or(remembered_ui(ui, &data.addresses))
 }
 
+/// Draws the small button that forgets a robot; whether it is pressed.
+fn forget_ui(ui: &mut Ui, robot: &RobotId) -> bool {
+    let button = ui.add(Button::new(RichText::new("×").small()).small());
+    button.widget_info(|| WidgetInfo::labeled(Role::Button, true, format!("Forget {robot}")));
+    let hint = format!("Forget {robot} and its alerts. It is listed again when it answers.");
+    button.on_hover_text(hint).clicked()
+}
+
 /// A robot's colour.
 pub fn swatch_ui(ui: &mut Ui, color: Color32) {
     let (place, _) = ui.allocate_exact_size(vec2(12.0, 16.0), Sense::hover());
@@ -232,111 +253,4 @@ pub fn swatch_ui(ui: &mut Ui, color: Color32) {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const NOW: Monotonic = Monotonic::from_nanos(60_000_000_000);
-
-    fn seen(robot: &str, ago_s: u64, state: Option<FleetState>) -> Seen {
-        let found = FoundRobot {
-            robot: robot.parse().unwrap(),
-            endpoint: format!("tcp/{robot}:7447"),
-        };
-        let seen = Monotonic::from_nanos((60 - ago_s) * 1_000_000_000);
-        Seen {
-            sighting: Sighting { found, seen, state },
-            color: Color32::BLUE,
-            alerts: 0,
-        }
-    }
-
-    #[test]
-    fn the_advice_says_what_to_do() {
-        let named = "boat".parse().unwrap();
-        let advice = |seen: &[Seen], sought| {
-            RobotsData::new(seen, None, sought, None, NOW)
-                .advice
-                .unwrap_or_default()
-        };
-        assert_eq!(advice(&[], Sought::Any), "No robot found yet.");
-        let (a, b) = (seen("a", 0, None), seen("b", 0, None));
-        assert_eq!(
-            advice(&[a.clone(), b.clone()], Sought::Any),
-            "Choose one on the left."
-        );
-        let waiting = advice(std::slice::from_ref(&a), Sought::Named(&named));
-        assert!(waiting.contains("Looking for boat"));
-        let data = RobotsData::new(&[b.clone(), a, b], None, Sought::Any, None, NOW);
-        let names: Vec<_> = data
-            .found
-            .iter()
-            .map(|line| line.found.robot.to_string())
-            .collect();
-        assert_eq!(names, ["a", "b"]);
-        let second = data.numbered(2).unwrap();
-        assert_eq!(second.robot.as_str(), "b");
-        assert_eq!((data.numbered(0), data.numbered(3)), (None, None));
-    }
-
-    #[test]
-    fn where_robots_are_looked_for_alone_is_said_while_that_matters() {
-        let addresses = ["tcp/a:7447".to_owned(), "tcp/b:7447".to_owned()];
-        let said = |seen: &[Seen], current, sought: Sought<'_>| {
-            let mut data = RobotsData::new(seen, current, sought, None, NOW);
-            let before = data.advice.clone();
-            data.looks_only_at(&addresses);
-            (data.advice != before).then_some(data.advice).flatten()
-        };
-        let only = " Only tcp/a:7447, tcp/b:7447 are asked, as --connect says.";
-        assert_eq!(
-            said(&[], None, Sought::Any),
-            Some(format!("No robot found yet.{only}"))
-        );
-        let boat = "boat".parse().unwrap();
-        let named = said(&[], None, Sought::Named(&boat));
-        let looking = "Looking for boat. Start it, or type its address.";
-        assert_eq!(named, Some(format!("{looking}{only}")));
-        let found = [seen("a", 0, None)];
-        assert_eq!(said(&found, None, Sought::Any), None, "one is there");
-        let shown = Some((&boat, LinkState::Live));
-        assert_eq!(said(&[], shown, Sought::Any), None, "one is shown");
-        let demo = Sought::Demo { failure: None };
-        assert_eq!(said(&[], None, demo), None, "it comes by itself");
-    }
-
-    #[test]
-    fn every_robot_says_how_it_is() {
-        let anna = FleetState::DrivenBy("anna".parse().unwrap());
-        let mut fleet = [
-            seen("a", 3, Some(FleetState::Free)),
-            seen("b", 3, Some(anna)),
-            seen("c", 3, Some(FleetState::EStop)),
-            seen("d", 25, Some(FleetState::Free)),
-            seen("e", 3, Some(FleetState::Free)),
-            seen("f", 3, None),
-            seen("g", 3, Some(FleetState::Ended)),
-        ];
-        fleet[1].alerts = 1;
-        fleet[2].alerts = 2;
-        let current = "e".parse().unwrap();
-        let current = Some((&current, LinkState::Silent));
-        let data = RobotsData::new(&fleet, current, Sought::Any, None, NOW);
-        let states: Vec<_> = data
-            .found
-            .iter()
-            .map(|line| (line.state.as_str(), line.tone))
-            .collect();
-        assert_eq!(
-            states,
-            [
-                ("free", Tone::Good),
-                ("anna drives, 1 alert", Tone::Warning),
-                ("emergency stop, 2 alerts", Tone::Warning),
-                ("silent, last seen 25 s ago", Tone::Warning),
-                ("silent", Tone::Warning),
-                ("there", Tone::Waiting),
-                ("ended", Tone::Waiting),
-            ]
-        );
-    }
-}
+mod tests;

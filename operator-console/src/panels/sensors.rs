@@ -9,6 +9,7 @@ use robot_edge::clock::Monotonic;
 use super::data_age::DataAge;
 use super::wording::{age, count};
 use crate::model::{ConsoleModel, LinkState};
+use crate::playback::is_recording;
 use crate::theme::{Tone, state_ui};
 
 /// Narrower panels have two lines a sensor, points: the columns have no room side by side.
@@ -48,16 +49,23 @@ impl SensorsData {
     /// The sensors at `now`.
     pub fn new(model: &ConsoleModel, now: Monotonic) -> Self {
         let since_told = model.status().map(|(_, at)| now.since(*at));
-        let is_silent = model.connection().state(now) == LinkState::Silent;
+        // A recording has no link to lose, and ages with the moment that is shown.
+        let is_recording = is_recording(model.robot());
+        let is_silent = !is_recording && model.connection().state(now) == LinkState::Silent;
         let sight = match (is_silent, model.says_ended()) {
             (true, _) => Sight::Silent,
             (false, true) => Sight::Ended,
             (false, false) => Sight::Live,
         };
         let described = model.sensors();
+        let since_statuses = if is_recording {
+            Duration::ZERO
+        } else {
+            model.since_statuses(now)
+        };
         let lines = model.sensor_statuses().iter().map(|status| {
             let info = described.iter().find(|info| info.name == status.name);
-            line(status, info, model.since_statuses(now), sight)
+            line(status, info, since_statuses, sight)
         });
         let sensors: Vec<_> = lines.collect();
         let note = match (sensors.is_empty(), since_told) {

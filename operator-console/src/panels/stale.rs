@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use eframe::egui::{RichText, Ui};
+use eframe::egui::{Color32, RichText, Ui, Visuals};
 use robot_edge::clock::Monotonic;
 
 use super::wording::age;
@@ -15,6 +15,10 @@ use crate::theme;
 pub struct StaleData {
     /// Since the newest message.
     pub silent_for: Duration,
+    /// Its data had ended, and nobody could drive it: that it is silent alarms nobody.
+    pub had_ended: bool,
+    /// Something of it is shown.
+    pub is_shown: bool,
 }
 
 impl StaleData {
@@ -28,6 +32,8 @@ impl StaleData {
             LinkState::Waiting | LinkState::Live => None,
             LinkState::Silent => Some(Self {
                 silent_for: connection.age(now).unwrap_or_default(),
+                had_ended: model.may_fall_silent(),
+                is_shown: model.map().head_at().is_some() || model.vehicle().pose().is_some(),
             }),
         }
     }
@@ -40,17 +46,84 @@ pub fn is_position_old(model: &ConsoleModel, now: Monotonic) -> bool {
     !is_recording(model.robot()) && pose.is_some_and(|(_, at)| now.since(at) > longest)
 }
 
-/// Draws the warning, on a ground of [`theme::BANNER`]. A link that is lost is no pause: it counts on, and says that
+impl StaleData {
+    /// What the banner says: what is so, and what that means.
+    pub fn words(&self) -> [String; 2] {
+        let silent = age(self.silent_for);
+        if self.had_ended {
+            let why = "robot-edge has closed, or the link is lost.";
+            let since = format!("Nothing heard for {silent}: {why}");
+            return ["Its data has ended".to_owned(), since];
+        }
+        let unknown = "What the robot does now is not known here.";
+        let meaning = if self.is_shown {
+            format!("What is shown is old. {unknown}")
+        } else {
+            unknown.to_owned()
+        };
+        [format!("Link lost: nothing heard for {silent}"), meaning]
+    }
+
+    /// The ground of the banner, and what is written on it. What had ended warns of nothing.
+    pub fn colors(&self, visuals: &Visuals) -> [Color32; 2] {
+        if self.had_ended {
+            [visuals.panel_fill, visuals.text_color()]
+        } else {
+            theme::BANNER
+        }
+    }
+}
+
+/// Draws the banner, on a ground of [`StaleData::colors`]. A link that is lost is no pause: it counts on, and says that
 /// nobody here knows.
 pub fn stale_ui(ui: &mut Ui, data: &StaleData) {
-    let [_, ink] = theme::BANNER;
-    let since = format!("Link lost: nothing heard for {}", age(data.silent_for));
+    let [_, ink] = data.colors(ui.visuals());
+    let [headline, meaning] = data.words();
     ui.vertical_centered(|ui| {
         ui.spacing_mut().item_spacing.y = 2.0;
-        ui.label(RichText::new(since).size(20.0).strong().color(ink));
-        ui.label(
-            RichText::new("What is shown is old. What the robot does now is not known here.")
-                .color(ink),
-        );
+        ui.label(RichText::new(headline).size(20.0).strong().color(ink));
+        ui.label(RichText::new(meaning).color(ink));
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::keys::Topic;
+    use protocol::message::Status;
+
+    use super::*;
+    use crate::pretend::{at, says, scout, standing};
+
+    fn banner(has_ended: bool, can_be_driven: bool) -> StaleData {
+        let mut model = scout();
+        let status = Status {
+            has_ended,
+            teleop: can_be_driven.then(standing),
+            ..Status::default()
+        };
+        says(&mut model, Topic::Status, &status, at(1_000));
+        assert_eq!(StaleData::new(&model, at(1_100)), None);
+        StaleData::new(&model, at(4_100)).unwrap()
+    }
+
+    #[test]
+    fn a_replay_that_has_ended_and_closed_is_no_lost_link_and_a_vehicle_is() {
+        let calm = banner(true, false);
+        let words = [
+            "Its data has ended",
+            "Nothing heard for 3.1 s: robot-edge has closed, or the link is lost.",
+        ];
+        assert_eq!(calm.words(), words);
+        let visuals = Visuals::dark();
+        assert_ne!(calm.colors(&visuals), theme::BANNER);
+        for lost in [banner(false, false), banner(true, true)] {
+            let meaning = "What the robot does now is not known here.".to_owned();
+            let headline = "Link lost: nothing heard for 3.1 s".to_owned();
+            assert_eq!(lost.words(), [headline.clone(), meaning.clone()]);
+            let is_shown = true;
+            let old = StaleData { is_shown, ..lost }.words();
+            assert_eq!(old, [headline, format!("What is shown is old. {meaning}")]);
+            assert_eq!(lost.colors(&visuals), theme::BANNER);
+        }
+    }
 }

@@ -5,7 +5,7 @@ use eframe::egui::{
     Style, Ui, Visuals, WidgetText, vec2,
 };
 use egui_tiles::{
-    Behavior, SimplificationOptions, TabState, Tabs, Tile, TileId, Tiles, UiResponse,
+    Behavior, EditAction, SimplificationOptions, TabState, Tabs, Tile, TileId, Tiles, UiResponse,
 };
 
 use super::PanelId;
@@ -18,6 +18,8 @@ pub(super) struct Docking<'a> {
     pub(super) wanted_focus: Option<PanelId>,
     pub(super) focused: Option<(TileId, PanelId)>,
     pub(super) closed: Option<PanelId>,
+    /// Whether something was put elsewhere by hand.
+    pub(super) is_dropped: bool,
 }
 
 impl Behavior<PanelId> for Docking<'_> {
@@ -64,6 +66,10 @@ impl Behavior<PanelId> for Docking<'_> {
         // It keeps its place, to come back to.
         self.closed = tiles.get_pane(&tile).copied();
         false
+    }
+
+    fn on_edit(&mut self, edit: EditAction) {
+        self.is_dropped |= edit == EditAction::TileDropped;
     }
 
     fn tab_hover_cursor_icon(&self) -> CursorIcon {

@@ -9,6 +9,7 @@ use egui_tiles::{Container, Linear, LinearDir, Tabs, Tile, TileId, Tiles, Tree};
 use serde::{Deserialize, Serialize};
 
 use super::PanelId;
+use super::nesting::unnested;
 
 /// Widths and heights of the panels around the map, points.
 const LEFT: f32 = 280.0;
@@ -30,7 +31,7 @@ pub struct Layout {
 /// A part of the window.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Place {
+pub(super) enum Place {
     /// One panel.
     Panel(PanelId),
     /// One at a time.
@@ -43,9 +44,9 @@ enum Place {
 
 /// A place in a row or a column, and its share of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Part {
-    share: f32,
-    place: Place,
+pub(super) struct Part {
+    pub(super) share: f32,
+    pub(super) place: Place,
 }
 
 impl Default for Layout {
@@ -92,6 +93,14 @@ impl Layout {
         }
     }
 
+    /// The same with nothing but panels in tabs, of which `dropped` were put there by hand just now.
+    pub(super) fn unnested(self, dropped: &BTreeSet<PanelId>) -> Self {
+        Self {
+            root: unnested(self.root, dropped),
+            ..self
+        }
+    }
+
     /// The same as a tree.
     pub(super) fn tree(&self) -> Tree<PanelId> {
         let mut tiles = Tiles::default();
@@ -110,7 +119,7 @@ impl Layout {
 
 impl Place {
     /// Adds its panels; whether all in it is sound.
-    fn collect(&self, panels: &mut Vec<PanelId>) -> bool {
+    pub(super) fn collect(&self, panels: &mut Vec<PanelId>) -> bool {
         match self {
             Self::Panel(panel) => {
                 panels.push(*panel);

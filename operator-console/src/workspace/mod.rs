@@ -5,6 +5,7 @@
 mod docking;
 mod fronts;
 mod layout;
+mod nesting;
 mod panel_id;
 mod sizes;
 
@@ -41,7 +42,7 @@ impl Workspace {
     /// The panels of a layout that was kept.
     pub fn of(layout: &Layout) -> Self {
         Self {
-            tree: layout.tree(),
+            tree: layout.clone().unnested(&BTreeSet::new()).tree(),
             hidden: layout.hidden.clone(),
             fronts: Fronts::default(),
             wanted_focus: None,
@@ -142,13 +143,47 @@ impl Workspace {
             wanted_focus: self.wanted_focus.take(),
             focused: None,
             closed: None,
+            is_dropped: false,
         };
+        let dragged = self.dragged(ui);
         self.tree.ui(&mut docking, ui);
         self.fronts.note(&self.tree);
+        let is_dropped = docking.is_dropped;
         let (focused, closed) = (docking.focused, docking.closed);
         self.focused = focused.map(|(_, panel)| panel);
         if let Some(panel) = closed {
             self.set_wanted(panel, false);
+        }
+        if is_dropped {
+            self.unnest(&dragged);
+            ui.ctx().request_repaint();
+        }
+    }
+
+    /// The panels in the operator's hand.
+    fn dragged(&self, ui: &Ui) -> BTreeSet<PanelId> {
+        let mut open: Vec<_> = self.tree.dragged_id(ui.ctx()).into_iter().collect();
+        let mut panels = BTreeSet::new();
+        while let Some(tile) = open.pop() {
+            match self.tree.tiles.get(tile) {
+                Some(Tile::Pane(panel)) => {
+                    panels.insert(*panel);
+                }
+                Some(Tile::Container(container)) => open.extend(container.children()),
+                None => {}
+            }
+        }
+        panels
+    }
+
+    /// Takes tabs and rows out of tabs that these panels were dropped into.
+    fn unnest(&mut self, dropped: &BTreeSet<PanelId>) {
+        let layout = self.layout();
+        let unnested = layout.clone().unnested(dropped);
+        if unnested != layout {
+            self.tree = unnested.tree();
+            // The tabs are new ones; what is in front of each is in the layout.
+            self.fronts = Fronts::default();
         }
     }
 }

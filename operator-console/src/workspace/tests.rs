@@ -209,3 +209,62 @@ fn the_keyboard_goes_from_panel_to_panel() {
     window.run_steps(2);
     assert_eq!(window.state().workspace.focused, Some(PanelId::Driving));
 }
+
+/// Takes a panel by its tab and drops it `off` the middle of another one's body.
+fn drop_on(window: &mut Harness<'_, Rig>, panel: &str, on: PanelId, off: Vec2) {
+    let tree = &window.state().workspace.tree;
+    let body = tree.tiles.rect(tree.tiles.find_pane(&on).unwrap()).unwrap();
+    let target = body.center() + off;
+    let tab = window.get_by_label(panel).rect().center();
+    window.hover_at(tab);
+    window.run_steps(1);
+    window.drag_at(tab);
+    window.run_steps(1);
+    for part in [0.3, 0.7, 1.0] {
+        window.hover_at(tab + part * (target - tab));
+        window.run_steps(2);
+    }
+    window.drop_at(target);
+    window.run_steps(4);
+}
+
+#[test]
+fn a_panel_dropped_on_another_is_a_tab_beside_it() {
+    let mut window = window(&Layout::default(), [1280.0, 760.0]);
+    // In the middle of a panel's body, the library makes tabs within tabs.
+    drop_on(&mut window, "Driving", PanelId::Layers, vec2(0.0, 20.0));
+    let drawn = window.state().drawn.clone();
+    assert!(drawn.contains(&PanelId::Driving), "in front: {drawn:?}");
+    assert!(!drawn.contains(&PanelId::Layers), "{drawn:?}");
+    let top = |label| window.get_by_label(label).rect().top();
+    let tops = ["Layers", "Shores", "Driving"].map(|label| top(label).round() as i32);
+    assert_eq!(tops, [tops[0]; 3], "one row of tabs");
+    assert!(window.query_by_label("Tabs").is_none());
+    // What was written so before is read so.
+    let kept = window.state().workspace.layout();
+    assert_eq!(Workspace::of(&kept).layout(), kept);
+    let json = serde_json::to_string(&kept).unwrap();
+    let (from, to) = (
+        r#"{"panel":"driving"}"#,
+        r#"{"tabs":{"front":0,"places":[{"panel":"driving"}]}}"#,
+    );
+    let nested: Layout = serde_json::from_str(&json.replacen(from, to, 1)).unwrap();
+    assert_ne!(nested, kept);
+    assert_eq!(Workspace::of(&nested).layout(), kept);
+}
+
+#[test]
+fn a_panel_dropped_at_the_side_of_another_is_beside_its_tabs() {
+    let mut window = window(&Layout::default(), [1280.0, 760.0]);
+    let width = size_of(&window, PanelId::Link).x;
+    let right = vec2(0.25 * width, 20.0);
+    drop_on(&mut window, "Driving", PanelId::Link, right);
+    let drawn = window.state().drawn.clone();
+    for panel in [PanelId::Driving, PanelId::Link] {
+        assert!(drawn.contains(&panel), "{panel:?}: {drawn:?}");
+    }
+    assert!(window.query_by_label("Horizontal").is_none());
+    let rect = |label: &str| window.get_by_label(label).rect();
+    assert!(rect("Driving").left() > rect("Events").right());
+    assert!((rect("Driving").top() - rect("Events").top()).abs() < 2.0);
+}

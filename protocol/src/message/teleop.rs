@@ -29,7 +29,7 @@ pub struct TeleopStatus {
     pub requested: Velocity,
     /// What the motors are told.
     pub applied: Velocity,
-    /// What made the one differ from the other: of several, the tightest.
+    /// What makes the one differ from the other now: of several, the tightest; on the way to any limit, `Ramp`.
     pub clamp: Option<Clamp>,
     /// What the collision guard says.
     pub guard: Guard,

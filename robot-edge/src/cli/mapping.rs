@@ -145,7 +145,8 @@ pub struct NetworkOptions {
     /// Do not open the network
     #[arg(long, conflicts_with_all = ["listen", "connect", "keys", "insecure", "zenoh_config", "stay"])]
     pub no_network: bool,
-    /// Go on serving the map when the data has ended, until interrupted
+    /// Go on serving the map when the data has ended, until interrupted; a simulated vehicle that can be driven goes on
+    /// measuring instead
     #[arg(long)]
     pub stay: bool,
 }

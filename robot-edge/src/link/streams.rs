@@ -84,7 +84,11 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &StatePu
         };
         // What a suspended machine missed is not made up for.
         next = (next + period).max(Monotonic::now());
-        if !clock::sleep_until(next, || context.shared.is_closing()) {
+        let goes_on = clock::sleep_until(next, || context.shared.is_closing());
+        // Somebody new should know at once, and the last word is a head behind a status that says so. It is said also
+        // where the link closes at once: an end would be taken for a link that is lost.
+        let is_asked_for = context.shared.take_call();
+        if !goes_on && !is_asked_for {
             return;
         }
         let now = Monotonic::now();
@@ -103,8 +107,6 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &StatePu
         for event in context.shared.take_events() {
             put(&publishers.event, out.message(stamp_ns, &event));
         }
-        // Somebody new should know at once, and the last word is a head behind a status that says so.
-        let is_asked_for = context.shared.take_call();
         let teleop = board.and_then(Board::status);
         let state = teleop
             .as_ref()
@@ -127,6 +129,9 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &StatePu
                 put(&publishers.map_head, out.message(stamp_ns, &head));
             }
             told = Some(head);
+        }
+        if !goes_on {
+            return;
         }
     }
 }

@@ -47,7 +47,7 @@ pub struct TeleopReport {
     pub counters: Counters,
 }
 
-/// What keeps the applied speed from the requested one: of several, the tightest.
+/// What keeps the applied speed from the requested one now: of several, the tightest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Clamp {
     /// The vehicle's greatest speed.

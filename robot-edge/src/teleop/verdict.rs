@@ -1,6 +1,7 @@
 //! What the collision guard has to say, as plain data.
 
 use super::motion::Caps;
+use super::velocity::Velocity;
 
 /// The guard's word of one round ("Collision guard").
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,18 +27,36 @@ pub struct GuardLimits {
     pub right_radps: f64,
     /// The limits are those for creeping where nothing is known.
     pub is_blind: bool,
+    /// How much faster than these limits a boat is, and which way; zero on land. What floats does not brake, so it gets
+    /// no thrust that way: thrust for a lower speed would only keep it fast for longer.
+    pub excess: Velocity,
 }
 
 impl GuardVerdict {
-    /// The greatest linear and angular speeds, metres and radians per second; infinite where the guard is off.
+    /// The greatest linear and angular speeds that the motors may be told, metres and radians per second; infinite
+    /// where the guard is off.
     pub const fn caps(self) -> (Caps, Caps) {
         match self {
             Self::Off => (Caps::NONE, Caps::NONE),
             Self::Stale => (Caps::STOP, Caps::STOP),
-            Self::Limits(limits) => (
-                Caps::new(limits.forward_mps, limits.reverse_mps),
-                Caps::new(limits.left_radps, limits.right_radps),
-            ),
+            Self::Limits(limits) => {
+                let Velocity {
+                    linear_mps,
+                    angular_radps,
+                } = limits.excess;
+                (
+                    thrust(limits.forward_mps, limits.reverse_mps, linear_mps),
+                    thrust(limits.left_radps, limits.right_radps, angular_radps),
+                )
+            }
         }
     }
+}
+
+/// What is left of the limits of one axis where it is faster than them by `excess`.
+const fn thrust(positive: f64, negative: f64, excess: f64) -> Caps {
+    Caps::new(
+        if excess > 0.0 { 0.0 } else { positive },
+        if excess < 0.0 { 0.0 } else { negative },
+    )
 }

@@ -39,9 +39,8 @@ impl ExportDialog {
         recording: Option<&str>,
         last: Option<&ExportProgress>,
     ) -> Self {
-        let label = wall_clock_label().replace([':', 'T'], "-").replace('Z', "");
         let shown = pictures::name_for_files(model.robot(), recording);
-        let name = format!("foreshore-{shown}-{label}");
+        let name = pictures::stamped_name(Some(&shown), &wall_clock_label());
         let folder = pictures::documents().map_or_else(|| name.clone().into(), |at| at.join(&name));
         Self {
             folder: folder.display().to_string(),

@@ -1,5 +1,6 @@
 mod finding;
 mod habits;
+mod heard_before;
 mod map;
 mod small;
 mod trust;

@@ -8,6 +8,8 @@ use crate::panels::wording::signed;
 
 /// Lines are about this far apart, points.
 const SPACING: f64 = 160.0;
+/// What covers no more than this of a number leaves it as it reads, points: above its figures there is as much.
+const EDGE: f32 = 4.0;
 /// No screen has more lines in one direction.
 const MAX_LINES: i64 = 200;
 
@@ -94,11 +96,12 @@ fn clipped(from: Pos2, to: Pos2, rect: Rect) -> Option<[Pos2; 2]> {
     (enters < leaves).then(|| [from + enters * way, from + leaves * way])
 }
 
-/// Draws the grid; the numbers stand where lines leave the screen below or on the left.
+/// Draws the grid; the numbers stand where lines leave the screen below or on the left. One that would be `covered`, even
+/// half of it, is left out: half a number is another number.
 pub(in crate::map_view) fn paint(
     painter: &Painter,
     [of_x, of_y]: &[Vec<GridLine>; 2],
-    screen: Rect,
+    (screen, covered): (Rect, &[Rect]),
     ink: Color32,
     paper: Color32,
 ) {
@@ -110,7 +113,9 @@ pub(in crate::map_view) fn paint(
         let font = FontId::proportional(11.0);
         let text = painter.layout_no_wrap(line.label.clone(), font, ink);
         let place = align.anchor_size(at, text.size());
-        if screen.contains_rect(place) {
+        let hides = |other: &Rect| other.shrink(EDGE).intersects(place);
+        let is_covered = covered.iter().any(hides);
+        if screen.contains_rect(place) && !is_covered {
             painter.rect_filled(place.expand(1.0), 2.0, paper);
             painter.galley(place.min, text, ink);
         }

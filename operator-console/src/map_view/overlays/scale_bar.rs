@@ -1,6 +1,10 @@
 //! A bar of a round length in metres.
 
-use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, StrokeKind, pos2, vec2};
+use std::sync::Arc;
+
+use eframe::egui::{
+    Align2, Color32, FontId, Galley, Painter, Pos2, Rect, Stroke, StrokeKind, pos2, vec2,
+};
 use protocol::export::{length_label, round_length_m};
 
 /// Longest bar, points.
@@ -30,6 +34,21 @@ impl ScaleBar {
     }
 }
 
+/// The card of the bar whose lower left corner is at `at`, and its words.
+fn card(painter: &Painter, at: Pos2, bar: &ScaleBar, ink: Color32) -> (Rect, Arc<Galley>) {
+    let text = painter.layout_no_wrap(bar.label.clone(), FontId::proportional(14.0), ink);
+    let width = bar.length.max(text.size().x) + 2.0 * PADDING;
+    let height = text.size().y + HEIGHT + 3.0 + 1.5 * PADDING;
+    let card = Rect::from_min_size(at - vec2(0.0, height), vec2(width, height));
+    (card, text)
+}
+
+/// What the bar covers whose lower left corner is at `at`.
+pub(in crate::map_view) fn place(painter: &Painter, at: Pos2, bar: &ScaleBar) -> Rect {
+    let (card, _) = card(painter, at, bar, Color32::BLACK);
+    card
+}
+
 /// Draws the bar on a card whose lower left corner is at `at`.
 pub(in crate::map_view) fn paint(
     painter: &Painter,
@@ -38,12 +57,9 @@ pub(in crate::map_view) fn paint(
     ink: Color32,
     paper: Color32,
 ) {
-    let text = painter.layout_no_wrap(bar.label.clone(), FontId::proportional(14.0), ink);
-    let width = bar.length.max(text.size().x) + 2.0 * PADDING;
-    let height = text.size().y + HEIGHT + 3.0 + 1.5 * PADDING;
-    let card = Rect::from_min_size(at - vec2(0.0, height), vec2(width, height));
+    let (card, text) = card(painter, at, bar, ink);
     painter.rect_filled(card, 4.0, paper);
-    let left = card.left() + 0.5 * (width - bar.length);
+    let left = card.center().x - 0.5 * bar.length;
     let bottom = card.bottom() - PADDING;
     let whole = Rect::from_min_max(pos2(left, bottom - HEIGHT), pos2(left + bar.length, bottom));
     // The second half hollow, so that the bar is also a ruler for half its length.

@@ -5,7 +5,7 @@ use std::cmp::Reverse;
 use eframe::egui::{
     Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, StrokeKind, Vec2, vec2,
 };
-use protocol::message::Shores;
+use protocol::message::{DockingSite, Shores};
 
 use super::super::camera::Camera;
 use super::super::marking::ShoreMark;
@@ -21,6 +21,8 @@ const LINE: f32 = 17.0;
 /// From the label of a docking site to the tip of its arrow, points.
 const ARROW: f32 = 30.0;
 const HEAD: f32 = 9.0;
+/// From the ends of a marked docking site towards the water, points.
+const END: f32 = 12.0;
 
 /// What is to be drawn, in points.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -30,8 +32,11 @@ pub(in crate::map_view) struct ShoreMarks {
     pub(in crate::map_view) numbers: Vec<(String, Pos2)>,
     /// Letters of docking sites, where, and where to: the best first.
     pub(in crate::map_view) sites: Vec<(String, Pos2, Vec2)>,
-    /// The outline of what stands out: of a shore its own, of a docking site its width and as far in.
+    /// Corners of the shore that stands out.
     pub(in crate::map_view) outline: Vec<Pos2>,
+    /// The docking site that stands out: along the bank as far as it is wide, with an end on either side towards the
+    /// water.
+    pub(in crate::map_view) berth: Vec<Pos2>,
 }
 
 impl ShoreMarks {
@@ -90,25 +95,39 @@ impl ShoreMarks {
             };
             Some((text, at))
         });
+        let numbers = numbers.collect();
+        let extent_m = marked.map(|marked| extent_m(shores, names, marked));
+        let extent = extent_m.unwrap_or_default().into_iter();
+        let extent: Vec<_> = extent
+            .map(|point_m| camera.to_screen(screen, point_m))
+            .collect();
+        let (outline, berth) = match marked {
+            None | Some(ShoreMark::Shore(_)) => (extent, Vec::new()),
+            Some(ShoreMark::Site(marked)) => {
+                let site = site_of(shores, names, marked);
+                let towards = site.map(|site| camera.direction(f64::from(site.heading_rad)));
+                (Vec::new(), bracket(&extent, towards.unwrap_or_default()))
+            }
+        };
         Self {
-            numbers: numbers.collect(),
+            numbers,
             sites,
-            outline: marked
-                .map(|marked| outline_m(shores, names, marked))
-                .unwrap_or_default()
-                .into_iter()
-                .map(|corner_m| camera.to_screen(screen, corner_m))
-                .collect(),
+            outline,
+            berth,
         }
     }
 
     /// Draws them: numbers on cards, letters in inverse colours, so that neither is taken for the other.
     pub(in crate::map_view) fn paint(&self, painter: &Painter, ink: Color32, paper: Color32) {
+        let halo = Stroke::new(6.0, Color32::WHITE);
+        let line = Stroke::new(3.0, theme::MARKED);
         if !self.outline.is_empty() {
-            let halo = Stroke::new(6.0, Color32::WHITE);
-            let line = Stroke::new(3.0, theme::MARKED);
             painter.add(Shape::closed_line(self.outline.clone(), halo));
             painter.add(Shape::closed_line(self.outline.clone(), line));
+        }
+        if !self.berth.is_empty() {
+            painter.add(Shape::line(self.berth.clone(), halo));
+            painter.add(Shape::line(self.berth.clone(), line));
         }
         for (_, at, towards) in &self.sites {
             paint_arrow(painter, *at, *towards, ink, paper);
@@ -122,8 +141,9 @@ impl ShoreMarks {
     }
 }
 
-/// Corners of what is marked, metres in `odom`; none where it is gone.
-pub(in crate::map_view) fn outline_m(
+/// Where what is marked reaches to, metres in `odom`: corners of a shore, ends of a docking site; none where it is
+/// gone.
+pub(in crate::map_view) fn extent_m(
     shores: &Shores,
     names: &[SiteName],
     marked: ShoreMark,
@@ -137,24 +157,38 @@ pub(in crate::map_view) fn outline_m(
             corners.unwrap_or_default().iter().map(corner_m).collect()
         }
         ShoreMark::Site(marked) => {
-            let mut named = shores.sites.iter().zip(names);
-            let Some((site, _)) = named.find(|(_, name)| **name == marked) else {
-                return Vec::new();
-            };
-            let [x, y] = site.center_m.map(f64::from);
-            let (sin, cos) = libm::sincos(f64::from(site.heading_rad));
-            let half_m = 0.5 * f64::from(site.width_m);
-            [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)]
-                .map(|(along, across)| {
-                    let (along, across) = (along * half_m, across * half_m);
-                    [
-                        x + along * cos - across * sin,
-                        y + along * sin + across * cos,
-                    ]
-                })
-                .to_vec()
+            let site = site_of(shores, names, marked);
+            site.map(ends_m).into_iter().flatten().collect()
         }
     }
+}
+
+fn site_of<'a>(
+    shores: &'a Shores,
+    names: &[SiteName],
+    marked: SiteName,
+) -> Option<&'a DockingSite> {
+    let mut named = shores.sites.iter().zip(names);
+    named
+        .find(|(_, name)| **name == marked)
+        .map(|(site, _)| site)
+}
+
+/// The ends of a docking site along the bank, metres in `odom`. How far in it reaches is not told.
+fn ends_m(site: &DockingSite) -> [[f64; 2]; 2] {
+    let [x, y] = site.center_m.map(f64::from);
+    let (sin, cos) = libm::sincos(f64::from(site.heading_rad));
+    let half_m = 0.5 * f64::from(site.width_m);
+    [half_m, -half_m].map(|left_m| [x - left_m * sin, y + left_m * cos])
+}
+
+/// A line between two points with an end on either side against `towards`; nothing where there are not two.
+fn bracket(ends: &[Pos2], towards: Vec2) -> Vec<Pos2> {
+    let [left, right] = *ends else {
+        return Vec::new();
+    };
+    let to_water = -END * towards;
+    vec![left + to_water, left, right, right + to_water]
 }
 
 fn paint_label(painter: &Painter, at: Pos2, text: &str, ink: Color32, paper: Color32) {
@@ -181,7 +215,7 @@ fn paint_arrow(painter: &Painter, at: Pos2, towards: Vec2, ink: Color32, paper: 
 #[cfg(test)]
 mod tests {
     use eframe::egui::pos2;
-    use protocol::message::{DockingSite, ShoreClass, ShoreCluster};
+    use protocol::message::{ShoreClass, ShoreCluster};
 
     use super::*;
     use crate::model::SiteNames;
@@ -243,11 +277,14 @@ mod tests {
         };
         assert_eq!((letter.as_str(), *at), ("B", pos2(160.0, 280.0)));
         assert!((*towards - vec2(0.0, -1.0)).length() < 1e-6, "up is north");
-        assert_eq!(
-            Rect::from_points(&marks.outline).size().round(),
-            vec2(120.0, 120.0)
-        );
-        assert_eq!(marks_of(gone).outline, [], "it is not where another is now");
+        // 3 m wide, across the way in, which is up: the water is below.
+        let berth = marks.berth.iter().map(|at| at.round());
+        let berth: Vec<_> = berth.collect();
+        let [left, right] = [pos2(100.0, 280.0), pos2(220.0, 280.0)];
+        let end = vec2(0.0, END);
+        assert_eq!(berth, [left + end, left, right, right + end]);
+        assert_eq!(marks.outline, [], "it is no shore");
+        assert_eq!(marks_of(gone).berth, [], "it is not where another is now");
         // What was left out for a larger one is there while it stands out.
         let mark = Some(ShoreMark::Shore(1));
         let marks = ShoreMarks::new((&shores, &named), &camera, screen, mark);
@@ -277,7 +314,7 @@ mod tests {
             .collect();
         let (left, right) = (pos2(80.0, 200.0), pos2(320.0, 200.0));
         assert_eq!(labels, [("B", right), ("A", left)]);
-        let middle = Rect::from_points(&marks.outline).center();
+        let middle = marks.berth[1] + 0.5 * (marks.berth[2] - marks.berth[1]);
         assert!((middle - left).length() < 1e-3, "{middle:?}");
     }
 }

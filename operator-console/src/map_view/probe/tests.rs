@@ -8,7 +8,6 @@ use protocol::tile::TileCells;
 use protocol::tile_store::{LayerGrid, TileStore};
 use tiff::decoder::{Decoder, DecodingResult};
 
-use super::super::stack::LayerCommand;
 use super::*;
 use crate::model::{ConsoleModel, RequestId};
 use crate::pretend::{BOOT, announces, answers, at, console, pushes};
@@ -118,7 +117,7 @@ fn shown_layers_are_always_read_and_hidden_ones_where_they_are_known() {
     let store = store();
     let model = model_of(&store);
     let mut stack = LayerStack::default();
-    stack.obey(LayerCommand::Only(LayerId::Elevation));
+    stack.show_only(LayerId::Elevation, &LayerId::ALL.into());
     let layers = |point_m| {
         let probe = ProbeData::new(&model, &stack, point_m, at(5_000));
         let cells = probe.cells.into_iter();
@@ -194,19 +193,19 @@ fn a_probe_says_where_what_and_when() {
         point_m: [1.234, -5.0],
         cells: vec![cell(LayerId::Obstacle, 1.0), hidden],
     };
-    assert_eq!(probe.place(), "x 1.23 m  y −5.00 m");
+    assert_eq!(probe.place(), "x\u{a0}1.23\u{a0}m  y\u{a0}−5.00\u{a0}m");
     assert_eq!(probe.cells[0].reading(), "obstacle");
     assert_eq!(
         probe.cells[1].origin(),
         "3.2 s old, voxels, slope around, revision 1\u{2009}234, hidden"
     );
     let measured = ProbedCell {
-        source: Some("laser 0.2 s ago".to_owned()),
+        source: Some("from laser and sonar".to_owned()),
         ..cell(LayerId::Cost, 0.5)
     };
     assert_eq!(
         measured.origin(),
-        "3.2 s old, laser 0.2 s ago, revision 1\u{2009}234"
+        "3.2 s old, from laser and sonar, revision 1\u{2009}234"
     );
     for source in [None, measured.source.clone()] {
         let unknown = ProbedCell {

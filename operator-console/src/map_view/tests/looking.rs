@@ -1,5 +1,6 @@
 //! Where the camera goes by itself, and what is said of directions.
 
+use eframe::egui::Shape;
 use protocol::keys::Topic;
 use protocol::message::{Datum, DockingSite, ShoreClass, ShoreCluster, Shores, ShoresNews};
 
@@ -117,4 +118,49 @@ fn a_direction_is_from_the_maps_x_where_nobody_knows_north() {
         look(&mut window, Look::At([5.0, 7.0]));
         window.get_by_label_contains(words);
     }
+}
+
+/// What is written on the map by itself that begins so, and where.
+fn written(window: &Harness<'_, Rig>, first: [&str; 2]) -> Vec<(String, Rect)> {
+    let shapes = window.output().shapes.iter();
+    let texts = shapes.filter_map(|clipped| {
+        if let Shape::Text(text) = &clipped.shape {
+            let words = text.galley.text();
+            let is_it = first.iter().any(|first| words.starts_with(first));
+            is_it.then(|| (words.to_owned(), text.visual_bounding_rect()))
+        } else {
+            None
+        }
+    });
+    texts.collect()
+}
+
+#[test]
+fn no_number_of_the_grid_is_half_covered() {
+    let mut window = window();
+    look(&mut window, Look::Draw(Overlay::Grid, true));
+    window.run_steps(2);
+    // The map is moved until numbers would be under the scale bar, under the card and under the legends.
+    let corner = window.state().view.place().left_bottom();
+    let numbers = |window: &Harness<'_, Rig>| written(window, ["x ", "y "]).len();
+    let mut counts = Vec::new();
+    for step in 0..8_u8 {
+        let beside = [0.02 * f32::from(step), 0.02 * f32::from(step)];
+        look(&mut window, Look::Beside(beside));
+        window.hover_at(corner + vec2(550.0, -400.0));
+        window.run_steps(3);
+        counts.push(numbers(&window));
+        let view = &window.state().view;
+        let bar = Rect::from_two_pos(corner + vec2(12.0, -12.0), corner + vec2(60.0, -40.0));
+        let standing = view.standing.iter().copied().chain(view.legends_place());
+        let standing: Vec<_> = standing.chain([bar]).collect();
+        assert!(view.card_size.y > 20.0, "there is a card");
+        for (number, place) in written(&window, ["x ", "y "]) {
+            let other = standing
+                .iter()
+                .find(|other| other.shrink(5.0).intersects(place));
+            assert_eq!(other, None, "{number} at {place}");
+        }
+    }
+    assert!(counts.iter().all(|count| *count >= 3), "{counts:?}");
 }

@@ -68,14 +68,15 @@ fn what_is_in_the_way_is_said_with_what_to_look_at() {
             false,
             Tone::Warning,
             "name not known",
-            "No computer is called boat. Its IP address does without a name.",
+            "No computer is called boat. Type its IP address instead.",
         ),
         (
             AddressState::NoRobot,
             false,
             Tone::Warning,
             "no robot there",
-            "Whoever answers is a router, or a robot that is still starting.",
+            "Whoever answers is a router, or a robot that is still starting. \
+             Or this is a robot's port for tiles: try boat:7449",
         ),
         (
             AddressState::Foreign,
@@ -102,6 +103,13 @@ fn what_is_in_the_way_is_said_with_what_to_look_at() {
         let expected = (tone, says.to_owned(), hint.to_owned());
         assert_eq!(words(state, has_keys), expected);
     }
+}
+
+#[test]
+fn an_ipv6_address_that_may_be_meant_stands_in_brackets() {
+    let hint = no_robot("::1", 7448);
+    assert!(hint.ends_with(" try [::1]:7447"), "{hint}");
+    assert!(!no_robot("boat", 1).contains("try"), "there is no port 0");
 }
 
 #[test]

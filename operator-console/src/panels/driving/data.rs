@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use protocol::keys::OperatorId;
-use protocol::message::{Arming, Clamp, Guard, Settings, StopReason, TeleopState, TeleopStatus};
+use protocol::message::{Clamp, LeaseStatus, Settings, TeleopState, TeleopStatus};
 use robot_edge::clock::Monotonic;
 
 use super::gauge::{self, Gauge};
-use super::untold::untold;
+use super::headline::{awaited, ended, heard, lost, moves};
 use super::{figures, words};
 use crate::helm::{EStopSight, HelmSight, Lease};
 use crate::model::{ConsoleModel, LinkState, Stream};
@@ -20,8 +20,6 @@ use crate::theme::Tone;
 const POSE_LATE: Duration = Duration::from_millis(600);
 /// A status comes twice a second.
 const STATUS_LATE: Duration = Duration::from_millis(1800);
-/// A vehicle that is slower than this stands, m/s and rad/s.
-const MOVING: f32 = 0.05;
 
 /// What the panel shows.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,25 +60,6 @@ pub struct DrivingData {
     pub refused: Vec<Row>,
 }
 
-/// How the vehicle is, in words.
-pub(super) struct Headline {
-    pub(super) tone: Tone,
-    pub(super) words: String,
-    pub(super) advice: Option<String>,
-    pub(super) hint: Option<&'static str>,
-}
-
-impl Headline {
-    const fn new(tone: Tone, words: String, advice: Option<String>) -> Self {
-        Self {
-            tone,
-            words,
-            advice,
-            hint: None,
-        }
-    }
-}
-
 /// The big button.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum EStopFace {
@@ -118,12 +97,23 @@ impl DrivingData {
     /// The state at `now`; `None` where the robot cannot be driven.
     pub fn new(model: &ConsoleModel, helm: &HelmSight, now: Monotonic) -> Option<Self> {
         let teleop = model.status()?.0.teleop.as_ref()?;
-        let silence = silence(model, now);
-        let status = &model.status()?.0;
+        let (status, told_at) = model.status()?;
+        // Whoever is live again is not lost, but what was told of it is of its last run.
+        let is_live = model.connection().state(now) == LinkState::Live;
+        let is_awaited = is_live && model.awaits_status();
+        let silence = if is_awaited {
+            Some(now.since(*told_at))
+        } else {
+            silence(model, now)
+        };
         let headline = match silence {
+            Some(_) if is_awaited => awaited(),
             Some(silence) => lost(silence, helm),
             None if status.has_ended && teleop.state == TeleopState::Idle => ended(),
-            None => heard(teleop, helm, moves(model)),
+            None => {
+                let is_boat = model.info().is_some_and(|info| info.is_boat);
+                heard(teleop, helm, moves(model), is_boat)
+            }
         };
         // Where nobody drives from here nothing is asked for, whatever moves the vehicle.
         let is_driven = teleop.state != TeleopState::Idle;
@@ -182,95 +172,6 @@ fn silence(model: &ConsoleModel, now: Monotonic) -> Option<Duration> {
         .or_else(|| model.connection().age(now).filter(|_| is_silent))
 }
 
-/// A link that is lost is no pause: nobody here knows what the vehicle does.
-fn lost(silence: Duration, helm: &HelmSight) -> Headline {
-    let advice = match helm.lease {
-        Lease::Held(_) => {
-            "It stops by itself when commands stay away, and soon gives up the lease. When it is heard again, let go of all keys, and press Drive where nobody drives."
-        }
-        Lease::None | Lease::Waiting { .. } => "What it does now is not known here.",
-    };
-    let words = format!("Link lost for {}", age(silence));
-    Headline::new(Tone::Warning, words, Some(advice.to_owned()))
-}
-
-/// Where it was and how fast it went are the last that there is.
-fn ended() -> Headline {
-    let advice = "Nothing new will come of this robot";
-    let words = "Its data has ended".to_owned();
-    Headline::new(Tone::Waiting, words, Some(advice.to_owned()))
-}
-
-/// The speed of a vehicle that moves, forwards, m/s.
-fn moves(model: &ConsoleModel) -> Option<f32> {
-    let (pose, _) = model.vehicle().pose()?;
-    let is_moving = pose.speed_mps.abs() >= MOVING || pose.turn_rate_radps.abs() >= MOVING;
-    is_moving.then_some(pose.speed_mps)
-}
-
-fn heard(teleop: &TeleopStatus, helm: &HelmSight, moves: Option<f32>) -> Headline {
-    if let Some(untold) = untold(teleop, moves) {
-        return untold;
-    }
-    let is_mine = helm.lease.held().is_some();
-    let headline = match teleop.state {
-        TeleopState::Stopping(_) => "Stopping".to_owned(),
-        TeleopState::Fault(_) => "Fault".to_owned(),
-        TeleopState::Idle | TeleopState::Held if teleop.is_drifting => "Drifting".to_owned(),
-        TeleopState::Idle => "Standing".to_owned(),
-        TeleopState::SafeBoot | TeleopState::Held | TeleopState::Driving | TeleopState::EStop => {
-            words::state(teleop.state)
-        }
-    };
-    let tone = match teleop.state {
-        TeleopState::Driving => Tone::Good,
-        TeleopState::Idle | TeleopState::Held if !teleop.is_drifting => Tone::Waiting,
-        TeleopState::Stopping(StopReason::Released) | TeleopState::SafeBoot => Tone::Waiting,
-        TeleopState::Idle
-        | TeleopState::Held
-        | TeleopState::Stopping(_)
-        | TeleopState::EStop
-        | TeleopState::Fault(_) => Tone::Warning,
-    };
-    let advice = match (teleop.state, helm.ignored) {
-        (TeleopState::Stopping(why), _) => Some(capitalised(words::stop(why))),
-        (TeleopState::Fault(_), _) => Some(format!(
-            "{}. Reset it at the vehicle.",
-            words::state(teleop.state)
-        )),
-        (TeleopState::EStop, _) => Some("Its motors stand until it is reset.".to_owned()),
-        (_, Some(why)) if is_mine => {
-            let why = words::ignored(why, teleop.last_stop);
-            Some(format!("Let go of all keys: {why}"))
-        },
-        // Whatever is pressed: without this it would be for the operator to guess.
-        (TeleopState::Held, None)
-            if is_mine && matches!(teleop.guard, Guard::Stale | Guard::Silent) =>
-        {
-            Some("The guard sees nothing new, so nothing moves: the robot's sensors or its machine are late. When it sees, press anew".to_owned())
-        }
-        (TeleopState::Held, None)
-            if is_mine && !helm.wish.is_neutral() && teleop.arming == Arming::Locked =>
-        {
-            Some("Let go of all keys, then press anew".to_owned())
-        }
-        (TeleopState::Held | TeleopState::Driving, _) if is_mine && !helm.is_ready => {
-            Some("The keys go to a text or to another window. Click into the map to drive".to_owned())
-        }
-        (TeleopState::Idle | TeleopState::Held, _) if teleop.is_drifting => {
-            Some("No thrust: it coasts, and wind and current move it".to_owned())
-        }
-        (TeleopState::Held | TeleopState::Driving, _) if is_mine => {
-            Some("W A S D or arrows drive while held".to_owned())
-        }
-        (
-            TeleopState::SafeBoot | TeleopState::Idle | TeleopState::Held | TeleopState::Driving,
-            _,
-        ) => None,
-    };
-    Headline::new(tone, headline, advice)
-}
-
 impl EStopFace {
     /// Of a stop that is on its way, whatever is known of the robot.
     pub fn underway(helm: &HelmSight) -> Option<Self> {
@@ -303,23 +204,35 @@ fn estop_face(teleop: &TeleopStatus, helm: &HelmSight) -> EStopFace {
 
 fn driver(teleop: &TeleopStatus, helm: &HelmSight, is_lost: bool) -> String {
     let lease = &teleop.lease;
-    match (&helm.lease, &lease.holder, &lease.next) {
-        (Lease::Held(_), ..) if is_lost => format!("You drove ({})", helm.operator),
-        (Lease::Held(_), ..) => format!("You drive ({})", helm.operator),
-        (_, Some(holder), _) if *holder == helm.operator => {
+    let is_mine = helm.lease.held().is_some() || is_own(lease, helm);
+    match (&lease.holder, &lease.next) {
+        _ if is_mine && is_lost => format!("You drove ({})", helm.operator),
+        _ if is_mine => format!("You drive ({})", helm.operator),
+        // Its answer may come behind a status that tells of the grant already: whose it is is not known yet.
+        (Some(holder), _) if *holder == helm.operator && !helm.is_asking => {
             format!("{holder} drives, from another console")
         }
-        (_, Some(holder), _) => format!("{holder} drives"),
-        (_, None, Some(next)) => format!("Nobody drives; {next} is next"),
-        (_, None, None) => "Nobody drives".to_owned(),
+        (Some(holder), _) => format!("{holder} drives"),
+        (None, Some(next)) => format!("Nobody drives; {next} is next"),
+        (None, None) => "Nobody drives".to_owned(),
     }
+}
+
+/// Whether the robot tells of a grant that is this console's and not another one's of the same name: the one that it
+/// has given back or lost since that was told, or the one that it waits for.
+fn is_own(lease: &LeaseStatus, helm: &HelmSight) -> bool {
+    let is_granted = match helm.lease {
+        Lease::Waiting { after, .. } => lease.epoch > after,
+        Lease::None | Lease::Held(_) => helm.last_grant == Some(lease.epoch),
+    };
+    is_granted && lease.holder.as_ref() == Some(&helm.operator)
 }
 
 fn lease_face(teleop: &TeleopStatus, helm: &HelmSight, is_lost: bool) -> LeaseFace {
     match helm.lease {
         Lease::Held(_) => LeaseFace::Mine,
         Lease::Waiting { .. } => LeaseFace::Waiting,
-        Lease::None if is_lost || helm.is_asking => LeaseFace::Quiet,
+        Lease::None if is_lost || helm.is_asking || is_own(&teleop.lease, helm) => LeaseFace::Quiet,
         Lease::None if teleop.lease.holder.is_some() => LeaseFace::Others,
         Lease::None => LeaseFace::Free,
     }

@@ -2,12 +2,12 @@
 
 use std::time::Duration;
 
-use protocol::message::{Arming, Clamp, TeleopStatus};
+use protocol::message::{Clamp, TeleopStatus};
 use robot_edge::clock::Monotonic;
 
-use super::guard::guard;
+use super::guard::{self, guard};
+use super::keys::keys;
 use super::last_stop::last_stop;
-use super::words;
 use crate::helm::HelmSight;
 use crate::model::{ConsoleModel, LinkState, Stream};
 use crate::panels::rows::{Row, row};
@@ -18,6 +18,7 @@ use crate::theme::Tone;
 const OLD_MS: u32 = 200;
 /// The speed that the age of commands allows.
 const AGE_ALLOWS: &str = "Age allows";
+const GUARD: &str = "Guard";
 
 pub(super) fn rows(
     model: &ConsoleModel,
@@ -51,23 +52,13 @@ pub(super) fn rows(
     };
     rows.push((tone, row(AGE_ALLOWS, allowed)));
     let (tone, guard) = guard(teleop, helm.limits);
-    rows.push((tone, row("Guard", guard)));
+    rows.push((tone, row(GUARD, guard)));
     let events = model.events().iter().map(|(event, _)| event);
     if let Some((tone, stop)) = last_stop(teleop, model.before_estop(), events) {
         rows.push((tone, row("Last stop", stop)));
     }
     if helm.lease.held().is_some() {
-        // The vehicle would obey, and hears nothing: the keyboard is another window's, or a field's.
-        let is_elsewhere = !helm.is_ready && helm.ignored.is_none();
-        let told = words::arming(teleop.arming);
-        let (tone, words) = match teleop.arming {
-            Arming::Locked | Arming::Neutral if is_elsewhere => {
-                (Tone::Warning, "Go elsewhere: click into the map")
-            }
-            Arming::Locked => (Tone::Warning, told),
-            Arming::Neutral => (Tone::Waiting, told),
-            Arming::Pressed => (Tone::Good, told),
-        };
+        let (tone, words) = keys(teleop, helm);
         rows.push((tone, row("Keys", words)));
     }
     let stops = teleop.counters.involuntary_stops;
@@ -79,10 +70,14 @@ pub(super) fn rows(
 
 /// What is told of a figure to whoever points at it.
 pub(super) fn hint(name: &str) -> Option<&'static str> {
-    (name == AGE_ALLOWS).then_some(
-        "The older commands are, the slower the robot lets itself be driven: so it goes only a short way on old news. While \
-         none are sent, it reckons with the oldest that it would obey.",
-    )
+    match name {
+        AGE_ALLOWS => Some(
+            "The older commands are, the slower the robot lets itself be driven: so it goes only a short way on old \
+             news. While none are sent, it reckons with the oldest that it would obey.",
+        ),
+        GUARD => Some(guard::HINT),
+        _ => None,
+    }
 }
 
 pub(super) fn link_rows(model: &ConsoleModel, now: Monotonic) -> Vec<Row> {

@@ -1,6 +1,6 @@
 //! What the collision guard says of the way that is asked for.
 
-use protocol::message::{Clamp, Guard, GuardLimits, TeleopStatus, Velocity};
+use protocol::message::{Clamp, Guard, GuardLimits, TeleopState, TeleopStatus, Velocity};
 
 use crate::panels::wording::signed;
 use crate::theme::Tone;
@@ -10,15 +10,38 @@ const LEAST_MPS: f32 = 0.005;
 /// Less is no turn in whole degrees, rad/s.
 const LEAST_RADPS: f32 = 0.0087;
 
-/// The guard of a vehicle that goes and turns so fast at most, m/s and rad/s. Where nothing is asked for, it speaks of what is
-/// ahead.
+/// What its words mean.
+pub(super) const HINT: &str = "How fast the collision guard lets the robot go that way, so that it still stops before \
+                               what its sensors or its map show, and before ground that nobody has seen. It sees too \
+                               little where nobody has looked yet, or where the last look is too old: there the robot \
+                               may only creep, or not move at all. That ends by itself where its sensors have looked.";
+
+/// Whether it lets a vehicle that is driven neither go nor turn.
+pub(super) fn makes_stand(teleop: &TeleopStatus) -> bool {
+    let Velocity {
+        linear_mps,
+        angular_radps,
+    } = teleop.applied;
+    teleop.state == TeleopState::Driving
+        && teleop.clamp == Some(Clamp::Guard)
+        && linear_mps.abs() < LEAST_MPS
+        && angular_radps.abs() < LEAST_RADPS
+}
+
+/// The guard of a vehicle that goes and turns so fast at most, m/s and rad/s. Where nothing is asked for, it speaks of
+/// what is ahead; where nothing may move whatever it allows, of no way.
 pub(super) fn guard(teleop: &TeleopStatus, greatest: [f32; 2]) -> (Tone, String) {
-    let with = |word: &str, limits| format!("{word}{}", allows(teleop, limits, greatest));
+    let with = |word: &str, limits| match teleop.state {
+        TeleopState::SafeBoot | TeleopState::EStop | TeleopState::Fault(_) => word.to_owned(),
+        TeleopState::Idle | TeleopState::Held | TeleopState::Driving | TeleopState::Stopping(_) => {
+            format!("{word}{}", allows(teleop, limits, greatest))
+        }
+    };
     match teleop.guard {
         Guard::Silent => (Tone::Warning, "Silent: nothing moves".to_owned()),
         Guard::Off => (Tone::Warning, "Off".to_owned()),
         Guard::On(limits) => (Tone::Good, with("On", limits)),
-        Guard::Blind(limits) => (Tone::Warning, with("Blind", limits)),
+        Guard::Blind(limits) => (Tone::Warning, with("Sees too little", limits)),
         Guard::Stale => (Tone::Warning, "Sees nothing new: nothing moves".to_owned()),
     }
 }
@@ -39,7 +62,8 @@ fn allows(teleop: &TeleopStatus, limits: GuardLimits, [speed_mps, turn_radps]: [
     let is_free = greatest > 0.0 && allowed >= greatest;
     if is_free || !allowed.is_finite() {
         // It has a reason that is not of this way: a turn beside it, as a rule.
-        return match (teleop.clamp, is_free) {
+        let is_seen = matches!(teleop.guard, Guard::On(_));
+        return match (teleop.clamp, is_free && is_seen) {
             (Some(Clamp::Guard), _) => ", holds it back".to_owned(),
             (Some(Clamp::Speed | Clamp::Ramp | Clamp::Age | Clamp::Stop) | None, true) => {
                 format!(", {way} is free")

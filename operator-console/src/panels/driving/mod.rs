@@ -4,13 +4,15 @@ mod data;
 mod figures;
 mod gauge;
 mod guard;
+mod headline;
+mod keys;
 mod last_stop;
 mod untold;
 pub mod words;
 
 use eframe::egui::{
     Align, Button, CollapsingHeader, Color32, DragValue, Label, Layout, RectAlign, Response,
-    RichText, ScrollArea, Stroke, Tooltip, Ui, vec2,
+    RichText, ScrollArea, Stroke, TextStyle, Tooltip, Ui, vec2,
 };
 use protocol::keys::OperatorId;
 use protocol::message::{LeaseRequest, Setting, Settings};
@@ -66,9 +68,7 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
     if let Some(hint) = data.hint {
         shown.response.on_hover_text(hint);
     }
-    // Always there, for the same reason.
-    let advice = RichText::new(data.advice.as_deref().unwrap_or(" ")).small();
-    ui.add(Label::new(advice).wrap());
+    advice_ui(ui, data.advice.as_deref());
     ui.add_space(2.0);
     ui.label(RichText::new(&data.driver).strong());
     intent = intent.or(lease_ui(ui, data.lease));
@@ -104,6 +104,23 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
         rows_ui(ui, "refused commands", &data.refused);
     });
     intent
+}
+
+/// Always there, in as many lines as the longest that a key brings: the buttons below stay under the pointer.
+fn advice_ui(ui: &mut Ui, advice: Option<&str>) {
+    let font = TextStyle::Small.resolve(ui.style());
+    let width = ui.available_width();
+    let height = |words: &str| {
+        let galley = ui
+            .painter()
+            .layout(words.to_owned(), font.clone(), Color32::BLACK, width);
+        galley.size().y
+    };
+    let reserved = headline::BY_KEYS.into_iter().map(height);
+    let reserved = reserved.fold(0.0, f32::max);
+    let words = RichText::new(advice.unwrap_or(" ")).small();
+    let shown = ui.add(Label::new(words).wrap()).rect.height();
+    ui.add_space((reserved - shown).max(0.0));
 }
 
 fn estop_ui(ui: &mut Ui, face: &EStopFace) -> Option<Intent> {

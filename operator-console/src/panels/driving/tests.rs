@@ -1,4 +1,7 @@
 mod asked;
+mod grants;
+mod keys_count;
+mod restarted;
 
 use eframe::egui::vec2;
 use egui_kittest::Harness;
@@ -21,6 +24,7 @@ use crate::theme::Tone;
 struct Rig {
     teleop: TeleopStatus,
     helm: HelmSight,
+    is_boat: bool,
     velocity: [f32; 2],
     now: Monotonic,
 }
@@ -30,6 +34,7 @@ impl Rig {
         Self {
             teleop: standing(),
             helm: helm_of_anna(),
+            is_boat: false,
             velocity: [0.0; 2],
             now: at(1_100),
         }
@@ -59,6 +64,7 @@ impl Rig {
             source: String::new(),
             footprint_m: [0.6, 0.4],
             limits: [1.0, 5.0],
+            is_boat: self.is_boat,
             ..Info::default()
         };
         let [speed_mps, turn_rate_radps] = self.velocity;
@@ -387,8 +393,10 @@ fn the_guard_and_the_last_stop_are_always_seen() {
         (
             Guard::Blind(limits(0.25)),
             Tone::Warning,
-            "Blind, ahead ≤ 0.25 m/s",
+            "Sees too little, ahead ≤ 0.25 m/s",
         ),
+        // Of another way than that.
+        (Guard::Blind(limits(1.0)), Tone::Warning, "Sees too little"),
         (
             Guard::Stale,
             Tone::Warning,

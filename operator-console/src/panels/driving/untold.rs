@@ -3,7 +3,7 @@
 
 use protocol::message::{TeleopState, TeleopStatus};
 
-use super::data::Headline;
+use super::headline::Headline;
 use super::words;
 use crate::panels::wording::signed;
 use crate::theme::Tone;
@@ -17,12 +17,13 @@ const ADRIFT: &str = "Something other than an operator moves it: its own program
                       From here both look the same.";
 const AGAINST_ORDERS: &str = "It is told to stand, and moves all the same: it rolls, it is pushed, or its motors do not obey.";
 
-/// What is said of it, where it `moves` so fast, forwards, m/s. `None` where it stands, is driven, or moves as a boat without
-/// thrust does: slowly, or after it was driven a moment ago.
-pub(super) fn untold(teleop: &TeleopStatus, moves: Option<f32>) -> Option<Headline> {
+/// What is said of it, where it `moves` so fast, forwards, m/s. `None` where it stands, is driven, or moves as a boat
+/// without thrust does: slowly, or after it was driven a moment ago. A boat that somebody stopped moves too, and its
+/// satellite receiver says so of one that lies still: neither is a reason to warn.
+pub(super) fn untold(teleop: &TeleopStatus, moves: Option<f32>, is_boat: bool) -> Option<Headline> {
     let speed_mps = moves?;
     let speed = signed(f64::from(speed_mps), 2);
-    let (tone, words, hint) = match (teleop.state, teleop.is_drifting) {
+    let (tone, words, hint) = match (teleop.state, is_boat || teleop.is_drifting) {
         (TeleopState::Idle, false) => (Tone::Waiting, "Moving by itself".to_owned(), BY_ITSELF),
         // Whether that is a program or a strong current, only the water knows.
         (TeleopState::Idle, true) if speed_mps.abs() > DRIFTING => {

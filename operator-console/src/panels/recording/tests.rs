@@ -4,10 +4,11 @@ use std::rc::Rc;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use protocol::keys::Topic;
-use protocol::message::{Refusal, Status};
+use protocol::message::{Info, Refusal, Status};
 
 use super::*;
-use crate::pretend::{at, console, helm_of_anna, says, scout};
+use crate::model::RequestId;
+use crate::pretend::{answers, at, console, helm_of_anna, says, scout, standing};
 
 fn recording(state: RecordingState) -> RecordingStatus {
     RecordingStatus {
@@ -98,6 +99,30 @@ fn a_robot_that_does_not_record_says_how_it_would() {
         "Waiting This robot does not record\n\
          Start robot-edge with --recordings DIR to let operators record."
     );
+}
+
+#[test]
+fn a_replay_is_not_told_to_be_started_with_what_it_does_not_have() {
+    let advice = |source: &str, teleop| {
+        let mut model = scout();
+        let info = Info {
+            source: source.to_owned(),
+            ..Info::default()
+        };
+        answers(&mut model, RequestId(1), Topic::Info, &info, at(1_000));
+        let status = Status {
+            teleop,
+            ..Status::default()
+        };
+        says(&mut model, Topic::Status, &status, at(1_000));
+        let data = RecordingData::new(&model, None, None, at(1_100));
+        data.advice.unwrap()
+    };
+    let start = "Start robot-edge with --recordings DIR to let operators record.";
+    let replayed = "What it shows comes from rooms.mcap, not from sensors: nothing new to record.";
+    assert_eq!(advice("rooms.mcap", None), replayed);
+    assert_eq!(advice("", None), start);
+    assert_eq!(advice("rooms", Some(standing())), start);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use protocol::message::{Info, Status};
 
 use super::*;
 use crate::model::RequestId;
-use crate::pretend::{answers, at, says, scout};
+use crate::pretend::{answers, at, console, says, scout};
 
 fn info(name: &str, kind: SensorKind, rate_hz: Option<f32>) -> SensorInfo {
     SensorInfo {
@@ -176,4 +176,17 @@ fn a_narrow_panel_shows_all_of_every_sensor_within_its_width() {
         assert!(panel.query_by_label("0 dropped").is_none());
         assert!(panel.query_by_label("Last seen").is_none(), "{width}");
     }
+}
+
+#[test]
+fn sensors_of_a_recording_that_stands_do_not_grow_older() {
+    let mut model = console("recording-1a2b3c", &[]);
+    let told = Status {
+        sensors: vec![status("laser", 5.0, None)],
+        ..Status::default()
+    };
+    says(&mut model, Topic::Status, &told, at(1_000));
+    let [then, later] = [1_100, 61_000].map(|ms| SensorsData::new(&model, at(ms)));
+    assert_eq!(later, then);
+    assert_eq!((then.note, &*then.sensors[0].state), (None, "Good"));
 }

@@ -4,6 +4,7 @@ use robot_edge::pacer::Rate;
 use robot_edge::replay_control::{Mark, ReplaySight, ReplayState};
 use robot_edge::robot_time::RobotDuration;
 
+use crate::event_log::kind_words;
 use crate::playback::is_going;
 use crate::theme::Tone;
 
@@ -122,7 +123,7 @@ fn with_speed(words: String, reached: Option<f64>) -> String {
 }
 
 fn mark(mark: &Mark) -> TimelineMark {
-    let kind = mark.kind.replace('_', " ");
+    let kind = kind_words(mark.kind);
     TimelineMark {
         at_s: mark.at.as_secs_f64(),
         is_fault: matches!(mark.kind, "gap" | "clock" | "loss" | "pose_jump"),

@@ -4,6 +4,7 @@ use protocol::keys::OperatorId as OperatorName;
 
 use super::reasons::{why_ended, why_stopped};
 use crate::driving::board::Notice;
+use crate::teleop::arbiter::FaultReason;
 use crate::teleop::emergency_stop::EStopSource;
 use crate::teleop::lease::How;
 use crate::teleop::{Happening, Mode, OperatorId};
@@ -47,12 +48,10 @@ pub(in crate::driving) fn event(notice: &Notice, names: &[OperatorName]) -> (&'s
         Happening::Mode { from, to } => {
             let text = match to {
                 Mode::Stopping { reason, .. } => format!("stopping: {}", why_stopped(reason)),
-                Mode::SafeBoot
-                | Mode::Idle
-                | Mode::Held
-                | Mode::Driving
-                | Mode::EStop
-                | Mode::Fault(_) => format!("{} after {}", said(to), said(from)),
+                Mode::Idle | Mode::Held | Mode::Driving => {
+                    format!("{}{}", over(from), said(to))
+                }
+                Mode::SafeBoot | Mode::EStop | Mode::Fault(_) => said(to).to_owned(),
             };
             (mode_kind(to), text)
         }
@@ -110,15 +109,27 @@ const fn mode_kind(to: Mode) -> &'static str {
     }
 }
 
+/// A state, as true of what stands as of a boat that drifts.
 const fn said(mode: Mode) -> &'static str {
     match mode {
-        Mode::SafeBoot => "starting",
-        Mode::Idle => "idle",
-        Mode::Held => "held",
-        Mode::Driving => "driving",
+        Mode::SafeBoot => "the self-test runs",
+        Mode::Idle => "nobody drives",
+        Mode::Held => "waits for the driver's keys",
+        Mode::Driving => "obeys the driver's keys",
         Mode::Stopping { .. } => "stopping",
-        Mode::EStop => "emergency stop",
-        Mode::Fault(_) => "fault",
+        Mode::EStop => "emergency stop: nobody drives until a reset",
+        Mode::Fault(FaultReason::SelfTest) => "fault: the self-test failed",
+        Mode::Fault(FaultReason::Actuator) => "fault: the motors do not obey",
+    }
+}
+
+/// What has ended, where people were kept from driving by it.
+const fn over(from: Mode) -> &'static str {
+    match from {
+        Mode::SafeBoot => "self-test passed, ",
+        Mode::EStop => "emergency stop over, ",
+        // A fault ends in a self-test.
+        Mode::Idle | Mode::Held | Mode::Driving | Mode::Stopping { .. } | Mode::Fault(_) => "",
     }
 }
 
@@ -160,6 +171,37 @@ mod tests {
             ),
         ] {
             assert_eq!(event(&notice, &[]), (kind, text.to_owned()));
+        }
+    }
+
+    #[test]
+    fn a_state_is_told_in_words_that_hold_on_land_and_water() {
+        let stopping = Mode::Stopping {
+            reason: StopReason::Released,
+            since: Monotonic::default(),
+        };
+        for (from, to, text) in [
+            (stopping, Mode::Held, "waits for the driver's keys"),
+            (Mode::Held, Mode::Driving, "obeys the driver's keys"),
+            (Mode::Held, Mode::Idle, "nobody drives"),
+            (
+                Mode::SafeBoot,
+                Mode::Idle,
+                "self-test passed, nobody drives",
+            ),
+            (
+                Mode::EStop,
+                Mode::Idle,
+                "emergency stop over, nobody drives",
+            ),
+            (
+                Mode::Driving,
+                Mode::EStop,
+                "emergency stop: nobody drives until a reset",
+            ),
+        ] {
+            let told = event(&Notice::Arbiter(Happening::Mode { from, to }), &[]);
+            assert_eq!(told, ("teleop_state", text.to_owned()));
         }
     }
 

@@ -113,8 +113,12 @@ impl Step<'_> {
         ] {
             let factor = factor_within(target, caps);
             if factor < 1.0 {
-                target = target.scaled(factor);
-                clamp = Some(cause);
+                let slower = target.scaled(factor);
+                // What the wire rounds up is no more than what is allowed.
+                if differ(target, slower) {
+                    clamp = Some(cause);
+                }
+                target = slower;
             }
         }
 
@@ -123,14 +127,7 @@ impl Step<'_> {
             caps: (guard_caps.0.at_most(age_cap), guard_caps.1),
         };
         self.state.motion = self.state.motion.towards(&aim, dt, limits);
-        let applied = self.state.motion.velocity();
-        let is_short = |asked: f64, applied: f64| (asked - applied).abs() > NOTEWORTHY;
-        if is_short(target.linear_mps, applied.linear_mps)
-            || is_short(target.angular_radps, applied.angular_radps)
-        {
-            clamp = clamp.or(Some(Clamp::Ramp));
-        }
-        self.state.clamp = clamp;
+        self.state.clamp = binding(clamp, target, self.state.motion.velocity());
     }
 
     /// The output has become zero: who is next, drives; else who drove may go on after a press.
@@ -151,6 +148,30 @@ impl Step<'_> {
             estop.store_asked = self.now;
             self.actions.push(Action::StoreEStop(estop.id));
         }
+    }
+}
+
+fn differ(one: Velocity, other: Velocity) -> bool {
+    let differ = |one: f64, other: f64| (one - other).abs() > NOTEWORTHY;
+    differ(one.linear_mps, other.linear_mps) || differ(one.angular_radps, other.angular_radps)
+}
+
+/// What keeps the output from what is asked in this very tick. `limit` is why no more than `target` may be told: it
+/// binds once the output is there, and while the output brakes towards it. On the way up, acceleration does.
+fn binding(limit: Option<Clamp>, target: Velocity, applied: Velocity) -> Option<Clamp> {
+    // In the direction of the target; negative where the output is faster. A target of zero keeps the sign of what was
+    // asked.
+    let missing = |target: f64, applied: f64| target.abs() - applied * 1.0_f64.copysign(target);
+    let missing = [
+        missing(target.linear_mps, applied.linear_mps),
+        missing(target.angular_radps, applied.angular_radps),
+    ];
+    let is_braking = missing.iter().any(|missing| *missing < -NOTEWORTHY);
+    let is_short = missing.iter().any(|missing| *missing > NOTEWORTHY);
+    match (is_braking, is_short) {
+        (true, _) => limit.or(Some(Clamp::Ramp)),
+        (false, true) => Some(Clamp::Ramp),
+        (false, false) => limit,
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::compass::{Compass, Travel};
 use super::config::{GuardRules, OnBlind};
+use super::excess::excess;
 use super::judgement::Judgement;
 use super::lack::Lack;
 use super::local_map::LocalMap;
@@ -108,22 +109,13 @@ impl CollisionGuard {
             judgement.judge_change(travel(motion), travel(requested));
         }
         let limits = judgement.limits();
-        Ok(if self.rules.is_boat {
-            cut_thrust(limits, measured)
-        } else {
-            limits
+        Ok(GuardLimits {
+            excess: if self.rules.is_boat {
+                excess(&limits, measured, &self.rules)
+            } else {
+                Velocity::ZERO
+            },
+            ..limits
         })
-    }
-}
-
-/// What floats does not brake: thrust for a lower speed would only keep it fast for longer.
-fn cut_thrust(limits: GuardLimits, measured: Velocity) -> GuardLimits {
-    let unless_faster = |most: f64, speed: f64| if speed > most { 0.0 } else { most };
-    GuardLimits {
-        forward_mps: unless_faster(limits.forward_mps, measured.linear_mps),
-        reverse_mps: unless_faster(limits.reverse_mps, -measured.linear_mps),
-        left_radps: unless_faster(limits.left_radps, measured.angular_radps),
-        right_radps: unless_faster(limits.right_radps, -measured.angular_radps),
-        is_blind: limits.is_blind,
     }
 }

@@ -6,6 +6,7 @@
 use super::compass::{ALL_AROUND, Axis, Compass, Part, STEPS, Travel};
 use super::heading::Heading;
 use super::outlook::{Allowed, Outlook};
+use crate::teleop::velocity::Velocity;
 use crate::teleop::verdict::GuardLimits;
 
 /// Slower is standing still, metres per second of any point of the body.
@@ -108,6 +109,7 @@ impl<'a> Judgement<'a> {
             left_radps: most(Axis::Left) / self.radius_m,
             right_radps: most(Axis::Right) / self.radius_m,
             is_blind: self.is_blind,
+            excess: Velocity::ZERO,
         }
     }
 

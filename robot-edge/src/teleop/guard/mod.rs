@@ -31,6 +31,7 @@ pub mod heading;
 
 mod compass;
 mod coverage;
+mod excess;
 mod judge;
 mod judgement;
 mod lack;

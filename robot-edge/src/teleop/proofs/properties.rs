@@ -58,12 +58,17 @@ fn fate() -> impl Strategy<Value = Fate> {
 
 fn verdict() -> impl Strategy<Value = GuardVerdict> {
     let limit = || prop_oneof![3 => 0.0..1.5, 1 => Just(0.0), 1 => any::<f64>()];
-    let limits = (limit(), limit(), limit(), limit(), any::<bool>());
+    let excess = (-1.0..1.0, -1.0..1.0).prop_map(|(linear_mps, angular_radps)| Velocity {
+        linear_mps,
+        angular_radps,
+    });
+    let excess = prop_oneof![3 => Just(Velocity::ZERO), 1 => excess];
+    let limits = (limit(), limit(), limit(), limit(), any::<bool>(), excess);
     prop_oneof![
         1 => Just(GuardVerdict::Off),
         1 => Just(GuardVerdict::Stale),
-        6 => limits.prop_map(|(forward_mps, reverse_mps, left_radps, right_radps, is_blind)| {
-            GuardVerdict::Limits(GuardLimits { forward_mps, reverse_mps, left_radps, right_radps, is_blind })
+        6 => limits.prop_map(|(forward_mps, reverse_mps, left_radps, right_radps, is_blind, excess)| {
+            GuardVerdict::Limits(GuardLimits { forward_mps, reverse_mps, left_radps, right_radps, is_blind, excess })
         }),
     ]
 }

@@ -20,6 +20,7 @@ mod drop_file;
 mod garbage;
 #[cfg(target_os = "linux")]
 mod idle;
+mod last_word;
 mod late_and_hidden;
 mod link_loss;
 mod live_map;

@@ -117,6 +117,7 @@ fn words_that_are_not_plain_are_explained_to_whoever_points_at_them() {
     for (label, says) in [
         ("Age allows", "The older commands are, the slower"),
         ("0.38 m/s", "the oldest that it would obey"),
+        ("Guard", "before ground that nobody has seen"),
         (
             "Moving by itself",
             "Something other than an operator moves it",

@@ -8,6 +8,7 @@ const OPEN: GuardLimits = GuardLimits {
     left_radps: 1.0,
     right_radps: 1.0,
     is_blind: false,
+    excess: Velocity::ZERO,
 };
 
 fn near(is: f64, expected: f64) {
@@ -170,6 +171,57 @@ fn what_limits_the_speed_is_told() {
     near(vehicle.output().angular_radps, 1.0);
     vehicle.silence(600);
     assert_eq!(vehicle.report().clamp, None);
+}
+
+#[test]
+fn on_its_way_to_a_limit_it_is_held_back_by_its_acceleration() {
+    // The first is the greatest speed as the 32 bits of the wire may round it.
+    for (asked_mps, at_last) in [(1.000_000_05, None), (1.5, Some(Clamp::Vehicle))] {
+        for way in [1.0, -1.0] {
+            let asked = Velocity {
+                linear_mps: way * asked_mps,
+                angular_radps: 0.0,
+            };
+            let mut vehicle = Vehicle::driving();
+            vehicle.hold(asked, 60);
+            assert!(vehicle.output().linear_mps.abs() < 0.95, "{asked:?}");
+            assert_eq!(vehicle.report().clamp, Some(Clamp::Ramp), "{asked:?}");
+            vehicle.hold(asked, 200);
+            near(vehicle.output().linear_mps, way);
+            assert_eq!(vehicle.report().clamp, at_last, "{asked:?}");
+        }
+    }
+}
+
+#[test]
+fn the_guard_is_named_while_it_brakes_and_where_it_holds() {
+    let mut vehicle = Vehicle::driving();
+    vehicle.guard = GuardVerdict::Limits(GuardLimits {
+        forward_mps: 0.1,
+        ..OPEN
+    });
+    for (rounds, mps) in [(1, 0.28), (60, 0.1)] {
+        vehicle.hold(FORWARD, rounds);
+        near(vehicle.output().linear_mps, mps);
+        assert_eq!(vehicle.report().clamp, Some(Clamp::Guard), "{rounds}");
+    }
+}
+
+#[test]
+fn a_boat_that_is_too_fast_is_shown_the_limit_and_gets_no_thrust() {
+    let mut boat = Vehicle::driving();
+    let limits = GuardLimits {
+        forward_mps: 0.2,
+        excess: FORWARD.scaled(1.0 / 3.0),
+        ..OPEN
+    };
+    boat.guard = GuardVerdict::Limits(limits);
+    boat.hold(FORWARD, 60);
+    near(boat.output().linear_mps, 0.0);
+    assert_eq!(boat.report().guard, Some(GuardVerdict::Limits(limits)));
+    // Thrust the other way slows it down.
+    boat.hold(FORWARD.scaled(-1.0), 100);
+    near(boat.output().linear_mps, -0.3);
 }
 
 #[test]

@@ -411,12 +411,42 @@ fn a_boat_that_is_too_fast_gets_no_thrust() {
     boat.teleop.stop_decel_mps2 = 0.5;
     // On a boat what a beam hits must rise from the water; here it is 0.2 m high.
     let at = Situation::new(boat, Laser::ALL_AROUND, &wall_ahead(1.4)).driving(going(0.9, 0.0));
+    // It must have 0.9 m left before the margin, and says so; of thrust there is none.
     let limits = at.limits(going(0.9, 0.0));
-    assert_eq!(limits.forward_mps, 0.0);
+    let needed_m = limits.forward_mps * (0.02 + limits.forward_mps);
+    assert!((needed_m - 0.81).abs() < 1e-9, "{limits:?}");
+    assert_eq!(thrust_mps(limits), 0.0);
     let slow =
         Situation::new(at.setup, Laser::ALL_AROUND, &wall_ahead(1.4)).driving(going(0.3, 0.0));
     let limits = slow.limits(going(0.9, 0.0));
-    assert!(limits.forward_mps > 0.7, "{limits:?}");
+    assert!(thrust_mps(limits) > 0.7, "{limits:?}");
+}
+
+/// The greatest speed ahead that the motors may be told.
+fn thrust_mps(limits: GuardLimits) -> f64 {
+    GuardVerdict::Limits(limits).caps().0.towards(1.0)
+}
+
+#[test]
+fn in_open_water_a_boat_that_measures_more_than_its_greatest_speed_is_not_held_back() {
+    let mut boat = setup();
+    boat.teleop.is_boat = true;
+    let limits_at = |setup: &Setup, measured_mps: f64| {
+        let mut at = Situation::new(setup.clone(), Laser::ALL_AROUND, &vec![]);
+        at.measured = going(measured_mps, 0.0);
+        at.told = going(1.0, 0.0);
+        at.limits(going(1.0, 0.0))
+    };
+    for (measured_mps, thrust) in [(0.97, 1.0), (1.02, 1.0), (1.2, 0.0)] {
+        let limits = limits_at(&boat, measured_mps);
+        assert_eq!(
+            (limits.forward_mps, thrust_mps(limits)),
+            (1.0, thrust),
+            "{measured_mps}"
+        );
+    }
+    // On land it brakes, at any speed.
+    assert_eq!(thrust_mps(limits_at(&setup(), 1.2)), 1.0);
 }
 
 /// The laser of the elevation document: 1.08 m high, 7.5 degrees down. On level floor it only hits floor.

@@ -1,0 +1,87 @@
+//! That nothing new will come of a robot: its data has ended.
+
+use robot_edge::clock::Monotonic;
+
+use super::{ConsoleModel, LinkState};
+
+impl ConsoleModel {
+    /// Whether the robot says that its data has ended.
+    pub fn says_ended(&self) -> bool {
+        self.status().is_some_and(|(status, _)| status.has_ended)
+    }
+
+    /// Whether the robot's data has ended and its last announcement is known, so that nothing new will come.
+    pub fn has_ended(&self) -> bool {
+        self.ended_seq.is_some_and(|ended| self.head_seq > ended)
+    }
+
+    /// Whether its silence would be no news: its data has ended, and nothing could move. Of a vehicle that can be
+    /// driven it is, whatever its data does.
+    pub fn may_fall_silent(&self) -> bool {
+        let status = self.status();
+        status.is_some_and(|(status, _)| status.has_ended && status.teleop.is_none())
+    }
+
+    /// Share of the poses of the last 2 s that should have come and did not, 0 … 1; none where nobody knows whether any
+    /// were sent: the robot is not heard, or its data has ended.
+    pub fn poses_missing(&self, now: Monotonic) -> Option<f32> {
+        let is_live = self.connection.state(now) == LinkState::Live;
+        let is_sending = is_live && !self.says_ended();
+        self.quality.missing(now).filter(|_| is_sending)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::keys::Topic;
+    use protocol::message::{Pose, Status};
+
+    use crate::model::ConsoleModel;
+    use crate::pretend::{at, says, scout, standing};
+
+    fn model(status: &Status) -> ConsoleModel {
+        let mut model = scout();
+        says(&mut model, Topic::Status, status, at(0));
+        model
+    }
+
+    #[test]
+    fn only_what_nobody_could_drive_falls_silent_at_its_end_without_being_missed() {
+        let running = Status::default();
+        let ended = Status {
+            has_ended: true,
+            ..Status::default()
+        };
+        let vehicle = Status {
+            teleop: Some(standing()),
+            ..ended.clone()
+        };
+        let may = [running, ended, vehicle].map(|status| model(&status).may_fall_silent());
+        assert_eq!(may, [false, true, false]);
+        assert!(!scout().may_fall_silent());
+    }
+
+    #[test]
+    fn nobody_knows_what_is_lost_while_nothing_is_heard_or_nothing_is_sent() {
+        let mut live = model(&Status::default());
+        let pose = Pose {
+            position_m: [0.0; 3],
+            quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
+            speed_mps: 0.0,
+            turn_rate_radps: 0.0,
+            token: None,
+        };
+        // 10 a second of 20.
+        for ms in (0..=3_000).step_by(100) {
+            says(&mut live, Topic::Pose, &pose, at(ms));
+        }
+        assert_eq!(live.poses_missing(at(3_050)), Some(0.5));
+        assert_eq!(live.poses_missing(at(9_000)), None, "it is silent");
+        let ended = Status {
+            has_ended: true,
+            ..Status::default()
+        };
+        says(&mut live, Topic::Status, &ended, at(3_050));
+        assert_eq!(live.poses_missing(at(3_050)), None, "it has ended");
+    }
+}

@@ -1,0 +1,165 @@
+//! How the vehicle is, in a word or two, and what follows from that.
+
+use std::time::Duration;
+
+use protocol::message::{Arming, Guard, StopReason, TeleopState, TeleopStatus};
+
+use super::guard::makes_stand;
+use super::untold::untold;
+use super::words;
+use crate::helm::{HelmSight, Lease};
+use crate::model::ConsoleModel;
+use crate::panels::wording::{age, capitalised};
+use crate::theme::Tone;
+
+/// A vehicle that is slower than this stands, m/s and rad/s.
+const MOVING: f32 = 0.05;
+
+const DRIVES: &str = "W A S D or arrows drive while held";
+const COASTS: &str = "No thrust: it coasts, and wind and current move it";
+const SLOWS: &str = "Slows down first, then goes as the keys say";
+const STANDS: &str = "Stands: the collision guard holds it back";
+const NO_THRUST: &str = "No thrust: the collision guard holds it back";
+const STOPPED: &str = "Its motors stand until it is reset.";
+const STOPPED_AFLOAT: &str = "Its motors stand until it is reset. Wind and current may move it";
+/// What a key changes from one to the other: all have the room of the longest, so that nothing below moves meanwhile.
+pub(super) const BY_KEYS: [&str; 8] = [
+    DRIVES,
+    COASTS,
+    SLOWS,
+    STANDS,
+    NO_THRUST,
+    STOPPED,
+    STOPPED_AFLOAT,
+    words::stop(StopReason::Released),
+];
+
+/// How the vehicle is, in words.
+pub(super) struct Headline {
+    pub(super) tone: Tone,
+    pub(super) words: String,
+    pub(super) advice: Option<String>,
+    pub(super) hint: Option<&'static str>,
+}
+
+impl Headline {
+    const fn new(tone: Tone, words: String, advice: Option<String>) -> Self {
+        Self {
+            tone,
+            words,
+            advice,
+            hint: None,
+        }
+    }
+}
+
+/// A link that is lost is no pause: nobody here knows what the vehicle does.
+pub(super) fn lost(silence: Duration, helm: &HelmSight) -> Headline {
+    let advice = match helm.lease {
+        Lease::Held(_) => {
+            "It stops by itself when commands stay away, and soon gives up the lease. When it is heard again, let go \
+             of all keys, and press Drive where nobody drives."
+        }
+        Lease::None | Lease::Waiting { .. } => "What it does now is not known here.",
+    };
+    let words = format!("Link lost for {}", age(silence));
+    Headline::new(Tone::Warning, words, Some(advice.to_owned()))
+}
+
+/// It runs anew, and has not said yet how it is.
+pub(super) fn awaited() -> Headline {
+    let advice = "It has restarted. What it does now is not known here yet.";
+    let words = "Waiting for its state".to_owned();
+    Headline::new(Tone::Waiting, words, Some(advice.to_owned()))
+}
+
+/// Where it was and how fast it went are the last that there is.
+pub(super) fn ended() -> Headline {
+    let advice = "Nothing new will come of this robot";
+    let words = "Its data has ended".to_owned();
+    Headline::new(Tone::Waiting, words, Some(advice.to_owned()))
+}
+
+/// The speed of a vehicle that moves, forwards, m/s.
+pub(super) fn moves(model: &ConsoleModel) -> Option<f32> {
+    let (pose, _) = model.vehicle().pose()?;
+    let is_moving = pose.speed_mps.abs() >= MOVING || pose.turn_rate_radps.abs() >= MOVING;
+    is_moving.then_some(pose.speed_mps)
+}
+
+/// Of a vehicle that is heard, and `moves` so fast, forwards, m/s.
+pub(super) fn heard(
+    teleop: &TeleopStatus,
+    helm: &HelmSight,
+    moves: Option<f32>,
+    is_boat: bool,
+) -> Headline {
+    if let Some(untold) = untold(teleop, moves, is_boat) {
+        return untold;
+    }
+    let headline = match teleop.state {
+        TeleopState::Stopping(_) => "Stopping".to_owned(),
+        TeleopState::Fault(_) => "Fault".to_owned(),
+        TeleopState::Idle | TeleopState::Held if teleop.is_drifting => "Drifting".to_owned(),
+        TeleopState::Idle => "Standing".to_owned(),
+        TeleopState::Driving if makes_stand(teleop) => "Held back".to_owned(),
+        TeleopState::SafeBoot | TeleopState::Held | TeleopState::Driving | TeleopState::EStop => {
+            words::state(teleop.state)
+        }
+    };
+    let tone = match teleop.state {
+        TeleopState::Driving if !makes_stand(teleop) => Tone::Good,
+        TeleopState::Idle | TeleopState::Held if !teleop.is_drifting => Tone::Waiting,
+        TeleopState::Stopping(StopReason::Released) | TeleopState::SafeBoot => Tone::Waiting,
+        TeleopState::Idle
+        | TeleopState::Held
+        | TeleopState::Driving
+        | TeleopState::Stopping(_)
+        | TeleopState::EStop
+        | TeleopState::Fault(_) => Tone::Warning,
+    };
+    Headline::new(tone, headline, advice(teleop, helm, is_boat))
+}
+
+fn advice(teleop: &TeleopStatus, helm: &HelmSight, is_boat: bool) -> Option<String> {
+    let is_mine = helm.lease.held().is_some();
+    let words = match (teleop.state, helm.ignored) {
+        // It is taken back early only: later it ends first, and goes on by itself with what is held down then.
+        (TeleopState::Stopping(_), _) if teleop.arming == Arming::Pressed => SLOWS,
+        (TeleopState::Stopping(why), _) => return Some(capitalised(words::stop(why))),
+        (TeleopState::Fault(_), _) => {
+            let fault = words::state(teleop.state);
+            return Some(format!("{fault}. Reset it at the vehicle."));
+        }
+        (TeleopState::EStop, _) if is_boat => STOPPED_AFLOAT,
+        (TeleopState::EStop, _) => STOPPED,
+        (_, Some(why)) if is_mine => {
+            let why = words::ignored(why, teleop.last_stop);
+            return Some(format!("Let go of all keys: {why}"));
+        }
+        // Whatever is pressed: without this it would be for the operator to guess.
+        (TeleopState::Held, None)
+            if is_mine && matches!(teleop.guard, Guard::Stale | Guard::Silent) =>
+        {
+            "The guard sees nothing new, so nothing moves: the robot's sensors or its machine are late. When it sees, \
+             press anew"
+        }
+        (TeleopState::Held, None)
+            if is_mine && !helm.wish.is_neutral() && teleop.arming == Arming::Locked =>
+        {
+            "Let go of all keys, then press anew"
+        }
+        (TeleopState::Held | TeleopState::Driving, _) if is_mine && !helm.is_ready => {
+            "The keys go to a text or to another window. Click into the map to drive"
+        }
+        (TeleopState::Driving, _) if makes_stand(teleop) && is_boat => NO_THRUST,
+        (TeleopState::Driving, _) if makes_stand(teleop) => STANDS,
+        (TeleopState::Idle | TeleopState::Held, _) if teleop.is_drifting => COASTS,
+        (TeleopState::Held | TeleopState::Driving, _) if is_mine => DRIVES,
+        (
+            TeleopState::SafeBoot | TeleopState::Idle | TeleopState::Held | TeleopState::Driving,
+            _,
+        ) => return None,
+    };
+    Some(words.to_owned())
+}

@@ -1,0 +1,159 @@
+use eframe::egui::vec2;
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+
+use super::*;
+
+const NOW: Monotonic = Monotonic::from_nanos(60_000_000_000);
+
+fn seen(robot: &str, ago_s: u64, state: Option<FleetState>) -> Seen {
+    let found = FoundRobot {
+        robot: robot.parse().unwrap(),
+        endpoint: format!("tcp/{robot}:7447"),
+    };
+    let seen = Monotonic::from_nanos((60 - ago_s) * 1_000_000_000);
+    Seen {
+        sighting: Sighting { found, seen, state },
+        color: Color32::BLUE,
+        alerts: 0,
+    }
+}
+
+#[test]
+fn the_advice_says_what_to_do() {
+    let named = "boat".parse().unwrap();
+    let advice = |seen: &[Seen], sought| {
+        RobotsData::new(seen, None, sought, None, NOW)
+            .advice
+            .unwrap_or_default()
+    };
+    assert_eq!(advice(&[], Sought::Any), "No robot found yet.");
+    let (a, b) = (seen("a", 0, None), seen("b", 0, None));
+    assert_eq!(
+        advice(&[a.clone(), b.clone()], Sought::Any),
+        "Choose one on the left."
+    );
+    let waiting = advice(std::slice::from_ref(&a), Sought::Named(&named));
+    assert!(waiting.contains("Looking for boat"));
+    let data = RobotsData::new(&[b.clone(), a, b], None, Sought::Any, None, NOW);
+    let names: Vec<_> = data
+        .found
+        .iter()
+        .map(|line| line.found.robot.to_string())
+        .collect();
+    assert_eq!(names, ["b", "a"], "as first found");
+    let second = data.numbered(2).unwrap();
+    assert_eq!(second.robot.as_str(), "a");
+    assert_eq!((data.numbered(0), data.numbered(3)), (None, None));
+}
+
+#[test]
+fn where_robots_are_looked_for_alone_is_said_while_that_matters() {
+    let addresses = ["tcp/a:7447".to_owned(), "tcp/b:7447".to_owned()];
+    let said = |seen: &[Seen], current, sought: Sought<'_>| {
+        let mut data = RobotsData::new(seen, current, sought, None, NOW);
+        let before = data.advice.clone();
+        data.looks_only_at(&addresses);
+        (data.advice != before).then_some(data.advice).flatten()
+    };
+    let only = " Only tcp/a:7447, tcp/b:7447 are asked, as --connect says.";
+    assert_eq!(
+        said(&[], None, Sought::Any),
+        Some(format!("No robot found yet.{only}"))
+    );
+    let boat = "boat".parse().unwrap();
+    let named = said(&[], None, Sought::Named(&boat));
+    let looking = "Looking for boat. Start it, or type its address.";
+    assert_eq!(named, Some(format!("{looking}{only}")));
+    let found = [seen("a", 0, None)];
+    assert_eq!(said(&found, None, Sought::Any), None, "one is there");
+    let shown = Some((&boat, LinkState::Live));
+    assert_eq!(said(&[], shown, Sought::Any), None, "one is shown");
+    let demo = Sought::Demo { failure: None };
+    assert_eq!(said(&[], None, demo), None, "it comes by itself");
+}
+
+#[test]
+fn every_robot_says_how_it_is() {
+    let anna = FleetState::DrivenBy("anna".parse().unwrap());
+    let mut fleet = [
+        seen("a", 3, Some(FleetState::Free)),
+        seen("b", 3, Some(anna)),
+        seen("c", 3, Some(FleetState::EStop)),
+        seen("d", 25, Some(FleetState::Free)),
+        seen("e", 3, Some(FleetState::Free)),
+        seen("f", 3, None),
+        seen("g", 3, Some(FleetState::Ended)),
+    ];
+    fleet[1].alerts = 1;
+    fleet[2].alerts = 2;
+    let current = "e".parse().unwrap();
+    let current = Some((&current, LinkState::Silent));
+    let data = RobotsData::new(&fleet, current, Sought::Any, None, NOW);
+    let states: Vec<_> = data
+        .found
+        .iter()
+        .map(|line| (line.state.as_str(), line.tone))
+        .collect();
+    assert_eq!(
+        states,
+        [
+            ("free", Tone::Good),
+            ("anna drives, 1 alert", Tone::Warning),
+            ("emergency stop, 2 alerts", Tone::Warning),
+            ("silent, last seen 25 s ago", Tone::Warning),
+            ("silent, last seen 3.0 s ago", Tone::Warning),
+            ("there", Tone::Waiting),
+            ("ended", Tone::Waiting),
+        ]
+    );
+}
+
+#[test]
+fn a_robot_that_is_being_joined_keeps_its_age_and_only_who_is_silent_may_be_forgotten() {
+    let fleet = [
+        seen("a", 3, Some(FleetState::Free)),
+        seen("b", 16, Some(FleetState::Free)),
+        seen("c", 3, Some(FleetState::Free)),
+    ];
+    let told = |link| {
+        let current = "b".parse().unwrap();
+        let data = RobotsData::new(&fleet, Some((&current, link)), Sought::Any, None, NOW);
+        let b = &data.found[1];
+        (b.tone, b.state.clone(), b.is_forgettable)
+    };
+    for (link, tone, state) in [
+        (LinkState::Waiting, Tone::Waiting, "last seen 16 s ago"),
+        (
+            LinkState::Silent,
+            Tone::Warning,
+            "silent, last seen 16 s ago",
+        ),
+    ] {
+        assert_eq!(told(link), (tone, state.to_owned(), false), "it is shown");
+    }
+    let data = RobotsData::new(&fleet, None, Sought::Any, None, NOW);
+    let mut window = Harness::builder()
+        .with_size(vec2(260.0, 400.0))
+        .build_ui_state(
+            move |ui, asked: &mut Option<Command>| {
+                let mut entry = AddressEntry::default();
+                let command = robots_ui(ui, &data, &mut entry);
+                *asked = asked.take().or(command);
+            },
+            None,
+        );
+    window.run_steps(2);
+    for forget in ["Forget a", "Forget c"] {
+        assert!(
+            window.query_by_label(forget).is_none(),
+            "{forget}: it answers"
+        );
+    }
+    let forget = window.get_by_label("Forget b");
+    assert!(forget.rect().right() <= 260.0);
+    forget.click();
+    window.run_steps(2);
+    let expected = Command::ForgetRobot("b".parse().unwrap());
+    assert_eq!(window.state().clone(), Some(expected));
+}
