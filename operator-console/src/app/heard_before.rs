@@ -6,7 +6,7 @@ use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
 use super::ConsoleApp;
-use crate::link::SEEN_LATELY;
+use crate::link::{FleetState, SEEN_LATELY};
 use crate::model::{HeardBefore, SLOWLY_SILENT_AFTER};
 
 /// A first link takes several round trips until something comes by it: more by QUIC and TLS, and where it is slow.
@@ -17,7 +17,10 @@ impl ConsoleApp {
     pub(super) fn heard_before(&self, robot: &RobotId, now: Monotonic) -> Option<HeardBefore> {
         let sightings = self.discovery.sightings();
         let sighting = sightings.iter().find(|one| one.found.robot == *robot)?;
-        Some(before(sighting.seen, self.alerts.knows(robot), now))
+        Some(HeardBefore {
+            had_ended: sighting.state == Some(FleetState::Ended),
+            ..before(sighting.seen, self.alerts.knows(robot), now)
+        })
     }
 }
 
@@ -34,6 +37,7 @@ fn before(last: Monotonic, was_shown: bool, now: Monotonic) -> HeardBefore {
     HeardBefore {
         last,
         missed_from: now + patience,
+        had_ended: false,
     }
 }
 
@@ -54,6 +58,7 @@ mod tests {
             let expected = HeardBefore {
                 last: at(last_ms),
                 missed_from: at(missed_from_ms),
+                had_ended: false,
             };
             let told = before(at(last_ms), was_shown, at(20_000));
             assert_eq!(told, expected, "{last_ms} {was_shown}");

@@ -38,6 +38,8 @@ pub struct HeardBefore {
     pub last: Monotonic,
     /// From when on it is missed: a link takes its time to be opened.
     pub missed_from: Monotonic,
+    /// It had said that its data had ended.
+    pub had_ended: bool,
 }
 
 /// Measures the link from what arrives.
@@ -84,6 +86,11 @@ impl Connection {
     pub fn age(&self, now: Monotonic) -> Option<Duration> {
         let before = self.before.map(|before| before.last);
         self.last_message.or(before).map(|at| now.since(at))
+    }
+
+    /// Whether the robot said before this link began that its data had ended.
+    pub fn had_ended_before(&self) -> bool {
+        self.before.is_some_and(|before| before.had_ended)
     }
 
     /// When the newest message came by this link; `None` before the first.
@@ -238,6 +245,7 @@ mod tests {
         link.set_before(HeardBefore {
             last: at(1_000),
             missed_from: at(5_000),
+            had_ended: false,
         });
         let told = |link: &Connection, ms| (link.state(at(ms)), link.age(at(ms)).unwrap());
         let s = Duration::from_secs;

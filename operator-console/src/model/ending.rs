@@ -18,8 +18,10 @@ impl ConsoleModel {
     /// Whether its silence would be no news: its data has ended, and nothing could move. Of a vehicle that can be
     /// driven it is, whatever its data does.
     pub fn may_fall_silent(&self) -> bool {
-        let status = self.status();
-        status.is_some_and(|(status, _)| status.has_ended && status.teleop.is_none())
+        self.status().map_or_else(
+            || self.connection.had_ended_before(),
+            |(status, _)| status.has_ended && status.teleop.is_none(),
+        )
     }
 
     /// Share of the poses of the last 2 s that should have come and did not, 0 … 1; none where nobody knows whether any
@@ -36,7 +38,7 @@ mod tests {
     use protocol::keys::Topic;
     use protocol::message::{Pose, Status};
 
-    use crate::model::ConsoleModel;
+    use crate::model::{ConsoleModel, HeardBefore};
     use crate::pretend::{at, says, scout, standing};
 
     fn model(status: &Status) -> ConsoleModel {
@@ -59,6 +61,16 @@ mod tests {
         let may = [running, ended, vehicle].map(|status| model(&status).may_fall_silent());
         assert_eq!(may, [false, true, false]);
         assert!(!scout().may_fall_silent());
+        // What was heard before counts until it says more itself.
+        let mut left = scout();
+        left.was_heard(HeardBefore {
+            last: at(0),
+            missed_from: at(0),
+            had_ended: true,
+        });
+        assert!(left.may_fall_silent());
+        says(&mut left, Topic::Status, &Status::default(), at(0));
+        assert!(!left.may_fall_silent());
     }
 
     #[test]

@@ -2,10 +2,11 @@
 
 use std::collections::BTreeSet;
 use std::iter;
+use std::sync::Arc;
 
 use eframe::egui::{
-    Align, Button, Color32, Layout, RichText, Sense, TextStyle, Ui, WidgetInfo, accesskit::Role,
-    vec2,
+    Align, Button, Color32, Galley, Layout, RichText, Sense, TextStyle, Ui, Vec2, WidgetInfo,
+    accesskit::Role, vec2,
 };
 use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
@@ -19,6 +20,9 @@ use crate::link::{FleetState, FoundRobot, SEEN_LATELY, Sighting};
 use crate::model::LinkState;
 use crate::shortcuts::Action;
 use crate::theme::Tone;
+
+/// A robot's colour, points.
+const SWATCH: Vec2 = vec2(12.0, 16.0);
 
 /// What the panel shows.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -68,6 +72,15 @@ pub struct RobotLine {
     pub state: String,
     /// Whether it is silent, and not shown: it may be forgotten.
     pub is_forgettable: bool,
+}
+
+impl RobotLine {
+    /// How it is, laid out in one line.
+    fn state_text(&self, ui: &Ui) -> Arc<Galley> {
+        let font = TextStyle::Small.resolve(ui.style());
+        let color = self.tone.color(ui.visuals());
+        ui.painter().layout_no_wrap(self.state.clone(), font, color)
+    }
 }
 
 /// A robot that may be a line.
@@ -175,7 +188,13 @@ fn is_missed(sighting: &Sighting, now: Monotonic) -> bool {
 
 fn state_words(sighting: &Sighting, link: Option<LinkState>, now: Monotonic) -> (Tone, String) {
     let seen = format!("last seen {} ago", age(now.since(sighting.seen)));
+    let has_ended = sighting.state == Some(FleetState::Ended);
     match link {
+        // Its silence is no news.
+        Some(LinkState::Silent) if has_ended => return (Tone::Waiting, format!("ended, {seen}")),
+        None if has_ended && is_missed(sighting, now) => {
+            return (Tone::Waiting, format!("ended, {seen}"));
+        }
         Some(LinkState::Silent) => return (Tone::Warning, format!("silent, {seen}")),
         Some(LinkState::Waiting) => return (Tone::Waiting, seen),
         None if is_missed(sighting, now) => return (Tone::Warning, format!("silent, {seen}")),
@@ -198,6 +217,7 @@ pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Op
     let numbers = (1..u8::MAX).chain(iter::repeat(u8::MAX));
     for (line, number) in data.found.iter().zip(numbers) {
         let is_current = data.current.as_ref() == Some(&line.found.robot);
+        let mut is_told = false;
         ui.horizontal(|ui| {
             swatch_ui(ui, line.color);
             let name = line.found.robot.to_string();
@@ -214,10 +234,21 @@ pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Op
                 if line.is_forgettable && forget_ui(ui, &line.found.robot) {
                     command = Some(Command::ForgetRobot(line.found.robot.clone()));
                 }
-                let color = line.tone.color(ui.visuals());
-                ui.label(RichText::new(&line.state).small().color(color));
+                let state = line.state_text(ui);
+                is_told = state.size().x <= ui.available_width();
+                if is_told {
+                    ui.label(state);
+                }
             });
         });
+        // Beside a long name there is no room for it.
+        if !is_told {
+            ui.horizontal(|ui| {
+                ui.add_space(SWATCH.x + ui.spacing().item_spacing.x);
+                let state = line.state_text(ui);
+                ui.label(state);
+            });
+        }
     }
     if let Some(current) = &data.current
         && !data.found.iter().any(|line| line.found.robot == *current)
@@ -248,7 +279,7 @@ fn forget_ui(ui: &mut Ui, robot: &RobotId) -> bool {
 
 /// A robot's colour.
 pub fn swatch_ui(ui: &mut Ui, color: Color32) {
-    let (place, _) = ui.allocate_exact_size(vec2(12.0, 16.0), Sense::hover());
+    let (place, _) = ui.allocate_exact_size(SWATCH, Sense::hover());
     ui.painter().rect_filled(place, 3.0, color);
 }
 

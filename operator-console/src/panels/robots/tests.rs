@@ -84,6 +84,7 @@ fn every_robot_says_how_it_is() {
         seen("e", 3, Some(FleetState::Free)),
         seen("f", 3, None),
         seen("g", 3, Some(FleetState::Ended)),
+        seen("h", 25, Some(FleetState::Ended)),
     ];
     fleet[1].alerts = 1;
     fleet[2].alerts = 2;
@@ -105,6 +106,7 @@ fn every_robot_says_how_it_is() {
             ("silent, last seen 3.0 s ago", Tone::Warning),
             ("there", Tone::Waiting),
             ("ended", Tone::Waiting),
+            ("ended, last seen 25 s ago", Tone::Waiting),
         ]
     );
 }
@@ -134,7 +136,7 @@ fn a_robot_that_is_being_joined_keeps_its_age_and_only_who_is_silent_may_be_forg
     }
     let data = RobotsData::new(&fleet, None, Sought::Any, None, NOW);
     let mut window = Harness::builder()
-        .with_size(vec2(260.0, 400.0))
+        .with_size(vec2(180.0, 400.0))
         .build_ui_state(
             move |ui, asked: &mut Option<Command>| {
                 let mut entry = AddressEntry::default();
@@ -150,8 +152,12 @@ fn a_robot_that_is_being_joined_keeps_its_age_and_only_who_is_silent_may_be_forg
             "{forget}: it answers"
         );
     }
+    // The state stands beside the name, or below it: over nothing.
+    let state = window.get_by_label("silent, last seen 16 s ago").rect();
+    assert!(!state.intersects(window.get_by_label("b").rect()));
     let forget = window.get_by_label("Forget b");
-    assert!(forget.rect().right() <= 260.0);
+    assert!(!state.intersects(forget.rect()));
+    assert!(forget.rect().right() <= 180.0);
     forget.click();
     window.run_steps(2);
     let expected = Command::ForgetRobot("b".parse().unwrap());

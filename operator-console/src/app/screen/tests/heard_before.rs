@@ -10,6 +10,7 @@ fn a_robot_that_was_heard_before_it_was_shown_is_missed() {
         rig.model.as_mut().unwrap().was_heard(HeardBefore {
             last: at(4_000),
             missed_from: at(20_000),
+            had_ended: false,
         });
         rig.now = at(now_ms);
         rig.window()
