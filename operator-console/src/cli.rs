@@ -33,7 +33,7 @@ pub struct Cli {
           conflicts_with_all = ["connect", "robot"], value_parser = NonEmptyStringValueParser::new())]
     pub demo: Option<String>,
     /// Open a recording (MCAP, ROS 1 bag or CARMEN log) and map it here
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["connect", "robot", "demo", "headless"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["connect", "robot", "demo"])]
     pub open: Option<PathBuf>,
     /// Times as fast as it was recorded, 0.1 to 20, or `max` (with --open)
     #[arg(long, value_name = "1|2.5|max", default_value = "1", requires = "open", value_parser = rate)]
@@ -135,6 +135,11 @@ impl Cli {
     /// Where options do not go together.
     pub fn check(&self) -> Result<(), UsageError> {
         let wrong = |why: &str| Err(UsageError(why.to_owned()));
+        if self.open.is_some() && self.headless {
+            return wrong(
+                "--open shows a recording in the window: without one, use `robot-edge replay FILE --export DIR`",
+            );
+        }
         match (&self.task, self.headless, &self.export) {
             (Some(Task::Drive(_)), false, _) => {
                 wrong("`drive` needs --headless: in the window you drive by hand")
@@ -209,6 +214,10 @@ mod tests {
         assert_eq!(cli.task, Some(Task::Drive(DriveArgs { script })));
         for (line, says) in [
             ("--headless", "--export DIR, or `drive"),
+            (
+                "--open a.mcap --headless --export b",
+                "`robot-edge replay FILE --export DIR`",
+            ),
             ("drive --script a", "--headless"),
             (
                 "--headless --export b drive --script a",

@@ -47,7 +47,8 @@ pub struct Headless {
     pub quiet: bool,
 }
 
-/// Watches and exports. Whatever keeps the map from being in step, what came is written.
+/// Watches and exports. Whatever keeps the map from being in step, what came is written; where nothing was heard of the
+/// robot, nothing is.
 ///
 /// # Errors
 /// Where there is no robot, several and none was named, the map is not in step in time, or a file cannot be
@@ -71,6 +72,7 @@ pub fn run(
     if !settings.quiet {
         writeln!(io::stderr(), "robot {} at {}", robot.robot, robot.endpoint)?;
     }
+    let mut inquiry = target.inquiry(&robot);
     let model = ModelSettings {
         robot: robot.robot,
         session: BootId(random_id()?),
@@ -87,14 +89,13 @@ pub fn run(
 
     session.model().set_unfinished(true);
     let mut milestones = Milestones::new(discovered);
-    let mut unanswered = target.unanswered();
     let mut was_in_step = false;
     let watched = watch(settings, &is_interrupted, started, || {
         let mut model = session.model();
         look_around_the_vehicle(&mut model);
         let now = Monotonic::now();
         if model.connection().state(now) == LinkState::Waiting {
-            unanswered.complain(now);
+            inquiry.complain(now);
         }
         // A picture marks the vehicle: a map without one is not all there is.
         let is_placed = model.vehicle().pose().is_some() || is_empty(&model);
@@ -111,6 +112,13 @@ pub fn run(
             has_ended,
         )
     });
+    let (_, messages) = session.model().connection().totals();
+    match watched {
+        // Of a robot that was never heard there is nothing to write: empty files would look like results.
+        Watched::TimedOut if messages == 0 => return Err(inquiry.conclusion(&is_interrupted)),
+        Watched::Interrupted if messages == 0 => return Err(Interrupted.into()),
+        Watched::InStep | Watched::TimedOut | Watched::Interrupted => {}
+    }
     let handle = session.handle();
     // What is fetched comes first: a robot whose data has ended does not wait for files that are written.
     let mut parts: Vec<_> = ExportPart::all().collect();
@@ -142,20 +150,22 @@ pub fn run(
     match watched {
         Watched::InStep => Ok(Exit::Done),
         Watched::Interrupted => Err(Interrupted.into()),
-        Watched::TimedOut => {
-            let missing: usize = model.map().steps().map(|step| step.missing).sum();
-            let why = session
-                .problem()
-                .map(|why| format!(" ({why})"))
-                .unwrap_or_default();
-            Err(anyhow!(
-                "the map is not in step with the robot's after {:.0} s{why}: {missing} tiles are known to be missing; \
-                 what came is in {}",
-                started.elapsed().as_secs_f64(),
-                settings.export.display()
-            ))
-        }
+        Watched::TimedOut => Err(anyhow!(
+            "{}; what came is in {}",
+            out_of_step(&model, session.problem(), started.elapsed()),
+            settings.export.display()
+        )),
     }
+}
+
+/// What a map lacks that is not in step `after` this long, and why.
+fn out_of_step(model: &ConsoleModel, problem: Option<String>, after: Duration) -> String {
+    let missing: usize = model.map().steps().map(|step| step.missing).sum();
+    let why = problem.map(|why| format!(" ({why})")).unwrap_or_default();
+    let after_s = after.as_secs_f64();
+    format!(
+        "the map is not in step with the robot's after {after_s:.0} s{why}: {missing} tiles are known to be missing"
+    )
 }
 
 /// Whether nothing is known of any layer.
@@ -227,4 +237,31 @@ fn tell(model: &ConsoleModel, files: &[PathBuf], out: &mut dyn Write) -> io::Res
         writeln!(out, "{}", file.display())?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::demo::free_endpoint;
+
+    #[test]
+    fn of_a_robot_that_was_never_heard_nothing_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let endpoint = free_endpoint().unwrap();
+        let settings = Headless {
+            connect: vec![endpoint.clone()],
+            robot: Some("nobody".parse().unwrap()),
+            zenoh_config: None,
+            credentials: None,
+            export: folder.path().join("maps"),
+            watch_for: None,
+            timeout: Duration::from_millis(100),
+            quiet: false,
+        };
+        let mut out = Vec::new();
+        let error = run(&settings, || false, &mut out).unwrap_err().to_string();
+        let expected = format!("there is no robot at {endpoint} (nobody answers there); ");
+        assert!(error.starts_with(&expected), "{error}");
+        assert!(!settings.export.exists() && out.is_empty());
+    }
 }

@@ -16,13 +16,19 @@ pub struct Identity {
     pub operator: OperatorId,
     /// What only the operator has.
     pub key: SecretKey,
+    /// What their certificate says they may do; `None` on links without keys.
+    pub role: Option<Role>,
 }
 
 impl Identity {
     /// For links without keys: what is signed proves nothing.
     pub fn without_keys(operator: OperatorId) -> Self {
         let key = SecretKey::without_secret(&operator);
-        Self { operator, key }
+        Self {
+            operator,
+            key,
+            role: None,
+        }
     }
 
     /// Whose credentials they are; without any, the operator who is named, else the user of this computer as the
@@ -63,10 +69,14 @@ impl Identity {
         }
         match role {
             // They sign nothing; whatever they send is refused.
-            Role::Observer => Ok(Self::without_keys(name.clone())),
+            Role::Observer => Ok(Self {
+                role: Some(role),
+                ..Self::without_keys(name.clone())
+            }),
             Role::Operator | Role::Supervisor => Ok(Self {
                 operator: name.clone(),
                 key: credentials.signing_key()?,
+                role: Some(role),
             }),
         }
     }
@@ -108,5 +118,6 @@ mod tests {
         assert_eq!(first_of([None, Some(String::new())]), None);
         let named = Identity::of(Some("berta".parse().unwrap()), None).unwrap();
         assert_eq!(named.operator.as_str(), "berta");
+        assert_eq!(named.role, None, "nobody has proven one");
     }
 }

@@ -27,6 +27,7 @@ pub mod panels;
 pub mod playback;
 #[cfg(test)]
 mod pretend;
+pub mod role;
 pub mod run;
 pub mod script;
 pub mod settings;

@@ -1,6 +1,6 @@
 //! What there is to be alarmed about.
 
-use protocol::message::{FaultReason, RecordingState, SensorFault, TeleopState};
+use protocol::message::{FaultReason, RecordingState, SensorFault, SensorKind, TeleopState};
 use robot_edge::clock::Monotonic;
 
 use super::{Alarm, Subject};
@@ -49,13 +49,14 @@ pub(super) fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) ->
     }
     for sensor in model.sensor_statuses() {
         if let Some(fault) = sensor.fault {
-            let described = model.sensors().iter();
-            let kind = described.clone().find(|info| info.name == sensor.name);
-            let (_, state, advice) = fault_words(fault, kind.map(|info| info.kind));
+            let mut described = model.sensors().iter();
+            let described = described.find(|info| info.name == sensor.name);
+            let kind = described.map(|info| info.kind);
+            let (_, state, advice) = fault_words(fault, kind);
             reasons.push(Reason {
                 alarm: Alarm::Sensor(sensor.name.clone()),
                 text: format!("{}: {state}. {advice}", sensor.name),
-                past: format!("{}: {}", sensor.name, past_fault(fault)),
+                past: format!("{}: {}", sensor.name, past_fault(fault, kind)),
             });
         }
     }
@@ -78,8 +79,11 @@ pub(super) fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) ->
 }
 
 /// What was wrong with a sensor that is well again.
-const fn past_fault(fault: SensorFault) -> &'static str {
+fn past_fault(fault: SensorFault, kind: Option<SensorKind>) -> &'static str {
     match fault {
+        SensorFault::AllInvalid if kind == Some(SensorKind::Sonar) => {
+            "none of its measurements was valid: too near to the bottom, covered or broken"
+        }
         SensorFault::Silent => "nothing came from it",
         SensorFault::Clock => "its stamps leapt",
         SensorFault::AllInvalid => "none of its measurements was valid",

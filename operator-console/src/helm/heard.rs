@@ -101,6 +101,8 @@ pub enum Note {
     EStopRefused(Refusal),
     /// The emergency stop was pressed for a robot that cannot be driven: nothing there would hear it.
     NothingToStop,
+    /// Something was asked for that observers may not.
+    OnlyWatches,
     /// What was held down counts no more.
     Lost(Loss),
 }

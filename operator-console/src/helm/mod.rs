@@ -14,6 +14,7 @@ mod pace;
 mod requests;
 mod sight;
 mod signing;
+mod watching;
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -79,6 +80,8 @@ pub struct Helm {
     neutral_since: Option<Monotonic>,
     last_end: Option<Monotonic>,
     is_link_lost: bool,
+    /// Whether somebody who only watches has tried to drive since the last iteration.
+    has_attempted: bool,
     notes: VecDeque<(Monotonic, Note)>,
     /// The last of them that the operator did not expect.
     notice: Option<(Monotonic, Note)>,
@@ -111,6 +114,7 @@ impl Helm {
             neutral_since: None,
             last_end: None,
             is_link_lost: false,
+            has_attempted: false,
             notes: VecDeque::new(),
             notice: None,
         }
@@ -142,13 +146,20 @@ impl Helm {
     /// Something of the queue.
     pub fn apply(&mut self, event: InputEvent) {
         self.input.apply(event);
+        self.look_for_attempt(event);
     }
 
     /// The queue is drained: what is to be sent now, in this order.
     pub fn end(&mut self, now: Monotonic) -> Vec<SignedMessage> {
         self.look_for_losses(now);
         let mut messages = Vec::new();
-        if self.input.take_estop() {
+        let has_pressed = self.input.take_estop();
+        let has_attempted = std::mem::take(&mut self.has_attempted);
+        if self.only_watches() {
+            if has_pressed || has_attempted {
+                self.warn(now, Note::OnlyWatches);
+            }
+        } else if has_pressed {
             self.press_estop(now);
         }
         self.repeat_estop(now, &mut messages);
@@ -192,6 +203,9 @@ impl Helm {
 
     /// What the operator wants besides moving.
     pub fn want(&mut self, intent: Intent, now: Monotonic) {
+        if self.denies(&intent, now) {
+            return;
+        }
         let asked = match intent {
             Intent::EStop => return self.input.apply(InputEvent::EStop),
             Intent::Step(step) => return self.input.apply(InputEvent::Step(step)),

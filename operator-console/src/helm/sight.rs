@@ -17,6 +17,8 @@ const NOTICE: Duration = Duration::from_secs(10);
 pub struct HelmSight {
     /// Who drives from this console.
     pub operator: OperatorId,
+    /// Whether they are proven to be an observer.
+    pub only_watches: bool,
     /// Whether they do.
     pub lease: Lease,
     /// The newest grant that was this console's since the robot began: a status that still tells of it may be older than
@@ -69,6 +71,7 @@ impl Helm {
         let token = self.newest.filter(|newest| newest.token.is_some());
         HelmSight {
             operator: self.identity.operator.clone(),
+            only_watches: self.only_watches(),
             lease: self.lease,
             last_grant: self.last_grant,
             step: self.input.step(),

@@ -49,15 +49,14 @@ impl MapView {
             grid::paint(&painter, &lines, (screen, &covered), ink, paper);
         }
         let vehicle_color = self.vehicle_color(is_position_old);
-        // Below the labels of shores, which nobody could read through the points of a scan.
         self.paint_sensors(&painter, model, vehicle_color);
-        if let Some(shores) = model.shores() {
-            let named = (shores, model.site_names());
-            let marks = ShoreMarks::new(named, &self.camera, screen, self.marking.shown());
-            marks.paint(&painter, ink, paper);
-        }
+        let marks = self.shore_marks(model);
+        marks.paint_ground(&painter, ink, paper);
         self.paint_vehicle(&painter, model, vehicle_color, is_position_old);
-        let aim = self.aim(response.hover_pos());
+        marks.paint_labels(&painter, ink, paper);
+        // A map that can be dragged is hovered through the buttons on it.
+        let pointer = response.hover_pos().filter(|at| !self.is_stood_on(*at));
+        let aim = self.aim(pointer);
         let measured = self.paint_ruler(&painter, model, aim, ink, paper);
         if self.is_aiming {
             probe_card::paint_pin(&painter, screen.center());
@@ -76,13 +75,13 @@ impl MapView {
         // Over all that is in the map, and below all that can be pressed.
         self.banner_ui(ui, stale.as_ref());
         if has_cards {
-            self.probe_ui(ui, &response, model, now);
+            self.probe_ui(ui, aim, model, now);
         }
         if self.look.has(Overlay::Legend) {
             self.legend_ui(ui, model);
         }
-        let (from_buttons, bottom) = self.buttons_ui(ui);
-        let from_compass = self.compass_ui(ui, model, bottom);
+        let from_buttons = self.buttons_ui(ui);
+        let from_compass = self.compass_ui(ui, model);
         if self.look.has(Overlay::Grid) && self.standing != stood {
             // Its numbers keep clear of what stood on the map.
             ui.ctx().request_repaint();
@@ -160,6 +159,22 @@ impl MapView {
     fn rests_on(&self, point_m: [f64; 2], place: Pos2) -> bool {
         let drawn = self.camera.to_screen(self.screen, point_m);
         drawn.distance(place) <= overlays::ruler::POINT
+    }
+
+    /// Where the vehicle is on the screen.
+    pub(super) fn vehicle_place(&self, model: &ConsoleModel) -> Option<Pos2> {
+        let (pose, _) = model.vehicle().pose()?;
+        let [x_m, y_m, _] = pose.position_m;
+        Some(self.camera.to_screen(self.screen, [x_m, y_m]))
+    }
+
+    fn shore_marks(&self, model: &ConsoleModel) -> ShoreMarks {
+        let marks = model.shores().map(|shores| {
+            let named = (shores, model.site_names());
+            let (marked, vehicle) = (self.marking.shown(), self.vehicle_place(model));
+            ShoreMarks::new(named, &self.camera, self.screen, marked, vehicle)
+        });
+        marks.unwrap_or_default()
     }
 
     fn vehicle_color(&self, is_old: bool) -> Color32 {

@@ -2,7 +2,7 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use eframe::egui::{Align, Frame, Layout, Rect, Sense, Ui, UiBuilder, pos2, vec2};
+use eframe::egui::{Align, Frame, Layout, Pos2, Rect, Sense, Ui, UiBuilder, pos2, vec2};
 
 use super::card_place::LEAST;
 use super::map_layers::MapLayers;
@@ -38,6 +38,26 @@ impl MapView {
     pub(super) fn legends_place(&self) -> Option<Rect> {
         let place = self.legends.place();
         place.filter(|_| self.look.has(Overlay::Legend))
+    }
+
+    /// Where the compass is, below the buttons as they were drawn last.
+    fn compass_place(&self) -> Option<Rect> {
+        let right = self.screen.right() - CARD_MARGIN;
+        let at = pos2(right - compass::SIZE, self.buttons.bottom() + CARD_MARGIN);
+        let place = Rect::from_min_size(at, vec2(compass::SIZE, compass::SIZE));
+        self.look.has(Overlay::Compass).then_some(place)
+    }
+
+    /// Whether buttons, compass or legends stand at this place of the screen: who points there does not mean the map
+    /// below. The card with what is read does not count, for that makes way.
+    pub(super) fn is_stood_on(&self, place: Pos2) -> bool {
+        let standing = [
+            Some(self.buttons),
+            self.compass_place(),
+            self.legends_place(),
+        ];
+        let mut standing = standing.into_iter().flatten();
+        standing.any(|standing| standing.contains(place))
     }
 
     /// Where a notice lies, as of the last frame; `None` where the map is too small for it.
@@ -91,8 +111,8 @@ impl MapView {
         }
     }
 
-    /// What the buttons ask for, and where they end.
-    pub(super) fn buttons_ui(&mut self, ui: &mut Ui) -> (Option<Look>, f32) {
+    /// What the buttons ask for.
+    pub(super) fn buttons_ui(&mut self, ui: &mut Ui) -> Option<Look> {
         let top_right = UiBuilder::new()
             .max_rect(self.screen.with_min_y(self.roof).shrink(CARD_MARGIN))
             .layout(Layout::top_down(Align::Max));
@@ -105,21 +125,16 @@ impl MapView {
         let buttons = ui.scope_builder(top_right, |ui| toolbar::toolbar_ui(ui, data));
         self.buttons = buttons.response.rect;
         self.standing.push(self.buttons);
-        (buttons.inner, self.buttons.bottom())
+        buttons.inner
     }
 
-    pub(super) fn compass_ui(&mut self, ui: &Ui, model: &ConsoleModel, top: f32) -> Option<Look> {
-        if !self.look.has(Overlay::Compass) {
-            return None;
-        }
-        let right = self.screen.right() - CARD_MARGIN;
-        let at = pos2(right - compass::SIZE, top + CARD_MARGIN);
+    pub(super) fn compass_ui(&mut self, ui: &Ui, model: &ConsoleModel) -> Option<Look> {
+        let rect = self.compass_place()?;
         let data = CompassData {
             north: self.camera.direction(FRAC_PI_2),
             is_on_earth: knows_north(model),
             orientation: self.look.orientation,
         };
-        let rect = Rect::from_min_size(at, vec2(compass::SIZE, compass::SIZE));
         self.standing.push(rect);
         compass::compass_ui(ui, rect, data).then(|| Look::Up(self.look.orientation.other()))
     }

@@ -31,7 +31,9 @@ impl MapView {
         if response.hovered() && ui.input(|input| input.pointer.delta() != vec2(0.0, 0.0)) {
             self.is_aiming = false;
         }
-        if let Some(at) = response.interact_pointer_pos() {
+        if let Some(at) = response.interact_pointer_pos()
+            && !self.is_stood_on(at)
+        {
             self.click(response, at);
         }
         if let Some(at) = response.hover_pos() {

@@ -1,7 +1,7 @@
 //! The card with what the map says at a point, and the mark of a point that is pinned.
 
 use eframe::egui::{
-    Area, Color32, Frame, Grid, Id, Label, Order, Painter, Pos2, Response, RichText, Stroke, Ui,
+    Area, Color32, Frame, Grid, Id, Label, Order, Painter, Pos2, RichText, Stroke, Ui,
 };
 use robot_edge::clock::Monotonic;
 
@@ -19,17 +19,15 @@ const INNER: f32 = 8.0;
 const NARROW: f32 = 480.0;
 
 impl MapView {
-    /// The card with what is read under the pointer or where it was pinned.
+    /// The card with what is read where it was pinned, or where somebody points at, if anywhere.
     pub(super) fn probe_ui(
         &mut self,
         ui: &Ui,
-        response: &Response,
+        aim: Option<Pos2>,
         model: &ConsoleModel,
         now: Monotonic,
     ) {
-        let aimed_at = self
-            .aim(response.hover_pos())
-            .map(|at| self.camera.to_odom(self.screen, at));
+        let aimed_at = aim.map(|at| self.camera.to_odom(self.screen, at));
         let Some(point_m) = self.pinned_m.or(aimed_at) else {
             return;
         };
@@ -45,10 +43,7 @@ impl MapView {
         };
         // A card with a button must not flee from the pointer.
         let read = self.camera.to_screen(self.screen, point_m);
-        let vehicle = model.vehicle().pose().map(|(pose, _)| {
-            let [x_m, y_m, _] = pose.position_m;
-            self.camera.to_screen(self.screen, [x_m, y_m])
-        });
+        let vehicle = self.vehicle_place(model);
         let points: Vec<_> = [read].into_iter().chain(vehicle).collect();
         let place = CardPlace::new(others, self.card_size, &points);
         let card = Area::new(Id::unique("map probe"))

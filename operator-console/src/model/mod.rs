@@ -7,6 +7,7 @@ mod ages;
 mod connection;
 mod ending;
 mod exports;
+mod following;
 mod history;
 mod incoming;
 mod kept_names;
@@ -55,6 +56,7 @@ pub use trajectory_sync::TrajectoryProgress;
 pub use vehicle::Vehicle;
 pub use voxels_sync::{FetchedVoxels, VoxelsProgress};
 
+use following::Following;
 use scans::Scans;
 use shores_sync::ShoresSync;
 use trail_sync::TrailSync;
@@ -108,6 +110,7 @@ pub struct ConsoleModel {
     status: Option<(Status, Monotonic)>,
     /// The run of the robot that told it.
     status_run: Option<BootId>,
+    following: Following,
     /// The number of the message that first said that the robot's data has ended, and of the newest head.
     ended_seq: Option<u64>,
     head_seq: u64,
@@ -153,6 +156,7 @@ impl ConsoleModel {
             info: None,
             status: None,
             status_run: None,
+            following: Following::default(),
             ended_seq: None,
             head_seq: 0,
             events: VecDeque::new(),

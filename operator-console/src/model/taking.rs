@@ -81,6 +81,8 @@ impl ConsoleModel {
                 let is_news = before.is_none_or(|(before, _)| is_news(before, &status));
                 self.changes += u64::from(is_news);
                 self.map.tell_clock(header, now);
+                let pose = self.vehicle.pose().map(|(pose, _)| pose);
+                self.following.hear(&status, pose.as_ref(), now);
                 self.status = Some((status, now));
                 self.status_run = Some(header.boot);
             }

@@ -162,11 +162,14 @@ fn rows(model: &ConsoleModel, state: LinkState, now: Monotonic) -> Vec<Row> {
     let heard = connection
         .age(now)
         .map_or_else(none, |time| format!("{} ago", age(time)));
-    vec![
-        row("Last heard", heard),
-        row("Round trip", round_trip),
-        row("Receiving", format!("{:.0} kbit/s", connection.kbps(now))),
-    ]
+    let mut rows = vec![row("Last heard", heard)];
+    // Of what is not heard nothing is measured: there is room for what to do instead.
+    if state != LinkState::Silent {
+        rows.push(row("Round trip", round_trip));
+        let receiving = format!("{:.0} kbit/s", connection.kbps(now));
+        rows.push(row("Receiving", receiving));
+    }
+    rows
 }
 
 /// Whether the map is the robot's, in a few words and in fewer.
@@ -284,7 +287,7 @@ mod tests {
         assert_eq!(told(&recording), drawn);
         for (missing, says) in [
             (1, "Being drawn: 1 tile to come"),
-            (1_200, "Being drawn: 1\u{2009}200 tiles to come"),
+            (1_200, "Being drawn: 1\u{a0}200 tiles to come"),
         ] {
             let expected = (Tone::Waiting, says.to_owned(), "Drawing");
             assert_eq!(drawing(Tone::Waiting, missing), expected);

@@ -4,7 +4,8 @@ mod dragging;
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
-    Button, Color32, ComboBox, RichText, Sense, Shape, Slider, Stroke, Ui, WidgetInfo, vec2,
+    Button, Color32, ComboBox, RichText, Sense, Shape, Slider, Stroke, TextStyle, Ui, WidgetInfo,
+    vec2,
 };
 use protocol::layer::{LayerId, Scheme};
 use robot_edge::clock::Monotonic;
@@ -21,6 +22,13 @@ use crate::theme::Tone;
 
 /// Narrower panels have the name of a layer and its place in two lines, points.
 const NARROW: f32 = 210.0;
+
+/// What is usually said of a layer has room in any case, so that nothing below moves when the words change.
+const USUAL: [&str; 3] = [
+    "8\u{a0}888 tiles, in step 8.8 s ago, newest 888 min old",
+    "8\u{a0}888 tiles, not in step for 8.8 s, newest 888 min old",
+    "8\u{a0}888 tiles, 888 missing for 8.8 s, newest 888 min old",
+];
 
 /// What the panel shows.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,6 +71,12 @@ impl LayersData {
         let stacked = view.stack().layers().iter().rev();
         let stacked: Vec<_> = stacked.filter(|held| is_offered(held.layer)).collect();
         let stale = StaleData::new(model, now);
+        // A recording's layers come over no link.
+        let hidden = if link.recording.is_some() {
+            "hidden"
+        } else {
+            "hidden, not received"
+        };
         let neighbour = |index: Option<usize>| {
             let held = index.and_then(|index| stacked.get(index));
             held.map(|held| held.layer)
@@ -71,7 +85,7 @@ impl LayersData {
             let layer = held.layer;
             let step = model.map().steps().find(|step| step.layer == layer);
             let (tone, mut state) = if !held.is_shown {
-                (Tone::Waiting, "hidden, not received".to_owned())
+                (Tone::Waiting, hidden.to_owned())
             } else if let Some(stale) = &stale {
                 stale_words(*stale)
             } else {
@@ -188,13 +202,7 @@ pub fn layers_ui(ui: &mut Ui, data: &LayersData) -> Option<LayerCommand> {
                 let shown = row.is_shown.then(|| ui.horizontal_wrapped(colors));
                 shown.and_then(|shown| shown.inner)
             });
-            let color = match (row.is_shown, row.tone) {
-                (true, Tone::Warning) => row.tone.color(ui.visuals()),
-                (true | false, Tone::Good | Tone::Waiting) | (false, Tone::Warning) => {
-                    ui.visuals().weak_text_color()
-                }
-            };
-            ui.label(RichText::new(&row.state).small().color(color));
+            state_ui(ui, row);
             command = command.or(asked);
         });
         places.push((row.layer, shown.response.rect));
@@ -333,6 +341,28 @@ fn colors_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
         }
     }
     command
+}
+
+/// How it is, in small print: no lower than what is usually said would be at this width.
+fn state_ui(ui: &mut Ui, row: &LayerRow) {
+    let color = match (row.is_shown, row.tone) {
+        (true, Tone::Warning) => row.tone.color(ui.visuals()),
+        (true | false, Tone::Good | Tone::Waiting) | (false, Tone::Warning) => {
+            ui.visuals().weak_text_color()
+        }
+    };
+    let font = TextStyle::Small.resolve(ui.style());
+    let width = ui.available_width();
+    let heights = USUAL.map(|usual| {
+        let text = ui
+            .painter()
+            .layout(usual.to_owned(), font.clone(), color, width);
+        text.size().y
+    });
+    ui.scope(|ui| {
+        ui.set_min_height(heights.into_iter().fold(0.0, f32::max));
+        ui.label(RichText::new(&row.state).small().color(color));
+    });
 }
 
 #[cfg(test)]

@@ -73,6 +73,9 @@ impl RecordingData {
             _ if !is_live => Some("The robot is not heard"),
             _ if status.has_ended => Some("Its data has ended"),
             None => Some("Nobody here is its operator"),
+            Some(helm) if helm.only_watches => {
+                Some("You watch: observers start and stop no recording")
+            }
             Some(helm) if helm.is_asking => Some("The robot is being asked"),
             Some(helm) if helm.token_age.is_none() => Some("The robot takes no requests"),
             Some(_) => None,
@@ -232,6 +235,7 @@ fn refusal(note: &Note) -> Option<String> {
         | Note::EStopAcknowledged(_)
         | Note::EStopRefused(_)
         | Note::NothingToStop
+        | Note::OnlyWatches
         | Note::Lost(_) => None,
     }
 }

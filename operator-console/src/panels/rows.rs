@@ -111,7 +111,7 @@ mod tests {
     #[test]
     fn a_long_value_has_more_lines_and_stays_within_the_panel() {
         const WIDTH: f32 = 280.0;
-        let long = "Sees nothing new: nothing moves, and that is said at length";
+        let long = "Its data is late: nothing moves, and that is said at length";
         let rows = [row("Guard", long), row("Keys", "Ready")];
         let mut window = Harness::builder()
             .with_size(vec2(WIDTH, 200.0))

@@ -161,6 +161,10 @@ pub fn fault_words(
             "No fix",
             "It hears too few satellites: the position is not known.",
         ),
+        SensorFault::AllInvalid if kind == Some(SensorKind::Sonar) => (
+            "Sees nothing",
+            "None of its measurements is valid. It is nearer to the bottom than it measures, covered or broken.",
+        ),
         SensorFault::AllInvalid => (
             "Sees nothing",
             "None of its measurements is valid. It is covered, dirty or broken.",

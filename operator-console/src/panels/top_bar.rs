@@ -10,7 +10,7 @@ use eframe::egui::{
 use robot_edge::clock::Monotonic;
 
 use super::connection::{ConnectionData, LinkSight, SHORT_MAPS, SHORT_RECORDED};
-use super::driving::{DrivingData, EStopFace};
+use super::driving::{DrivingData, EStopFace, disabled_ui};
 use super::elide::elided;
 use super::robots::{alerts, swatch_ui};
 use super::wording::age;
@@ -287,6 +287,7 @@ pub struct RightBar {
 
 /// Always the same size at the same place, whatever it says.
 fn stop_ui(ui: &mut Ui, face: &EStopFace) -> Option<Intent> {
+    let size = vec2(96.0, 28.0);
     let [danger, on_danger] = theme::DANGER;
     let [banner, on_banner] = theme::BANNER;
     let (words, fill, ink, hint) = match face {
@@ -296,6 +297,10 @@ fn stop_ui(ui: &mut Ui, face: &EStopFace) -> Option<Intent> {
             on_danger,
             "Emergency stop: stops at once, and stays stopped until it is reset (Space)",
         ),
+        EStopFace::Watching => {
+            disabled_ui(ui, "Stop", size);
+            return None;
+        }
         EStopFace::Sending(_) => (
             "Stopping…",
             banner,
@@ -313,7 +318,7 @@ fn stop_ui(ui: &mut Ui, face: &EStopFace) -> Option<Intent> {
     let button = Button::new(text)
         .fill(fill)
         .stroke(Stroke::new(1.5, danger))
-        .min_size(vec2(96.0, 28.0));
+        .min_size(size);
     // Pressing again what is in force does no harm, and is what one does.
     ui.add(button)
         .on_hover_text(hint)

@@ -61,13 +61,16 @@ pub fn direction(angle_deg: f64, knows_north: bool, x: &str) -> String {
     }
 }
 
+/// Between groups of digits: the one space at which egui breaks no line (not even U+202F is).
+const GROUPS_APART: char = '\u{a0}';
+
 /// A count in groups of three digits.
 pub fn count(number: u64) -> String {
     let digits = number.to_string();
     let mut grouped = String::with_capacity(digits.len() * 4 / 3);
     for (index, digit) in digits.chars().enumerate() {
         if index > 0 && (digits.len() - index).is_multiple_of(3) {
-            grouped.push('\u{2009}');
+            grouped.push(GROUPS_APART);
         }
         grouped.push(digit);
     }
@@ -96,6 +99,9 @@ pub fn capitalised(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use eframe::egui::{Color32, FontId};
+    use egui_kittest::Harness;
+
     use super::*;
 
     #[test]
@@ -143,6 +149,27 @@ mod tests {
         assert_eq!(bytes(4_149_999), "4.1 MB");
         assert_eq!(bytes(52_000_000_000), "52.0 GB");
         assert_eq!(count(999), "999");
-        assert_eq!(count(1_234_567), "1\u{2009}234\u{2009}567");
+        assert_eq!(count(1_234_567), "1\u{a0}234\u{a0}567");
+    }
+
+    #[test]
+    fn no_line_is_broken_within_a_number() {
+        let words = format!("revision {}", count(12_308));
+        let window = Harness::builder().build_ui_state(
+            move |ui, lines: &mut Vec<String>| {
+                let layout = |words: &str, width| {
+                    let font = FontId::proportional(12.0);
+                    let painter = ui.painter();
+                    painter.layout(words.to_owned(), font, Color32::BLACK, width)
+                };
+                // Room for the word and half of the number.
+                let width = layout("revision 12 3", f32::INFINITY).size().x;
+                let text = layout(&words, width);
+                let rows = text.rows.iter();
+                *lines = rows.map(|row| row.text().trim_end().to_owned()).collect();
+            },
+            Vec::new(),
+        );
+        assert_eq!(*window.state(), ["revision", "12\u{a0}308"]);
     }
 }

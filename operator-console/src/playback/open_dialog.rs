@@ -155,12 +155,26 @@ impl OpenDialog {
             return (!is_folder(&chosen)).then(|| typed_path(&chosen));
         }
         let path = self.path.trim();
+        if is_wanted
+            && let Some(only) = self.only_offered()
+            && !typed_path(path).is_file()
+        {
+            return Some(typed_path(only));
+        }
         if is_wanted && is_folder(path) {
             // What is in it is offered.
             self.wants_focus = Some(Focus::AtEnd);
             return None;
         }
         (is_wanted && !path.is_empty()).then(|| typed_path(path))
+    }
+
+    /// The recording that is meant where nothing else is offered.
+    fn only_offered(&self) -> Option<&str> {
+        match (&self.completions.offered[..], &self.completions.more) {
+            ([only], None) if !is_folder(only) => Some(only),
+            ([..], Some(_) | None) => None,
+        }
     }
 
     fn complete(&mut self) {

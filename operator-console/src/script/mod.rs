@@ -25,7 +25,8 @@ use crate::identity::Identity;
 use crate::link::RobotSession;
 use crate::model::{LinkState, ModelSettings};
 use crate::panels::driving::words::note as note_in_words;
-use crate::target::Target;
+use crate::role::{WATCHES, only_watches};
+use crate::target::{Inquiry, Target};
 use crate::teleop_input::InputEvent;
 
 pub use parse::{Action, LANGUAGE, ScriptError, State, Step, parse};
@@ -60,12 +61,15 @@ pub struct Drive {
 /// vain.
 ///
 /// # Errors
-/// Where the script cannot be read, or there is no robot that can be driven.
+/// Where the operator may only watch, the script cannot be read, or there is no robot that can be driven.
 pub fn run(
     settings: &Drive,
     is_interrupted: impl Fn() -> bool,
     out: &mut dyn Write,
 ) -> anyhow::Result<Exit> {
+    if only_watches(settings.identity.role) {
+        return Err(UsageError(WATCHES.to_owned()).into());
+    }
     let steps = load(&settings.script)?;
     let target = Target {
         connect: settings.connect.clone(),
@@ -76,6 +80,7 @@ pub fn run(
         quiet: settings.quiet,
     };
     let found = target.find(&is_interrupted)?;
+    let inquiry = target.inquiry(&found);
     let model = ModelSettings {
         robot: found.robot.clone(),
         session: BootId(random_id()?),
@@ -95,7 +100,7 @@ pub fn run(
     let mut cockpit = Cockpit::new(found.robot, settings.identity.clone(), link)?;
     // A terminal does not tell whether somebody is there; a script is.
     cockpit.apply(InputEvent::Focus(true));
-    let limits = limits(&session, &target, &is_interrupted)?;
+    let limits = limits(&session, inquiry, target.timeout, &is_interrupted)?;
     cockpit.set_limits(limits);
 
     let mut play = Play {
@@ -133,11 +138,11 @@ fn load(path: &Path) -> anyhow::Result<Vec<Step>> {
 /// What the robot can do, as soon as it tells and can be driven.
 fn limits(
     session: &RobotSession,
-    target: &Target,
+    mut inquiry: Inquiry,
+    timeout: Duration,
     is_interrupted: &impl Fn() -> bool,
 ) -> anyhow::Result<[f32; 2]> {
-    let deadline = Monotonic::now() + target.timeout;
-    let mut unanswered = target.unanswered();
+    let deadline = Monotonic::now() + timeout;
     loop {
         {
             let model = session.model();
@@ -148,9 +153,13 @@ fn limits(
             }
             let now = Monotonic::now();
             if model.connection().state(now) == LinkState::Waiting {
-                unanswered.complain(now);
+                inquiry.complain(now);
             }
             if deadline.since(now).is_zero() {
+                if model.connection().totals().1 == 0 {
+                    drop(model);
+                    return Err(inquiry.conclusion(is_interrupted));
+                }
                 let why = match (session.problem(), model.info()) {
                     (Some(problem), _) => problem,
                     (None, None) => "it says nothing".to_owned(),

@@ -106,7 +106,11 @@ fn parse(path: &Path) -> Result<Option<(Settings, Vec<String>)>, String> {
 /// # Errors
 /// Where the file system refuses.
 pub(super) fn write(path: &Path, settings: &Settings) -> io::Result<()> {
-    let folder = path.parent().unwrap_or(Path::new("."));
+    // Of a bare name the parent is empty, and no folder that could be opened.
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
     fs::create_dir_all(folder)?;
     let mut bytes = serde_json::to_vec_pretty(settings)?;
     bytes.push(b'\n');

@@ -8,6 +8,7 @@ use std::time::Duration;
 use crate::locks::lock;
 use robot_edge::clock::Monotonic;
 
+use super::repeats::Repeats;
 use super::{Settings, file};
 
 /// Between two writes at least.
@@ -59,7 +60,7 @@ impl Keeper {
         self.shared.changed.notify_one();
     }
 
-    /// Why the last settings could not be written, once.
+    /// Why settings cannot be written, once until it is another reason, or they could be written in between.
     pub fn take_problem(&self) -> Option<String> {
         lock(&self.shared.state).problem.take()
     }
@@ -79,18 +80,20 @@ impl Drop for Keeper {
 
 fn run(shared: &Shared, path: &std::path::Path) {
     let mut state = lock(&shared.state);
+    let mut repeats = Repeats::default();
     loop {
         if let Some(settings) = state.waiting.take() {
             drop(state);
             let started = Monotonic::now();
             let written = file::write(path, &settings);
             state = lock(&shared.state);
-            if let Err(why) = written {
-                tracing::warn!(path = %path.display(), %why, "settings are not written");
-                state.problem = Some(format!(
-                    "Settings cannot be kept in {}: {why}",
-                    path.display()
-                ));
+            let problem = written.err().map(|why| {
+                let path = path.display();
+                format!("Settings cannot be kept in {path}: {why}")
+            });
+            if let Some(problem) = repeats.leave_out(problem) {
+                tracing::warn!("{problem}");
+                state.problem = Some(problem);
             }
             while !state.is_closing {
                 let rest = PERIOD.saturating_sub(started.elapsed());

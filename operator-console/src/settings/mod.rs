@@ -6,6 +6,7 @@
 mod appearance;
 mod file;
 mod keeper;
+mod repeats;
 mod robot_colors;
 
 use serde::{Deserialize, Serialize};

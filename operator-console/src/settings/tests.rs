@@ -204,3 +204,12 @@ fn a_folder_that_cannot_be_written_is_said_once() {
     assert!(problem.contains("cannot be kept"), "{problem}");
     assert_eq!(keeper.take_problem(), None);
 }
+
+#[test]
+fn a_bare_file_name_is_a_file_of_this_folder() {
+    let file = tempfile::NamedTempFile::new_in(".").unwrap();
+    let name = Path::new(file.path().file_name().unwrap());
+    assert_eq!(name.parent(), Some(Path::new("")));
+    file::write(name, &some()).unwrap();
+    assert_eq!(read(name).settings, some());
+}

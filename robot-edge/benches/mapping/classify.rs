@@ -130,6 +130,7 @@ fn map(mut is_occupied: impl FnMut(i32, i32, f64) -> bool) -> Map {
         DockingColumn {
             cost,
             is_clear_water,
+            rises_from_water: !is_clear_water,
         }
     });
     let mut columns: Vec<_> = columns.collect();
@@ -137,6 +138,7 @@ fn map(mut is_occupied: impl FnMut(i32, i32, f64) -> bool) -> Map {
         let column = &mut columns[(voxel.y * SIDE + voxel.x) as usize];
         column.cost = 1.0;
         column.is_clear_water = false;
+        column.rises_from_water = true;
     }
     Map {
         labels: labels.collect(),

@@ -1,4 +1,4 @@
-//! Places and headings at which a boat's footprint lies on gentle ground behind clear water.
+//! Places and headings at which a boat's footprint lies on gentle ground between clear water and land.
 
 use std::f64::consts::{SQRT_2, TAU};
 
@@ -44,10 +44,17 @@ struct BerthShape {
     footprint: Shape,
     /// As large as the footprint, and right behind it.
     water: Shape,
+    /// The same right ahead: the land may begin there, no farther from the stern than twice the boat's length,
+    /// as far as a slope beside water counts as a beach.
+    ahead: Shape,
     /// Cells of moderate cost that the footprint must have,
     least_moderate: u32,
     /// and of clear water that must be behind it.
     least_water: u32,
+    /// Cells of land that are below the boat or ahead: as many as the boat is wide, a few stray hits are no land;
+    least_land: u32,
+    /// and where all are ahead, no more clear water there.
+    most_water_ahead: u32,
 }
 
 /// A set of cells around a middle one, as stretches of rows.
@@ -77,14 +84,17 @@ impl BerthShapes {
             let angle_rad = TAU * heading as f64 / HEADINGS as f64;
             let direction = Vector2::new(libm::cos(angle_rad), libm::sin(angle_rad));
             let rectangle = |ahead: f64| Shape::rectangle(direction, ahead, length, width);
-            let (footprint, water) = (rectangle(0.0), rectangle(-length));
+            let [footprint, water, ahead] = [0.0, -length, length].map(rectangle);
             BerthShape {
                 direction,
                 least_moderate: footprint.share(LEAST_MODERATE),
                 // Of a boat so small that no cell is behind it none is known to be water.
                 least_water: water.share(LEAST_WATER).max(1),
+                least_land: libm::ceil(width) as u32,
+                most_water_ahead: ahead.cells - ahead.share(LEAST_WATER),
                 footprint,
                 water,
+                ahead,
             }
         });
         // No cell of the water behind a berth is farther than this.
@@ -143,12 +153,21 @@ impl BerthShapes {
 impl BerthShape {
     fn is_berth(&self, window: &DockingWindow<'_>, centre: usize) -> bool {
         let below = self.footprint.counts(window, centre);
-        let holds = |below: Counts| below.moderate >= self.least_moderate;
-        if !below.is_some_and(holds) {
+        let holds = |below: &Counts| below.moderate >= self.least_moderate;
+        let Some(below) = below.filter(holds) else {
             return false;
-        }
+        };
         let behind = self.water.counts(window, centre);
         behind.is_some_and(|behind| behind.water >= self.least_water)
+            && (below.land >= self.least_land || self.leads_to_land(window, centre))
+    }
+
+    /// A sonar sees the bed of shallow water as gentle as a beach: what sets a shoal apart is that no land follows.
+    fn leads_to_land(&self, window: &DockingWindow<'_>, centre: usize) -> bool {
+        let ahead = self.ahead.counts(window, centre);
+        ahead.is_some_and(|ahead| {
+            ahead.land >= self.least_land && ahead.water <= self.most_water_ahead
+        })
     }
 }
 
@@ -226,10 +245,11 @@ mod tests {
         fn no_berth_is_overlooked(
             kinds in prop::collection::vec(
                 prop_oneof![
-                    6 => Just((0.0, true)),
-                    6 => Just((0.5, false)),
-                    1 => Just((1.0, false)),
-                    1 => Just((f32::NAN, false)),
+                    6 => Just((0.0, true, false)),
+                    4 => Just((0.5, false, true)),
+                    2 => Just((0.5, false, false)),
+                    1 => Just((1.0, false, true)),
+                    1 => Just((f32::NAN, false, false)),
                 ],
                 16,
             ),
@@ -241,7 +261,11 @@ mod tests {
             // Patches of 4 × 4 columns.
             let columns: Vec<_> = (0..256)
                 .map(|at| kinds[at / 64 * 4 + at % 16 / 4])
-                .map(|(cost, is_clear_water)| DockingColumn { cost, is_clear_water })
+                .map(|(cost, is_clear_water, rises_from_water)| DockingColumn {
+                    cost,
+                    is_clear_water,
+                    rises_from_water,
+                })
                 .collect();
             let window = DockingWindow::new(CellIndex { x: 0, y: 0 }, 16, 1.0, &columns);
             let all = (0..256).flat_map(|centre| {

@@ -31,6 +31,8 @@ pub struct CostCell {
     pub rigidity: Rigidity,
     /// Water without an obstacle.
     pub is_clear_water: bool,
+    /// On water: what was hit there is higher than the water.
+    pub rises_from_water: bool,
 }
 
 impl CostCell {
@@ -39,6 +41,7 @@ impl CostCell {
         cost: f32::NAN,
         rigidity: Rigidity::Unlabelled,
         is_clear_water: false,
+        rises_from_water: false,
     };
 
     /// Whether another one would look different.
@@ -232,10 +235,15 @@ impl CostMap {
         match rules.surface {
             Surface::Land => None,
             Surface::Water => Some(Beach {
-                water_m: ((f64::from(rules.water_z) + 0.5) * self.cell_m) as f32,
+                water_m: self.water_m(rules),
                 reach_m: (2.0 * self.vehicle.length_m) as f32,
             }),
         }
+    }
+
+    /// How high the water stands, z of `odom`, metres; only on water.
+    fn water_m(&self, rules: &ColumnRules) -> f32 {
+        ((f64::from(rules.water_z) + 0.5) * self.cell_m) as f32
     }
 
     /// Decides what is told of the columns of tiles.
@@ -248,6 +256,7 @@ impl CostMap {
             }
             verdicts = RigidityMap::of(&voxels, &self.rigidity).columns;
         }
+        let water_m = self.water_m(rules);
         for &at in judged {
             let Some(tile) = self.window.tile(at) else {
                 continue;
@@ -256,14 +265,17 @@ impl CostMap {
                 let cell = Tile::cell_of(at, column);
                 let found = verdicts.binary_search_by_key(&cell, |&(cell, _)| cell);
                 let rigidity = found.map_or(Rigidity::Unlabelled, |place| verdicts[place].1);
+                let read = &tile.columns[column];
                 CostCell {
                     cost: match rigidity {
                         Rigidity::Trespassable => self.rigidity.trespassable_cost as f32,
                         Rigidity::Rigid | Rigidity::Unlabelled => tile.costs[column],
                     },
                     rigidity,
-                    is_clear_water: tile.columns[column].kind == ColumnKind::Water
-                        && tile.columns[column].top_z <= tile.columns[column].ground_z,
+                    is_clear_water: read.kind == ColumnKind::Water && read.top_z <= read.ground_z,
+                    rises_from_water: rules.surface == Surface::Water
+                        && read.kind != ColumnKind::Unknown
+                        && read.top_m[2] > water_m,
                 }
             });
             self.window.tell(at, &cells, &mut self.changed);

@@ -1,9 +1,9 @@
-//! Where a boat could dock: gentle slopes that rise from clear water and are large enough for it.
+//! Where a boat could dock: gentle slopes that rise out of clear water and are large enough for it.
 //!
 //! \[HYB\] §8.2.2 (*Hybrid 3D perception on land and water*) leaves the choice to navigation. Here a *berth* is
 //! a place and heading of the boat where its footprint lies on cells of moderate cost, above 0 and below
-//! fatal, and the water it comes through, as wide and as long as itself right behind it, is clear. A site is
-//! what berths that touch cover. Asking for the whole footprint keeps overgrown shores out: among their fatal
+//! fatal, the water it comes through, as wide and as long as itself right behind it, is clear, and it lies on
+//! land, or land begins right ahead: a shoal with water around it is none. A site is what berths that touch cover. Asking for the whole footprint keeps overgrown shores out: among their fatal
 //! cells there are moderate ones, but no rectangle of them as wide as the boat.
 
 use nalgebra::{Point2, Vector2};

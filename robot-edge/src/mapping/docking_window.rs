@@ -11,6 +11,8 @@ pub struct DockingColumn {
     pub cost: f32,
     /// Water without an obstacle.
     pub is_clear_water: bool,
+    /// What was hit there is higher than the water: of a shoal nothing is.
+    pub rises_from_water: bool,
 }
 
 /// A rectangle of columns.
@@ -41,6 +43,8 @@ pub(super) struct Counts {
     pub(super) water: u32,
     pub(super) moderate: u32,
     pub(super) fatal: u32,
+    /// Out of the water and not fatal, moderate or level.
+    pub(super) land: u32,
 }
 
 impl<'a> DockingWindow<'a> {
@@ -54,7 +58,7 @@ impl<'a> DockingWindow<'a> {
             let mut counts = Counts::default();
             before.push(counts);
             for column in row {
-                counts.add(Ground::of(*column));
+                counts.add(*column);
                 before.push(counts);
             }
         }
@@ -161,6 +165,7 @@ impl<'a> DockingWindow<'a> {
             water: end.water - start.water,
             moderate: end.moderate - start.moderate,
             fatal: end.fatal - start.fatal,
+            land: end.land - start.land,
         }
     }
 }
@@ -180,12 +185,15 @@ impl Ground {
 }
 
 impl Counts {
-    pub(super) fn add(&mut self, ground: Ground) {
-        match ground {
+    fn add(&mut self, column: DockingColumn) {
+        match Ground::of(column) {
             Ground::ClearWater => self.water += 1,
-            Ground::Moderate => self.moderate += 1,
             Ground::Fatal => self.fatal += 1,
-            Ground::Other => {}
+            Ground::Moderate => {
+                self.moderate += 1;
+                self.land += u32::from(column.rises_from_water);
+            }
+            Ground::Other => self.land += u32::from(column.rises_from_water),
         }
     }
 }
@@ -195,5 +203,6 @@ impl std::ops::AddAssign for Counts {
         self.water += other.water;
         self.moderate += other.moderate;
         self.fatal += other.fatal;
+        self.land += other.land;
     }
 }

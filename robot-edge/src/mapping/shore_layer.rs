@@ -79,6 +79,7 @@ impl ShoreLayer {
             .map(|cell| DockingColumn {
                 cost: cell.cost,
                 is_clear_water: cell.is_clear_water,
+                rises_from_water: cell.rises_from_water,
             })
             .collect();
         let docking = DockingWindow::new(first, width, self.cell_m, &columns);

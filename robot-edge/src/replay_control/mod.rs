@@ -182,7 +182,8 @@ impl ReplayControl {
         self.wish(|state| state.wishes.is_looping = is_looping);
     }
 
-    /// Winds to this time of the data, from the first scan, and there goes on or stands still as before.
+    /// Winds to this time of the data, from the first scan, and there goes on or stands still as before. What stood at
+    /// the end stands still there, too: an earlier moment can be looked at for as long as one likes.
     pub fn seek(&self, to: RobotDuration) {
         self.wish(|state| state.seek(to));
     }
@@ -335,7 +336,15 @@ impl State {
             .map_or(RobotDuration::from_nanos(i64::MAX), |length| {
                 length.duration
             });
-        self.wishes.seek = Some(to.clamp(RobotDuration::ZERO, end.max(RobotDuration::ZERO)));
+        let to = to.clamp(RobotDuration::ZERO, end.max(RobotDuration::ZERO));
+        // What is wound already, or begins anew, does not stand there.
+        let stands_at_end =
+            self.progress.has_ended && self.wishes.seek.is_none() && !self.wishes.is_looping;
+        if stands_at_end && to >= self.progress.position {
+            return;
+        }
+        self.wishes.is_paused |= stands_at_end;
+        self.wishes.seek = Some(to);
     }
 }
 

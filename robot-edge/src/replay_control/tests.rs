@@ -80,6 +80,31 @@ fn who_plays_at_the_end_begins_anew() {
 }
 
 #[test]
+fn what_is_wound_from_the_end_stands_still_unless_it_was_to_go_on() {
+    let end = ms(116_000);
+    let wound = |prepare: fn(&ReplayControl)| {
+        let control = at(end, true);
+        prepare(&control);
+        control.step(ms(-1000));
+        let wishes = control.take_wishes();
+        (wishes.is_paused, wishes.seek)
+    };
+    assert_eq!(wound(|_| {}), (true, Some(ms(115_000))));
+    // There is nothing behind the end.
+    let behind = at(end, true);
+    behind.step(ms(1000));
+    assert_eq!(behind.sight().state, ReplayState::Ended);
+    assert!(!behind.sight().is_paused, "it would not go round any more");
+    // Round it goes in any case, and who plays it has not let it stand.
+    let loops = wound(|control| control.set_looping(true));
+    assert_eq!(loops, (false, Some(ms(115_000))));
+    assert_eq!(wound(ReplayControl::play), (false, Some(ms(0))));
+    let playing = at(ms(5_000), false);
+    playing.seek(end);
+    assert!(!playing.take_wishes().is_paused);
+}
+
+#[test]
 fn rates_are_kept_within_their_limits() {
     let control = at(ms(0), false);
     for (wanted, kept) in [(0.01, 0.1), (0.25, 0.25), (20.0, 20.0), (1e9, 20.0)] {

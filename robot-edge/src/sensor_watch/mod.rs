@@ -9,7 +9,7 @@ mod sight;
 
 use std::time::Duration;
 
-use protocol::message::{MAX_SENSORS, SensorFault, SensorInfo, SensorStatus};
+use protocol::message::{MAX_SENSORS, SensorFault, SensorInfo, SensorKind, SensorStatus};
 
 pub use listed::{Listed, Own, listed};
 
@@ -234,6 +234,11 @@ impl Watched {
             SensorFault::Clock => "its stamps leapt".to_owned(),
             SensorFault::AllInvalid => match self.own {
                 Own::Fixes(_) => "no fix".to_owned(),
+                // Over a bank or a shoal it is the water that is at fault, not the sonar.
+                Own::Scans { .. } if self.info.kind == SensorKind::Sonar => {
+                    "nothing valid: covered, broken, or nearer to the bottom than it measures"
+                        .to_owned()
+                }
                 Own::Scans { .. }
                 | Own::Wheels { .. }
                 | Own::Attitudes(_)

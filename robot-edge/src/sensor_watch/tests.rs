@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use nalgebra::Point3;
 use proptest::prelude::*;
-use protocol::message::SensorKind;
 
 use super::*;
 use crate::config::{Config, load};
@@ -332,6 +331,28 @@ fn a_covered_laser_and_a_receiver_without_a_fix_measure_nothing() {
     assert_eq!(by_name["gps"].fault, Some(SensorFault::AllInvalid));
     assert_eq!(by_name["gps"].messages, 30);
     assert_eq!(by_name["imu"].fault, Some(SensorFault::Silent));
+}
+
+#[test]
+fn a_sonar_that_measures_nothing_may_be_too_near_to_the_bottom() {
+    let config = config("riverwatch", &[]);
+    let placing = placing(&config, PoseOrigin::Static, MountOrigin::Configured);
+    let mut boat = SensorWatch::new(listed(&config, &placing));
+    // No stream is told to be the sonar's: the laser's counts as its own too.
+    for n in 0..30 {
+        boat.take(&sweep(100 * n, 0.0), at(100 * n));
+    }
+    let began = boat.look(at(2_900)).into_iter();
+    let words = began.map(|change| match change {
+        Change::Began { message, .. } | Change::Over { message, .. } => message,
+    });
+    assert_eq!(
+        words.collect::<Vec<_>>(),
+        [
+            "laser: measures nothing: covered or broken",
+            "sonar: nothing valid: covered, broken, or nearer to the bottom than it measures",
+        ]
+    );
 }
 
 #[test]

@@ -71,7 +71,10 @@ impl Screen {
             Action::Lease => {
                 let request = match scene.driving?.lease {
                     LeaseFace::Quiet => return None,
-                    LeaseFace::Free | LeaseFace::Others => LeaseRequest::Request,
+                    // The helm says why it asks the robot for nothing.
+                    LeaseFace::Free | LeaseFace::Others | LeaseFace::Watching => {
+                        LeaseRequest::Request
+                    }
                     LeaseFace::Waiting | LeaseFace::Mine => LeaseRequest::Release,
                 };
                 return Some(Command::Drive(Intent::Lease(request)));

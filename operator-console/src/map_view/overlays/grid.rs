@@ -10,6 +10,8 @@ use crate::panels::wording::signed;
 const SPACING: f64 = 160.0;
 /// What covers no more than this of a number leaves it as it reads, points: above its figures there is as much.
 const EDGE: f32 = 4.0;
+/// Between two numbers at least, points.
+const GAP: f32 = 3.0;
 /// No screen has more lines in one direction.
 const MAX_LINES: i64 = 200;
 
@@ -96,8 +98,9 @@ fn clipped(from: Pos2, to: Pos2, rect: Rect) -> Option<[Pos2; 2]> {
     (enters < leaves).then(|| [from + enters * way, from + leaves * way])
 }
 
-/// Draws the grid; the numbers stand where lines leave the screen below or on the left. One that would be `covered`, even
-/// half of it, is left out: half a number is another number.
+/// Draws the grid; the numbers stand where lines leave the screen below or on the left. One that would be `covered`,
+/// even half of it, is left out: half a number is another number. So is one that would lie on another, as those of x
+/// and y do where both leave a turned map on one side.
 pub(in crate::map_view) fn paint(
     painter: &Painter,
     [of_x, of_y]: &[Vec<GridLine>; 2],
@@ -109,15 +112,19 @@ pub(in crate::map_view) fn paint(
         let strength = if line.is_axis { 0.55 } else { 0.22 };
         painter.line_segment(line.ends, Stroke::new(1.0, ink.gamma_multiply(strength)));
     }
-    let label = |line: &GridLine, at: Pos2, align: Align2| {
+    let mut taken: Vec<Rect> = Vec::new();
+    let mut label = |line: &GridLine, at: Pos2, align: Align2| {
         let font = FontId::proportional(11.0);
         let text = painter.layout_no_wrap(line.label.clone(), font, ink);
         let place = align.anchor_size(at, text.size());
         let hides = |other: &Rect| other.shrink(EDGE).intersects(place);
-        let is_covered = covered.iter().any(hides);
+        let around = place.expand(GAP);
+        let is_covered =
+            covered.iter().any(hides) || taken.iter().any(|other| other.intersects(around));
         if screen.contains_rect(place) && !is_covered {
             painter.rect_filled(place.expand(1.0), 2.0, paper);
             painter.galley(place.min, text, ink);
+            taken.push(place);
         }
     };
     for line in of_x.iter().chain(of_y) {

@@ -9,6 +9,7 @@ use protocol::message::{DockingSite, Shores};
 
 use super::super::camera::Camera;
 use super::super::marking::ShoreMark;
+use super::vehicle;
 use crate::model::SiteName;
 use crate::theme;
 
@@ -41,17 +42,19 @@ pub(in crate::map_view) struct ShoreMarks {
 
 impl ShoreMarks {
     /// What `camera` sees of the shores, of which `marked` stands out. The names are those of the docking sites, in
-    /// their order.
+    /// their order. Labels stand beside the vehicle, where that is on the screen.
     pub(in crate::map_view) fn new(
         (shores, names): (&Shores, &[SiteName]),
         camera: &Camera,
         screen: Rect,
         marked: Option<ShoreMark>,
+        vehicle: Option<Pos2>,
     ) -> Self {
         let mut taken: Vec<Rect> = Vec::new();
         let mut place = |text: &str, character: f32, center_m: [f32; 2]| {
             let at = camera.to_screen(screen, center_m.map(f64::from));
             let size = vec2(text.len() as f32 * character, LINE) + 2.0 * PADDING;
+            let at = at + aside(at, size, vehicle);
             let rect = Rect::from_center_size(at, size);
             let is_free =
                 screen.intersects(rect) && taken.iter().all(|other| !other.intersects(rect));
@@ -117,8 +120,13 @@ impl ShoreMarks {
         }
     }
 
-    /// Draws them: numbers on cards, letters in inverse colours, so that neither is taken for the other.
-    pub(in crate::map_view) fn paint(&self, painter: &Painter, ink: Color32, paper: Color32) {
+    /// Draws what lies below the vehicle: what stands out, and the arrows of docking sites.
+    pub(in crate::map_view) fn paint_ground(
+        &self,
+        painter: &Painter,
+        ink: Color32,
+        paper: Color32,
+    ) {
         let halo = Stroke::new(6.0, Color32::WHITE);
         let line = Stroke::new(3.0, theme::MARKED);
         if !self.outline.is_empty() {
@@ -132,6 +140,16 @@ impl ShoreMarks {
         for (_, at, towards) in &self.sites {
             paint_arrow(painter, *at, *towards, ink, paper);
         }
+    }
+
+    /// Draws the labels, which nobody could read below a scan or the way of the vehicle: numbers on cards, letters in
+    /// inverse colours, so that neither is taken for the other.
+    pub(in crate::map_view) fn paint_labels(
+        &self,
+        painter: &Painter,
+        ink: Color32,
+        paper: Color32,
+    ) {
         for (text, at) in &self.numbers {
             paint_label(painter, *at, text, ink, paper);
         }
@@ -189,6 +207,23 @@ fn bracket(ends: &[Pos2], towards: Vec2) -> Vec<Pos2> {
     };
     let to_water = -END * towards;
     vec![left + to_water, left, right, right + to_water]
+}
+
+/// How far a label of this size that would lie on the vehicle moves to lie beside it: the shortest way to a side, or
+/// up or down.
+fn aside(at: Pos2, size: Vec2, vehicle: Option<Pos2>) -> Vec2 {
+    let Some(vehicle_at) = vehicle else {
+        return Vec2::ZERO;
+    };
+    let way = at - vehicle_at;
+    let lacks = 0.5 * (size + Vec2::splat(vehicle::ARROW)) - way.abs();
+    if lacks.min_elem() <= 0.0 {
+        Vec2::ZERO
+    } else if lacks.x < lacks.y {
+        vec2(lacks.x.copysign(way.x), 0.0)
+    } else {
+        vec2(0.0, lacks.y.copysign(way.y))
+    }
 }
 
 fn paint_label(painter: &Painter, at: Pos2, text: &str, ink: Color32, paper: Color32) {
@@ -263,6 +298,7 @@ mod tests {
                 &camera,
                 screen,
                 Some(ShoreMark::Site(mark)),
+                None,
             )
         };
         let marks = marks_of(named[0]);
@@ -287,9 +323,30 @@ mod tests {
         assert_eq!(marks_of(gone).berth, [], "it is not where another is now");
         // What was left out for a larger one is there while it stands out.
         let mark = Some(ShoreMark::Shore(1));
-        let marks = ShoreMarks::new((&shores, &named), &camera, screen, mark);
+        let marks = ShoreMarks::new((&shores, &named), &camera, screen, mark, None);
         let numbers: Vec<_> = marks.numbers.iter().map(|(text, _)| &**text).collect();
         assert_eq!(numbers, ["3", "1"]);
+    }
+
+    #[test]
+    fn a_label_stands_beside_the_vehicle_and_nowhere_else_otherwise() {
+        let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 400.0));
+        let shores = Shores::gather(0.3, None, vec![cluster(1, 10, [1.0, 1.0])], Vec::new());
+        let label_at = |vehicle_at: Pos2| {
+            let vehicle = Some(vehicle_at);
+            let marks = ShoreMarks::new((&shores, &[]), &Camera::default(), screen, None, vehicle);
+            marks.numbers[0].1
+        };
+        // The label is 18 × 21 points, the vehicle 20 × 20.
+        for (vehicle_at, expected) in [
+            (pos2(300.0, 160.0), pos2(240.0, 160.0)),
+            (pos2(240.0, 160.0), pos2(259.0, 160.0)),
+            (pos2(245.0, 160.0), pos2(226.0, 160.0)),
+            (pos2(242.0, 170.0), pos2(240.0, 149.5)),
+        ] {
+            let found = label_at(vehicle_at);
+            assert!(found.distance(expected) < 1e-3, "{vehicle_at}: {found}");
+        }
     }
 
     #[test]
@@ -306,7 +363,8 @@ mod tests {
         let sites = vec![site(3.0, 0.1), site(-3.0, 0.2)];
         let named = names.name(&sites);
         let shores = Shores::gather(0.3, None, Vec::new(), sites);
-        let marks = ShoreMarks::new((&shores, &named), &Camera::default(), screen, Some(marked));
+        let (named, camera) = ((&shores, &*named), Camera::default());
+        let marks = ShoreMarks::new(named, &camera, screen, Some(marked), None);
         let labels: Vec<_> = marks
             .sites
             .iter()

@@ -4,7 +4,7 @@ use eframe::egui::{Color32, Painter, Pos2, Shape, Stroke, Vec2, vec2};
 
 /// A shorter footprint is drawn as an arrow of [`ARROW`] points instead.
 const MIN_LENGTH: f32 = 16.0;
-const ARROW: f32 = 20.0;
+pub(in crate::map_view) const ARROW: f32 = 20.0;
 
 /// The vehicle on the screen.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,10 +2,11 @@
 
 use eframe::egui::Shape;
 use protocol::keys::Topic;
-use protocol::message::{Datum, DockingSite, ShoreClass, ShoreCluster, Shores, ShoresNews};
+use protocol::message::{Datum, DockingSite, Pose, ShoreClass, ShoreCluster, Shores, ShoresNews};
 
 use super::*;
 use crate::pretend::says;
+use crate::theme;
 
 /// A shore of 20 × 6 m around (30, 13) that has most of its voxels in the east, and a docking site.
 fn shores(datum: Option<Datum>) -> Shores {
@@ -163,4 +164,72 @@ fn no_number_of_the_grid_is_half_covered() {
         }
     }
     assert!(counts.iter().all(|count| *count >= 3), "{counts:?}");
+}
+
+#[test]
+fn no_number_of_the_grid_lies_on_another_however_the_map_is_turned() {
+    let mut window = window();
+    look(&mut window, Look::Follow(false));
+    look(&mut window, Look::Draw(Overlay::Grid, true));
+    for step in 0..32_u8 {
+        let up_rad = 0.1 * f64::from(step);
+        window.state_mut().view.camera.turn_up(up_rad);
+        window.run_steps(2);
+        let numbers = written(&window, ["x ", "y "]);
+        assert!(numbers.len() >= 3, "{up_rad}: {numbers:?}");
+        for (index, (number, place)) in numbers.iter().enumerate() {
+            let others = &numbers[index + 1..];
+            let other = others.iter().find(|(_, other)| other.intersects(*place));
+            assert_eq!(other, None, "{number} at {place}, turned to {up_rad}");
+        }
+    }
+}
+
+#[test]
+fn the_number_of_a_shore_is_drawn_over_the_vehicle() {
+    let mut window = window();
+    for overlay in [Overlay::Legend, Overlay::Compass] {
+        look(&mut window, Look::Draw(overlay, false));
+    }
+    hears(&mut window, shores(None));
+    let pose = Pose {
+        position_m: [36.0, 13.0, 0.0],
+        quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
+        speed_mps: 0.0,
+        turn_rate_radps: 0.0,
+        token: None,
+    };
+    let model = &mut window.state_mut().model;
+    says(model, Topic::Pose, &pose, at(2_400));
+    look(&mut window, Look::At([36.0, 13.0]));
+    window.run_steps(2);
+    let shapes = &window.output().shapes;
+    let vehicle = shapes.iter().rposition(
+        |clipped| matches!(&clipped.shape, Shape::Path(path) if path.fill == theme::VEHICLE),
+    );
+    let number = shapes.iter().position(
+        |clipped| matches!(&clipped.shape, Shape::Text(text) if text.galley.text() == "3"),
+    );
+    let (vehicle, number) = (vehicle.unwrap(), number.unwrap());
+    assert!(number > vehicle, "{number} is below {vehicle}");
+}
+
+#[test]
+fn nothing_is_read_below_buttons_and_legends() {
+    let mut window = window();
+    let is_read = |window: &mut Harness<'_, Rig>, place: Pos2| {
+        window.hover_at(place);
+        window.run_steps(3);
+        window.query_by_label_contains("m  y\u{a0}").is_some()
+    };
+    let legends = window.state().view.legends_place().unwrap();
+    let beside = legends.left_center() - vec2(100.0, 0.0);
+    for label in ["Grid", "Compass: y up"] {
+        let place = window.get_by_label(label).rect().center();
+        assert!(!is_read(&mut window, place), "{label}");
+        assert!(is_read(&mut window, beside));
+    }
+    assert!(!is_read(&mut window, legends.center()), "legends");
+    click(&mut window, legends.center());
+    assert_eq!(window.state().view.pinned_m(), None);
 }

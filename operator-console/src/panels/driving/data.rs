@@ -7,9 +7,9 @@ use protocol::message::{Clamp, LeaseStatus, Settings, TeleopState, TeleopStatus}
 use robot_edge::clock::Monotonic;
 
 use super::gauge::{self, Gauge};
-use super::headline::{awaited, ended, heard, lost, moves};
+use super::headline::{Body, awaited, ended, heard, lost};
 use super::{figures, words};
-use crate::helm::{EStopSight, HelmSight, Lease};
+use crate::helm::{EStopSight, HelmSight, Lease, Note};
 use crate::model::{ConsoleModel, LinkState, Stream};
 use crate::panels::rows::Row;
 use crate::panels::wording::{age, capitalised};
@@ -38,6 +38,8 @@ pub struct DrivingData {
     pub driver: String,
     /// What can be done about that.
     pub lease: LeaseFace,
+    /// Whether who sits here may only watch.
+    pub only_watches: bool,
     /// What the operator did not expect, lately.
     pub notice: Option<String>,
     /// Somebody asks the operator to hand over.
@@ -74,6 +76,8 @@ pub enum EStopFace {
         /// Whether it would be found after a restart: only then it can be reset.
         is_stored: bool,
     },
+    /// Not for who sits here: they only watch.
+    Watching,
     /// The robot does not obey this operator: somebody else must press it.
     Refused(String),
 }
@@ -91,6 +95,8 @@ pub enum LeaseFace {
     Waiting,
     /// This operator drives.
     Mine,
+    /// Who sits here only watches.
+    Watching,
 }
 
 impl DrivingData {
@@ -110,10 +116,7 @@ impl DrivingData {
             Some(_) if is_awaited => awaited(),
             Some(silence) => lost(silence, helm),
             None if status.has_ended && teleop.state == TeleopState::Idle => ended(),
-            None => {
-                let is_boat = model.info().is_some_and(|info| info.is_boat);
-                heard(teleop, helm, moves(model), is_boat)
-            }
+            None => heard(teleop, helm, Body::of(model, now)),
         };
         // Where nobody drives from here nothing is asked for, whatever moves the vehicle.
         let is_driven = teleop.state != TeleopState::Idle;
@@ -131,6 +134,7 @@ impl DrivingData {
             estop: estop_face(teleop, helm),
             driver: driver(teleop, helm, silence.is_some()),
             lease: lease_face(teleop, helm, silence.is_some() || status.has_ended),
+            only_watches: helm.only_watches,
             asks: teleop
                 .lease
                 .waiting
@@ -139,6 +143,8 @@ impl DrivingData {
             notice: helm
                 .notice
                 .as_ref()
+                // The panel says so all the time.
+                .filter(|note| **note != Note::OnlyWatches)
                 .map(|note| capitalised(&words::note(note).0)),
             step: helm.step,
             top_speed_mps: helm.limits[0],
@@ -157,8 +163,13 @@ impl DrivingData {
 impl DrivingData {
     /// Whether nothing changes but ages that nobody waits for.
     pub const fn is_at_rest(&self) -> bool {
-        matches!(self.lease, LeaseFace::Free | LeaseFace::Others)
-            && matches!(self.estop, EStopFace::Ready | EStopFace::InForce { .. })
+        matches!(
+            self.lease,
+            LeaseFace::Free | LeaseFace::Others | LeaseFace::Watching
+        ) && matches!(
+            self.estop,
+            EStopFace::Ready | EStopFace::Watching | EStopFace::InForce { .. }
+        )
     }
 }
 
@@ -195,6 +206,7 @@ fn estop_face(teleop: &TeleopStatus, helm: &HelmSight) -> EStopFace {
             number: estop.number,
             is_stored: estop.is_stored,
         },
+        _ if helm.only_watches => EStopFace::Watching,
         (EStopSight::Refused(why), None) => EStopFace::Refused(words::refusal(why)),
         (EStopSight::Quiet | EStopSight::Sending(_) | EStopSight::Unsendable(_), None) => {
             EStopFace::Ready
@@ -232,6 +244,7 @@ fn lease_face(teleop: &TeleopStatus, helm: &HelmSight, is_lost: bool) -> LeaseFa
     match helm.lease {
         Lease::Held(_) => LeaseFace::Mine,
         Lease::Waiting { .. } => LeaseFace::Waiting,
+        Lease::None if helm.only_watches => LeaseFace::Watching,
         Lease::None if is_lost || helm.is_asking || is_own(&teleop.lease, helm) => LeaseFace::Quiet,
         Lease::None if teleop.lease.holder.is_some() => LeaseFace::Others,
         Lease::None => LeaseFace::Free,

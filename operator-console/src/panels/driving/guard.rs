@@ -12,8 +12,8 @@ const LEAST_RADPS: f32 = 0.0087;
 
 /// What its words mean.
 pub(super) const HINT: &str = "How fast the collision guard lets the robot go that way, so that it still stops before \
-                               what its sensors or its map show, and before ground that nobody has seen. It sees too \
-                               little where nobody has looked yet, or where the last look is too old: there the robot \
+                               what its sensors or its map show, and before ground that nobody has seen. Where its \
+                               data is late, nothing is driven. It sees too little where nobody has looked yet, or where the last look is too old: there the robot \
                                may only creep, or not move at all. That ends by itself where its sensors have looked.";
 
 /// Whether it lets a vehicle that is driven neither go nor turn.
@@ -37,12 +37,19 @@ pub(super) fn guard(teleop: &TeleopStatus, greatest: [f32; 2]) -> (Tone, String)
             format!("{word}{}", allows(teleop, limits, greatest))
         }
     };
+    // What nobody drives from afar may move all the same: by its own program, or adrift.
+    let nothing = match teleop.state {
+        TeleopState::Held | TeleopState::Driving | TeleopState::Stopping(_) => ": nothing moves",
+        TeleopState::SafeBoot | TeleopState::Idle | TeleopState::EStop | TeleopState::Fault(_) => {
+            ""
+        }
+    };
     match teleop.guard {
-        Guard::Silent => (Tone::Warning, "Silent: nothing moves".to_owned()),
+        Guard::Silent => (Tone::Warning, format!("Silent{nothing}")),
         Guard::Off => (Tone::Warning, "Off".to_owned()),
         Guard::On(limits) => (Tone::Good, with("On", limits)),
         Guard::Blind(limits) => (Tone::Warning, with("Sees too little", limits)),
-        Guard::Stale => (Tone::Warning, "Sees nothing new: nothing moves".to_owned()),
+        Guard::Stale => (Tone::Warning, format!("Its data is late{nothing}")),
     }
 }
 

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use protocol::message::{Arming, Guard, StopReason, TeleopState, TeleopStatus};
+use robot_edge::clock::Monotonic;
 
 use super::guard::makes_stand;
 use super::untold::untold;
@@ -22,8 +23,10 @@ const STANDS: &str = "Stands: the collision guard holds it back";
 const NO_THRUST: &str = "No thrust: the collision guard holds it back";
 const STOPPED: &str = "Its motors stand until it is reset.";
 const STOPPED_AFLOAT: &str = "Its motors stand until it is reset. Wind and current may move it";
+const STUCK: &str = "Told to go, and does not move: stuck, or its motors do not obey";
+const AGROUND: &str = "Told to go, and does not move: aground, held, or its motors do not obey";
 /// What a key changes from one to the other: all have the room of the longest, so that nothing below moves meanwhile.
-pub(super) const BY_KEYS: [&str; 8] = [
+pub(super) const BY_KEYS: [&str; 10] = [
     DRIVES,
     COASTS,
     SLOWS,
@@ -32,7 +35,30 @@ pub(super) const BY_KEYS: [&str; 8] = [
     STOPPED,
     STOPPED_AFLOAT,
     words::stop(StopReason::Released),
+    STUCK,
+    AGROUND,
 ];
+
+/// What is known of the vehicle's body.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Body {
+    /// It moves so fast, forwards, m/s.
+    moves: Option<f32>,
+    /// It floats.
+    is_boat: bool,
+    /// It is told to go, and has not for seconds.
+    is_stuck: bool,
+}
+
+impl Body {
+    pub(super) fn of(model: &ConsoleModel, now: Monotonic) -> Self {
+        Self {
+            moves: moves(model),
+            is_boat: model.info().is_some_and(|info| info.is_boat),
+            is_stuck: model.is_stuck(now),
+        }
+    }
+}
 
 /// How the vehicle is, in words.
 pub(super) struct Headline {
@@ -81,21 +107,20 @@ pub(super) fn ended() -> Headline {
 }
 
 /// The speed of a vehicle that moves, forwards, m/s.
-pub(super) fn moves(model: &ConsoleModel) -> Option<f32> {
+fn moves(model: &ConsoleModel) -> Option<f32> {
     let (pose, _) = model.vehicle().pose()?;
     let is_moving = pose.speed_mps.abs() >= MOVING || pose.turn_rate_radps.abs() >= MOVING;
     is_moving.then_some(pose.speed_mps)
 }
 
-/// Of a vehicle that is heard, and `moves` so fast, forwards, m/s.
-pub(super) fn heard(
-    teleop: &TeleopStatus,
-    helm: &HelmSight,
-    moves: Option<f32>,
-    is_boat: bool,
-) -> Headline {
-    if let Some(untold) = untold(teleop, moves, is_boat) {
+/// Of a vehicle that is heard.
+pub(super) fn heard(teleop: &TeleopStatus, helm: &HelmSight, body: Body) -> Headline {
+    if let Some(untold) = untold(teleop, body.moves, body.is_boat) {
         return untold;
+    }
+    if teleop.state == TeleopState::Driving && body.is_stuck {
+        let why = if body.is_boat { AGROUND } else { STUCK };
+        return Headline::new(Tone::Warning, "Not moving".to_owned(), Some(why.to_owned()));
     }
     let headline = match teleop.state {
         TeleopState::Stopping(_) => "Stopping".to_owned(),
@@ -118,7 +143,7 @@ pub(super) fn heard(
         | TeleopState::EStop
         | TeleopState::Fault(_) => Tone::Warning,
     };
-    Headline::new(tone, headline, advice(teleop, helm, is_boat))
+    Headline::new(tone, headline, advice(teleop, helm, body.is_boat))
 }
 
 fn advice(teleop: &TeleopStatus, helm: &HelmSight, is_boat: bool) -> Option<String> {
@@ -141,7 +166,7 @@ fn advice(teleop: &TeleopStatus, helm: &HelmSight, is_boat: bool) -> Option<Stri
         (TeleopState::Held, None)
             if is_mine && matches!(teleop.guard, Guard::Stale | Guard::Silent) =>
         {
-            "The guard sees nothing new, so nothing moves: the robot's sensors or its machine are late. When it sees, \
+            "The guard's data is late, so nothing moves: the robot's sensors or its machine are slow. When it comes, \
              press anew"
         }
         (TeleopState::Held, None)

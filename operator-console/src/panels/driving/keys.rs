@@ -36,6 +36,8 @@ fn heeded(arming: Arming, helm: &HelmSight) -> (Tone, &'static str) {
             (Tone::Warning, "Go elsewhere: click into the map")
         }
         Arming::Locked => (Tone::Warning, told),
+        // What is held down here is not sent: the vehicle does not know of it.
+        Arming::Neutral if helm.ignored.is_some() => (Tone::Warning, words::arming(Arming::Locked)),
         Arming::Neutral => (Tone::Waiting, told),
         Arming::Pressed => (Tone::Good, told),
     }

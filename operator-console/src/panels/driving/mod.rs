@@ -8,6 +8,7 @@ mod headline;
 mod keys;
 mod last_stop;
 mod untold;
+mod watching;
 pub mod words;
 
 use eframe::egui::{
@@ -19,10 +20,12 @@ use protocol::message::{LeaseRequest, Setting, Settings};
 
 pub use data::{DrivingData, EStopFace, LeaseFace};
 pub use gauge::Gauge;
+pub(crate) use watching::disabled_ui;
 
 use super::rows::{rows_ui, toned_rows_ui};
 use crate::command::Command;
 use crate::helm::Intent;
+use crate::role::WATCHES;
 use crate::shortcuts::Action;
 use crate::teleop_input::SpeedStep;
 use crate::theme::{self, state_ui};
@@ -47,7 +50,7 @@ pub struct DrivingEntry {
 
 /// Draws the panel. The emergency stop stays where it is, whatever is scrolled or changes.
 pub fn driving_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<Command> {
-    let stop = estop_ui(ui, &data.estop);
+    let stop = estop_ui(ui, &data.estop, data.only_watches);
     let rest = ScrollArea::vertical()
         .auto_shrink([false, false])
         .show(ui, |ui| {
@@ -94,7 +97,9 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
     if let Some(settings) = data.settings {
         ui.separator();
         CollapsingHeader::new("Settings of the robot").show(ui, |ui| {
-            intent = intent.take().or(settings_ui(ui, settings, entry));
+            ui.add_enabled_ui(!data.only_watches, |ui| {
+                intent = intent.take().or(settings_ui(ui, settings, entry));
+            });
         });
     }
     CollapsingHeader::new("Refused commands").show(ui, |ui| {
@@ -123,7 +128,7 @@ fn advice_ui(ui: &mut Ui, advice: Option<&str>) {
     ui.add_space((reserved - shown).max(0.0));
 }
 
-fn estop_ui(ui: &mut Ui, face: &EStopFace) -> Option<Intent> {
+fn estop_ui(ui: &mut Ui, face: &EStopFace, only_watches: bool) -> Option<Intent> {
     let [fill, ink] = theme::DANGER;
     let text_size = (ESTOP_TEXT_SHARE * ui.available_width()).clamp(11.0, 18.0);
     let big = |words: &str, fill: Color32, ink: Color32| {
@@ -156,11 +161,20 @@ fn estop_ui(ui: &mut Ui, face: &EStopFace) -> Option<Intent> {
                     .sense(eframe::egui::Sense::hover()),
             );
             let reset = Button::new("Reset it");
-            let reset = ui.add_enabled(*is_stored, reset);
+            let reset = ui.add_enabled(*is_stored && !only_watches, reset);
+            let why_not = if only_watches {
+                WATCHES
+            } else {
+                "It is not stored yet"
+            };
             reset
-                .on_disabled_hover_text("It is not stored yet")
+                .on_disabled_hover_text(why_not)
                 .clicked()
                 .then_some(Intent::Reset(*number))
+        }
+        EStopFace::Watching => {
+            watching::estop_ui(ui, size);
+            None
         }
         EStopFace::Refused(why) => {
             let warning = theme::Tone::Warning.color(ui.visuals());
@@ -199,6 +213,10 @@ fn lease_ui(ui: &mut Ui, face: LeaseFace) -> Option<Intent> {
         )],
         // It is where "Drive" was, under a pointer that rests there for the whole drive, and so would be its hint.
         LeaseFace::Mine => &[("Give back", None, LeaseRequest::Release)],
+        LeaseFace::Watching => {
+            watching::lease_ui(ui);
+            return None;
+        }
     };
     let mut asked = None;
     ui.horizontal(|ui| {

@@ -2,6 +2,7 @@ mod asked;
 mod grants;
 mod keys_count;
 mod restarted;
+mod watching;
 
 use eframe::egui::vec2;
 use egui_kittest::Harness;
@@ -354,7 +355,10 @@ fn keys_that_are_ignored_are_said_to_be_and_why() {
     assert_eq!(rig.data().advice.unwrap(), by_itself);
     rig.teleop.last_stop = Some(StopReason::GuardStale);
     let advice = rig.data().advice.unwrap();
-    assert_eq!(advice, format!("{by_itself}, the guard saw nothing new"));
+    assert_eq!(
+        advice,
+        format!("{by_itself}, the guard's data came too late")
+    );
     rig.teleop.last_stop = Some(StopReason::Released);
     assert_eq!(rig.data().advice.unwrap(), by_itself);
     rig.helm.ignored = None;
@@ -366,7 +370,7 @@ fn keys_that_are_ignored_are_said_to_be_and_why() {
     for guard in [Guard::Stale, Guard::Silent] {
         rig.teleop.guard = guard;
         let advice = rig.data().advice.unwrap();
-        assert!(advice.starts_with("The guard sees nothing new, so nothing moves"));
+        assert!(advice.starts_with("The guard's data is late, so nothing moves"));
     }
 }
 
@@ -400,15 +404,20 @@ fn the_guard_and_the_last_stop_are_always_seen() {
         (
             Guard::Stale,
             Tone::Warning,
-            "Sees nothing new: nothing moves",
+            "Its data is late: nothing moves",
         ),
     ] {
         let mut rig = Rig::new();
+        rig.teleop.state = TeleopState::Held;
         rig.teleop.guard = guard;
         rig.teleop.last_stop = Some(StopReason::Age);
         assert_eq!(rig.row("Guard"), Some((tone, words.to_owned())));
         let stop = Some((Tone::Warning, "commands too old".to_owned()));
         assert_eq!(rig.row("Last stop"), stop);
+        // Nobody drives: it may go its own way.
+        rig.teleop.state = TeleopState::Idle;
+        let says = rig.row("Guard").unwrap().1;
+        assert_eq!(says, words.trim_end_matches(": nothing moves"));
     }
 }
 
@@ -419,7 +428,7 @@ fn what_was_refused_is_counted_by_reason_and_settings_are_asked_for() {
         reason: Refusal::TooOld,
         count: 1_234,
     }];
-    let expected = ("1\u{2009}234".to_owned(), "it is too old".to_owned());
+    let expected = ("1\u{a0}234".to_owned(), "it is too old".to_owned());
     assert_eq!(rig.data().refused, [expected]);
     let data = rig.data();
     let mut window = Harness::builder()

@@ -6,6 +6,7 @@ use protocol::message::{
 };
 
 use crate::helm::{Asked, Note, WhyNot};
+use crate::role::WATCHES;
 use crate::teleop_input::Loss;
 
 /// A state, with its reason.
@@ -27,7 +28,7 @@ pub const fn stop(why: StopReason) -> &'static str {
         StopReason::Released => "keys let go",
         StopReason::Age => "commands too old",
         StopReason::NotFinite => "nonsense was asked for",
-        StopReason::GuardStale => "the guard saw nothing new",
+        StopReason::GuardStale => "the guard's data came too late",
         StopReason::LeaseEnded(LeaseEnd::Released) => "the lease was given back",
         StopReason::LeaseEnded(LeaseEnd::Expired) => "the console fell silent",
         StopReason::LeaseEnded(LeaseEnd::Renewed) => "the lease was asked for anew",
@@ -163,6 +164,7 @@ pub fn note(note: &Note) -> (String, bool) {
             "nothing to stop: this robot is not driven over the network".to_owned(),
             true,
         ),
+        Note::OnlyWatches => (WATCHES.to_owned(), true),
         Note::Lost(why) => (format!("keys count no more: {}", loss(*why)), false),
     }
 }

@@ -3,9 +3,12 @@ use std::time::Duration;
 use eframe::egui::{Pos2, pos2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
+use protocol::keys::Topic;
+use protocol::message::{Info, LayerInfo};
 
 use super::*;
-use crate::pretend::at;
+use crate::model::RequestId;
+use crate::pretend::{answers, at, console};
 
 fn row(layer: LayerId, over: Option<LayerId>, under: Option<LayerId>) -> LayerRow {
     LayerRow {
@@ -149,6 +152,61 @@ fn nothing_is_cut_off() {
 }
 
 #[test]
+fn nothing_moves_when_the_words_of_a_layer_change() {
+    let (top, low) = (LayerId::Obstacle, LayerId::Elevation);
+    // From narrow panels, where the longest words have three lines, to wide ones, where they have one.
+    for width in [130.0, 160.0, 180.0, 200.0, 220.0, 290.0] {
+        let mut tops = Vec::new();
+        for state in [
+            "129 tiles, in step, newest 0.4 s old",
+            "129 tiles, in step 2.2 s ago, newest 0.3 s old",
+            "129 tiles, not in step for 8.0 s, newest 0.3 s old",
+            "129 tiles, 12 missing for 15 s, newest 119 s old",
+            "hidden",
+        ] {
+            let mut rows = vec![row(top, None, Some(low)), row(low, Some(top), None)];
+            state.clone_into(&mut rows[0].state);
+            let mut window = window_of(rows);
+            window.set_size(vec2(width, 300.0));
+            window.run_steps(2);
+            tops.push(window.get_by_label("Only Elevation").rect().top());
+        }
+        let moves = tops.iter().map(|at| (at - tops[0]).abs());
+        assert!(moves.fold(0.0, f32::max) < 0.1, "{width}: {tops:?}");
+    }
+}
+
+#[test]
+fn what_is_hidden_of_a_robot_is_not_received() {
+    let mut model = console("scout", &LayerId::ALL);
+    let layers = vec![LayerInfo {
+        layer: LayerId::Cost,
+        cell_m: 0.1,
+    }];
+    let info = Info {
+        layers,
+        ..Info::default()
+    };
+    answers(&mut model, RequestId(1), Topic::Info, &info, at(1_000));
+    let mut view = MapView::default();
+    view.obey(LayerCommand::Show(LayerId::Cost, false), &model);
+    for (recording, says) in [
+        (None, "hidden, not received"),
+        (Some("rooms.mcap"), "hidden"),
+    ] {
+        let link = LinkSight {
+            recording: recording.map(str::to_owned),
+            ..LinkSight::default()
+        };
+        let data = LayersData::new(&model, &link, &view, at(1_100));
+        let [row] = &data.rows[..] else {
+            panic!("{data:?}");
+        };
+        assert_eq!((row.state.as_str(), row.is_shown), (says, false));
+    }
+}
+
+#[test]
 fn a_layer_is_in_step_or_says_what_it_lacks() {
     let now = Monotonic::from_nanos(20_000_000_000);
     let step = |is_equal, missing| LayerStep {
@@ -165,7 +223,7 @@ fn a_layer_is_in_step_or_says_what_it_lacks() {
     check(
         Some(step(true, 0)),
         24_649,
-        (Tone::Good, "24\u{2009}649 tiles, in step"),
+        (Tone::Good, "24\u{a0}649 tiles, in step"),
     );
     check(
         Some(step(true, 0)),

@@ -86,7 +86,7 @@ fn a_full_disk_and_what_was_lost_are_said() {
         "Length: 1:01:15",
         "in 1 file\n",
         "Free on disk: –",
-        "Lost: 1\u{2009}200 measurements",
+        "Lost: 1\u{a0}200 measurements",
     ] {
         assert!(text.contains(words), "{words:?} is not in {text}");
     }
@@ -163,6 +163,14 @@ fn who_cannot_ask_is_told_why() {
         is_asking: true,
         ..helm_of_anna()
     };
+    let watching = HelmSight {
+        only_watches: true,
+        ..helm_of_anna()
+    };
+    assert_eq!(
+        blocked(Some(&watching), 1_100),
+        Some("You watch: observers start and stop no recording")
+    );
     assert_eq!(
         blocked(Some(&asking), 1_100),
         Some("The robot is being asked")

@@ -86,7 +86,7 @@ fn each_sensor_says_how_it_is() {
     assert_eq!(
         text(&SensorsData::new(&boat(), at(1_100))),
         "Good Good | laser | Tilting laser | 5.0 of 5 Hz | 0.0 s ago | 0\n\
-         Warning Silent | sonar | Sonar | 4.2 of 10 Hz | 1.3 s ago | 12\u{2009}345\n\
+         Warning Silent | sonar | Sonar | 4.2 of 10 Hz | 1.3 s ago | 12\u{a0}345\n\
          Warning No fix | gps | Satellite receiver | 5.0 Hz | 0.0 s ago | 0\n\
          Warning Clock leapt | imu | Attitude | 50.0 Hz | 0.0 s ago | 0\n\
          Waiting Waiting | not described | – | 0.0 Hz | never | 0"
@@ -125,7 +125,7 @@ fn the_panel_can_be_read_without_its_colours() {
         "Silent",
         "No fix",
         "sonar",
-        "12\u{2009}345",
+        "12\u{a0}345",
     ] {
         panel.get_by_label(label);
     }
@@ -159,7 +159,7 @@ fn a_narrow_panel_shows_all_of_every_sensor_within_its_width() {
             "sonar",
             "4.2 of 10 Hz,",
             "seen 1.3 s ago,",
-            "12\u{2009}345 dropped",
+            "12\u{a0}345 dropped",
             "Clock leapt",
             "not described",
             "seen never",
@@ -189,4 +189,11 @@ fn sensors_of_a_recording_that_stands_do_not_grow_older() {
     let [then, later] = [1_100, 61_000].map(|ms| SensorsData::new(&model, at(ms)));
     assert_eq!(later, then);
     assert_eq!((then.note, &*then.sensors[0].state), (None, "Good"));
+}
+
+#[test]
+fn a_sonar_without_a_valid_measurement_may_be_too_near_to_the_bottom() {
+    let says = |kind| fault_words(SensorFault::AllInvalid, Some(kind)).2;
+    assert!(says(SensorKind::Sonar).contains("nearer to the bottom"));
+    assert!(!says(SensorKind::TiltingLaser).contains("bottom"));
 }

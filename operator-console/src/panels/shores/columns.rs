@@ -14,7 +14,7 @@ const TEXT_SIZE: f32 = 13.0;
 const SWATCH_GAP: f32 = 6.0;
 const GAP: f32 = 8.0;
 /// What is usual in the columns has room in any case: a number that grows by a digit changes nothing.
-const USUAL: [&str; 5] = ["88", "Sparse", "100 %", "88\u{2009}888", "888 m"];
+const USUAL: [&str; 5] = ["88", "Sparse", "100 %", "88\u{a0}888", "888 m"];
 
 /// What stands in one row, or above all.
 pub(super) type Texts<'a> = [&'a str; 5];

@@ -1,7 +1,7 @@
 use std::time::Duration;
 
 use egui_kittest::Harness;
-use egui_kittest::kittest::Queryable as _;
+use egui_kittest::kittest::{NodeT as _, Queryable as _};
 
 use super::*;
 use crate::helm::EStopSight;
@@ -75,6 +75,18 @@ fn a_stop_that_is_being_sent_is_seen_before_the_robot_speaks() {
 }
 
 #[test]
+fn who_only_watches_is_told_so_at_a_stop_that_cannot_be_pressed() {
+    let estop = Some(EStopFace::Watching);
+    let window = bar(900.0, TopBarData { estop, ..data() }, 0);
+    let stop = window.get_by_label("Stop. You watch: observers neither drive nor stop the vehicle");
+    assert!(stop.accesskit_node().is_disabled());
+    let usual = bar(900.0, data(), 0);
+    let pressed = usual.get_by_label("Stop");
+    assert!(!pressed.accesskit_node().is_disabled());
+    assert_eq!(stop.rect(), pressed.rect());
+}
+
+#[test]
 fn a_map_that_was_in_step_a_moment_ago_is_in_step() {
     let map = (Tone::Good, "In step 0.5 s ago".to_owned());
     let mut window = bar(900.0, TopBarData { map, ..data() }, 0);
@@ -111,7 +123,7 @@ fn a_map_that_is_old_or_behind_says_so_in_the_room_that_there_is() {
         for (map, map_short) in [
             ("Was not in step when last heard", "Old"),
             ("Behind, asking what is missing", "Behind"),
-            ("12\u{2009}345 tiles missing", "Behind"),
+            ("12\u{a0}345 tiles missing", "Behind"),
         ] {
             let data = TopBarData {
                 map: (Tone::Warning, map.to_owned()),

@@ -90,6 +90,7 @@ fn the_recordings_of_a_folder_are_offered_and_any_other_path_is_typed_over_it() 
     let folder = tempfile::tempdir().unwrap();
     let recording = folder.path().join("rooms.mcap");
     fs::write(&recording, "").unwrap();
+    fs::write(folder.path().join("sea.mcap"), "").unwrap();
     let typed = as_typed(folder.path(), home().as_deref()).unwrap();
     let mut harness = harness(OpenDialog::default());
     let open = |harness: &mut Harness<'static, State>, folder: PathBuf| {
@@ -100,9 +101,11 @@ fn the_recordings_of_a_folder_are_offered_and_any_other_path_is_typed_over_it() 
     };
     open(&mut harness, folder.path().to_owned());
     assert_eq!(harness.state().dialog.path, typed);
+    let mut offered = harness.state().dialog.completions.offered.clone();
+    offered.sort();
     assert_eq!(
-        harness.state().dialog.completions.offered,
-        [format!("{typed}rooms.mcap")]
+        offered,
+        ["rooms", "sea"].map(|name| format!("{typed}{name}.mcap"))
     );
     // There is a folder, and not yet a recording.
     harness.key_press(Key::Enter);
@@ -121,6 +124,20 @@ fn the_recordings_of_a_folder_are_offered_and_any_other_path_is_typed_over_it() 
 
     open(&mut harness, folder.path().to_owned());
     harness.get_by_label(&format!("{typed}rooms.mcap")).click();
+    harness.run_steps(3);
+    assert_eq!(harness.state().opened, [recording]);
+}
+
+#[test]
+fn return_opens_the_only_recording_that_is_offered() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = folder.path().join("rooms.mcap");
+    fs::write(&recording, "").unwrap();
+    let mut harness = harness(OpenDialog::default());
+    let dialog = &mut harness.state_mut().dialog;
+    dialog.open(Some(folder.path().to_owned()));
+    harness.run_steps(3);
+    harness.key_press(Key::Enter);
     harness.run_steps(3);
     assert_eq!(harness.state().opened, [recording]);
 }

@@ -20,12 +20,22 @@ const FATAL: DockingColumn = land(1.0);
 const WATER: DockingColumn = DockingColumn {
     cost: 0.0,
     is_clear_water: true,
+    rises_from_water: false,
 };
 
 const fn land(cost: f32) -> DockingColumn {
     DockingColumn {
         cost,
         is_clear_water: false,
+        rises_from_water: true,
+    }
+}
+
+/// A bed that a sonar saw where the hulls reach, under water.
+const fn bed(cost: f32) -> DockingColumn {
+    DockingColumn {
+        rises_from_water: false,
+        ..land(cost)
     }
 }
 
@@ -199,6 +209,35 @@ fn a_spit_is_headed_for_from_one_of_its_sides() {
     };
     let across = libm::fabs(libm::cos(site.heading_rad));
     assert!(!(0.1..=0.9).contains(&across), "{}", site.heading_rad);
+}
+
+#[test]
+fn a_shoal_is_a_site_only_where_land_follows_it() {
+    let patch = |behind: DockingColumn| {
+        sites(|x, y| match x {
+            _ if y.abs() > 3.0 => WATER,
+            _ if x < 0.0 => WATER,
+            _ if x < 5.0 => bed(0.08),
+            _ => behind,
+        })
+    };
+    assert_eq!(patch(WATER), [], "where the boat has lain");
+    assert_eq!(patch(bed(0.08)), [], "a shoal without an end");
+    assert_eq!(patch(FATAL), [], "a wall or canes");
+    // Bare banks, steep or level, right behind it.
+    assert_eq!(patch(land(0.4)).len(), 1);
+    assert_eq!(patch(land(0.0)).len(), 1);
+    // Within a boat's length of the shoal a bank, but clear water between them.
+    let before_a_bank = |gap_m: f64| {
+        let found = sites(|x, _| match x {
+            _ if x < 0.0 => WATER,
+            _ if x < 5.0 => bed(0.08),
+            _ if x < 5.0 + gap_m => WATER,
+            _ => land(0.0),
+        });
+        found.len()
+    };
+    assert_eq!((before_a_bank(0.0), before_a_bank(2.5)), (1, 0));
 }
 
 #[test]

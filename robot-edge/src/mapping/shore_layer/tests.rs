@@ -72,3 +72,65 @@ fn a_shore_that_the_boat_leaves_stays_what_it_was() {
         assert_eq!(update(f64::from(x)), whole, "{x}");
     }
 }
+
+/// The sites beside a boat over a bed whose height is `bed_m` of x and y, metres, or too deep; seen from straight above.
+fn sites(bed_m: impl Fn(f64, f64) -> Option<f64>) -> Vec<DockingSite> {
+    let octree = OctreeConfig {
+        enabled: true,
+        cell_m: CELL_M,
+        ..OctreeConfig::default()
+    };
+    let mut octree = Octree::new(&octree, &[RangeSensorModel::default()], 1);
+    let middles = |from: i32, to: i32| (from..to).map(|n| (f64::from(n) + 0.5) * CELL_M);
+    let places = middles(-40, 60).flat_map(|x| middles(-30, 30).map(move |y| (x, y)));
+    let seen = places.map(|(x, y)| (Point3::new(x, y, 1.9), bed_m(x, y)));
+    let seen: Vec<_> = seen.collect();
+    let rays = seen.iter().map(|&(origin, bed_m)| Ray {
+        origin,
+        end: Point3::new(origin.x, origin.y, bed_m.unwrap_or(0.02)),
+        is_hit: bed_m.is_some(),
+    });
+    octree.integrate(SensorId(0), rays);
+    for (origin, bed_m) in seen {
+        if let Some(z) = bed_m {
+            let hit = SurfaceHit {
+                point: Point3::new(origin.x, origin.y, z),
+                spot_m: 0.0,
+                intra: 0.9,
+                inter: 0.1,
+            };
+            octree.add_surface(&hit, 0.3);
+        }
+    }
+    let config = CostConfig {
+        enabled: true,
+        box_m: 40.0,
+        surface: Surface::Water,
+        ..CostConfig::default()
+    };
+    let mut costs = CostMap::new(&config, &RigidityConfig::default(), BOAT, CELL_M, 1);
+    let mut layer = ShoreLayer::new(&ShoreConfig::default(), BOAT, CELL_M);
+    // The water stands in the middle of its voxels.
+    costs.update(&mut octree, Point3::new(0.0, 0.0, 0.5 * CELL_M));
+    layer.update(&costs, &octree);
+    let beside = CellIndex { x: 16, y: 0 };
+    let cost = costs.cell(beside).unwrap().cost;
+    assert!(cost > 0.01 && cost < 0.3, "{cost} is moderate");
+    layer.docking_sites().to_vec()
+}
+
+#[test]
+fn a_shoal_that_the_sonar_saw_is_no_docking_site_and_a_bank_is() {
+    let rising = |slope: f64| {
+        move |x: f64, y: f64| {
+            let is_there = (3.0..12.0).contains(&x) && y.abs() < 4.0;
+            is_there.then_some(-0.5 + slope * (x - 3.0))
+        }
+    };
+    // All of it is under water: the hulls, which reach down to 60 cm, lie on it.
+    assert_eq!(sites(rising(0.03)), []);
+    let bank = sites(rising(0.15));
+    assert_eq!(bank.len(), 1);
+    // The part under water belongs to it.
+    assert!(bank[0].cells.contains(&CellIndex { x: 12, y: 0 }));
+}

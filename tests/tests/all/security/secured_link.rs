@@ -71,6 +71,33 @@ fn a_console_with_keys_drives_under_its_own_name() {
     assert!(said.contains(" Driving, lease of anna"), "{said}");
 }
 
+/// The certificate says so: no robot need be there.
+#[test]
+fn a_script_of_an_observer_is_refused_before_it_waits_for_anybody() {
+    let fleet = Fleet::new();
+    let endpoint = format!("quic/127.0.0.1:{}", free_port());
+    let script = fleet.scratch("stop.txt");
+    fs::write(&script, "0.0 estop\n0.0 await estop 6\n").unwrap();
+    let said_to = |name| {
+        let mut console = program("operator-console");
+        console.args(["--headless", "--timeout", "1", "--connect", &endpoint]);
+        console.arg("--keys").arg(fleet.person(name));
+        console.args(["drive", "--script"]).arg(&script);
+        let ended = console.output().unwrap();
+        (
+            ended.status.code(),
+            String::from_utf8(ended.stderr).unwrap(),
+        )
+    };
+    let words = "You watch: observers neither drive nor stop the vehicle";
+    let (code, said) = said_to("tv");
+    assert!(code == Some(2) && said.contains(words), "{code:?}: {said}");
+    for name in ["anna", "sam"] {
+        let (code, said) = said_to(name);
+        assert!(code != Some(2) && !said.contains(words), "{code:?}: {said}");
+    }
+}
+
 fn open(side: Side, fleet: &Fleet, endpoint: String) -> Session {
     let (listen, connect, folder) = match side {
         Side::Edge => (vec![endpoint], vec![], fleet.vehicle()),

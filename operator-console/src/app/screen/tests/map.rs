@@ -105,8 +105,8 @@ fn shores_are_listed_and_a_click_shows_where_they_are() {
         &window,
         &[
             "Shores",
-            "Shore 7, dense, 41 % rigid, 1\u{2009}200 voxels, 5.0 m away",
-            "Shore 12, solid, 92 % rigid, 1\u{2009}200 voxels, 100 m away",
+            "Shore 7, dense, 41 % rigid, 1\u{a0}200 voxels, 5.0 m away",
+            "Shore 12, solid, 92 % rigid, 1\u{a0}200 voxels, 100 m away",
             "Docking site A, cost 0.20, 6.2 m wide, 12 m away",
             "Docking site B, cost 0.31, 6.2 m wide, 20 m away",
             // On the map.

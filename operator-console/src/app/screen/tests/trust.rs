@@ -57,7 +57,7 @@ fn a_live_robot_in_step_is_shown_with_its_figures() {
             "world rooms",
             "x\u{a0}1.00  y\u{a0}−2.50\u{a0}m",
             "0.55 m/s",
-            "1\u{2009}190 of 1\u{2009}200 mapped",
+            "1\u{a0}190 of 1\u{a0}200 mapped",
             "1 tile, ",
             "Probability of being occupied",
             "Occupancy",

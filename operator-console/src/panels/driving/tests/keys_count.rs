@@ -131,3 +131,39 @@ fn what_a_key_changes_moves_no_button() {
     let stopping = TeleopState::Stopping(StopReason::Released);
     assert_eq!(place(stopping, false), driving);
 }
+
+#[test]
+fn keys_that_are_held_and_not_sent_are_to_be_let_go_in_every_line() {
+    let mut rig = Rig::driving();
+    rig.teleop.state = TeleopState::Held;
+    rig.velocity = [0.0; 2];
+    rig.teleop.arming = Arming::Neutral;
+    rig.helm.ignored = Some(Loss::Stopped);
+    let (_, advice, keys) = said(&rig);
+    assert!(advice.unwrap().starts_with("Let go of all keys"));
+    assert_eq!(keys, "Let go of everything");
+}
+
+#[test]
+fn a_vehicle_that_is_told_to_go_and_does_not_is_said_to_be_stuck() {
+    let mut rig = Rig::driving();
+    rig.velocity = [-0.05, 0.0];
+    rig.teleop.clamp = Some(Clamp::Ramp);
+    let said_after = |rig: &Rig, ms: u64| {
+        let mut model = rig.model();
+        let (status, _) = model.status().unwrap().clone();
+        let (pose, _) = model.vehicle().pose().unwrap();
+        says(&mut model, Topic::Pose, &pose, at(1_000 + ms));
+        says(&mut model, Topic::Status, &status, at(1_000 + ms));
+        let data = DrivingData::new(&model, &rig.helm, at(1_100 + ms)).unwrap();
+        (data.headline, data.tone, data.advice.unwrap())
+    };
+    assert_eq!(said_after(&rig, 1_000).0, "Driving");
+    let (headline, tone, advice) = said_after(&rig, 3_000);
+    assert_eq!((headline.as_str(), tone), ("Not moving", Tone::Warning));
+    assert!(advice.contains("stuck"), "{advice}");
+    rig.is_boat = true;
+    assert!(said_after(&rig, 3_000).2.contains("aground"));
+    rig.velocity = [0.3, 0.0];
+    assert_eq!(said_after(&rig, 3_000).0, "Driving");
+}

@@ -69,7 +69,9 @@ impl Reading {
 
 /// `x 1.20 m  y −3.40 m`
 fn place(words: &str) -> Option<[f64; 2]> {
-    let mut words = words.strip_prefix("x ")?.split_whitespace();
+    // The spaces between them are of those that no line is broken at.
+    let mut words = words.split_whitespace();
+    words.next().filter(|name| *name == "x")?;
     let x = number(words.next()?)?;
     let y = number(words.nth(2)?)?;
     Some([x, y])

@@ -1,0 +1,215 @@
+//! Who is there instead of a robot that is not, in words.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use protocol::keys::RobotId;
+
+use super::Target;
+use crate::link::{AddressState, Discovery, FoundRobot};
+
+/// What looking for robots has found so far.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Around {
+    /// The robots that answer.
+    pub(super) found: Vec<FoundRobot>,
+    /// The addresses that are asked, and what came of it.
+    pub(super) asked: BTreeMap<String, AddressState>,
+    /// Why the local network cannot be searched.
+    pub(super) problem: Option<String>,
+}
+
+impl Around {
+    /// As it is known now.
+    pub(super) fn of(discovery: &Discovery) -> Self {
+        Self {
+            // Before the robots: who answers at an address is told a moment after that somebody does.
+            asked: discovery.asked(),
+            found: discovery.found(),
+            problem: discovery.problem(),
+        }
+    }
+
+    /// Whether every address was asked, and who answered is known.
+    pub(super) fn is_known(&self) -> bool {
+        let is = |wanted: &AddressState| self.asked.values().any(|state| state == wanted);
+        !is(&AddressState::Asking) && (!is(&AddressState::Found) || !self.found.is_empty())
+    }
+
+    fn has(&self, robot: &RobotId) -> bool {
+        self.found.iter().any(|found| found.robot == *robot)
+    }
+
+    /// "scout answers at tcp/boat:7447"; `None` where nobody does.
+    fn who_answers(&self, target: &Target) -> Option<String> {
+        let names: BTreeSet<_> = self
+            .found
+            .iter()
+            .map(|found| found.robot.to_string())
+            .collect();
+        let answer = match names.len() {
+            0 => return None,
+            1 => "answers",
+            _ => "answer",
+        };
+        let names: Vec<_> = names.into_iter().collect();
+        Some(format!("{} {answer} {}", names.join(", "), target.place()))
+    }
+
+    /// What is said while `target` has not been heard yet.
+    pub(super) fn waiting(&self, target: &Target) -> String {
+        let seconds = format!("{:.0}", target.timeout.as_secs_f64());
+        match (self.who_answers(target), &target.robot) {
+            (Some(others), Some(robot)) if !self.has(robot) => {
+                format!("{others}, and no robot called {robot} yet: trying for {seconds} s")
+            }
+            (Some(it), _) => format!("{it} and says nothing yet: trying for {seconds} s"),
+            (None, _) => {
+                let place = target.place();
+                format!("nobody answers {place} yet: trying for {seconds} s")
+            }
+        }
+    }
+
+    /// Why `target` was not heard in time, and what to do.
+    pub(super) fn conclusion(&self, target: &Target) -> String {
+        match (self.who_answers(target), &target.robot) {
+            (Some(others), Some(robot)) if !self.has(robot) => {
+                format!("{others}: no robot there is called {robot}; name one with --robot")
+            }
+            (Some(it), _) => format!("{it}, and has said nothing"),
+            (None, _) => {
+                let advice = if target.connect.is_empty() {
+                    "start one with `robot-edge`, or name its address with --connect"
+                } else {
+                    "start one with `robot-edge ... --listen`, or check the address"
+                };
+                let place = target.place();
+                let why = self
+                    .in_the_way()
+                    .map(|why| format!(" ({why})"))
+                    .unwrap_or_default();
+                format!("there is no robot {place}{why}; {advice}")
+            }
+        }
+    }
+
+    /// What kept robots from being found. Nobody is trying again by then.
+    fn in_the_way(&self) -> Option<String> {
+        let is_single = self.asked.len() == 1;
+        let of_addresses = self
+            .asked
+            .iter()
+            .filter_map(|(address, state)| match state {
+                AddressState::Refused | AddressState::Silent if is_single => {
+                    Some("nobody answers there".to_owned())
+                }
+                AddressState::Refused | AddressState::Silent => {
+                    Some(format!("nobody answers at {address}"))
+                }
+                AddressState::Asking
+                | AddressState::Found
+                | AddressState::NoRobot
+                | AddressState::UnknownName
+                | AddressState::Foreign
+                | AddressState::Problem(_) => state.complaint(address),
+            });
+        let all: Vec<_> = self
+            .problem
+            .clone()
+            .into_iter()
+            .chain(of_addresses)
+            .collect();
+        (!all.is_empty()).then(|| all.join("; "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    fn target(connect: &[&str], robot: Option<&str>) -> Target {
+        Target {
+            connect: connect.iter().copied().map(str::to_owned).collect(),
+            robot: robot.map(|name| name.parse().unwrap()),
+            zenoh_config: None,
+            credentials: None,
+            timeout: Duration::from_secs(5),
+            quiet: false,
+        }
+    }
+
+    fn around(robots: &[&str], asked: &[(&str, AddressState)]) -> Around {
+        let found = |name: &&str| FoundRobot {
+            robot: name.parse().unwrap(),
+            endpoint: "tcp/a:1".to_owned(),
+        };
+        Around {
+            found: robots.iter().map(found).collect(),
+            asked: asked
+                .iter()
+                .map(|(address, state)| ((*address).to_owned(), state.clone()))
+                .collect(),
+            problem: None,
+        }
+    }
+
+    #[test]
+    fn who_is_there_instead_is_named() {
+        let nobody = target(&["tcp/a:1"], Some("nobody"));
+        let scout = around(&["scout"], &[("tcp/a:1", AddressState::Found)]);
+        assert_eq!(
+            scout.waiting(&nobody),
+            "scout answers at tcp/a:1, and no robot called nobody yet: trying for 5 s"
+        );
+        assert_eq!(
+            scout.conclusion(&nobody),
+            "scout answers at tcp/a:1: no robot there is called nobody; name one with --robot"
+        );
+        let two = around(&["scout", "spare"], &[]);
+        assert_eq!(
+            two.conclusion(&target(&[], Some("nobody"))),
+            "scout, spare answer on the local network: no robot there is called nobody; name one with --robot"
+        );
+        assert_eq!(
+            scout.conclusion(&target(&["tcp/a:1"], Some("scout"))),
+            "scout answers at tcp/a:1, and has said nothing"
+        );
+    }
+
+    #[test]
+    fn where_nobody_is_the_advice_is_what_was_not_done_yet() {
+        let refused = ("tcp/a:1", AddressState::Refused);
+        let one = around(&[], std::slice::from_ref(&refused));
+        assert_eq!(
+            one.waiting(&target(&["tcp/a:1"], None)),
+            "nobody answers at tcp/a:1 yet: trying for 5 s"
+        );
+        assert_eq!(
+            one.conclusion(&target(&["tcp/a:1"], None)),
+            "there is no robot at tcp/a:1 (nobody answers there); \
+             start one with `robot-edge ... --listen`, or check the address"
+        );
+        let two = around(&[], &[refused, ("tcp/b:2", AddressState::UnknownName)]);
+        assert_eq!(
+            two.conclusion(&target(&["tcp/a:1", "tcp/b:2"], None)),
+            "there is no robot at tcp/a:1, tcp/b:2 (nobody answers at tcp/a:1; the name in tcp/b:2 is not known); \
+             start one with `robot-edge ... --listen`, or check the address"
+        );
+        assert_eq!(
+            Around::default().conclusion(&target(&[], None)),
+            "there is no robot on the local network; \
+             start one with `robot-edge`, or name its address with --connect"
+        );
+    }
+
+    #[test]
+    fn nothing_is_said_of_an_address_that_is_still_asked() {
+        let asked = |state: AddressState| [("tcp/a:1", state)];
+        assert!(!around(&[], &asked(AddressState::Asking)).is_known());
+        assert!(!around(&[], &asked(AddressState::Found)).is_known());
+        assert!(around(&["scout"], &asked(AddressState::Found)).is_known());
+        assert!(around(&[], &asked(AddressState::Silent)).is_known());
+    }
+}
