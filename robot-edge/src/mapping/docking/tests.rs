@@ -238,6 +238,14 @@ fn a_shoal_is_a_site_only_where_land_follows_it() {
         found.len()
     };
     assert_eq!((before_a_bank(0.0), before_a_bank(2.5)), (1, 0));
+    // What lies between was not seen.
+    let behind_a_hole = sites(|x, _| match x {
+        _ if x < 0.0 => WATER,
+        _ if x < 5.0 => bed(0.08),
+        _ if x < 7.5 => bed(f32::NAN),
+        _ => land(0.4),
+    });
+    assert!(behind_a_hole.iter().any(|site| site.centre_in_odom.x < 5.0));
 }
 
 #[test]
