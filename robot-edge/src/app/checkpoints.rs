@@ -5,8 +5,7 @@
 
 use std::time::Duration;
 
-use super::data_clock::DataClock;
-use crate::pipeline::Checkpoint;
+use super::sides::SidesCheckpoint;
 use crate::replay_control::Trail;
 use crate::robot_time::RobotDuration;
 
@@ -24,12 +23,8 @@ pub(super) struct Kept {
     pub(super) at: RobotDuration,
     /// Items of the source that are in them.
     pub(super) items: u64,
-    /// Of the mapping side.
-    pub(super) clock: DataClock,
     pub(super) trail: Trail,
-    /// Scans that are mapped.
-    pub(super) scans: u64,
-    pub(super) maps: Checkpoint,
+    pub(super) sides: SidesCheckpoint,
 }
 
 /// The copies of one recording, in its order.
@@ -76,7 +71,7 @@ impl Checkpoints {
     }
 
     fn bytes(&self) -> usize {
-        self.kept.iter().map(|kept| kept.maps.bytes()).sum()
+        self.kept.iter().map(|kept| kept.sides.bytes()).sum()
     }
 
     /// Of two neighbours the later one stays: a single one that is too large goes.

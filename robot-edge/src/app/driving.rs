@@ -17,8 +17,8 @@ use crate::cli::DrivingOptions;
 use crate::config::{Config, Fault};
 use crate::driving::motors::SimulatedMotors;
 use crate::driving::{
-    DriveLog, Driving, DrivingSettings, EStopFile, Keeper, LocalWishes, Lookout, Motors, Operators,
-    lookout,
+    DriveLog, Driving, DrivingSettings, EStopFile, Keeper, LocalWishes, Lookout, MapLookout,
+    Motors, Operators, lookout,
 };
 use crate::exit::UsageError;
 use crate::link::ros2::RosLink;
@@ -130,7 +130,7 @@ impl DrivePlan {
         (robot, boot): (&RobotId, BootId),
         (operators, audit): (Operators, Option<Audit>),
         config: &Config,
-    ) -> anyhow::Result<Option<(Driving, Option<Lookout>)>> {
+    ) -> anyhow::Result<Option<(Driving, Option<(Lookout, MapLookout)>)>> {
         if !self.can_drive() {
             return Ok(None);
         }
@@ -142,11 +142,12 @@ impl DrivePlan {
             &config.mapping.obstacle,
         )
         .map_err(|faults| words(&faults))?;
-        let (lookout, sight) = config
+        let (lookouts, sight) = config
             .teleop
             .guard
             .enabled
             .then(|| lookout(guard_rules, config.range_models().len()))
+            .map(|(lookout, map_lookout, sight)| ((lookout, map_lookout), sight))
             .unzip();
         let keeper = self.state.as_ref().map(|dir| {
             EStopFile::open(dir)
@@ -172,7 +173,7 @@ impl DrivePlan {
             log: log.transpose()?,
         });
         let driving = driving.context("no thread can be had to drive with")?;
-        Ok(Some((driving, lookout)))
+        Ok(Some((driving, lookouts)))
     }
 }
 

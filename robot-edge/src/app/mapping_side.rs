@@ -1,57 +1,34 @@
-//! The pipeline's side of a run: takes batches, records, maps, shows progress.
+//! The second stage of a run: maps what was placed, publishes it, and tells of that.
 
 use std::sync::Arc;
-use std::time::Duration;
-
-use protocol::message::RecordingStatus;
 
 use super::data_clock::DataClock;
 use super::event_log::EventLog;
-use super::feed::Batch;
-use super::live_recording::{LiveRecording, Problem};
+use super::map_figures::SharedMapFigures;
 use super::network::Network;
-use super::recorder::Recorder;
-use super::source::Item;
+use super::step::{Lateness, Step};
 use crate::clock::Monotonic;
-use crate::config::Config;
 use crate::keeping_up::{Change, KeepingUp};
-use crate::localization::placer::PlacerSettings;
+use crate::localization::placer::Placed;
 use crate::mapping::Mapper;
 use crate::mapping::posed_scan::PosedScan;
-use crate::measurement::{Measurement, Stream};
-use crate::pipeline::{Checkpoint, Happening, Pipeline, ScanObserver, Standstill};
-use crate::progress::{Progress, ProgressFigures};
-use crate::recording::stamp_order::Ordered;
-use crate::recording::writer::WriteError;
+use crate::pipeline::{Happening, Maps, ScanObserver, Standstill};
 use crate::replay_control::{Mark, ReplayControl};
-use crate::robot_time::RobotTime;
 use crate::streaming::publisher::PublishError;
 use crate::streaming::trajectory::SharedTrajectory;
 
-/// What takes the batches of a source.
+/// What takes the steps of the placing side.
 pub(super) struct MappingSide {
-    pub(super) pipeline: Pipeline,
+    pub(super) maps: Maps,
     pub(super) network: Option<Network>,
-    pub(super) recorder: Option<Recorder>,
-    /// What records when operators want it.
-    pub(super) live: Option<LiveRecording>,
-    /// Why it ended by itself, as far as that was told.
-    pub(super) told_problem: Option<Problem>,
-    /// Why recording has ended before the run.
-    pub(super) not_recorded: Option<WriteError>,
-    /// Somebody may drive the vehicle.
-    pub(super) is_driven: bool,
     pub(super) trajectory: SharedTrajectory,
-    pub(super) progress: Progress,
-    pub(super) clock: DataClock,
-    pub(super) started: Monotonic,
-    /// The source's streams, by number.
-    pub(super) streams: Vec<Stream>,
     /// What happened on the way, for the summary.
     pub(super) events: EventLog,
     pub(super) keeping_up: KeepingUp,
     /// Where a replay can be wound: what happens again is not told again.
     pub(super) marking: Option<Marking>,
+    /// For the placing side.
+    pub(super) figures: SharedMapFigures,
 }
 
 /// Marks what happens on the time line of a replay.
@@ -62,59 +39,40 @@ pub(super) struct Marking {
 }
 
 impl MappingSide {
-    /// Records and maps a batch.
+    /// Maps a step.
     ///
     /// # Errors
-    /// Where the recording cannot be written or publishing stopped.
-    pub(super) fn take(&mut self, batch: Batch) -> anyhow::Result<()> {
-        if let Some(live) = &mut self.live {
-            live.add_streams(&batch.new_streams);
-        }
-        self.streams.extend(batch.new_streams);
-        self.look_whether_it_keeps_up(batch.late, batch.came, &batch.items);
-        for item in batch.items {
-            match item {
-                Item::Due(ordered) => self.take_ordered(ordered, batch.came)?,
-                Item::Came { ordered, taken } => self.take_ordered(ordered, taken)?,
-                Item::AtOnce(measurement) => {
-                    self.record(&measurement)?;
-                    self.push(measurement)?;
-                }
-                Item::Aside(measurement) => {
-                    self.record(&measurement)?;
-                }
-                Item::Pause => {}
+    /// Where publishing stopped.
+    pub(super) fn take(&mut self, step: Step) -> Result<(), PublishError> {
+        match step {
+            Step::ClockReset => self.maps.reset_clock(),
+            Step::Placed { placed, taken } => self.map(&placed, taken)?,
+            Step::Told { lateness, datum } => {
+                self.maps.set_datum(datum);
+                self.look_whether_it_keeps_up(lateness);
+                self.tell_network();
             }
         }
-        self.tell_network(batch.lost);
-        let figures = ProgressFigures {
-            data_s: self.clock.elapsed().as_secs_f64(),
-            wall_s: self.started.elapsed().as_secs_f64(),
-            scans: self.pipeline.report().scans_mapped,
-            drops: batch.lost + self.pipeline.placer().counts().dropped_scans.total(),
-        };
-        self.progress.update(batch.position, &figures);
         Ok(())
     }
 
+    fn map(&mut self, placed: &Placed, taken: Monotonic) -> Result<(), PublishError> {
+        let mut watch = Watch {
+            trajectory: &self.trajectory,
+            network: self.network.as_mut(),
+            marking: self.marking.as_ref(),
+            taken,
+        };
+        self.maps.take(placed, &mut watch)
+    }
+
     /// Tells consoles where this machine does not keep up: whoever drives would see the past.
-    fn look_whether_it_keeps_up(
-        &mut self,
-        late: Option<Duration>,
-        came: Monotonic,
-        items: &[Item],
-    ) {
-        let now = Monotonic::now();
-        let live = items.iter().find_map(|item| match item {
-            // Of some nobody knows when they came.
-            Item::Came { taken, .. } => (*taken > Monotonic::default()).then(|| now.since(*taken)),
-            Item::Due(_) | Item::AtOnce(_) | Item::Aside(_) | Item::Pause => None,
-        });
-        let Some(late) = live.or_else(|| Some(late? + now.since(came))) else {
+    fn look_whether_it_keeps_up(&mut self, lateness: Option<Lateness>) {
+        let Some((network, lateness)) = self.network.as_ref().zip(lateness) else {
             return;
         };
-        let Some(network) = &self.network else { return };
-        match self.keeping_up.look(late, now) {
+        let now = Monotonic::now();
+        match self.keeping_up.look(lateness.at(now), now) {
             Some(Change::Behind(late)) => {
                 let late_s = late.as_secs_f64();
                 let message =
@@ -127,117 +85,30 @@ impl MappingSide {
         }
     }
 
-    fn push(&mut self, measurement: Measurement) -> Result<(), PublishError> {
-        let watch = Watch {
-            trajectory: &self.trajectory,
-            network: self.network.as_mut(),
-            marking: self.marking.as_ref(),
-        };
-        self.pipeline.push(measurement, watch)
-    }
-
-    /// Records a measurement. Whoever drives goes on doing so where the disk is full: recording ends, with an alarm, and
-    /// the run says so when it ends.
-    fn record(&mut self, measurement: &Measurement) -> Result<(), WriteError> {
-        if let Some(live) = &mut self.live {
-            live.add(measurement);
-        }
-        let stream = self.streams.get(usize::from(measurement.stream.0));
-        let (Some(recorder), Some(stream)) = (&mut self.recorder, stream) else {
-            return Ok(());
-        };
-        let Err(error) = recorder.write(stream, measurement) else {
-            return Ok(());
-        };
-        if !self.is_driven {
-            return Err(error);
-        }
-        self.recorder = None;
-        tracing::error!(%error, "recording ends; driving goes on");
-        if let Some(network) = &self.network {
-            network.tell("recording_stopped", &error.to_string());
-        }
-        self.not_recorded = Some(error);
-        Ok(())
-    }
-
-    /// Records and maps what could be known since `came`.
-    fn take_ordered(&mut self, ordered: Ordered, came: Monotonic) -> anyhow::Result<()> {
-        match ordered {
-            Ordered::Measurement(measurement) => {
-                self.record(&measurement)?;
-                let elapsed = self.clock.see(measurement.stamp);
-                if let Some(network) = &mut self.network {
-                    network.came(&measurement, came, elapsed);
-                }
-                self.push(measurement)?;
-                self.tell_newest_pose();
-            }
-            Ordered::ClockReset { from, to } => {
-                tracing::info!(%from, "the clock of the data started anew");
-                self.clock.reset();
-                if let Some(live) = &mut self.live {
-                    live.reset_clock();
-                }
-                if let Some(recorder) = &mut self.recorder {
-                    recorder.reset_clock();
-                }
-                let mapped = self.pipeline.reset_clock(Watch {
-                    trajectory: &self.trajectory,
-                    network: self.network.as_mut(),
-                    marking: self.marking.as_ref(),
-                });
-                // Scans that waited tell where the vehicle was by the clock of before.
-                if let Some(network) = &mut self.network {
-                    network.reset_clock(to == RobotTime::MIN);
-                }
-                mapped?;
-            }
-        }
-        Ok(())
-    }
-
-    fn tell_newest_pose(&mut self) {
-        if let Some(network) = &mut self.network
-            && let Some(pose) = self.pipeline.placer().newest_pose()
-        {
-            network.moved(pose);
-        }
-    }
-
-    /// The data has ended: maps what still waits.
+    /// The data has ended: publishes all that is mapped.
     ///
     /// # Errors
     /// Where publishing stopped.
-    pub(super) fn finish(&mut self, lost: u64) -> Result<(), PublishError> {
-        let finished = self.pipeline.finish(Watch {
-            trajectory: &self.trajectory,
-            network: self.network.as_mut(),
-            marking: self.marking.as_ref(),
-        });
-        self.tell_newest_pose();
-        self.tell_network(lost);
-        self.progress.finish();
+    pub(super) fn finish(&mut self) -> Result<(), PublishError> {
+        let finished = self.maps.finish();
+        self.tell_network();
         finished
     }
 
-    /// Publishes the maps as if the data ended here; `lost` by the source so far.
+    /// Publishes the maps as if the data ended here, with the scans that `waiting` holds.
     ///
     /// # Errors
     /// Where publishing stopped.
-    pub(super) fn stand_still(&mut self, lost: u64) -> Result<Standstill, PublishError> {
+    pub(super) fn stand_still(&mut self, waiting: &[Placed]) -> Result<Standstill, PublishError> {
         let trajectory = &self.trajectory;
         let of_those_that_wait = |scan: &PosedScan| trajectory.lock().add_standing(scan);
-        let mut standstill = self.pipeline.stand_still(of_those_that_wait)?;
-        if let Some(network) = &mut self.network {
-            if let Some((stamp, shores)) = standstill.shores.take() {
-                network.shores(stamp, Arc::new(shores));
-            }
-            if let Some(pose) = standstill.newest_pose {
-                network.moved(pose);
-            }
+        let mut standstill = self.maps.stand_still(waiting, of_those_that_wait)?;
+        if let Some(network) = &self.network
+            && let Some((stamp, shores)) = standstill.shores.take()
+        {
+            network.shores(stamp, Arc::new(shores));
         }
-        self.tell_network(lost);
+        self.tell_network();
         Ok(standstill)
     }
 
@@ -250,81 +121,29 @@ impl MappingSide {
         let scans = trajectory.scans();
         trajectory.wind(scans);
         drop(trajectory);
-        self.pipeline.go_on(standstill)
+        self.maps.go_on(standstill)
     }
 
-    /// The data begins anew, and with it the maps.
-    ///
-    /// # Errors
-    /// Where publishing stopped.
-    pub(super) fn begin_anew(
-        &mut self,
-        config: &Config,
-        placer: PlacerSettings,
-    ) -> Result<(), PublishError> {
-        self.pipeline.begin_anew(config, placer)?;
-        self.trajectory.lock().wind(0);
-        self.clock = DataClock::default();
-        self.streams.clear();
-        if let Some(network) = &mut self.network {
-            network.wind(&self.pipeline, self.clock.elapsed());
-        }
-        Ok(())
-    }
-
-    /// The data goes on where the maps were copied, so many scans from its beginning, and the clock of this side with them.
-    ///
-    /// # Errors
-    /// Where publishing stopped.
-    pub(super) fn go_back(
-        &mut self,
-        maps: &Checkpoint,
-        clock: DataClock,
-        scans: u64,
-    ) -> Result<(), PublishError> {
-        self.pipeline.go_back(maps)?;
+    /// The maps were wound to where the data has had so many scans.
+    pub(super) fn wind(&self, scans: u64) {
         self.trajectory.lock().wind(scans);
-        self.clock = clock;
-        self.streams.clear();
-        if let Some(network) = &mut self.network {
-            network.wind(&self.pipeline, self.clock.elapsed());
-            if let Some((stamp, shores)) = self.pipeline.known_shores() {
+        if let Some(network) = &self.network {
+            network.no_shores_yet(&self.maps);
+            if let Some((stamp, shores)) = self.maps.known_shores() {
                 network.shores(stamp, Arc::new(shores));
             }
         }
-        Ok(())
-    }
-
-    /// Starts and stops what operators record, and says how it is going.
-    fn serve_recording(&mut self) -> Option<RecordingStatus> {
-        let (Some(live), Some(network)) = (&mut self.live, &self.network) else {
-            return None;
-        };
-        if let Some(is_wanted) = network.take_recording_wish() {
-            live.record(is_wanted);
-        }
-        let state = live.state();
-        network.show_recording(state.is_running);
-        let status = state.status();
-        if self.told_problem != state.problem {
-            if let Some(problem) = &state.problem {
-                network.tell("recording_stopped", &problem.what);
-            }
-            self.told_problem = state.problem;
-        }
-        Some(status)
     }
 
     /// Gives consoles the octree's files that they asked for, while nothing is mapped.
     pub(super) fn serve_voxels(&self) {
         if let Some(network) = &self.network {
-            network.serve_voxels(&self.pipeline, true);
+            network.serve_voxels(&self.maps, true);
         }
     }
 
-    fn tell_network(&mut self, lost: u64) {
-        let recording = self.serve_recording();
-        for happening in self.pipeline.take_happenings() {
+    fn tell_network(&mut self) {
+        for happening in self.maps.take_happenings() {
             let is_new = self
                 .marking
                 .as_ref()
@@ -337,15 +156,15 @@ impl MappingSide {
             }
             self.events.add(happening);
         }
-        if let Some(network) = &self.network
-            && let Some((stamp, shores)) = self.pipeline.take_shores()
-        {
+        self.figures.set(self.maps.report());
+        let Some(network) = &self.network else {
+            drop(self.maps.take_changed_tiles());
+            return;
+        };
+        if let Some((stamp, shores)) = self.maps.take_shores() {
             network.shores(stamp, Arc::new(shores));
         }
-        match &mut self.network {
-            Some(network) => network.update(&mut self.pipeline, &self.clock, lost, recording),
-            None => drop(self.pipeline.take_changed_tiles()),
-        }
+        network.tell_changes(&mut self.maps);
     }
 }
 
@@ -365,15 +184,11 @@ struct Watch<'a> {
     trajectory: &'a SharedTrajectory,
     network: Option<&'a mut Network>,
     marking: Option<&'a Marking>,
+    /// When the scan was measured, on this machine's clock, at the latest.
+    taken: Monotonic,
 }
 
 impl ScanObserver for Watch<'_> {
-    fn placed(&mut self, scan: &PosedScan, mapper: &Mapper) {
-        if let Some(network) = &mut self.network {
-            network.placed(scan, mapper);
-        }
-    }
-
     fn mapped(&mut self, scan: &PosedScan, mapper: &Mapper) {
         self.trajectory.lock().add(scan);
         if let Some(marking) = self.marking {
@@ -381,10 +196,7 @@ impl ScanObserver for Watch<'_> {
             marking.control.pass([position_m.x, position_m.y]);
         }
         if let Some(network) = &mut self.network {
-            network.mapped(scan, mapper);
+            network.mapped(scan, mapper, self.taken);
         }
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -1,7 +1,10 @@
 //! A run on the network: opens the link and feeds it with what mapping knows.
 
 mod farewell;
+mod herald;
 mod sensors;
+
+pub(super) use herald::Herald;
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -10,20 +13,19 @@ use std::time::Duration;
 
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
-use protocol::message::{self, RecordingStatus, Shores, Status};
+use protocol::message::Shores;
 use protocol::tile::BootId;
 
 use super::background::give_way;
-use super::data_clock::DataClock;
 use super::driving::DrivePlan;
 use super::network_plan::NetworkPlan;
 use super::people;
-use super::told::{info, status};
+use super::told::info;
 use crate::audit::AuditLog;
 use crate::clock::Monotonic;
 use crate::config::Config;
 use crate::driving::speedometer::Speedometer;
-use crate::driving::{Driving, ListWatch, Lookout, Operators};
+use crate::driving::{Driving, ListWatch, MapLookout, Operators};
 use crate::events::event;
 use crate::export::voxels::{PublishedClasses, pack_voxels};
 use crate::link::LinkError;
@@ -33,11 +35,9 @@ use crate::link::shared::Shared;
 use crate::localization::placer::PlacerSettings;
 use crate::mapping::Mapper;
 use crate::mapping::posed_scan::PosedScan;
-use crate::pipeline::Pipeline;
-use crate::pose::Pose;
+use crate::pipeline::Maps;
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::sensor_watch::{SensorWatch, listed};
-use crate::streaming::last_scan::last_scan;
 use crate::streaming::trajectory::SharedTrajectory;
 
 /// Consoles that lag when the data has ended are waited for this long.
@@ -65,17 +65,10 @@ pub(super) struct Subject<'a> {
 /// A run's link, and what is told over it.
 pub(super) struct Network {
     // Ends before the link: what is driven is told zero first.
-    driving: Option<Driving>,
+    _driving: Option<Driving>,
     _list_watch: Option<ListWatch>,
     robot: RobotId,
-    lookout: Option<Lookout>,
-    speedometer: Speedometer,
-    sensors: SensorWatch,
-    /// What the sensors are watched by: since when the program lives, or nothing for the time of the data.
-    since: Option<Monotonic>,
-    told_sensors: Option<u32>,
-    /// Stamp of the newest pose that was told.
-    moved: Option<RobotTime>,
+    lookout: Option<MapLookout>,
     pub(super) link: EdgeLink,
     // Last: it writes down how the others end.
     _audit_log: Option<AuditLog>,
@@ -92,11 +85,11 @@ impl Network {
         config: &Config,
         subject: &Subject<'_>,
         boot: BootId,
-        pipeline: &Pipeline,
+        maps: &Maps,
         drive: &DrivePlan,
         quiet: bool,
-    ) -> anyhow::Result<Option<Self>> {
-        let store = pipeline.publisher().shared_store();
+    ) -> anyhow::Result<Option<(Self, Herald)>> {
+        let store = maps.publisher().shared_store();
         let shared = Arc::new(Shared::default());
         let audit_log = plan
             .audit
@@ -118,7 +111,7 @@ impl Network {
             })
             .transpose()?;
         let who = (&plan.robot, boot);
-        let (driving, lookout) = drive
+        let (driving, lookouts) = drive
             .start(who, (operators, audit.clone()), config)?
             .unzip();
         let settings = EdgeSettings {
@@ -129,16 +122,17 @@ impl Network {
                 ..plan.endpoints.clone()
             },
             budget_kbps: config.streaming.budget_kbps,
-            info: info(config, subject, pipeline),
+            info: info(config, subject, maps),
             driving: driving.as_ref().map(Driving::handles),
         };
         match EdgeLink::open(settings, store, shared) {
             Ok(link) => {
-                let mut network = Self {
-                    driving,
-                    _list_watch: list_watch,
-                    robot: plan.robot.clone(),
-                    lookout: lookout.flatten(),
+                let board = driving.as_ref().map(|driving| driving.handles().1);
+                let (lookout, map_lookout) = lookouts.flatten().unzip();
+                let mut herald = Herald {
+                    shared: Arc::clone(link.shared()),
+                    board,
+                    lookout,
                     speedometer: Speedometer::new(if config.teleop.is_boat {
                         SPEED_ON_WATER
                     } else {
@@ -148,15 +142,21 @@ impl Network {
                     since: subject.is_live.then(Monotonic::now),
                     told_sensors: None,
                     moved: None,
+                };
+                let network = Self {
+                    _driving: driving,
+                    _list_watch: list_watch,
+                    robot: plan.robot.clone(),
+                    lookout: map_lookout,
                     link,
                     _audit_log: audit_log,
                     stay: plan.stay,
                 };
-                if pipeline.mapper().voxels().is_some() {
+                if maps.mapper().voxels().is_some() {
                     network.link.shared().offer_voxels();
                 }
-                network.tell_sensors();
-                network.no_shores_yet(pipeline);
+                herald.tell_sensors();
+                network.no_shores_yet(maps);
                 if !quiet {
                     let Endpoints {
                         listen, connect, ..
@@ -165,7 +165,7 @@ impl Network {
                     writeln!(io::stderr(), "network: robot {} at {places}", plan.robot)?;
                     people::say_how_open(&plan.endpoints, &mut io::stderr())?;
                 }
-                Ok(Some(network))
+                Ok(Some((network, herald)))
             }
             Err(err @ LinkError::Open { .. }) if !plan.is_asked_for => {
                 if !quiet {
@@ -181,81 +181,11 @@ impl Network {
         }
     }
 
-    /// The clock of the data starts anew; `is_repeated` where the same data comes again.
-    pub(super) fn reset_clock(&mut self, is_repeated: bool) {
-        self.moved = None;
-        if is_repeated {
-            self.sensors.begin_again();
-        }
-        if let Some(lookout) = &mut self.lookout {
-            lookout.reset_clock();
-        }
-    }
-
-    /// Tells consoles and the guard where the vehicle is, unless it is older than what they know.
-    pub(super) fn moved(&mut self, (stamp, pose): (RobotTime, Pose)) {
-        if self.moved.is_some_and(|last| stamp <= last) {
-            return;
-        }
-        self.moved = Some(stamp);
-        let measured = self.speedometer.see(stamp, &pose);
-        if let Some(lookout) = &mut self.lookout {
-            lookout.moved(stamp, &pose, measured, Monotonic::now());
-        }
-        let q = pose.rotation.quaternion();
-        self.link.shared().set_pose(
-            stamp,
-            message::Pose {
-                position_m: pose.translation.vector.into(),
-                quaternion_xyzw: [q.i, q.j, q.k, q.w].map(|part| part as f32),
-                speed_mps: measured.linear_mps as f32,
-                turn_rate_radps: measured.angular_radps as f32,
-                token: None,
-            },
-        );
-    }
-
-    /// The data is wound, as the maps are: `elapsed` of its time has passed there.
-    pub(super) fn wind(&mut self, pipeline: &Pipeline, elapsed: RobotDuration) {
-        self.reset_clock(false);
-        self.sensors.wind(sensors::of_data(elapsed));
-        self.no_shores_yet(pipeline);
-    }
-
-    fn no_shores_yet(&self, pipeline: &Pipeline) {
-        if let Some(cell_m) = pipeline.publisher().store().cell_m(LayerId::Shore) {
+    /// The data is wound, and the maps with it: nothing is known of shores any more.
+    pub(super) fn no_shores_yet(&self, maps: &Maps) {
+        if let Some(cell_m) = maps.publisher().store().cell_m(LayerId::Shore) {
             let none_yet = Shores::gather(cell_m, None, Vec::new(), Vec::new());
             self.shores(RobotTime::from_nanos(0), Arc::new(none_yet));
-        }
-    }
-
-    /// Tells the guard what a scan sees.
-    pub(super) fn placed(&mut self, scan: &PosedScan, mapper: &Mapper) {
-        // Where scans bring their poses, these are all there are.
-        self.moved((scan.stamp, scan.odom_from_base));
-        if let Some(lookout) = &mut self.lookout {
-            lookout.see(scan, mapper, Monotonic::now());
-        }
-        self.sensors.placed(scan);
-        let shared = self.link.shared();
-        if shared.wants_scan()
-            && let Some(name) = self.sensors.name(scan.sensor)
-            && let Some(shown) = last_scan(name, scan)
-        {
-            shared.set_scan(scan.sensor, scan.stamp, shown);
-        }
-    }
-
-    /// Whether an operator wants a recording to run, since the last call.
-    pub(super) fn take_recording_wish(&self) -> Option<bool> {
-        let (_, board) = self.driving.as_ref()?.handles();
-        board.take_recording_wish()
-    }
-
-    /// Tells consoles whether a recording runs.
-    pub(super) fn show_recording(&self, is_running: bool) {
-        if let Some(driving) = &self.driving {
-            driving.handles().1.show_recording(is_running);
         }
     }
 
@@ -269,10 +199,10 @@ impl Network {
         &self.robot
     }
 
-    /// A scan is in the map.
-    pub(super) fn mapped(&mut self, scan: &PosedScan, mapper: &Mapper) {
+    /// A scan is in the map, which was measured at `taken`, at the latest.
+    pub(super) fn mapped(&mut self, scan: &PosedScan, mapper: &Mapper, taken: Monotonic) {
         if let Some(lookout) = &mut self.lookout {
-            lookout.mapped(scan, mapper, Monotonic::now());
+            lookout.mapped(scan, mapper, taken);
         }
     }
 
@@ -284,8 +214,8 @@ impl Network {
     /// Makes the octree's files where a console has asked for them, on a thread that gives way to all others: mapping waits
     /// only for a copy of the octree.
     /// Nothing is mapped behind that for now where it `is_still`.
-    pub(super) fn serve_voxels(&self, pipeline: &Pipeline, is_still: bool) {
-        let Some((voxels, stamp)) = pipeline.mapper().voxels().zip(pipeline.last_scan()) else {
+    pub(super) fn serve_voxels(&self, maps: &Maps, is_still: bool) {
+        let Some((voxels, stamp)) = maps.mapper().voxels().zip(maps.last_scan()) else {
             return;
         };
         let shared = self.link.shared();
@@ -293,7 +223,7 @@ impl Network {
             return;
         }
         let octree = voxels.octree().clone();
-        let classes = PublishedClasses::of(&pipeline.publisher().store());
+        let classes = PublishedClasses::of(&maps.publisher().store());
         let of_thread = Arc::clone(shared);
         let begun = thread::Builder::new()
             .name("voxel-files".to_owned())
@@ -310,28 +240,10 @@ impl Network {
     }
 
     /// Tells consoles what changed.
-    pub(super) fn update(
-        &mut self,
-        pipeline: &mut Pipeline,
-        clock: &DataClock,
-        lost: u64,
-        recording: Option<RecordingStatus>,
-    ) {
-        let now = match self.since {
-            Some(since) => since.elapsed(),
-            None => sensors::of_data(clock.elapsed()),
-        };
-        self.look_at_sensors(now);
-        let counts = pipeline.placer().counts();
-        self.sensors.count(&counts);
+    pub(super) fn tell_changes(&self, maps: &mut Maps) {
         let shared = self.link.shared();
-        shared.tiles_changed(pipeline.take_changed_tiles());
-        shared.set_status(Status {
-            sensors: self.sensors.statuses(now),
-            recording,
-            ..status(pipeline, counts, clock, lost)
-        });
-        self.serve_voxels(pipeline, false);
+        shared.tiles_changed(maps.take_changed_tiles());
+        self.serve_voxels(maps, false);
     }
 
     /// Something happened that consoles should know.

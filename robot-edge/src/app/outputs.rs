@@ -10,36 +10,38 @@ use protocol::layer::LayerId;
 use protocol::tile_store::TileStore;
 
 use super::feed::SourceEnd;
+use super::sides::Sides;
 use super::source::Lost;
 use crate::drops::{DropCounts, DropReason};
 use crate::export::voxels::{export_voxels, voxel_digest};
-use crate::pipeline::Pipeline;
+use crate::pipeline::Maps;
 use crate::streaming::publisher::Publisher;
 use crate::summary::{Beams, Event, LayerFigures, Scans, Summary, Tiles, Voxels, peak_rss_bytes};
 
 /// Writes the maps and the trajectory to `dir`, each even if another fails; says which files.
 pub(super) fn export(
     dir: &Path,
-    pipeline: &Pipeline,
+    sides: &Sides,
     way: &[StampedPose],
     title: &str,
 ) -> anyhow::Result<Vec<String>> {
+    let maps = &sides.mapping.maps;
     let caption = Caption {
         title,
-        vehicle_m: Some(vehicle_m(pipeline)),
+        vehicle_m: Some(vehicle_m(sides)),
         labels: &[],
     };
-    let maps = export_all(dir, &pipeline.publisher().store(), &caption);
+    let exported = export_all(dir, &maps.publisher().store(), &caption);
     let path = dir.join("trajectory.tum");
     write_trajectory(&path, way.iter().copied())?;
-    let voxels = pipeline
+    let voxels = maps
         .mapper()
         .voxels()
-        .map(|voxels| export_voxels(dir, voxels.octree(), &pipeline.publisher().store()))
+        .map(|voxels| export_voxels(dir, voxels.octree(), &maps.publisher().store()))
         .transpose();
-    let mut files = maps?.files;
+    let mut files = exported?.files;
     files.push(path);
-    if let Some(shores) = pipeline.shores() {
+    if let Some(shores) = maps.shores() {
         files.push(write_shores(dir, &shores)?);
     }
     let mut told: Vec<_> = files
@@ -59,11 +61,12 @@ pub(super) fn export(
 }
 
 /// Where consoles were told that the vehicle is: their pictures have its mark at the same place.
-fn vehicle_m(pipeline: &Pipeline) -> [f64; 2] {
-    let newest = pipeline.placer().newest_pose();
-    let [x, y, _] = match newest.filter(|(stamp, _)| Some(*stamp) >= pipeline.last_scan()) {
+fn vehicle_m(sides: &Sides) -> [f64; 2] {
+    let maps = &sides.mapping.maps;
+    let newest = sides.placing.placer.newest_pose();
+    let [x, y, _] = match newest.filter(|(stamp, _)| Some(*stamp) >= maps.last_scan()) {
         Some((_, pose)) => pose.translation.vector.into(),
-        None => pipeline.mapper().vehicle_in_odom().coords.into(),
+        None => maps.mapper().vehicle_in_odom().coords.into(),
     };
     [x, y]
 }
@@ -72,14 +75,15 @@ fn vehicle_m(pipeline: &Pipeline) -> [f64; 2] {
 pub(super) const SETUP: &str = "setup";
 
 /// The figures of the run, without those that only its command knows.
-pub(super) fn summary(pipeline: &Pipeline) -> Summary {
-    let placer = pipeline.placer().counts();
-    let report = pipeline.report();
-    let traffic = pipeline.publisher().traffic();
+pub(super) fn summary(sides: &Sides) -> Summary {
+    let maps = &sides.mapping.maps;
+    let placer = sides.placing.placer.counts();
+    let report = maps.report();
+    let traffic = maps.publisher().traffic();
     let mut dropped_beams = placer.dropped_beams;
     dropped_beams.merge(&report.dropped_beams);
     let stages = [
-        ("place", &report.stages.place),
+        ("place", &sides.placing.time),
         ("mapping", &report.stages.mapping),
         ("publish", &report.stages.publish),
     ];
@@ -99,8 +103,8 @@ pub(super) fn summary(pipeline: &Pipeline) -> Summary {
         stages: stages
             .map(|(name, timer)| (name.to_owned(), timer.times()))
             .into(),
-        layers: layers(pipeline),
-        voxels: voxels(pipeline),
+        layers: layers(maps),
+        voxels: voxels(maps),
         tiles: Tiles {
             published: traffic.published,
             bytes: traffic.bytes,
@@ -109,7 +113,7 @@ pub(super) fn summary(pipeline: &Pipeline) -> Summary {
         peak_rss_bytes: peak_rss_bytes(),
         ..Summary::default()
     };
-    summary.add_evictions(pipeline.publisher());
+    summary.add_evictions(maps.publisher());
     summary
 }
 
@@ -247,8 +251,8 @@ fn tell_drops(drops: &DropCounts, out: &mut dyn Write) -> io::Result<()> {
     }
 }
 
-fn layers(pipeline: &Pipeline) -> BTreeMap<String, LayerFigures> {
-    let store = pipeline.publisher().store();
+fn layers(maps: &Maps) -> BTreeMap<String, LayerFigures> {
+    let store = maps.publisher().store();
     let grids = store.grids();
     grids
         .map(|grid| {
@@ -268,14 +272,14 @@ fn layers(pipeline: &Pipeline) -> BTreeMap<String, LayerFigures> {
 }
 
 /// Of the octree, where there is one.
-fn voxels(pipeline: &Pipeline) -> Option<Voxels> {
-    let octree = pipeline.mapper().voxels()?.octree();
+fn voxels(maps: &Maps) -> Option<Voxels> {
+    let octree = maps.mapper().voxels()?.octree();
     let counts = octree.counts();
     Some(Voxels {
         occupied: counts.occupied,
         free: counts.free,
         bytes: octree.bytes() as u64,
-        evicted_bricks: pipeline.report().evicted_bricks,
+        evicted_bricks: maps.report().evicted_bricks,
         digest: voxel_digest(octree),
     })
 }

@@ -11,9 +11,10 @@ use std::time::Duration;
 use super::checkpoints::Checkpoints;
 use super::feed::Batch;
 use super::is_set;
-use super::mapping_side::{MappingSide, Marking};
+use super::mapping_side::Marking;
 use super::outputs;
-use super::run::{Run, nothing_mapped, pool_around_this_thread};
+use super::run::{Run, nothing_mapped};
+use super::sides::{Sides, pool_around_this_thread};
 use super::source::{Item, Replayed, Source as _};
 use crate::clock::Monotonic;
 use crate::config::Config;
@@ -51,7 +52,7 @@ pub(super) fn play(
 
 struct Player<'a> {
     source: Replayed,
-    side: MappingSide,
+    sides: Sides,
     source_name: String,
     config: &'a Config,
     placer: &'a PlacerSettings,
@@ -92,14 +93,14 @@ impl<'a> Player<'a> {
         control: &'a ReplayControl,
         interrupt: &'a AtomicBool,
     ) -> anyhow::Result<Self> {
-        let mut side = run.start()?;
-        side.marking = Some(Marking {
+        let mut sides = run.start()?;
+        sides.mapping.marking = Some(Marking {
             control: control.clone(),
             clock: source.clock(),
         });
         Ok(Self {
             source,
-            side,
+            sides,
             source_name: run.source.clone(),
             config: run.config,
             placer: &run.placer,
@@ -145,9 +146,9 @@ impl<'a> Player<'a> {
     fn rest(&mut self, wishes: Wishes) -> anyhow::Result<()> {
         self.hand_over()?;
         if self.standstill.is_none() {
-            self.standstill = Some(self.side.stand_still(self.source.lost_total())?);
+            self.standstill = Some(self.sides.stand_still(self.source.lost_total())?);
         }
-        self.side.serve_voxels();
+        self.sides.mapping.serve_voxels();
         self.meter.reset();
         // When it goes on, what comes next is due at once.
         self.pacer.reset();
@@ -161,7 +162,7 @@ impl<'a> Player<'a> {
     /// Takes one item, if its time has come.
     fn advance(&mut self, wishes: Wishes) -> anyhow::Result<()> {
         if let Some(standstill) = self.standstill.take() {
-            self.side.go_on(standstill)?;
+            self.sides.mapping.go_on(standstill)?;
         }
         let Some((item, elapsed)) = self.next_item()? else {
             return self.end();
@@ -249,10 +250,10 @@ impl<'a> Player<'a> {
             duration: self.position,
             is_estimate: false,
         });
-        let counts = self.side.pipeline.placer().counts();
+        let counts = self.sides.placing.placer.counts();
         // Those that still wait are mapped for the standstill.
         if counts.dropped_scans.total() >= counts.scans_in {
-            let mut summary = outputs::summary(&self.side.pipeline);
+            let mut summary = outputs::summary(&self.sides);
             summary.recording.clone_from(&self.source_name);
             return Err(nothing_mapped(&summary));
         }
@@ -269,10 +270,10 @@ impl<'a> Player<'a> {
         let count = items.len() as u32;
         let new_streams = self.source.streams_from(self.streams);
         self.streams += new_streams.len();
-        if let Some(marking) = &mut self.side.marking {
+        if let Some(marking) = &mut self.sides.mapping.marking {
             marking.clock = self.source.clock();
         }
-        self.side.take(Batch {
+        self.sides.take(Batch {
             items,
             came: self.came,
             // The time line says how fast it goes.

@@ -3,22 +3,23 @@
 use std::io::{self, Write};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
-use std::sync::mpsc::sync_channel;
 
 use anyhow::{Context as _, anyhow};
 use protocol::tile::BootId;
 
-use super::background::give_way;
 use super::data_clock::DataClock;
 use super::driving::DrivePlan;
 use super::event_log::EventLog;
 use super::feed::{Batch, SourceEnd, feed};
 use super::is_set;
+use super::map_figures::SharedMapFigures;
 use super::mapping_side::MappingSide;
 use super::network::{Network, Subject};
 use super::network_plan::NetworkPlan;
 use super::outputs;
+use super::placing_side::PlacingSide;
 use super::recorder::Recorder;
+use super::sides::Sides;
 use super::source::Source;
 use super::writable;
 use crate::clock::Monotonic;
@@ -26,12 +27,12 @@ use crate::config::Config;
 use crate::exit::{Exit, Interrupted};
 use crate::keeping_up::KeepingUp;
 use crate::link::random_id;
-use crate::localization::placer::PlacerSettings;
+use crate::localization::placer::{BeamPlacer, PlacerSettings};
 use crate::pacer::Rate;
-use crate::pipeline::Pipeline;
+use crate::pipeline::Maps;
 use crate::progress::Progress;
 use crate::robot_time::RobotTime;
-use crate::summary::{Event, Summary};
+use crate::summary::{Event, StageTimer, Summary};
 
 /// What a run is made of.
 pub(super) struct Run<'a> {
@@ -58,9 +59,6 @@ pub(super) struct Run<'a> {
     pub(super) events: Vec<Event>,
 }
 
-/// Batches that wait for the pipeline; a source that is faster waits for room, so nothing is dropped.
-const BATCHES: usize = 8;
-
 impl Run<'_> {
     /// Maps all that the source yields and writes what was asked for.
     ///
@@ -71,38 +69,38 @@ impl Run<'_> {
         interrupt: &AtomicBool,
         out: &mut dyn Write,
     ) -> anyhow::Result<Exit> {
-        let mut side = self.start()?;
-        if self.drive.can_drive() {
-            give_way();
-        }
+        let mut sides = self.start()?;
+        let can_drive = self.drive.can_drive();
+        let threads = self.config.mapping.threads;
         // What is driven must not wait for what is mapped.
-        let (end, taken) = if self.config.mapping.threads > 1 || self.drive.can_drive() {
-            let _pool = pool_around_this_thread(self.config.mapping.threads);
-            map_in_two_threads(source, self.rate, interrupt, &mut side)?
+        let (end, taken) = if threads > 1 || can_drive {
+            let from_source =
+                |take: &mut dyn FnMut(Batch) -> bool| feed(source, self.rate, interrupt, take);
+            sides.place_ahead(from_source, threads, can_drive)?
         } else {
             let mut taken = Ok(());
             let end = feed(source, self.rate, interrupt, |batch| {
                 if taken.is_ok() {
-                    taken = side.take(batch);
+                    taken = sides.take(batch);
                 }
                 taken.is_ok()
             });
             (end, taken)
         };
-        let finished = side.finish(end.lost.counts.total());
-        let wall_s = side.started.elapsed().as_secs_f64();
+        let finished = sides.finish(end.lost.counts.total());
+        let wall_s = sides.placing.started.elapsed().as_secs_f64();
         let went_well = taken.is_ok() && finished.is_ok() && end.result.is_ok();
-        if let Some(network) = &side.network
+        if let Some(network) = &sides.mapping.network
             && went_well
         {
-            network.take_leave(&side.pipeline, self.quiet, || is_set(interrupt));
+            network.take_leave(&sides.mapping.maps, self.quiet, || is_set(interrupt));
         }
         // Whoever served the map until Ctrl-C asked for nothing else.
         // What is driven waits to be driven on: nothing else ends it.
         let is_at_its_end = end.is_complete || self.drive.can_drive();
         let stayed = self.network.as_ref().is_some_and(NetworkPlan::stays) && is_at_its_end;
         let interrupted = is_set(interrupt) && !stayed;
-        let left = self.leave_behind(side, &end, wall_s, interrupted, out);
+        let left = self.leave_behind(sides, &end, wall_s, interrupted, out);
         taken?;
         finished?;
         end.result?;
@@ -117,7 +115,7 @@ impl Run<'_> {
     }
 
     /// What cannot be written should be known before an hour of mapping, and so should what was decided.
-    pub(super) fn start(&self) -> anyhow::Result<MappingSide> {
+    pub(super) fn start(&self) -> anyhow::Result<Sides> {
         writable::prepare(self.export.as_deref(), self.summary.as_deref())?;
         let in_real_time = matches!(self.rate, Rate::Times(_));
         let recorder = match &self.record {
@@ -140,8 +138,8 @@ impl Run<'_> {
         // The summary says what streaming would have cost, which nobody else needs to know.
         let encode = self.summary.is_some();
         let boot = BootId(random_id()?);
-        let pipeline = Pipeline::new(self.config, self.placer.clone(), boot, encode)?;
-        let network = match &self.network {
+        let maps = Maps::new(self.config, boot, encode)?;
+        let opened = match &self.network {
             Some(plan) => {
                 let subject = Subject {
                     source: &self.title,
@@ -154,13 +152,14 @@ impl Run<'_> {
                     self.config,
                     &subject,
                     boot,
-                    &pipeline,
+                    &maps,
                     &self.drive,
                     self.quiet,
                 )?
             }
             None => None,
         };
+        let (network, herald) = opened.unzip();
         let trajectory = network
             .as_ref()
             .map(Network::trajectory)
@@ -176,43 +175,60 @@ impl Run<'_> {
                 network.tell(&event.kind, &event.message);
             }
         }
-        Ok(MappingSide {
-            pipeline,
-            network,
-            recorder,
-            live,
-            told_problem: None,
-            not_recorded: None,
-            is_driven: self.drive.can_drive(),
-            trajectory,
-            progress: Progress::new(self.quiet),
-            clock: DataClock::default(),
-            started: Monotonic::now(),
-            streams: Vec::new(),
-            events: EventLog::default(),
-            keeping_up: KeepingUp::default(),
-            marking: None,
+        let figures = SharedMapFigures::default();
+        Ok(Sides {
+            placing: PlacingSide {
+                placer: BeamPlacer::new(self.placer.clone()),
+                time: StageTimer::default(),
+                placed: Vec::new(),
+                herald,
+                recorder,
+                live,
+                told_problem: None,
+                not_recorded: None,
+                is_driven: self.drive.can_drive(),
+                progress: Progress::new(self.quiet),
+                clock: DataClock::default(),
+                started: Monotonic::now(),
+                streams: Vec::new(),
+                maps: figures.clone(),
+            },
+            mapping: MappingSide {
+                maps,
+                network,
+                trajectory,
+                events: EventLog::default(),
+                keeping_up: KeepingUp::default(),
+                marking: None,
+                figures,
+            },
         })
     }
 
     /// Writes all outputs that can be written; the first failure is returned.
     fn leave_behind(
         &self,
-        side: MappingSide,
+        sides: Sides,
         end: &SourceEnd,
         wall_s: f64,
         interrupted: bool,
         out: &mut dyn Write,
     ) -> anyhow::Result<Summary> {
-        let mut summary = outputs::summary(&side.pipeline);
+        let mut summary = outputs::summary(&sides);
         summary.recording.clone_from(&self.source);
         summary.vehicle.clone_from(&self.config.vehicle.name);
-        summary.set_times(side.clock.elapsed().as_secs_f64(), wall_s);
+        summary.set_times(sides.placing.clock.elapsed().as_secs_f64(), wall_s);
         summary.events.clone_from(&self.events);
-        summary.events.extend(side.events.into_events());
+        let exported = self.export.as_ref().map_or(Ok(Vec::new()), |dir| {
+            // Consoles may still ask for it.
+            let way = sides.mapping.trajectory.lock().poses();
+            outputs::export(dir, &sides, &way, &self.title)
+        });
+        let Sides { placing, mapping } = sides;
+        summary.events.extend(mapping.events.into_events());
         summary.add_source_end(end, interrupted);
 
-        let recorded = match (side.not_recorded, side.recorder) {
+        let recorded = match (placing.not_recorded, placing.recorder) {
             (Some(error), _) => Err(error),
             (None, Some(recorder)) => {
                 summary.add_recorder_notes(recorder.notes());
@@ -220,11 +236,6 @@ impl Run<'_> {
             }
             (None, None) => Ok(()),
         };
-        let exported = self.export.as_ref().map_or(Ok(Vec::new()), |dir| {
-            // Consoles may still ask for it.
-            let way = side.trajectory.lock().poses();
-            outputs::export(dir, &side.pipeline, &way, &self.title)
-        });
         let summarised = self.summary.as_ref().map_or(Ok(()), |path| {
             summary
                 .write(path)
@@ -238,43 +249,6 @@ impl Run<'_> {
         summarised?;
         Ok(summary)
     }
-}
-
-/// Makes this thread, which maps, one of those that share the work of a scan: were it outside of their pool, it would
-/// have to wake two others for each scan and sleep itself, which costs as much as the second core gains.
-///
-/// Where that fails, rayon's own pool shares the work, for the same maps.
-pub(super) fn pool_around_this_thread(threads: usize) -> Option<rayon::ThreadPool> {
-    if threads < 2 {
-        return None;
-    }
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .use_current_thread()
-        .thread_name(|number| format!("mapping-{number}"))
-        .build();
-    pool.inspect_err(|error| tracing::warn!(%error, "mapping without threads of its own"))
-        .ok()
-}
-
-fn map_in_two_threads(
-    source: &mut dyn Source,
-    rate: Rate,
-    interrupt: &AtomicBool,
-    side: &mut MappingSide,
-) -> anyhow::Result<(SourceEnd, anyhow::Result<()>)> {
-    std::thread::scope(|scope| {
-        let (sender, receiver) = sync_channel::<Batch>(BATCHES);
-        let feeding =
-            scope.spawn(move || feed(source, rate, interrupt, |batch| sender.send(batch).is_ok()));
-        let taken = receiver.iter().try_for_each(|batch| side.take(batch));
-        // Or a feeder that waits for room would wait for ever.
-        drop(receiver);
-        let end = feeding
-            .join()
-            .map_err(|_panic| anyhow!("the reading thread failed"))?;
-        Ok((end, taken))
-    })
 }
 
 pub(super) fn nothing_mapped(summary: &Summary) -> anyhow::Error {

@@ -3,14 +3,15 @@
 use protocol::message::{Info, LayerInfo, Reason, Status};
 
 use super::data_clock::DataClock;
+use super::map_figures::MapFigures;
 use super::network::Subject;
 use crate::config::Config;
 use crate::drops::DropCounts;
 use crate::localization::placer::PlacerCounts;
-use crate::pipeline::Pipeline;
+use crate::pipeline::Maps;
 
 /// Who the robot is and what it maps.
-pub(super) fn info(config: &Config, subject: &Subject<'_>, pipeline: &Pipeline) -> Info {
+pub(super) fn info(config: &Config, subject: &Subject<'_>, maps: &Maps) -> Info {
     let vehicle = &config.vehicle;
     let teleop = &config.teleop;
     Info {
@@ -18,7 +19,7 @@ pub(super) fn info(config: &Config, subject: &Subject<'_>, pipeline: &Pipeline) 
         source: subject.source.to_owned(),
         footprint_m: [vehicle.length_m, vehicle.width_m].map(|metres| metres as f32),
         limits: [vehicle.max_speed_mps, vehicle.max_turn_rate_radps].map(|limit| limit as f32),
-        layers: pipeline
+        layers: maps
             .publisher()
             .store()
             .grids()
@@ -41,16 +42,15 @@ pub(super) fn info(config: &Config, subject: &Subject<'_>, pipeline: &Pipeline) 
 
 /// How mapping is doing.
 pub(super) fn status(
-    pipeline: &Pipeline,
+    maps: &MapFigures,
     placer: PlacerCounts,
     clock: &DataClock,
     lost: u64,
 ) -> Status {
-    let report = pipeline.report();
     let mut dropped: DropCounts = placer.dropped_scans;
     dropped.merge(&placer.dropped_poses);
     dropped.merge(&placer.dropped_beams);
-    dropped.merge(&report.dropped_beams);
+    dropped.merge(&maps.dropped_beams);
     let reasons = dropped
         .iter()
         .map(|(reason, count)| (reason.to_string(), count));
@@ -58,7 +58,7 @@ pub(super) fn status(
     Status {
         data_time_ns: clock.elapsed().as_nanos(),
         scans_in: placer.scans_in,
-        scans_mapped: report.scans_mapped,
+        scans_mapped: maps.scans_mapped,
         drops: reasons
             .chain(lost)
             .map(|(name, count)| Reason { name, count })

@@ -1,6 +1,7 @@
-//! What the mapping thread tells the collision guard, and the loop's end of it.
+//! What the collision guard is told, and the loop's end of it.
 //!
-//! Each side has its own buffer and nobody waits: the loop sees the newest of what was handed over (triple buffers).
+//! Two ends tell it: whoever places scans, at once, of poses and sweeps; whoever maps, later, of the map. Each has buffers of
+//! its own and nobody waits: the loop sees the newest of what was handed over (triple buffers).
 
 use std::time::Duration;
 
@@ -25,15 +26,24 @@ const MAP_PERIOD: Duration = Duration::from_millis(200);
 /// Time from sweep to sweep until two have come.
 const UNKNOWN_PERIOD: Duration = Duration::from_millis(100);
 
-/// The mapping thread's end.
+/// The end of whoever places scans: what cannot wait for the map.
 #[derive(Debug)]
 pub struct Lookout {
     rules: GuardRules,
     sensors: Vec<Sensor>,
-    map: Input<LocalMap>,
-    map_copied: Option<RobotTime>,
     odometry: Input<Option<Odometry>>,
+    /// As mapping knows it, of the scans that are in the map.
+    ground: Output<Option<GroundPlane>>,
     arrivals: Arrivals,
+}
+
+/// The end of whoever maps.
+#[derive(Debug)]
+pub struct MapLookout {
+    rules: GuardRules,
+    map: Input<LocalMap>,
+    copied: Option<RobotTime>,
+    ground: Input<Option<GroundPlane>>,
 }
 
 #[derive(Debug)]
@@ -53,13 +63,14 @@ pub struct Sight {
     odometry: Output<Option<Odometry>>,
 }
 
-/// A guard that keeps to `rules` and the way to tell it what so many range sensors see.
-pub fn lookout(rules: GuardRules, sensors: usize) -> (Lookout, Sight) {
+/// A guard that keeps to `rules` and the ways to tell it what so many range sensors see, and the map.
+pub fn lookout(rules: GuardRules, sensors: usize) -> (Lookout, MapLookout, Sight) {
     let (inputs, newest_sweeps): (Vec<_>, _) = (0..sensors)
         .map(|_sensor| triple_buffer(&GuardSweep::default()))
         .unzip();
     let (map_input, map) = triple_buffer(&LocalMap::default());
     let (odometry_input, odometry) = triple_buffer(&None);
+    let (ground_input, ground) = triple_buffer(&None);
     let sensor = |sweeps| Sensor {
         sweeps,
         last: None,
@@ -68,10 +79,15 @@ pub fn lookout(rules: GuardRules, sensors: usize) -> (Lookout, Sight) {
     let lookout = Lookout {
         rules,
         sensors: inputs.into_iter().map(sensor).collect(),
-        map: map_input,
-        map_copied: None,
         odometry: odometry_input,
+        ground,
         arrivals: Arrivals::default(),
+    };
+    let map_lookout = MapLookout {
+        rules,
+        map: map_input,
+        copied: None,
+        ground: ground_input,
     };
     let sight = Sight {
         guard: CollisionGuard::new(rules),
@@ -80,7 +96,7 @@ pub fn lookout(rules: GuardRules, sensors: usize) -> (Lookout, Sight) {
         map,
         odometry,
     };
-    (lookout, sight)
+    (lookout, map_lookout, sight)
 }
 
 impl Lookout {
@@ -92,7 +108,6 @@ impl Lookout {
     /// The clock of the data starts anew.
     pub fn reset_clock(&mut self) {
         self.arrivals.clear();
-        self.map_copied = None;
         for sensor in &mut self.sensors {
             sensor.last = None;
         }
@@ -107,14 +122,15 @@ impl Lookout {
         }));
     }
 
-    /// A scan was placed; it is not in the map yet.
-    pub fn see(&mut self, scan: &PosedScan, mapper: &Mapper, now: Monotonic) {
+    /// A scan was placed; it is not in the map yet. When it was measured, on this machine's clock: what came then, at the
+    /// latest.
+    pub fn see(&mut self, scan: &PosedScan, now: Monotonic) -> Monotonic {
         let taken = self.arrivals.of(scan.stamp, now);
-        let ground = mapper.terrain().and_then(Terrain::ground_plane);
         let plane = if self.rules.is_boat() {
             // It floats: its own attitude is that of the waves.
             GroundPlane::under(&upright(&scan.odom_from_base))
         } else {
+            let ground = *self.ground.read();
             ground.unwrap_or_else(|| GroundPlane::under(&scan.odom_from_base))
         };
         if let Some(sensor) = self.sensors.get_mut(usize::from(scan.sensor.0)) {
@@ -123,11 +139,16 @@ impl Lookout {
             sweep.read(scan, &plane, &self.rules, (taken, period));
             sensor.sweeps.publish();
         }
+        taken
     }
+}
 
-    /// A scan is in the map.
-    pub fn mapped(&mut self, scan: &PosedScan, mapper: &Mapper, now: Monotonic) {
-        let is_due = self.map_copied.is_none_or(|copied| {
+impl MapLookout {
+    /// A scan is in the map, which was measured at `taken`, at the latest.
+    pub fn mapped(&mut self, scan: &PosedScan, mapper: &Mapper, taken: Monotonic) {
+        let ground = mapper.terrain().and_then(Terrain::ground_plane);
+        self.ground.write(ground);
+        let is_due = self.copied.is_none_or(|copied| {
             scan.stamp < copied
                 || scan.stamp.since(copied)
                     >= RobotDuration::from_secs_f64(MAP_PERIOD.as_secs_f64())
@@ -135,10 +156,10 @@ impl Lookout {
         if !is_due {
             return;
         }
-        self.map_copied = Some(scan.stamp);
+        self.copied = Some(scan.stamp);
         let at = scan.odom_from_base.translation.vector;
         let copying = Copying {
-            taken: self.arrivals.of(scan.stamp, now),
+            taken,
             period: MAP_PERIOD,
             around: Point2::new(at.x, at.y),
             reach_m: self.rules.window_m(),

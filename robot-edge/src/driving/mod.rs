@@ -34,7 +34,7 @@ pub use inbox::{Inbox, Incoming, Reply};
 pub use keeper::Keeper;
 pub use list_watch::ListWatch;
 pub use local::LocalWishes;
-pub use lookout::{Lookout, Sight, lookout};
+pub use lookout::{Lookout, MapLookout, Sight, lookout};
 pub use motors::Motors;
 pub use operators::Operators;
 pub use thread::{Driving, DrivingSettings};

@@ -2,8 +2,8 @@
 
 use protocol::message::Shores;
 
-use super::{Pipeline, PipelineReport};
-use crate::localization::placer::BeamPlacer;
+use super::{Maps, MapsReport};
+use crate::localization::geodesy::GeodeticPoint;
 use crate::mapping::Mapper;
 use crate::mapping::cost_map::CostMap;
 use crate::mapping::occupancy_grid::OccupancyGrid;
@@ -11,21 +11,21 @@ use crate::mapping::terrain::Terrain;
 use crate::robot_time::RobotTime;
 use crate::streaming::publisher::{PublishError, PublisherState};
 
-/// All that a [`Pipeline`] knows at one time of the data.
+/// All that [`Maps`] know at one time of the data.
 #[derive(Clone, Debug)]
-pub struct Checkpoint {
-    placer: BeamPlacer,
+pub struct MapsCheckpoint {
     mapper: Mapper,
     publisher: PublisherState,
     published_at: Option<RobotTime>,
     scans_unpublished: u32,
-    report: PipelineReport,
+    report: MapsReport,
     evictions_told: Option<RobotTime>,
     shores_taken: u32,
     last_scan: Option<RobotTime>,
+    datum: Option<GeodeticPoint>,
 }
 
-impl Checkpoint {
+impl MapsCheckpoint {
     /// Memory that it takes, bytes: the maps and the tiles, which are nearly all of it.
     pub fn bytes(&self) -> usize {
         let occupancy = self.mapper.occupancy().map_or(0, OccupancyGrid::bytes);
@@ -38,11 +38,10 @@ impl Checkpoint {
     }
 }
 
-impl Pipeline {
+impl Maps {
     /// A copy of all that is known now.
-    pub fn checkpoint(&self) -> Checkpoint {
-        Checkpoint {
-            placer: self.placer.clone(),
+    pub fn checkpoint(&self) -> MapsCheckpoint {
+        MapsCheckpoint {
             mapper: self.mapper.clone(),
             publisher: self.publisher.state(),
             published_at: self.published_at,
@@ -51,6 +50,7 @@ impl Pipeline {
             evictions_told: self.evictions_told,
             shores_taken: self.shores_taken,
             last_scan: self.last_scan,
+            datum: self.datum,
         }
     }
 
@@ -58,18 +58,17 @@ impl Pipeline {
     ///
     /// # Errors
     /// Where publishing stopped.
-    pub fn go_back(&mut self, checkpoint: &Checkpoint) -> Result<(), PublishError> {
+    pub fn go_back(&mut self, checkpoint: &MapsCheckpoint) -> Result<(), PublishError> {
         self.publisher.go_back(&checkpoint.publisher)?;
-        self.placer = checkpoint.placer.clone();
         self.mapper = checkpoint.mapper.clone();
         self.published_at = checkpoint.published_at;
         self.scans_unpublished = checkpoint.scans_unpublished;
-        self.placed.clear();
         self.report = checkpoint.report.clone();
         self.happenings.clear();
         self.evictions_told = checkpoint.evictions_told;
         self.shores_taken = checkpoint.shores_taken;
         self.last_scan = checkpoint.last_scan;
+        self.datum = checkpoint.datum;
         Ok(())
     }
 

@@ -6,11 +6,10 @@
 
 use protocol::message::Shores;
 
-use super::{Pipeline, PipelineReport, ScanObserver};
+use super::{Maps, MapsReport, ScanObserver};
 use crate::config::Config;
-use crate::localization::placer::{BeamPlacer, PlacerSettings};
+use crate::localization::placer::Placed;
 use crate::mapping::Mapper;
-use crate::pose::Pose;
 use crate::robot_time::RobotTime;
 use crate::streaming::publisher::{PublishError, Published};
 
@@ -20,38 +19,42 @@ pub struct Standstill {
     published: Published,
     /// Shores and docking sites if they are other than those taken before, and the stamp of the last scan.
     pub shores: Option<(RobotTime, Shores)>,
-    /// Where the vehicle is by then, as [`BeamPlacer::newest_pose`] tells it.
-    pub newest_pose: Option<(RobotTime, Pose)>,
 }
 
-impl Pipeline {
-    /// Publishes the maps as if the data ended here: to the cell what [`Pipeline::finish`] would leave behind.
+impl Maps {
+    /// Publishes the maps as if the data ended here: to the cell what [`Maps::finish`] would leave behind it.
     ///
-    /// It takes a copy of the maps, for as long as this lasts. `observer` hears of the scans that waited.
+    /// It takes a copy of the maps, for as long as this lasts. `waiting` is what the end of the data would have placed;
+    /// `observer` hears of those scans.
     ///
     /// # Errors
     /// Where publishing stopped.
-    pub fn stand_still(&mut self, observer: impl ScanObserver) -> Result<Standstill, PublishError> {
+    pub fn stand_still(
+        &mut self,
+        waiting: &[Placed],
+        mut observer: impl ScanObserver,
+    ) -> Result<Standstill, PublishError> {
         let mut ended = Self {
-            placer: self.placer.clone(),
             mapper: self.mapper.clone(),
             publisher: self.publisher.remembering(),
             publish_period: self.publish_period,
             published_at: self.published_at,
             scans_unpublished: self.scans_unpublished,
-            placed: Vec::new(),
-            report: PipelineReport::default(),
+            report: MapsReport::default(),
             on_jump: self.on_jump,
             happenings: Vec::new(),
             evictions_told: self.evictions_told,
             shores_taken: self.shores_taken,
             last_scan: self.last_scan,
+            datum: self.datum,
         };
-        ended.finish(observer)?;
+        waiting
+            .iter()
+            .try_for_each(|placed| ended.take(placed, &mut observer))?;
+        ended.finish()?;
         let shores = ended.take_shores();
         self.publisher.add_changed(ended.publisher.take_changed());
         Ok(Standstill {
-            newest_pose: ended.placer.newest_pose(),
             published: ended.publisher.into_published(),
             shores,
         })
@@ -71,26 +74,21 @@ impl Pipeline {
     ///
     /// # Errors
     /// Where publishing stopped.
-    pub fn begin_anew(
-        &mut self,
-        config: &Config,
-        placer: PlacerSettings,
-    ) -> Result<(), PublishError> {
+    pub fn begin_anew(&mut self, config: &Config) -> Result<(), PublishError> {
         self.mapper = Mapper::new(
             &config.mapping,
             config.vehicle.shape(),
             &config.range_models(),
         );
-        self.placer = BeamPlacer::new(placer);
         self.publisher.begin_anew(&self.mapper)?;
         self.published_at = None;
         self.scans_unpublished = 0;
-        self.placed.clear();
-        self.report = PipelineReport::default();
+        self.report = MapsReport::default();
         self.happenings.clear();
         self.evictions_told = None;
         self.shores_taken = 0;
         self.last_scan = None;
+        self.datum = None;
         Ok(())
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{FAREWELL, LAST_WORDS, Network};
 use crate::clock::{self, Monotonic};
-use crate::pipeline::Pipeline;
+use crate::pipeline::Maps;
 use protocol::layer::LayerId;
 use std::io::{self, Write};
 use std::time::Duration;
@@ -11,18 +11,18 @@ impl Network {
     /// The data has ended: waits until every console has all of it, or for good where that was asked for.
     pub(in crate::app) fn take_leave(
         &self,
-        pipeline: &Pipeline,
+        maps: &Maps,
         quiet: bool,
         is_interrupted: impl Fn() -> bool,
     ) {
-        let revision = head_revision(pipeline);
+        let revision = head_revision(maps);
         let shared = self.link.shared();
         let is_interrupted = || {
-            self.serve_voxels(pipeline, true);
+            self.serve_voxels(maps, true);
             is_interrupted()
         };
         // Who hears of the end and asks hears of the whole.
-        self.serve_voxels(pipeline, true);
+        self.serve_voxels(maps, true);
         shared.end();
         if self.stay {
             if !quiet {
@@ -48,8 +48,8 @@ impl Network {
 }
 
 /// The newest revision of any layer.
-fn head_revision(pipeline: &Pipeline) -> u64 {
-    let store = pipeline.publisher().store();
+fn head_revision(maps: &Maps) -> u64 {
+    let store = maps.publisher().store();
     LayerId::ALL
         .into_iter()
         .map(|layer| store.head_revision(layer))

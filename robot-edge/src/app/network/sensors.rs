@@ -1,6 +1,6 @@
 //! What came from the sensors is watched, and consoles hear what is wrong with them.
 
-use super::Network;
+use super::herald::Herald;
 use crate::clock::Monotonic;
 use crate::measurement::Measurement;
 use crate::robot_time::RobotDuration;
@@ -8,7 +8,7 @@ use crate::sensor_watch::Change;
 use protocol::message::SensorFault;
 use std::time::Duration;
 
-impl Network {
+impl Herald {
     /// Something was measured, which could be known since `came`; `elapsed` of the data's time has passed with it.
     pub(in crate::app) fn came(
         &mut self,
@@ -19,10 +19,7 @@ impl Network {
         if let Some(lookout) = &mut self.lookout {
             lookout.came(measurement.stamp, came);
         }
-        let at = match self.since {
-            Some(since) => came.since(since),
-            None => of_data(elapsed),
-        };
+        let at = self.watched_at(came, elapsed);
         self.sensors.take(measurement, at);
         self.look_at_sensors(at);
     }
@@ -48,7 +45,7 @@ impl Network {
         let (revision, infos) = self.sensors.infos();
         if self.told_sensors != Some(revision) {
             self.told_sensors = Some(revision);
-            self.link.shared().set_sensors(revision, infos);
+            self.shared.set_sensors(revision, infos);
         }
     }
 }

@@ -47,15 +47,19 @@ type Left = (
     Vec<StampedPose>,
 );
 
-fn left(side: &MappingSide) -> Left {
-    let store = side.pipeline.publisher().store();
+fn left(sides: &Sides) -> Left {
+    let store = sides.mapping.maps.publisher().store();
     let grids = store.grids();
     let digest = |layer| store.root_digest(layer).unwrap().to_string();
     let digests = grids.map(|grid| (grid.layer, digest(grid.layer))).collect();
     let tiles = store.grids().flat_map(|grid| store.tiles(grid.layer));
     let known = tiles.filter(|(_, stored)| stored.known() > 0);
     let stamps = known.map(|(key, stored)| (key, stored.stamp_ns()));
-    (digests, stamps.collect(), side.trajectory.lock().poses())
+    (
+        digests,
+        stamps.collect(),
+        sides.mapping.trajectory.lock().poses(),
+    )
 }
 
 /// What `replay --duration` leaves behind; without one, `replay`.
@@ -66,15 +70,15 @@ fn fresh(recording: &Path, duration_s: Option<f64>) -> Left {
     };
     let (survey, config, plan) = look_through(&command).unwrap();
     let (run, mut source) = set_up(&command, true, &survey, &config, plan).unwrap();
-    let mut side = run.start().unwrap();
+    let mut sides = run.start().unwrap();
     let interrupt = AtomicBool::new(false);
     let end = feed(&mut source, Rate::Max, &interrupt, |batch| {
-        side.take(batch).unwrap();
+        sides.take(batch).unwrap();
         true
     });
     end.result.unwrap();
-    side.finish(0).unwrap();
-    left(&side)
+    sides.finish(0).unwrap();
+    left(&sides)
 }
 
 /// A player of `recording` at full speed, and whoever has it in his hands.
@@ -110,7 +114,7 @@ fn assert_wound(player: &mut Player<'_>, control: &ReplayControl, recording: &Pa
         (sight.state, sight.position),
         (ReplayState::Paused, seconds(to))
     );
-    assert_eq!(left(&player.side), fresh(recording, Some(to)), "at {to} s");
+    assert_eq!(left(&player.sides), fresh(recording, Some(to)), "at {to} s");
 }
 
 #[test]
@@ -128,7 +132,7 @@ fn wherever_it_is_wound_the_map_is_that_of_a_replay_up_to_there() {
             player.step().unwrap();
         }
         assert_eq!(control.sight().state, ReplayState::Ended);
-        assert_eq!(left(&player.side), fresh(&rooms, None));
+        assert_eq!(left(&player.sides), fresh(&rooms, None));
     });
 }
 
@@ -149,7 +153,7 @@ fn a_recording_is_as_long_at_its_end_as_it_is_said_to_be_before() {
     assert_eq!(sight.state, ReplayState::Ended);
     assert_eq!((sight.length, sight.position), (Some(told), told.duration));
     // To have been read before changes nothing.
-    assert_eq!(left(&player.side), fresh(&rooms, None));
+    assert_eq!(left(&player.sides), fresh(&rooms, None));
 
     // Who clicks on the end of the time line comes to the end.
     control.pause();
@@ -219,7 +223,7 @@ fn voxels_costs_and_shores_too() {
         for to in [1.0, 1.7, 0.6] {
             assert_wound(player, control, &lake, to);
         }
-        let layers: Vec<_> = left(&player.side)
+        let layers: Vec<_> = left(&player.sides)
             .0
             .into_iter()
             .map(|(layer, _)| layer)

@@ -26,7 +26,7 @@ impl Player<'_> {
     /// Goes on from the beginning.
     pub(super) fn begin_anew(&mut self) -> anyhow::Result<()> {
         self.source.begin_anew()?;
-        self.side.begin_anew(self.config, self.placer.clone())?;
+        self.sides.begin_anew(self.config, self.placer.clone())?;
         self.control.begin_anew();
         self.stand_at(RobotDuration::ZERO, 0);
         Ok(())
@@ -44,7 +44,7 @@ impl Player<'_> {
                 break;
             }
         }
-        self.side.go_back(&kept.maps, kept.clock, kept.scans)?;
+        self.sides.go_back(&kept.sides)?;
         self.control.go_back(&kept.trail);
         let (at, items) = (kept.at, kept.items);
         self.stand_at(at, items);
@@ -74,10 +74,8 @@ impl Player<'_> {
         let kept = Kept {
             at: self.newest,
             items: self.items,
-            clock: self.side.clock,
-            scans: self.side.trajectory.lock().scans(),
             trail: self.control.trail_so_far(),
-            maps: self.side.pipeline.checkpoint(),
+            sides: self.sides.checkpoint(),
         };
         self.checkpoints.keep(kept, started.elapsed());
     }

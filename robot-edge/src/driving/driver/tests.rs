@@ -19,7 +19,7 @@ fn guarded(now: Monotonic) -> Driver {
         Arc::new(Board::default()),
         now,
     );
-    driver.sight = Some(lookout(guard, 1).1);
+    driver.sight = Some(lookout(guard, 1).2);
     driver.switches.guard = true;
     driver
 }

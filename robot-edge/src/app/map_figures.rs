@@ -1,0 +1,37 @@
+//! What the placing side tells of mapping.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use crate::drops::DropCounts;
+use crate::pipeline::MapsReport;
+
+/// Figures of the maps.
+#[derive(Clone, Debug, Default)]
+pub(super) struct MapFigures {
+    /// Scans that are in the map.
+    pub(super) scans_mapped: u64,
+    /// Beams that no layer could take, by reason.
+    pub(super) dropped_beams: DropCounts,
+}
+
+/// The same for both sides. It is held for as long as copying it takes.
+#[derive(Clone, Debug, Default)]
+pub(super) struct SharedMapFigures(Arc<Mutex<MapFigures>>);
+
+impl SharedMapFigures {
+    pub(super) fn set(&self, report: &MapsReport) {
+        let figures = MapFigures {
+            scans_mapped: report.scans_mapped,
+            dropped_beams: report.dropped_beams.clone(),
+        };
+        *self.lock() = figures;
+    }
+
+    pub(super) fn get(&self) -> MapFigures {
+        self.lock().clone()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, MapFigures> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,144 @@
+//! Steps on their way from who places to who maps.
+
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Duration;
+
+use anyhow::anyhow;
+
+use super::step::Step;
+use crate::clock::Monotonic;
+use crate::localization::placer::Placed;
+
+/// Parcels that wait for mapping: a second or two of fast sensors. Who places waits for room, so nothing is dropped, and memory
+/// is bounded by …
+pub(super) const WAITING: usize = 64;
+/// … the beams in a parcel; or it is one scan.
+const PARCEL_BEAMS: usize = 4096;
+/// Without a scan, mapping tells what it knows this often.
+const TELL_APART: Duration = Duration::from_millis(100);
+
+/// Packs steps: a channel's locks cost more than a step does.
+pub(super) struct Parcels {
+    sender: SyncSender<Vec<Step>>,
+    steps: Vec<Step>,
+    beams: usize,
+    told: Monotonic,
+}
+
+/// A way for parcels of steps, and its other end.
+pub(super) fn parcels() -> (Parcels, Receiver<Vec<Step>>) {
+    let (sender, receiver) = sync_channel(WAITING);
+    let parcels = Parcels {
+        sender,
+        steps: Vec::new(),
+        beams: 0,
+        told: Monotonic::now(),
+    };
+    (parcels, receiver)
+}
+
+impl Parcels {
+    /// Adds a step, and sends what there is once it can be told or is large.
+    ///
+    /// # Errors
+    /// Where nobody maps any more.
+    pub(super) fn add(&mut self, step: Step) -> anyhow::Result<()> {
+        let is_due = match &step {
+            Step::Placed {
+                placed: Placed::Scan(scan),
+                ..
+            } => {
+                self.beams += scan.beams.len();
+                self.beams >= PARCEL_BEAMS
+            }
+            Step::Placed {
+                placed: Placed::Jump(_),
+                ..
+            }
+            | Step::ClockReset => false,
+            // Poses come often, and change no map.
+            Step::Told { .. } if self.steps.is_empty() && self.told.elapsed() < TELL_APART => {
+                return Ok(());
+            }
+            Step::Told { .. } => {
+                self.told = Monotonic::now();
+                true
+            }
+        };
+        self.steps.push(step);
+        if is_due {
+            self.beams = 0;
+            self.sender
+                .send(std::mem::take(&mut self.steps))
+                .map_err(|_closed| anyhow!("mapping has ended"))?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::localization::pose_jump::PoseJump;
+    use crate::mapping::posed_scan::{BeamOutcome, PosedBeam, PosedScan, SensorId};
+    use crate::pose::planar;
+    use crate::robot_time::RobotTime;
+    use nalgebra::Point3;
+
+    fn scan(beams: usize) -> Step {
+        let beam = PosedBeam {
+            origin_in_odom: Point3::origin(),
+            end_in_odom: Point3::new(1.0, 0.0, 0.0),
+            outcome: BeamOutcome::Hit,
+            index: 0,
+            range_m: 1.0,
+        };
+        Step::Placed {
+            placed: Placed::Scan(PosedScan {
+                stamp: RobotTime::from_nanos(0),
+                sensor: SensorId(0),
+                beam_step_rad: 0.01,
+                odom_from_base: planar(0.0, 0.0, 0.0),
+                beams: vec![beam; beams],
+            }),
+            taken: Monotonic::default(),
+        }
+    }
+
+    const TOLD: Step = Step::Told {
+        lateness: None,
+        datum: None,
+    };
+
+    #[test]
+    fn a_parcel_goes_when_it_can_be_told_or_is_large() {
+        let (mut parcels, receiver) = parcels();
+        parcels.told = Monotonic::now() + Duration::from_secs(3600);
+        // Poses alone are no reason to wake who maps.
+        parcels.add(TOLD).unwrap();
+        parcels.add(scan(PARCEL_BEAMS - 1)).unwrap();
+        assert!(receiver.try_recv().is_err());
+        parcels.add(scan(1)).unwrap();
+        assert_eq!(receiver.try_recv().unwrap().len(), 2);
+        let jump = PoseJump {
+            stamp: RobotTime::from_nanos(0),
+            distance_m: 3.0,
+        };
+        let jump = Step::Placed {
+            placed: Placed::Jump(jump),
+            taken: Monotonic::default(),
+        };
+        parcels.add(jump).unwrap();
+        parcels.add(Step::ClockReset).unwrap();
+        assert!(receiver.try_recv().is_err());
+        parcels.add(TOLD).unwrap();
+        assert_eq!(receiver.try_recv().unwrap().len(), 3);
+        // Now and then what there is is told without a scan.
+        parcels.told = Monotonic::default();
+        parcels.add(TOLD).unwrap();
+        assert_eq!(receiver.try_recv().unwrap().len(), 1);
+        drop(receiver);
+        parcels.add(scan(1)).unwrap();
+        assert!(parcels.add(TOLD).is_err(), "nobody maps any more");
+    }
+}

@@ -1,0 +1,254 @@
+//! Placed scans in, published tiles out.
+
+use protocol::message::Shores;
+use protocol::tile::{BootId, TileKey};
+
+use super::{Happening, ScanObserver};
+use crate::clock::Monotonic;
+use crate::config::Config;
+use crate::drops::DropCounts;
+use crate::localization::config::OnJump;
+use crate::localization::geodesy::GeodeticPoint;
+use crate::localization::placer::Placed;
+use crate::localization::pose_jump::PoseJump;
+use crate::mapping::Mapper;
+use crate::robot_time::{RobotDuration, RobotTime};
+use crate::streaming::publisher::{PublishError, Publisher};
+use crate::streaming::shores::shores;
+use crate::summary::StageTimer;
+
+/// Maps and publishes. It owns no thread: whoever holds it calls it.
+pub struct Maps {
+    pub(super) mapper: Mapper,
+    pub(super) publisher: Publisher,
+    pub(super) publish_period: RobotDuration,
+    pub(super) published_at: Option<RobotTime>,
+    pub(super) scans_unpublished: u32,
+    pub(super) report: MapsReport,
+    pub(super) on_jump: OnJump,
+    pub(super) happenings: Vec<Happening>,
+    pub(super) evictions_told: Option<RobotTime>,
+    pub(super) shores_taken: u32,
+    pub(super) last_scan: Option<RobotTime>,
+    /// Where on Earth `odom` is, as far as that is known.
+    pub(super) datum: Option<GeodeticPoint>,
+}
+
+/// What became of placed scans so far.
+#[derive(Clone, Debug, Default)]
+pub struct MapsReport {
+    /// Scans that are in the map.
+    pub scans_mapped: u64,
+    /// Beams that marked a hit.
+    pub hits: u64,
+    /// Beams without a return.
+    pub misses: u64,
+    /// Beams that no layer could take, by reason.
+    pub dropped_beams: DropCounts,
+    /// Bricks that left the octree to keep its memory limit.
+    pub evicted_bricks: u64,
+    /// Time spent per scan in the layers, and per publication.
+    pub stages: Stages,
+}
+
+/// Where time goes.
+#[derive(Clone, Debug, Default)]
+pub struct Stages {
+    /// Updating every layer, per scan.
+    pub mapping: StageTimer,
+    /// Turning changed cells into stored tiles, per publication.
+    pub publish: StageTimer,
+}
+
+/// Least time between two tellings of evictions.
+const EVICTIONS_APART: RobotDuration = RobotDuration::from_nanos(10_000_000_000);
+
+/// Scans after which is published, whatever their stamps say.
+const MAX_SCANS_UNPUBLISHED: u32 = 250;
+
+impl Maps {
+    /// Empty maps of a vehicle. `encode`: see [`Publisher::new`].
+    ///
+    /// # Errors
+    /// Where the tile store cannot be set up.
+    pub fn new(config: &Config, boot: BootId, encode: bool) -> Result<Self, PublishError> {
+        let mapper = Mapper::new(
+            &config.mapping,
+            config.vehicle.shape(),
+            &config.range_models(),
+        );
+        let publisher = Publisher::new(boot, config.streaming.store_mb, &mapper, encode)?;
+        Ok(Self {
+            mapper,
+            publisher,
+            publish_period: RobotDuration::from_secs_f64(config.streaming.publish_period_s),
+            published_at: None,
+            scans_unpublished: 0,
+            report: MapsReport::default(),
+            on_jump: config.localization.on_jump,
+            happenings: Vec::new(),
+            evictions_told: None,
+            shores_taken: 0,
+            last_scan: None,
+            datum: None,
+        })
+    }
+
+    /// Takes what was placed, in the order of the data. Every scan is shown to `observer`.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub fn take(
+        &mut self,
+        placed: &Placed,
+        observer: &mut impl ScanObserver,
+    ) -> Result<(), PublishError> {
+        let scan = match placed {
+            Placed::Scan(scan) => scan,
+            Placed::Jump(jump) => {
+                self.jumped(jump);
+                return Ok(());
+            }
+        };
+        let started = Monotonic::now();
+        let map = self.mapper.integrate(scan);
+        self.report.stages.mapping.record(started.elapsed());
+        self.report.scans_mapped += 1;
+        self.last_scan = Some(scan.stamp);
+        self.report.hits += map.hits;
+        self.report.misses += map.misses;
+        self.report.dropped_beams.merge(&map.dropped_beams);
+        self.tell_evictions(scan.stamp, map.evicted_bricks);
+        if let Some(change) = map.ground_change {
+            self.tell(change.stamp, "ground_plane", change.to_string());
+        }
+        observer.mapped(scan, &self.mapper);
+        self.scans_unpublished += 1;
+        // Time of the data, so that what is published does not depend on the speed of a replay; and a
+        // number of scans, because stamps may stand still and memory has limits.
+        let due = self.scans_unpublished >= MAX_SCANS_UNPUBLISHED
+            || self
+                .published_at
+                .is_none_or(|at| scan.stamp.since(at) >= self.publish_period);
+        if due {
+            self.published_at = Some(scan.stamp);
+            self.scans_unpublished = 0;
+            self.publish()?;
+        }
+        Ok(())
+    }
+
+    /// The clock of the data started anew; what waited by the old one is still to come.
+    pub const fn reset_clock(&mut self) {
+        self.published_at = None;
+    }
+
+    /// The data ended: publishes all of it.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub fn finish(&mut self) -> Result<(), PublishError> {
+        self.mapper.refresh();
+        self.publish()
+    }
+
+    /// Where on Earth the origin of `odom` lies, as [`BeamPlacer::datum`](crate::localization::placer::BeamPlacer::datum)
+    /// tells it: shores are told with it.
+    pub const fn set_datum(&mut self, datum: Option<GeodeticPoint>) {
+        self.datum = datum;
+    }
+
+    fn jumped(&mut self, jump: &PoseJump) {
+        let maps = match self.on_jump {
+            OnJump::Keep => "the maps were kept",
+            OnJump::Reset => {
+                self.mapper.reset();
+                "the maps were erased"
+            }
+        };
+        let message = format!("the poses jumped by {:.2} m: {maps}", jump.distance_m);
+        self.tell(jump.stamp, "pose_jump", message);
+    }
+
+    /// Tells of bricks that left the octree, not more often than a person could read it.
+    fn tell_evictions(&mut self, stamp: RobotTime, bricks: u32) {
+        if bricks == 0 {
+            return;
+        }
+        self.report.evicted_bricks += u64::from(bricks);
+        let told = self.evictions_told.filter(|&told| told <= stamp);
+        if told.is_none_or(|told| stamp.since(told) >= EVICTIONS_APART) {
+            self.evictions_told = Some(stamp);
+            let bricks = self.report.evicted_bricks;
+            let message = format!(
+                "the octree is at its memory limit (mapping.octree.memory_limit_mb): {bricks} bricks farthest from the \
+                 vehicle are gone so far"
+            );
+            self.tell(stamp, "voxels_evicted", message);
+        }
+    }
+
+    fn tell(&mut self, stamp: RobotTime, kind: &'static str, message: String) {
+        tracing::info!(%stamp, kind, message);
+        self.happenings.push(Happening {
+            stamp,
+            kind,
+            message,
+        });
+    }
+
+    /// What happened since the last call, in order.
+    pub fn take_happenings(&mut self) -> Vec<Happening> {
+        std::mem::take(&mut self.happenings)
+    }
+
+    fn publish(&mut self) -> Result<(), PublishError> {
+        let started = Monotonic::now();
+        // Before the first scan there is nothing to publish.
+        let stamp = self.last_scan.unwrap_or_default();
+        self.publisher.publish(&mut self.mapper, stamp)?;
+        self.report.stages.publish.record(started.elapsed());
+        Ok(())
+    }
+
+    /// Stamp of the newest scan in the map.
+    pub const fn last_scan(&self) -> Option<RobotTime> {
+        self.last_scan
+    }
+
+    /// The maps.
+    pub const fn mapper(&self) -> &Mapper {
+        &self.mapper
+    }
+
+    /// The tiles that were published since the last call.
+    pub fn take_changed_tiles(&mut self) -> Vec<TileKey> {
+        self.publisher.take_changed()
+    }
+
+    /// Shores and docking sites, where they are mapped.
+    pub fn shores(&self) -> Option<Shores> {
+        let voxels = self.mapper.voxels()?;
+        let cell_m = voxels.octree().cell_m();
+        Some(shores(voxels.shore()?, cell_m, self.datum))
+    }
+
+    /// Shores and docking sites if they were brought up to date since the last call, and the stamp of the last scan.
+    pub fn take_shores(&mut self) -> Option<(RobotTime, Shores)> {
+        let updates = self.mapper.voxels()?.shore()?.updates();
+        if std::mem::replace(&mut self.shores_taken, updates) == updates {
+            return None;
+        }
+        Some((self.last_scan?, self.shores()?))
+    }
+
+    /// What was published.
+    pub const fn publisher(&self) -> &Publisher {
+        &self.publisher
+    }
+
+    /// What became of placed scans so far.
+    pub const fn report(&self) -> &MapsReport {
+        &self.report
+    }
+}
