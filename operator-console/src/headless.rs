@@ -1,6 +1,7 @@
 //! No window: joins, waits until the map is in step, writes the exports.
 
 use std::io::{self, Write};
+use std::mem;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -47,6 +48,27 @@ pub struct Headless {
     pub quiet: bool,
 }
 
+impl Headless {
+    fn target(&self) -> Target {
+        Target {
+            connect: self.connect.clone(),
+            robot: self.robot.clone(),
+            zenoh_config: self.zenoh_config.clone(),
+            credentials: self.credentials.clone(),
+            timeout: self.timeout,
+            quiet: self.quiet,
+        }
+    }
+
+    /// Says how far it is, on standard error.
+    fn say(&self, words: &str) {
+        if !self.quiet {
+            // What cannot be said keeps nobody from watching.
+            drop(writeln!(io::stderr(), "{words}"));
+        }
+    }
+}
+
 /// Watches and exports. Whatever keeps the map from being in step, what came is written; where nothing was heard of the
 /// robot, nothing is.
 ///
@@ -59,19 +81,11 @@ pub fn run(
     out: &mut dyn Write,
 ) -> anyhow::Result<Exit> {
     let started = Monotonic::now();
-    let target = Target {
-        connect: settings.connect.clone(),
-        robot: settings.robot.clone(),
-        zenoh_config: settings.zenoh_config.clone(),
-        credentials: settings.credentials.clone(),
-        timeout: settings.timeout,
-        quiet: settings.quiet,
-    };
+    let target = settings.target();
+    settings.say(&target.looking());
     let robot = target.find(&is_interrupted)?;
     let discovered = Monotonic::now();
-    if !settings.quiet {
-        writeln!(io::stderr(), "robot {} at {}", robot.robot, robot.endpoint)?;
-    }
+    let answers = format!("robot {} answers at {}", robot.robot, robot.endpoint);
     let mut inquiry = target.inquiry(&robot);
     let model = ModelSettings {
         robot: robot.robot,
@@ -89,13 +103,15 @@ pub fn run(
 
     session.model().set_unfinished(true);
     let mut milestones = Milestones::new(discovered);
-    let mut was_in_step = false;
+    let (mut was_heard, mut was_in_step) = (false, false);
     let watched = watch(settings, &is_interrupted, started, || {
         let mut model = session.model();
         look_around_the_vehicle(&mut model);
         let now = Monotonic::now();
         if model.connection().state(now) == LinkState::Waiting {
             inquiry.complain(now);
+        } else if !mem::replace(&mut was_heard, true) {
+            settings.say(&answers);
         }
         // A picture marks the vehicle: a map without one is not all there is.
         let is_placed = model.vehicle().pose().is_some() || is_empty(&model);
@@ -244,24 +260,49 @@ mod tests {
     use super::*;
     use crate::demo::free_endpoint;
 
+    fn of_nobody(endpoint: &str, export: PathBuf) -> Headless {
+        Headless {
+            connect: vec![endpoint.to_owned()],
+            robot: Some("nobody".parse().unwrap()),
+            zenoh_config: None,
+            credentials: None,
+            export,
+            watch_for: None,
+            timeout: Duration::from_millis(100),
+            quiet: false,
+        }
+    }
+
     #[test]
     fn of_a_robot_that_was_never_heard_nothing_is_written() {
         let folder = tempfile::tempdir().unwrap();
         let endpoint = free_endpoint().unwrap();
-        let settings = Headless {
-            connect: vec![endpoint.clone()],
-            robot: Some("nobody".parse().unwrap()),
-            zenoh_config: None,
-            credentials: None,
-            export: folder.path().join("maps"),
-            watch_for: None,
-            timeout: Duration::from_millis(100),
-            quiet: false,
-        };
+        let settings = of_nobody(&endpoint, folder.path().join("maps"));
         let mut out = Vec::new();
         let error = run(&settings, || false, &mut out).unwrap_err().to_string();
         let expected = format!("there is no robot at {endpoint} (nobody answers there); ");
         assert!(error.starts_with(&expected), "{error}");
         assert!(!settings.export.exists() && out.is_empty());
+    }
+
+    #[test]
+    fn what_was_not_heard_yet_is_looked_for() {
+        let mut settings = of_nobody("tcp/boat:7447", PathBuf::new());
+        let looking = |settings: &Headless| settings.target().looking();
+        assert_eq!(
+            looking(&settings),
+            "looking for robot nobody at tcp/boat:7447"
+        );
+        settings.robot = None;
+        settings.connect.push("tcp/barge:7447".to_owned());
+        assert_eq!(
+            looking(&settings),
+            "looking for a robot at tcp/boat:7447, tcp/barge:7447"
+        );
+        settings.connect.clear();
+        assert_eq!(
+            looking(&settings),
+            "looking for a robot on the local network"
+        );
     }
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
-    Arming, CommandCounters, Guard, LayerHead, LeaseStatus, MapHead, Settings, TeleopState,
+    Arming, CommandCounters, Guard, LayerHead, LeaseStatus, MapHead, Pose, Settings, TeleopState,
     TeleopStatus, TileBand, Velocity,
 };
 use protocol::tile::codec::Encoder;
@@ -131,6 +131,17 @@ fn payload_of<T: Serialize>(boot: BootId, stamp_ns: i64, body: &T) -> Vec<u8> {
         robot_time_ns: stamp_ns,
     };
     wire::encode(&header, body).unwrap()
+}
+
+/// A vehicle that stands where `odom` begins, heads along its x, and gives no token.
+pub(crate) fn resting() -> Pose {
+    Pose {
+        position_m: [0.0; 3],
+        quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
+        speed_mps: 0.0,
+        turn_rate_radps: 0.0,
+        token: None,
+    }
 }
 
 /// A robot that stands, and that nobody drives.

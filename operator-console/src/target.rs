@@ -68,7 +68,17 @@ impl Target {
         }
     }
 
-    /// The robot that is meant: the one that is named, or the only one.
+    /// What is looked for, and where, in a line.
+    pub(crate) fn looking(&self) -> String {
+        let place = self.place();
+        match &self.robot {
+            Some(robot) => format!("looking for robot {robot} {place}"),
+            None => format!("looking for a robot {place}"),
+        }
+    }
+
+    /// The robot that is meant: the one that is named, or the only one. One that is named at a single address need not
+    /// be there: whoever waits for its link is told.
     pub(crate) fn find(&self, is_interrupted: &impl Fn() -> bool) -> anyhow::Result<FoundRobot> {
         // A named robot at one address needs no asking: the link waits for it.
         if let (Some(robot), [endpoint]) = (&self.robot, &self.connect[..]) {

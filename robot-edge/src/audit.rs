@@ -3,6 +3,8 @@
 //! A file to which lines of JSON are only ever added. A thread of its own writes it: whoever tells it something never
 //! waits, and where the disk is full, or slow, lines are lost and counted, and driving goes on.
 
+mod visits;
+
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
@@ -14,7 +16,11 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use crate::clock;
+use crate::clock::{self, Monotonic};
+
+use visits::Visits;
+
+pub use visits::LinkNews;
 
 /// Lines that wait to be written at most.
 const MAX_WAITING: usize = 1024;
@@ -24,7 +30,7 @@ const NAP: Duration = Duration::from_millis(100);
 /// Where lines are left for the log.
 #[derive(Clone, Debug)]
 pub struct Audit {
-    lines: SyncSender<Line>,
+    news: SyncSender<News>,
     lost: Arc<AtomicU64>,
 }
 
@@ -36,8 +42,17 @@ pub struct AuditLog {
     thread: Option<JoinHandle<()>>,
 }
 
+/// What the log is told.
 #[derive(Debug)]
+enum News {
+    Line(Line),
+    /// A link was set up or has ended, at this time, seconds since 1970.
+    Link(LinkNews, u64),
+}
+
+#[derive(Debug, PartialEq, Eq)]
 struct Line {
+    /// Seconds since 1970.
     at_s: u64,
     kind: &'static str,
     message: String,
@@ -46,12 +61,20 @@ struct Line {
 impl Audit {
     /// Writes a line, some time soon: what kind of thing happened, and what in words.
     pub fn write(&self, kind: &'static str, message: impl Into<String>) {
-        let line = Line {
+        self.tell(News::Line(Line {
             at_s: clock::seconds_since_1970(),
             kind,
             message: message.into(),
-        };
-        if self.lines.try_send(line).is_err() {
+        }));
+    }
+
+    /// Writes down that a link was set up or has ended: in a line of its own, or with others of the same minute.
+    pub fn write_link(&self, link: LinkNews) {
+        self.tell(News::Link(link, clock::seconds_since_1970()));
+    }
+
+    fn tell(&self, news: News) {
+        if self.news.try_send(news).is_err() {
             self.lost.fetch_add(1, Ordering::Relaxed);
         }
     }
@@ -67,9 +90,9 @@ impl AuditLog {
         options.append(true).create(true);
         restrict(&mut options);
         let file = options.open(path)?;
-        let (lines, waiting) = sync_channel(MAX_WAITING);
+        let (news, waiting) = sync_channel(MAX_WAITING);
         let audit = Audit {
-            lines,
+            news,
             lost: Arc::default(),
         };
         let is_closing = Arc::new(AtomicBool::new(false));
@@ -79,6 +102,7 @@ impl AuditLog {
             run,
             lost: Arc::clone(&audit.lost),
             has_failed: false,
+            visits: Visits::default(),
         };
         let is_over = Arc::clone(&is_closing);
         let thread = thread::Builder::new()
@@ -123,26 +147,55 @@ struct Writer {
     run: String,
     lost: Arc<AtomicU64>,
     has_failed: bool,
+    visits: Visits,
 }
 
 impl Writer {
-    fn write_all(&mut self, waiting: &Receiver<Line>, is_over: &AtomicBool) {
+    fn write_all(&mut self, waiting: &Receiver<News>, is_over: &AtomicBool) {
         loop {
             // Asked first: what was told before it closes is written.
             let is_last = is_over.load(Ordering::Relaxed);
+            let mut lines = Vec::new();
             match waiting.recv_timeout(NAP) {
-                Ok(line) => self.write(std::iter::once(line).chain(waiting.try_iter())),
+                Ok(first) => {
+                    let all = std::iter::once(first).chain(waiting.try_iter());
+                    for news in all.take(MAX_WAITING) {
+                        self.take(news, &mut lines);
+                    }
+                }
                 Err(RecvTimeoutError::Timeout) if !is_last => {}
-                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => return,
+                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
+                    let rest = self.visits.end();
+                    self.write(rest);
+                    return;
+                }
+            }
+            lines.extend(self.visits.due(Monotonic::now()));
+            self.write(lines);
+        }
+    }
+
+    /// What is to be written of it now.
+    fn take(&mut self, news: News, lines: &mut Vec<Line>) {
+        match news {
+            News::Line(line) => {
+                lines.extend(self.visits.before_others());
+                lines.push(line);
+            }
+            News::Link(link, at_s) => {
+                lines.extend(self.visits.hear(link, at_s, Monotonic::now()));
             }
         }
     }
 
-    /// Writes what waits, and lets the disk have it.
-    fn write(&mut self, lines: impl Iterator<Item = Line>) {
+    /// Writes what there is, and lets the disk have it.
+    fn write(&mut self, lines: Vec<Line>) {
+        if lines.is_empty() {
+            return;
+        }
         // What is not written after all, with what its lines would have told of.
         let (mut text, mut at_stake) = (String::new(), 0);
-        for line in lines.take(MAX_WAITING) {
+        for line in lines {
             let Line {
                 at_s,
                 kind,
@@ -208,6 +261,38 @@ mod tests {
             );
             assert_eq!(line["time"].as_str().unwrap().len(), 20);
         }
+    }
+
+    #[test]
+    fn links_are_written_before_what_is_done_by_them_and_the_last_at_the_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("audit.jsonl");
+        let log = AuditLog::open(&path, "one".to_owned()).unwrap();
+        let audit = log.audit();
+        let link = |is_up, port: u16| {
+            audit.write_link(LinkNews {
+                who: "operator:anna".to_owned(),
+                channel: "control",
+                from: format!("quic/10.0.0.5:{port}"),
+                is_up,
+            });
+        };
+        for (is_up, port) in [(true, 1), (false, 1), (true, 2)] {
+            link(is_up, port);
+        }
+        audit.write("lease_granted", "anna drives");
+        for (is_up, port) in [(true, 3), (false, 3), (false, 2)] {
+            link(is_up, port);
+        }
+        drop(log);
+        let text = std::fs::read_to_string(&path).unwrap();
+        let kinds: Vec<_> = text
+            .lines()
+            .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["kind"].clone())
+            .collect();
+        let before = ["connect", "disconnect", "connect", "lease_granted"];
+        let after = ["disconnect", "looks"];
+        assert_eq!(kinds, [&before[..], &after].concat());
     }
 
     #[test]

@@ -319,18 +319,25 @@ mod tests {
     }
 
     #[test]
-    fn what_had_ended_and_nobody_could_drive_alarms_nobody_when_it_falls_silent() {
-        for (can_be_driven, begun) in [(false, 0), (true, 1)] {
+    fn what_had_ended_alarms_nobody_when_it_falls_silent_unless_it_could_move() {
+        let left = "The vehicle said that its data has ended, and is not heard any more";
+        let lost = "Nothing is heard of the robot";
+        for (has_ended, can_be_driven, expected) in [
+            (true, false, None),
+            (true, true, Some(left)),
+            (false, true, Some(lost)),
+        ] {
             let mut model = scout();
             let status = Status {
-                has_ended: true,
+                has_ended,
                 teleop: can_be_driven.then(standing),
                 ..Status::default()
             };
             pretend::says(&mut model, Topic::Status, &status, at(0));
             let mut alerts = Alerts::default();
             let told = alerts.look(&model, Subject::Robot, &[], at(60_000));
-            assert_eq!(told.len(), begun);
+            let expected = expected.map(|words| (Alarm::LinkLost, words.to_owned()));
+            assert_eq!(told, Vec::from_iter(expected));
         }
     }
 

@@ -21,8 +21,13 @@ pub(super) struct Reason {
 pub(super) fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) -> Vec<Reason> {
     let mut reasons = Vec::new();
     let is_silent = model.connection().state(now) == LinkState::Silent;
-    if subject == Subject::Robot && is_silent && !model.may_fall_silent() {
-        reasons.push(link_lost());
+    if subject == Subject::Robot && is_silent {
+        match (model.may_fall_silent(), model.is_vehicle()) {
+            (false, _) => reasons.push(link_lost()),
+            (true, true) => reasons.push(left()),
+            // Nobody waits for what cannot move.
+            (true, false) => {}
+        }
     }
     let Some((status, _)) = model.status() else {
         return reasons;
@@ -97,6 +102,15 @@ pub(super) fn link_lost() -> Reason {
         alarm: Alarm::LinkLost,
         text: "Nothing is heard of the robot".to_owned(),
         past: "Nothing was heard of the robot for a while".to_owned(),
+    }
+}
+
+/// The same of a vehicle that had taken its leave.
+fn left() -> Reason {
+    Reason {
+        alarm: Alarm::LinkLost,
+        text: "The vehicle said that its data has ended, and is not heard any more".to_owned(),
+        past: "The vehicle was not heard for a while: its data had ended".to_owned(),
     }
 }
 

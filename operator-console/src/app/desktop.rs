@@ -2,6 +2,7 @@
 
 use std::env;
 use std::ffi::OsStr;
+use std::io;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::thread;
@@ -34,15 +35,38 @@ pub(super) fn open_folder(folder: &Path) -> Result<(), String> {
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()
-        .map_err(|why| format!("{} cannot be shown: {program}: {why}", folder.display()))?;
+        .map_err(|why| words(folder, program, &why))?;
     // Until it has ended the system keeps a place for it.
     thread::spawn(move || drop(child.wait()));
     Ok(())
 }
 
+/// Why `program` does not show a folder, and where that is.
+fn words(folder: &Path, program: &str, why: &io::Error) -> String {
+    let folder = folder.display();
+    if why.kind() == io::ErrorKind::NotFound {
+        format!("Nothing on this computer opens folders. This one is {folder}")
+    } else {
+        format!("{folder} cannot be opened: {program}: {why}")
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn where_nothing_opens_folders_the_path_is_told_and_no_program() {
+        let told = |kind: io::ErrorKind| words(Path::new("/maps"), "xdg-open", &kind.into());
+        assert_eq!(
+            told(io::ErrorKind::NotFound),
+            "Nothing on this computer opens folders. This one is /maps"
+        );
+        assert_eq!(
+            told(io::ErrorKind::PermissionDenied),
+            "/maps cannot be opened: xdg-open: permission denied"
+        );
+    }
 
     #[test]
     fn a_desktop_is_there_where_it_has_a_name() {

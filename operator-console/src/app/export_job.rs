@@ -1,7 +1,7 @@
 //! An export on its way, on a thread of its own: the window goes on, and drives.
 
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
@@ -30,6 +30,8 @@ pub struct ExportProgress {
     pub files: usize,
     /// How it ended: with what, in words.
     pub ended: Option<Result<String, String>>,
+    /// Why its folder could not be opened, in words.
+    pub unopened: Option<String>,
 }
 
 impl ExportProgress {
@@ -119,6 +121,14 @@ impl ExportJob {
                 folder: None,
             },
         })
+    }
+
+    /// A folder could not be opened: that is told of its own.
+    pub(super) fn not_opened(&self, folder: &Path, why: &str) {
+        let mut progress = lock(&self.progress);
+        if progress.folder == folder {
+            progress.unopened = Some(why.to_owned());
+        }
     }
 
     /// No part is begun any more.

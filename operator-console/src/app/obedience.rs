@@ -200,6 +200,9 @@ impl ConsoleApp {
             }
             Command::OpenFolder(folder) => {
                 if let Err(why) = desktop::open_folder(&folder) {
+                    if let Some(export) = &self.export {
+                        export.not_opened(&folder, &why);
+                    }
                     self.note(Severity::Warning, "folder", why);
                 }
             }

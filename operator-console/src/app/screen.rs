@@ -27,13 +27,10 @@ use crate::panels::robots::RobotsData;
 use crate::panels::top_bar::{TopBarData, right_bar_ui, robot_bar_ui};
 use crate::settings::{Appearance, Settings};
 use crate::shortcuts::{Action, KeyScene, Pressed, TypeAhead, pressed};
-use crate::workspace::{PanelId, Workspace};
+use crate::workspace::{PanelId, Workspace, is_tight};
 
 use contents::Panels;
 
-/// Narrower windows, and lower ones, have no room for more than the map and the helm while somebody drives, points.
-const NARROW: f32 = 1000.0;
-const LOW: f32 = 640.0;
 /// Ages of commands are looked at while somebody drives.
 const DRIVING_PERIOD: Duration = Duration::from_millis(100);
 /// Ages on the screen are at most this much behind. What comes once a second anyway comes before.
@@ -51,7 +48,7 @@ pub struct Screen {
     dialogs: Dialogs,
     /// Whether text was typed when the last frame ended.
     was_typing: bool,
-    /// While somebody drove when the last frame was drawn, whether it was narrow, and whether it was low.
+    /// While somebody drove when the last frame was drawn, whether the window was too narrow, and too low, for all panels.
     is_tight: Option<[bool; 2]>,
     type_ahead: TypeAhead,
 }
@@ -215,8 +212,7 @@ impl Screen {
         let mut commands = Vec::new();
         self.bar_ui(ui, scene, bar.as_ref(), &mut actions, &mut commands);
         let shown = CentralPanel::no_frame().show(ui, |ui| {
-            let room = ui.available_size();
-            let is_tight = is_driving.then_some([room.x < NARROW, room.y < LOW]);
+            let is_tight = is_driving.then(|| is_tight(ui.available_size()));
             self.is_tight = is_tight;
             let panels = &mut Panels {
                 map_view: &mut self.map_view,

@@ -82,10 +82,10 @@ fn age(model: &ConsoleModel, scan: &model::LastScan, now: Monotonic) -> Duration
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::{Pose, Scan, Status};
+    use protocol::message::{Scan, Status};
 
     use super::*;
-    use crate::pretend::{at, console, says_of};
+    use crate::pretend::{at, console, resting, says_of};
 
     const SECOND_NS: i64 = 1_000_000_000;
 
@@ -100,14 +100,7 @@ mod tests {
 
     /// The vehicle is shown where it was at this time of its data.
     fn stands_at(model: &mut ConsoleModel, stamp_ns: i64, ms: u64) {
-        let pose = Pose {
-            position_m: [0.0; 3],
-            quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
-            speed_mps: 0.0,
-            turn_rate_radps: 0.0,
-            token: None,
-        };
-        says_of(model, stamp_ns, Topic::Pose, &pose, at(ms));
+        says_of(model, stamp_ns, Topic::Pose, &resting(), at(ms));
     }
 
     fn age_ms(model: &ConsoleModel, ms: u64) -> Option<u128> {

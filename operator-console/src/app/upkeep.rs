@@ -1,6 +1,7 @@
 //! What goes on beside the frames: happenings are noted, alerts raised, settings kept.
 
 use eframe::egui::Context;
+use protocol::keys::RobotId;
 use robot_edge::clock::{Monotonic, seconds_since_1970};
 use robot_edge::link::endpoints::check_console;
 
@@ -16,7 +17,6 @@ use crate::playback::{Playback, is_recording};
 use crate::settings::{Keeper, WindowPlace};
 
 use super::choice::moved_to;
-use super::export_job::ExportJob;
 use super::watch::Note;
 use super::{ConsoleApp, desktop};
 
@@ -57,10 +57,14 @@ impl ConsoleApp {
             notes.push((Severity::Alarm, "demo", text));
         }
         notes.extend(self.driving_notes());
-        if let Some(end) = self.export.as_mut().and_then(ExportJob::take_end) {
+        if let Some(export) = &mut self.export
+            && let Some(end) = export.take_end()
+        {
             notes.push(end.note);
-            let folder = end.folder.filter(|_| desktop::has_desktop());
-            if let Some(Err(why)) = folder.map(|folder| desktop::open_folder(&folder)) {
+            if let Some(folder) = end.folder.filter(|_| desktop::has_desktop())
+                && let Err(why) = desktop::open_folder(&folder)
+            {
+                export.not_opened(&folder, &why);
                 notes.push((Severity::Note, "folder", why));
             }
         }
@@ -137,6 +141,15 @@ impl ConsoleApp {
     /// The robots that were seen, with their colours and alerts.
     pub(super) fn seen(&mut self) -> Vec<Seen> {
         self.tell_of_shown();
+        let shown = self.shown.as_ref().filter(|_| self.playback.is_none());
+        let moved = shown.and_then(|(found, session)| {
+            let own_motion = session.model().own_motion(Monotonic::now())?;
+            Some((found.robot.clone(), own_motion))
+        });
+        let own_motion = |robot: &RobotId| {
+            let moved = moved.as_ref().filter(|(moved, _)| moved == robot);
+            moved.map(|(_, own_motion)| *own_motion)
+        };
         let sightings = self.discovery.sightings();
         sightings
             .into_iter()
@@ -144,6 +157,7 @@ impl ConsoleApp {
             .map(|sighting| Seen {
                 color: self.settings.robots.of(&sighting.found.robot),
                 alerts: self.alerts.unseen_of(&sighting.found.robot),
+                own_motion: own_motion(&sighting.found.robot),
                 sighting,
             })
             .collect()

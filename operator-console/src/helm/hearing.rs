@@ -7,6 +7,7 @@ use robot_edge::clock::Monotonic;
 use super::emergency::{Outcome, Pending};
 use super::heard::{Asked, Heard, Note, RequestNumber};
 use super::lease::{Lease, LeaseChange};
+use super::neutral::goes_until;
 use super::pace::Pace;
 use super::{Helm, Wish};
 use crate::teleop_input::Loss;
@@ -50,6 +51,7 @@ impl Helm {
         self.last_grant = None;
         self.newest = None;
         self.status = None;
+        self.goes_until = None;
         if let Some(estop) = &self.estop {
             self.estop = Some(Pending::new(estop.body().press, None, estop.since));
         }
@@ -70,6 +72,7 @@ impl Helm {
     /// It cannot be driven: who would be told to stop does not exist.
     fn hear_of_no_driving(&mut self, now: Monotonic) {
         self.status = None;
+        self.goes_until = None;
         if self.estop.take().is_some() {
             self.warn(now, Note::NothingToStop);
         }
@@ -111,6 +114,8 @@ impl Helm {
             }
             TeleopState::Driving | TeleopState::Stopping(_) => {}
         }
+        let is_mine = self.lease.held() == Some(status.lease.epoch);
+        self.goes_until = goes_until(&status, now).filter(|_| is_mine);
         self.status = Some(status);
     }
 
@@ -187,6 +192,7 @@ impl Helm {
         self.lease = Lease::Held(epoch);
         self.last_grant = Some(epoch);
         self.neutral_since = None;
+        self.goes_until = None;
         self.sent = Wish::NEUTRAL;
         self.pace = Pace::new(now);
         // The loop had no reason to run until now.

@@ -10,6 +10,7 @@ mod emergency;
 mod heard;
 mod hearing;
 mod lease;
+mod neutral;
 mod pace;
 mod requests;
 mod sight;
@@ -40,10 +41,6 @@ use requests::Requests;
 const LINK_LOST: Duration = Duration::from_millis(600);
 /// An iteration that takes longer was not one of a loop that runs 50 times a second.
 const FROZEN: Duration = Duration::from_millis(300);
-/// What the robot wants of neutral before a press counts (200 ms), and what a link may shift it by.
-const NEUTRAL: Duration = Duration::from_millis(250);
-/// Slower than this the vehicle stands, m/s and rad/s.
-const STANDING: f32 = 0.02;
 /// A stick that moves by less is not a change that is sent three times.
 const CHANGE: f32 = 0.1;
 /// Turning faster than this nobody steers by a picture that is as old as the link is slow, rad/s.
@@ -78,6 +75,8 @@ pub struct Helm {
     sent: Wish,
     /// Since when nothing but neutral was sent under this grant.
     neutral_since: Option<Monotonic>,
+    /// Until when what is sent finds the motors going, as the robot told last under this grant.
+    goes_until: Option<Monotonic>,
     last_end: Option<Monotonic>,
     is_link_lost: bool,
     /// Whether somebody who only watches has tried to drive since the last iteration.
@@ -112,6 +111,7 @@ impl Helm {
             pace: Pace::new(Monotonic::default()),
             sent: Wish::NEUTRAL,
             neutral_since: None,
+            goes_until: None,
             last_end: None,
             is_link_lost: false,
             has_attempted: false,
@@ -344,24 +344,6 @@ impl Helm {
         }
         let drive = self.command(wish);
         messages.extend(self.signed(token, &drive, None));
-    }
-
-    /// What the hands ask for; for a moment nothing where the robot would take a press that comes too early for one
-    /// that was held all along, and ignore it until it is let go.
-    fn wish(&self, now: Monotonic) -> Wish {
-        let wish = self.input.wish();
-        if wish.is_neutral() || !self.sent.is_neutral() || self.moves() {
-            return wish;
-        }
-        match self.neutral_since {
-            Some(since) if now.since(since) >= NEUTRAL => wish,
-            Some(_) | None => Wish::NEUTRAL,
-        }
-    }
-
-    fn moves(&self) -> bool {
-        self.newest
-            .is_some_and(|newest| newest.velocity.iter().any(|speed| speed.abs() >= STANDING))
     }
 
     fn lose(&mut self, loss: Loss, now: Monotonic) {

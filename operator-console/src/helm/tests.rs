@@ -10,6 +10,8 @@ use super::*;
 use crate::pretend::{BOOT, at, standing};
 use crate::teleop_input::{DriveKey, SpeedStep};
 
+mod change_of_keys;
+
 /// What a robot reads of a message.
 #[derive(Clone, Debug, PartialEq)]
 enum Read {
@@ -277,13 +279,21 @@ fn a_press_that_comes_before_the_robot_takes_it_is_held_back_and_not_lost() {
     let first = rig.speeds().into_iter().find(|(_, speed)| *speed > 0.0);
     let held_back = first.unwrap().0 - again;
     assert!((200..=250).contains(&held_back), "{held_back}");
-    // While the vehicle still moves, the robot takes it at once.
-    rig.turn(&[NO_W]);
-    rig.velocity = [0.5, 0.0];
-    rig.run(40);
-    rig.since();
-    rig.turn(&[W]);
-    assert!(rig.moves());
+    // While its motors go, the robot takes it at once. A boat that the guard holds coasts with motors that stand.
+    for (applied_mps, is_taken) in [(0.5, true), (0.0, false)] {
+        rig.turn(&[NO_W]);
+        rig.velocity = [0.5, 0.0];
+        rig.status(|status| {
+            status.state = TeleopState::Driving;
+            status.applied.linear_mps = applied_mps;
+            status.greatest_age_ms = Some(40);
+        });
+        rig.run(40);
+        rig.since();
+        rig.turn(&[W]);
+        assert_eq!(rig.moves(), is_taken, "{applied_mps}");
+        rig.run(400);
+    }
 }
 
 #[test]
@@ -661,7 +671,7 @@ fn helm_and_hands_are_pure() {
             .unwrap()
             .map(|file| file.unwrap().path());
         let mut seen = 0;
-        for file in files.filter(|file| !file.ends_with("tests.rs")) {
+        for file in files.filter(|file| file.is_file() && !file.ends_with("tests.rs")) {
             seen += 1;
             for line in std::fs::read_to_string(&file).unwrap().lines() {
                 let code = line.split("//").next().unwrap_or_default();

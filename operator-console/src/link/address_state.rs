@@ -6,7 +6,10 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
 use std::time::Duration;
 
+use protocol::keys::RobotId;
+use robot_edge::credentials::Identity;
 use robot_edge::link::LinkError;
+use zenoh::{Session, Wait as _};
 
 /// A name that is not found for so long is not known. The system may go on looking for it.
 const NAME_TIME: Duration = Duration::from_secs(2);
@@ -23,6 +26,13 @@ pub enum AddressState {
     Found,
     /// Zenoh answers there, and knows of no robot.
     NoRobot,
+    /// This robot answers there, as its certificate says, and tells this console nothing.
+    Untold {
+        /// Its name.
+        robot: RobotId,
+        /// Whether it answers by QUIC, as it does at its port for control alone; else this may be that for tiles.
+        by_quic: bool,
+    },
     /// The name is of no computer.
     UnknownName,
     /// The computer is there, and nothing listens at the port.
@@ -52,10 +62,41 @@ impl AddressState {
         }
     }
 
+    /// What it means that whoever `session` is with told of no robot. To somebody who was not on its list of operators
+    /// when it started, a vehicle is as if nothing were there; but its certificate says that it is a vehicle.
+    pub(super) fn of_nothing_told(session: &Session) -> Self {
+        let mut links = session.info().links().wait();
+        links.next().map_or(Self::NoRobot, |link| {
+            Self::of_silent(link.auth_identifier(), link.dst().protocol().as_str())
+        })
+    }
+
+    /// The same of whoever shows a certificate with this common name, or none.
+    fn of_silent(common_name: Option<&str>, protocol: &str) -> Self {
+        match common_name.and_then(|name| name.parse().ok()) {
+            Some(Identity::Vehicle(robot)) => Self::Untold {
+                robot,
+                by_quic: protocol == "quic",
+            },
+            Some(Identity::Router | Identity::Person(..)) | None => Self::NoRobot,
+        }
+    }
+
     /// What keeps whoever waits for a robot from one at `address`, in a line of text.
     pub fn complaint(&self, address: &str) -> Option<String> {
         match self {
             Self::Asking | Self::Found | Self::NoRobot => None,
+            Self::Untold { robot, by_quic } => {
+                let tiles = if *by_quic {
+                    ""
+                } else {
+                    "; or this is its port for tiles"
+                };
+                Some(format!(
+                    "{robot} answers at {address} but tells you nothing: it does not have you on its list of operators; \
+                     whoever is added while it runs is let in after its next start{tiles}"
+                ))
+            }
             Self::UnknownName => Some(format!("the name in {address} is not known")),
             Self::Refused | Self::Silent => {
                 Some(format!("nobody answers at {address}; trying again"))
@@ -142,6 +183,33 @@ mod tests {
             panic!("a stranger is a problem");
         };
         assert!(words.contains("certificate of eve"), "{words}");
+    }
+
+    #[test]
+    fn a_vehicle_that_tells_nothing_is_told_from_a_router_that_knows_of_none() {
+        let untold = |by_quic| AddressState::Untold {
+            robot: "scout".parse().unwrap(),
+            by_quic,
+        };
+        for (name, protocol, expected) in [
+            (Some("vehicle:scout"), "quic", untold(true)),
+            (Some("vehicle:scout"), "tls", untold(false)),
+            (Some("router:"), "quic", AddressState::NoRobot),
+            (None, "tcp", AddressState::NoRobot),
+        ] {
+            assert_eq!(AddressState::of_silent(name, protocol), expected);
+        }
+        let words = untold(true).complaint("quic/boat:7447").unwrap();
+        assert_eq!(
+            words,
+            "scout answers at quic/boat:7447 but tells you nothing: it does not have you on its list of operators; \
+             whoever is added while it runs is let in after its next start"
+        );
+        let words = untold(false).complaint("quic/boat:7448").unwrap();
+        assert!(
+            words.ends_with("; or this is its port for tiles"),
+            "{words}"
+        );
     }
 
     #[test]

@@ -19,9 +19,9 @@ use robot_edge::credentials::Credentials;
 use robot_edge::link::LinkError;
 use robot_edge::link::endpoints::{Channel, bulk_endpoint};
 use robot_edge::link::sessions::{self, Endpoints, Side};
-use zenoh::Wait;
 use zenoh::config::WhatAmI;
 use zenoh::sample::Sample;
+use zenoh::{Session, Wait};
 
 use super::address_state::AddressState;
 use super::fleet_state::FleetState;
@@ -246,7 +246,6 @@ fn ask_all(
         });
         for (address, answer) in some.iter().zip(answers) {
             let came_of_it = match answer {
-                Ok(Ok(robots)) if robots.is_empty() => AddressState::NoRobot,
                 Ok(Ok(robots)) => {
                     found.extend(robots);
                     AddressState::Found
@@ -260,7 +259,13 @@ fn ask_all(
 }
 
 fn ask(state: &State, address: &str) -> Result<Round, AddressState> {
-    robots_at(state, address).map_err(|why| {
+    let endpoints = Endpoints {
+        connect: vec![address.to_owned()],
+        zenoh_config: state.zenoh_config.clone(),
+        credentials: state.credentials.clone(),
+        ..Endpoints::default()
+    };
+    let session = sessions::open(Side::Console, Channel::Control, &endpoints).map_err(|why| {
         // Whom nobody typed, nobody wants to know more of.
         let is_typed = lock(&state.typed).contains_key(address);
         if is_typed {
@@ -268,17 +273,14 @@ fn ask(state: &State, address: &str) -> Result<Round, AddressState> {
         } else {
             AddressState::Silent
         }
-    })
+    })?;
+    let robots = robots_at(&session, address);
+    close(&session);
+    robots
 }
 
-fn robots_at(state: &State, address: &str) -> Result<Round, LinkError> {
-    let endpoints = Endpoints {
-        connect: vec![address.to_owned()],
-        zenoh_config: state.zenoh_config.clone(),
-        credentials: state.credentials.clone(),
-        ..Endpoints::default()
-    };
-    let session = sessions::open(Side::Console, Channel::Control, &endpoints)?;
+/// The robots that are told of over `session`, with somebody at `address`.
+fn robots_at(session: &Session, address: &str) -> Result<Round, AddressState> {
     let (sender, heard) = sync_channel(MAX_ROBOTS);
     // Before the question who is there, so that what is said meanwhile is heard. Where access control keeps it from this
     // console, nothing is.
@@ -306,15 +308,27 @@ fn robots_at(state: &State, address: &str) -> Result<Round, LinkError> {
         .get(what.clone())
         .timeout(ASK_TIMEOUT)
         .wait()
-        .map_err(|why| LinkError::Declare { what, why })?;
+        .map_err(|why| AddressState::of(&LinkError::Declare { what, why }, address))?;
     let mut robots = Round::new();
+    let mut is_late = false;
     while let Ok(reply) = tokens.recv() {
-        let Ok(sample) = reply.result() else { continue };
+        let Ok(sample) = reply.result() else {
+            // Who is there, or may not tell, says at once that this was all.
+            is_late = true;
+            continue;
+        };
         if let Some((robot, Topic::Alive)) = Topic::parse(sample.key_expr().as_str()) {
             let endpoint = address.to_owned();
             let at = Monotonic::now();
             robots.insert(FoundRobot { robot, endpoint }, Answer { at, state: None });
         }
+    }
+    if robots.is_empty() {
+        return Err(if is_late {
+            AddressState::Silent
+        } else {
+            AddressState::of_nothing_told(session)
+        });
     }
     let deadline = Monotonic::now() + STATUS_TIME;
     while robots.values().any(|answer| answer.state.is_none())
@@ -325,7 +339,6 @@ fn robots_at(state: &State, address: &str) -> Result<Round, LinkError> {
             answer.state = Some(said);
         }
     }
-    close(&session);
     Ok(robots)
 }
 

@@ -1,7 +1,7 @@
 //! Draws the map: the layers, and what lies over them.
 
 use eframe::egui::accesskit::Role;
-use eframe::egui::{Color32, Context, Painter, Pos2, Sense, Ui, WidgetInfo, vec2};
+use eframe::egui::{Color32, Context, Painter, Pos2, Rect, Sense, Ui, WidgetInfo, vec2};
 use protocol::layer::LayerId;
 use robot_edge::clock::Monotonic;
 
@@ -41,11 +41,11 @@ impl MapView {
         }
         let bar_at = screen.left_bottom() + vec2(CARD_MARGIN, -CARD_MARGIN);
         let bar = ScaleBar::new(self.camera.points_per_m(), self.beside_legend());
+        let bar_place = scale_bar::place(&painter, bar_at, &bar);
         if self.look.has(Overlay::Grid) {
             let lines = grid::lines(&self.camera, screen);
-            let bar = scale_bar::place(&painter, bar_at, &bar);
             let covered = stood.iter().copied().chain(self.legends_place());
-            let covered: Vec<_> = covered.chain([bar]).collect();
+            let covered: Vec<_> = covered.chain([bar_place]).collect();
             grid::paint(&painter, &lines, (screen, &covered), ink, paper);
         }
         let vehicle_color = self.vehicle_color(is_position_old);
@@ -57,7 +57,7 @@ impl MapView {
         // A map that can be dragged is hovered through the buttons on it.
         let pointer = response.hover_pos().filter(|at| !self.is_stood_on(*at));
         let aim = self.aim(pointer);
-        let measured = self.paint_ruler(&painter, model, aim, ink, paper);
+        let measured = self.paint_ruler(&painter, model, aim, &marks.labels, ink, paper);
         if self.is_aiming {
             probe_card::paint_pin(&painter, screen.center());
         }
@@ -67,7 +67,11 @@ impl MapView {
                 .map_or_else(|| "Map".to_owned(), |it| format!("Map, measured: {it}"));
             WidgetInfo::labeled(Role::Canvas, true, words)
         });
-        scale_bar::paint(&painter, bar_at, &bar, ink, paper);
+        // On a tiny map, legends that somebody opened are over it: half a bar would be of another length.
+        let legends = self.legends_place();
+        if legends.is_none_or(|legends| !legends.intersects(bar_place)) {
+            scale_bar::paint(&painter, bar_at, &bar, ink, paper);
+        }
         let has_cards = self.has_room_for_cards();
         if has_cards && let Some(pinned_m) = self.pinned_m {
             probe_card::paint_pin(&painter, self.camera.to_screen(screen, pinned_m));
@@ -123,12 +127,13 @@ impl MapView {
         self.layers.paint(painter, &self.look.stack, store, view);
     }
 
-    /// What is measured, in words, where something is.
+    /// What is measured, in words, where something is. Its cards stand beside `labels`.
     fn paint_ruler(
         &self,
         painter: &Painter,
         model: &ConsoleModel,
         aim: Option<Pos2>,
+        labels: &[Rect],
         ink: Color32,
         paper: Color32,
     ) -> Option<String> {
@@ -145,12 +150,12 @@ impl MapView {
         let height = |point_m| probe::value_at(model.map(), LayerId::Elevation, point_m);
         let legs = Ruler::legs(&points_m, height);
         let is_on_earth = knows_north(model);
-        let labels: Vec<_> = legs.iter().map(|leg| leg.label(is_on_earth)).collect();
+        let pieces: Vec<_> = legs.iter().map(|leg| leg.label(is_on_earth)).collect();
         let (total, view) = (ruler::total(&legs), (&self.camera, self.screen));
-        let words = (&*labels, total.as_deref());
-        overlays::ruler::paint(painter, &points_m, words, view, ink, paper);
+        let words = (&*pieces, total.as_deref());
+        overlays::ruler::paint(painter, &points_m, words, view, labels, ink, paper);
         (!legs.is_empty()).then(|| {
-            let words = labels.into_iter().chain(total);
+            let words = pieces.into_iter().chain(total);
             words.collect::<Vec<_>>().join("; ")
         })
     }

@@ -1,4 +1,6 @@
-//! What the map says at a point: every layer's value, how old that is, and where it comes from.
+//! What the map says at a point: every layer's value, where it comes from, and how old the newest of its tile is.
+//!
+//! A robot stamps tiles, not cells: a cell that was seen long ago has the age of whatever changed last beside it.
 
 use protocol::layer::{LayerId, Quantisation};
 use protocol::tile::TileKey;
@@ -30,7 +32,7 @@ pub struct ProbedCell {
     pub is_shown: bool,
     /// The cell's value as exports have it; `None` where it is unknown.
     pub value: Option<f32>,
-    /// How old the last change of the cells around it is.
+    /// How old the newest change of its tile is: no cell of that is newer, most may be older.
     pub age: Option<DataAge>,
     /// The revision of the tile around it.
     pub revision: Option<u64>,
@@ -131,7 +133,13 @@ impl ProbedCell {
         format!("{name} {}", self.text())
     }
 
-    /// How old it is, and what it comes from: sensors, else the stage of the mapping; and which revision of its tile.
+    /// When its tile changed, in words that follow that; `None` of what is unknown, which has no age.
+    pub fn changed(&self) -> Option<String> {
+        self.value.and(self.age).map(DataAge::moment)
+    }
+
+    /// When its tile changed, and what it comes from: sensors, else the stage of the mapping; and which revision of its
+    /// tile.
     pub fn origin(&self) -> String {
         let stage = match self.layer {
             LayerId::Occupancy => "laser, log-odds",
@@ -142,8 +150,7 @@ impl ProbedCell {
             LayerId::Shore => "voxels, clusters",
         };
         let parts = [
-            // What is unknown has no age.
-            self.value.and(self.age).map(DataAge::words),
+            self.changed(),
             // Where nothing is known, it comes from nothing.
             self.value
                 .map(|_| self.source.clone().unwrap_or_else(|| stage.to_owned())),
@@ -152,12 +159,6 @@ impl ProbedCell {
             (!self.is_shown).then(|| "hidden".to_owned()),
         ];
         parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
-    }
-
-    /// How old it is: what has room on a small map.
-    pub fn short_origin(&self) -> String {
-        let age = self.value.and(self.age);
-        age.map(DataAge::words).unwrap_or_default()
     }
 }
 

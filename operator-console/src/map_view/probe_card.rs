@@ -6,6 +6,7 @@ use eframe::egui::{
 use robot_edge::clock::Monotonic;
 
 use super::card_place::{CardPlace, Others};
+use super::chunks::TILE_CELLS;
 use super::edges::OVER_SCALE_BAR;
 use super::overlays::compass;
 use super::probe::ProbeData;
@@ -17,6 +18,8 @@ use crate::theme;
 const INNER: f32 = 8.0;
 /// On narrower maps the card says less, so that it has few lines, points.
 const NARROW: f32 = 480.0;
+/// What ages in the card are those of: once over their column, for all rows.
+const OF_TILES: &str = "Tile changed";
 
 impl MapView {
     /// The card with what is read where it was pinned, or where somebody points at, if anywhere.
@@ -64,8 +67,8 @@ impl MapView {
     }
 }
 
-/// Draws the card, `width` points wide at most; whether the pin is to be taken out. That of a narrow map says how old values
-/// are, of the layers that are drawn, and not what they come from.
+/// Draws the card, `width` points wide at most; whether the pin is to be taken out. That of a narrow map says when
+/// tiles changed, of the layers that are drawn, and not what values come from.
 fn probe_card_ui(
     ui: &mut Ui,
     data: &ProbeData,
@@ -99,8 +102,12 @@ fn probe_card_ui(
                 .min_row_height(16.0)
                 .spacing([10.0, 2.0])
                 .show(ui, |ui| {
+                    let weak = ui.visuals().weak_text_color();
+                    // Also where nothing is known: a card that changes its height leaps.
+                    if !cells.is_empty() {
+                        head_ui(ui, weak);
+                    }
                     for cell in cells {
-                        let weak = ui.visuals().weak_text_color();
                         let name = RichText::new(layer_name(cell.layer)).small();
                         let mut value = RichText::new(cell.text()).small().strong();
                         if cell.value.is_none() || !cell.is_shown {
@@ -109,7 +116,7 @@ fn probe_card_ui(
                         ui.label(name);
                         ui.label(value);
                         let origin = if is_narrow {
-                            cell.short_origin()
+                            cell.changed().unwrap_or_default()
                         } else {
                             cell.origin()
                         };
@@ -120,6 +127,18 @@ fn probe_card_ui(
                 });
         });
     is_over
+}
+
+/// Says over the third column whose the ages below are.
+fn head_ui(ui: &mut Ui, ink: Color32) {
+    ui.small("");
+    ui.small("");
+    let head = RichText::new(OF_TILES).small().color(ink);
+    let hint = format!(
+        "The newest change of the {TILE_CELLS} × {TILE_CELLS} cells around this one, which may be older itself"
+    );
+    ui.add(Label::new(head).wrap()).on_hover_text(hint);
+    ui.end_row();
 }
 
 /// Draws the mark of a pinned point: a cross with a gap, so that the point itself is seen.

@@ -277,6 +277,35 @@ fn what_does_not_change_is_not_drawn_again() {
 }
 
 #[test]
+fn the_card_says_once_that_its_ages_are_those_of_tiles() {
+    // What a window of 640 × 480 points leaves of the map, and a large one.
+    for width in [280.0, 800.0] {
+        let mut window = window_of(width, 390.0);
+        let mut pin = |point_m| {
+            window.state_mut().view.pinned_m = Some(point_m);
+            window.run_steps(4);
+            let heads = window.query_all_by_label("Tile changed");
+            let heads: Vec<_> = heads.map(|head| head.rect()).collect();
+            let ages = window.query_all_by_label_contains(" s ago");
+            let ages: Vec<_> = ages.map(|age| age.rect()).collect();
+            (heads, ages, window.state().view.screen)
+        };
+        let (heads, ages, screen) = pin([3.17, 4.55]);
+        let [head] = heads[..] else {
+            panic!("{width}: {heads:?}");
+        };
+        assert!(screen.contains_rect(head), "{width}: {head}");
+        assert!(ages.len() > 3, "{width}: {ages:?}");
+        for age in ages {
+            assert!((age.left() - head.left()).abs() < 1.0, "{head} {age}");
+            assert!(age.top() >= head.bottom(), "{width}: {head} {age}");
+        }
+        let (heads, ages, _) = pin([2.0, -50.0]);
+        assert_eq!((heads.len(), ages), (1, Vec::new()), "nothing is known");
+    }
+}
+
+#[test]
 fn the_card_of_a_small_map_covers_neither_what_is_read_nor_the_vehicle() {
     let mut window = window_of(280.0, 390.0);
     let model = model_of(&store());

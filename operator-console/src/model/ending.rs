@@ -15,13 +15,17 @@ impl ConsoleModel {
         self.ended_seq.is_some_and(|ended| self.head_seq > ended)
     }
 
-    /// Whether its silence would be no news: its data has ended, and nothing could move. Of a vehicle that can be
-    /// driven it is, whatever its data does.
+    /// Whether it has taken its leave: where it falls silent after its data has ended, no link is lost.
     pub fn may_fall_silent(&self) -> bool {
         self.status().map_or_else(
             || self.connection.had_ended_before(),
-            |(status, _)| status.has_ended && status.teleop.is_none(),
+            |(status, _)| status.has_ended,
         )
+    }
+
+    /// Whether it can be driven: what it does is news even when its data has ended.
+    pub fn is_vehicle(&self) -> bool {
+        self.teleop().is_some()
     }
 
     /// Share of the poses of the last 2 s that should have come and did not, 0 … 1; none where nobody knows whether any
@@ -36,10 +40,10 @@ impl ConsoleModel {
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::{Pose, Status};
+    use protocol::message::Status;
 
     use crate::model::{ConsoleModel, HeardBefore};
-    use crate::pretend::{at, says, scout, standing};
+    use crate::pretend::{at, resting, says, scout, standing};
 
     fn model(status: &Status) -> ConsoleModel {
         let mut model = scout();
@@ -48,7 +52,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_nobody_could_drive_falls_silent_at_its_end_without_being_missed() {
+    fn who_said_that_its_data_has_ended_may_fall_silent() {
         let running = Status::default();
         let ended = Status {
             has_ended: true,
@@ -59,7 +63,7 @@ mod tests {
             ..ended.clone()
         };
         let may = [running, ended, vehicle].map(|status| model(&status).may_fall_silent());
-        assert_eq!(may, [false, true, false]);
+        assert_eq!(may, [false, true, true]);
         assert!(!scout().may_fall_silent());
         // What was heard before counts until it says more itself.
         let mut left = scout();
@@ -76,16 +80,9 @@ mod tests {
     #[test]
     fn nobody_knows_what_is_lost_while_nothing_is_heard_or_nothing_is_sent() {
         let mut live = model(&Status::default());
-        let pose = Pose {
-            position_m: [0.0; 3],
-            quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
-            speed_mps: 0.0,
-            turn_rate_radps: 0.0,
-            token: None,
-        };
         // 10 a second of 20.
         for ms in (0..=3_000).step_by(100) {
-            says(&mut live, Topic::Pose, &pose, at(ms));
+            says(&mut live, Topic::Pose, &resting(), at(ms));
         }
         assert_eq!(live.poses_missing(at(3_050)), Some(0.5));
         assert_eq!(live.poses_missing(at(9_000)), None, "it is silent");

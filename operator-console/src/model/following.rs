@@ -51,7 +51,7 @@ mod tests {
     use protocol::message::Velocity;
 
     use super::*;
-    use crate::pretend::{at, standing};
+    use crate::pretend::{at, resting, standing};
 
     fn told(state: TeleopState, linear_mps: f32) -> Status {
         let mut teleop = standing();
@@ -68,11 +68,8 @@ mod tests {
 
     fn pose(speed_mps: f32) -> Pose {
         Pose {
-            position_m: [0.0; 3],
-            quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
             speed_mps,
-            turn_rate_radps: 0.0,
-            token: None,
+            ..resting()
         }
     }
 

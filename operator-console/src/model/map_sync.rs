@@ -228,6 +228,17 @@ impl MapSync {
         Ok(is_new)
     }
 
+    /// What is of another run than the map cannot be put into it.
+    fn of_this_boot(&self, boot: BootId) -> Result<(), Refusal> {
+        if !self.has_boot {
+            Err(Refusal::BeforeJoin)
+        } else if boot != self.store.boot() {
+            Err(Refusal::OtherBoot)
+        } else {
+            Ok(())
+        }
+    }
+
     /// A tile, or half of one, came: pushed, or in answer to `request`.
     pub(super) fn take_band(
         &mut self,
@@ -237,9 +248,7 @@ impl MapSync {
         request: Option<RequestId>,
         now: Monotonic,
     ) -> Result<(), Refusal> {
-        if !self.has_boot || header.boot != self.store.boot() {
-            return Err(Refusal::OtherBoot);
-        }
+        self.of_this_boot(header.boot)?;
         if self.store.cell_m(key.layer).is_none() {
             return Err(Refusal::UnknownLayer);
         }

@@ -15,6 +15,7 @@ mod layer_sync;
 mod link_quality;
 mod map_questions;
 mod map_sync;
+mod motion;
 mod refusals;
 mod repeated;
 mod scans;
@@ -49,6 +50,7 @@ pub use incoming::{Incoming, OpenSessions, Outgoing, RequestId};
 pub use kept_names::KeptSiteNames;
 pub use link_quality::{LinkQuality, LinkSample, Stream};
 pub use map_sync::{LayerStep, MapSync};
+pub use motion::{DRIFTING_MPS, OwnMotion};
 pub use refusals::{Refusal, Refusals};
 pub use scans::LastScan;
 pub use site_names::{SiteName, SiteNames};
@@ -57,6 +59,7 @@ pub use vehicle::Vehicle;
 pub use voxels_sync::{FetchedVoxels, VoxelsProgress};
 
 use following::Following;
+use motion::Braking;
 use scans::Scans;
 use shores_sync::ShoresSync;
 use trail_sync::TrailSync;
@@ -111,6 +114,7 @@ pub struct ConsoleModel {
     /// The run of the robot that told it.
     status_run: Option<BootId>,
     following: Following,
+    braking: Braking,
     /// The number of the message that first said that the robot's data has ended, and of the newest head.
     ended_seq: Option<u64>,
     head_seq: u64,
@@ -157,6 +161,7 @@ impl ConsoleModel {
             status: None,
             status_run: None,
             following: Following::default(),
+            braking: Braking::default(),
             ended_seq: None,
             head_seq: 0,
             events: VecDeque::new(),

@@ -15,6 +15,8 @@ pub enum Refusal {
     Oversized,
     /// The console did not keep up.
     Overrun,
+    /// Of a robot that has not yet told which run of it this is.
+    BeforeJoin,
     /// Of a run of the robot that is over, or not yet announced.
     OtherBoot,
     /// Of a layer that was erased since.
@@ -36,6 +38,7 @@ impl Refusal {
             Self::OtherProtocol => "other protocol version: update the older program",
             Self::Oversized => "oversized",
             Self::Overrun => "console too slow",
+            Self::BeforeJoin => "before joining",
             Self::OtherBoot => "other boot",
             Self::OldEpoch => "erased layer",
             Self::OldRevision => "known already",

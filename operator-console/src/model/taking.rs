@@ -41,7 +41,7 @@ impl ConsoleModel {
         Ok(())
     }
 
-    fn teleop(&self) -> Option<&TeleopStatus> {
+    pub(super) fn teleop(&self) -> Option<&TeleopStatus> {
         let (status, _) = self.status.as_ref()?;
         status.teleop.as_ref()
     }
@@ -53,6 +53,14 @@ impl ConsoleModel {
             let last_stop = teleop.last_stop;
             self.before_estop = Some(BeforeEStop { last_stop });
         }
+    }
+
+    /// Whether it goes where it is told to, and stands where it is told to.
+    fn note_motion(&mut self, status: &Status, now: Monotonic) {
+        let pose = self.vehicle.pose().map(|(pose, _)| pose);
+        let info = self.info.as_ref().map(|(info, _)| info);
+        self.following.hear(status, pose.as_ref(), now);
+        self.braking.hear(status, pose.as_ref(), info, now);
     }
 
     fn take_pushed(&mut self, topic: Topic, payload: &[u8], now: Monotonic) -> Result<(), Refusal> {
@@ -81,8 +89,7 @@ impl ConsoleModel {
                 let is_news = before.is_none_or(|(before, _)| is_news(before, &status));
                 self.changes += u64::from(is_news);
                 self.map.tell_clock(header, now);
-                let pose = self.vehicle.pose().map(|(pose, _)| pose);
-                self.following.hear(&status, pose.as_ref(), now);
+                self.note_motion(&status, now);
                 self.status = Some((status, now));
                 self.status_run = Some(header.boot);
             }

@@ -2,13 +2,15 @@ use std::time::Duration;
 
 use protocol::keys::Topic;
 use protocol::message::{
-    EStopStatus, Event, MAX_SENSORS, MapHead, Pose, Scan, Severity, StopReason, TeleopStatus, View,
+    EStopStatus, Event, MAX_SENSORS, MapHead, Pose, Scan, Severity, StopReason, TeleopStatus,
+    TileBand, View,
 };
+use protocol::tile::{TileCells, TileKey};
 use protocol::wire::{self, Header};
 use serde::Serialize;
 
 use super::*;
-use crate::pretend::{BOOT, answers, at, says, scout, standing};
+use crate::pretend::{BOOT, answers, at, console, says, scout, standing, starts};
 
 fn say<T: Serialize>(model: &mut ConsoleModel, topic: Topic, boot: BootId, body: &T, ms: u64) {
     let header = Header {
@@ -244,4 +246,31 @@ fn the_stop_before_an_emergency_stop_is_that_which_is_told_with_it() {
     let old = Some(StopReason::Age);
     says(&mut model, Topic::Status, &status(old, None), at(300));
     assert_eq!(before(&model), released);
+}
+
+/// Tiles come by another session than what says which run of the robot it is.
+#[test]
+fn tiles_before_the_robot_has_told_its_run_are_no_tiles_of_another_run() {
+    let mut model = console("scout", &[LayerId::Occupancy]);
+    let layer = LayerId::Occupancy;
+    let tile = Topic::Tile(TileKey {
+        layer,
+        tx: 0,
+        ty: 0,
+    });
+    let band = TileBand {
+        epoch: 0,
+        revision: 1,
+        digest: TileCells::unknown().digest(),
+        rows: vec![0; 40],
+    };
+    let counts = |model: &ConsoleModel| {
+        let count = |why| model.refusals().count(why);
+        [Refusal::BeforeJoin, Refusal::OtherBoot].map(count)
+    };
+    says(&mut model, tile, &band, at(0));
+    assert_eq!(counts(&model), [1, 0]);
+    starts(&mut model, BootId([8; 16]), at(1));
+    says(&mut model, tile, &band, at(2));
+    assert_eq!(counts(&model), [1, 1]);
 }

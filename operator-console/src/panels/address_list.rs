@@ -97,8 +97,25 @@ impl ListedAddress {
                 state: "answers".to_owned(),
                 hint: None,
             },
+            Some(AddressState::NoRobot) if has_keys => warning(
+                "no robot there".to_owned(),
+                "A router answers. No robot is behind it, or none that has you on its list of operators."
+                    .to_owned(),
+            ),
             Some(AddressState::NoRobot) => {
                 warning("no robot there".to_owned(), no_robot(host, port))
+            }
+            Some(AddressState::Untold { robot, by_quic }) => {
+                let tiles = port_before(host, port).filter(|_| !by_quic);
+                let tiles = tiles.map(|asked| format!(" Or this is its port for tiles: try {asked}"));
+                warning(
+                    "tells you nothing".to_owned(),
+                    format!(
+                        "{robot} answers, but does not have you on its list of operators. Whoever is added while it \
+                         runs is let in after its next start.{}",
+                        tiles.unwrap_or_default()
+                    ),
+                )
             }
             Some(AddressState::UnknownName) => warning(
                 "name not known".to_owned(),
@@ -125,19 +142,23 @@ impl ListedAddress {
     }
 }
 
-/// Who may answer at a port where there is no robot. Every robot has its port for tiles behind the one that it is asked
-/// at.
+/// Who may answer at a port where there is no robot.
 fn no_robot(host: &str, port: u16) -> String {
-    let host = if host.contains(':') {
-        format!("[{host}]")
-    } else {
-        host.to_owned()
-    };
     let who = "Whoever answers is a router, or a robot that is still starting";
-    match port.checked_sub(1).filter(|asked| *asked > 0) {
-        Some(asked) => format!("{who}. Or this is a robot's port for tiles: try {host}:{asked}"),
+    match port_before(host, port) {
+        Some(asked) => format!("{who}. Or this is a robot's port for tiles: try {asked}"),
         None => who.to_owned(),
     }
+}
+
+/// Where a robot is asked whose port for tiles is this: that is the one behind.
+fn port_before(host: &str, port: u16) -> Option<String> {
+    let asked = port.checked_sub(1).filter(|asked| *asked > 0)?;
+    Some(if host.contains(':') {
+        format!("[{host}]:{asked}")
+    } else {
+        format!("{host}:{asked}")
+    })
 }
 
 /// Draws the addresses that are asked and behind which there is no robot: each says why.

@@ -355,7 +355,7 @@ mod tests {
         assert_eq!((data.tone, &*data.state), (Tone::Waiting, "Ended"));
         assert!(data.advice.unwrap().contains("nothing is heard"));
         assert!(data.rows.contains(&row("Last heard", "8.0 s ago")));
-        // What could move is missed.
+        // So has a vehicle that said so.
         let teleop = Some(standing());
         says(
             &mut model,
@@ -364,6 +364,6 @@ mod tests {
             at(9_100),
         );
         let data = ConnectionData::new(&model, &LinkSight::default(), at(19_000));
-        assert_eq!((data.tone, &*data.state), (Tone::Warning, "Silent"));
+        assert_eq!((data.tone, &*data.state), (Tone::Waiting, "Ended"));
     }
 }

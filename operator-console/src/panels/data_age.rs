@@ -47,19 +47,29 @@ impl DataAge {
             Self::Unknown => "of before the robot's clock was set back".to_owned(),
         }
     }
+
+    /// The same as a moment, in words that follow "changed".
+    pub fn moment(self) -> String {
+        match self {
+            Self::Old(time) => format!("{} ago", age(time)),
+            Self::BeforeEnd(time) if time < AT_ONCE => "at the end".to_owned(),
+            Self::BeforeEnd(time) => format!("{} before the end", age(time)),
+            Self::Unknown => "before the robot's clock was set back".to_owned(),
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
     use protocol::layer::LayerId;
-    use protocol::message::{Info, LayerInfo, Pose, Status};
+    use protocol::message::{Info, LayerInfo, Status};
     use protocol::tile::TileCells;
     use protocol::tile_store::{LayerGrid, TileStore};
 
     use super::*;
     use crate::model::RequestId;
-    use crate::pretend::{BOOT, announces, answers, at, console, pushes, says_of};
+    use crate::pretend::{BOOT, announces, answers, at, console, pushes, resting, says_of};
 
     const LAYER: LayerId = LayerId::Occupancy;
     const KEY: TileKey = TileKey {
@@ -97,14 +107,7 @@ mod tests {
     }
 
     fn stands(model: &mut ConsoleModel, ms: u64) {
-        let pose = Pose {
-            position_m: [0.0; 3],
-            quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
-            speed_mps: 0.0,
-            turn_rate_radps: 0.0,
-            token: None,
-        };
-        says_of(model, 100 * SECOND_NS, Topic::Pose, &pose, at(ms));
+        says_of(model, 100 * SECOND_NS, Topic::Pose, &resting(), at(ms));
     }
 
     fn words(model: &ConsoleModel, ms: u64) -> String {
@@ -116,6 +119,8 @@ mod tests {
         let model = late("scout");
         assert_eq!(words(&model, 1_000), "40 s old");
         assert_eq!(words(&model, 6_000), "45 s old");
+        let age = DataAge::new(&model, KEY, at(6_000));
+        assert_eq!(age.moment(), "45 s ago");
     }
 
     #[test]
@@ -142,5 +147,6 @@ mod tests {
         }
         let end = DataAge::BeforeEnd(Duration::from_millis(20));
         assert_eq!(end.words(), "as of the end");
+        assert_eq!(end.moment(), "at the end");
     }
 }

@@ -115,10 +115,11 @@ pub fn legends_height(ui: &Ui, data: &LegendsData, width: f32) -> f32 {
         let ramp = legend.ramp.as_ref().map(|_| ramp_height(ui));
         let rows = rows(ui, &legend.swatches, width);
         let rows = rows.iter().map(|row| {
-            let names = row
-                .iter()
-                .map(|swatch| text(ui, &swatch.label, f32::INFINITY));
-            names.fold(ROW, |height, name| height.max(name.size().y))
+            let names = row.iter().map(|swatch| {
+                let width = name_width(row, width);
+                text(ui, &swatch.label, width).size().y
+            });
+            names.fold(ROW, f32::max)
         });
         let parts: Vec<_> = title.into_iter().chain(ramp).chain(rows).collect();
         parts.iter().sum::<f32>() + LINES_APART * (parts.len() as f32 - 1.0)
@@ -142,20 +143,29 @@ fn legend_ui(ui: &mut Ui, legend: &Legend) {
     if let Some(ramp) = &legend.ramp {
         ramp_ui(ui, ramp);
     }
-    for row in rows(ui, &legend.swatches, ui.available_width()) {
+    let width = ui.available_width();
+    for row in rows(ui, &legend.swatches, width) {
         ui.horizontal(|ui| {
             ui.spacing_mut().item_spacing.x = SPACING;
             for (index, swatch) in row.iter().enumerate() {
                 if index > 0 {
                     ui.add_space(GAP);
                 }
-                swatch_ui(ui, swatch);
+                swatch_ui(ui, swatch, name_width(row, width).is_finite());
             }
         });
     }
 }
 
-/// As many swatches in a row as fit its width, points.
+/// What a name has for a line in a row of a legend that is so wide, points. Where there are several they fit, and none is broken.
+fn name_width(row: &[Swatch], width: f32) -> f32 {
+    match row {
+        [_alone] => width - SWATCH.x - SPACING,
+        _several => f32::INFINITY,
+    }
+}
+
+/// As many swatches in a row as fit its width, points; a name that is too long for it has a row of its own, and several lines.
 fn rows<'a>(ui: &Ui, swatches: &'a [Swatch], width: f32) -> Vec<&'a [Swatch]> {
     let of = |swatch: &Swatch| {
         let text = text(ui, &swatch.label, f32::INFINITY);
@@ -214,10 +224,11 @@ pub(super) fn paint_swatch(ui: &Ui, rect: Rect, swatch: &Swatch) {
     frame(ui, rect);
 }
 
-fn swatch_ui(ui: &mut Ui, swatch: &Swatch) {
+fn swatch_ui(ui: &mut Ui, swatch: &Swatch, may_wrap: bool) {
     let (rect, _) = ui.allocate_exact_size(SWATCH, Sense::hover());
     paint_swatch(ui, rect, swatch);
-    ui.label(RichText::new(capitalised(&swatch.label)).small());
+    let name = Label::new(RichText::new(capitalised(&swatch.label)).small());
+    ui.add(if may_wrap { name.wrap() } else { name.extend() });
 }
 
 fn ramp_height(ui: &Ui) -> f32 {
@@ -246,22 +257,22 @@ fn ramp_ui(ui: &mut Ui, ramp: &Ramp) {
     let ink = ui.visuals().text_color();
     let numbers = ramp.ticks.iter().map(|tick| {
         let x = x_of(tick.value);
-        ui.painter()
-            .vline(x, bar.bottom()..=bar.bottom() + TICK, Stroke::new(1.0, ink));
         let text = ui
             .painter()
             .layout_no_wrap(tick.label.clone(), font.clone(), ink);
         let at = pos2(x, bar.bottom() + TICK + 1.0);
         let place = Align2::CENTER_TOP.anchor_size(at, text.size());
         let shift = (rect.right() - place.right()).min(0.0) + (rect.left() - place.left()).max(0.0);
-        let place = place.translate(vec2(shift, 0.0));
-        (place, text)
+        (x, place.translate(vec2(shift, 0.0)), text)
     });
     let numbers: Vec<_> = numbers.collect();
     let digits = ui.painter().layout_no_wrap("00".to_owned(), font, ink);
-    let spans: Vec<_> = numbers.iter().map(|(place, _)| place.x_range()).collect();
-    let is_kept = kept(&spans, digits.size().x);
-    for ((place, text), _) in numbers.into_iter().zip(is_kept).filter(|(_, kept)| *kept) {
+    let spans = numbers.iter().map(|(_, place, _)| place.x_range());
+    let is_kept = kept(&spans.collect::<Vec<_>>(), digits.size().x);
+    // A tick without its number would be a value that nobody can read.
+    let tick = Rangef::new(bar.bottom(), bar.bottom() + TICK);
+    for ((x, place, text), _) in numbers.into_iter().zip(is_kept).filter(|(_, kept)| *kept) {
+        ui.painter().vline(x, tick, Stroke::new(1.0, ink));
         ui.painter().galley(place.min, text, ink);
     }
 }
@@ -288,110 +299,4 @@ fn frame(ui: &Ui, rect: Rect) {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::cell::Cell;
-    use std::rc::Rc;
-
-    use super::*;
-    use egui_kittest::Harness;
-    use egui_kittest::kittest::Queryable;
-
-    #[test]
-    fn every_class_and_the_unknown_are_named() {
-        for palette in LayerId::ALL.into_iter().flat_map(LayerId::palettes) {
-            let data = LegendsData::new([(palette, false)]);
-            let harness = Harness::builder()
-                .with_size(vec2(236.0, 200.0))
-                .build_ui(|ui| legends_ui(ui, &data));
-            let title = capitalised(&data.legends[0].title);
-            assert!(harness.query_all_by_label(&title).next().is_some());
-            for swatch in &data.legends[0].swatches {
-                let name = capitalised(&swatch.label);
-                let place = harness.get_all_by_label(&name).last().unwrap().rect();
-                assert!(place.right() <= 236.0, "{name}: {place:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn legends_are_as_high_as_they_are_said_to_be() {
-        for width in [95.0, 150.0, 220.0] {
-            let palettes = LayerId::ALL.map(|layer| (layer.default_palette(), false));
-            let mut data = LegendsData::with_short_titles(palettes);
-            if width > 200.0 {
-                assert_ne!(data.take_first_title(), "");
-            }
-            let heights = Rc::new(Cell::new([0.0; 2]));
-            let seen = Rc::clone(&heights);
-            let mut window = Harness::builder()
-                .with_size(vec2(width + 16.0, 900.0))
-                .build_ui(move |ui| {
-                    ui.set_width(width);
-                    let told = legends_height(ui, &data, width);
-                    let drawn = ui.scope(|ui| legends_ui(ui, &data));
-                    seen.set([told, drawn.response.rect.height()]);
-                });
-            window.run_steps(2);
-            let [told, drawn] = heights.get();
-            assert!((told - drawn).abs() < 2.0, "{width}: {told} {drawn}");
-        }
-    }
-
-    #[test]
-    fn numbers_of_a_ramp_keep_apart_and_its_ends_are_there() {
-        let check = |spans: &[[f32; 2]], expected: &[bool]| {
-            let spans: Vec<_> = spans.iter().map(|[a, b]| Rangef::new(*a, *b)).collect();
-            assert_eq!(kept(&spans, 12.0), expected, "{spans:?}");
-        };
-        // As "0.0  0.2  0.4 ≥ 0.5" would stand.
-        check(
-            &[[0.0, 18.0], [60.0, 78.0], [140.0, 158.0], [163.0, 195.0]],
-            &[true, true, false, true],
-        );
-        check(
-            &[[0.0, 18.0], [31.0, 49.0], [62.0, 80.0]],
-            &[true, true, true],
-        );
-        check(
-            &[[0.0, 18.0], [29.0, 47.0], [62.0, 80.0]],
-            &[true, false, true],
-        );
-        check(&[[0.0, 18.0], [20.0, 38.0]], &[true, false]);
-        check(&[[0.0, 18.0]], &[true]);
-        check(&[], &[]);
-    }
-
-    #[test]
-    fn titles_of_classes_are_short_where_there_is_little_room() {
-        let palettes =
-            [LayerId::Shore, LayerId::Elevation].map(|layer| (layer.default_palette(), false));
-        let data = LegendsData::with_short_titles(palettes);
-        let titles = data.legends.iter().map(|legend| legend.title.as_str());
-        let titles: Vec<_> = titles.collect();
-        assert_eq!(titles, ["Shore", "height above ground plane (m)"]);
-    }
-
-    #[test]
-    fn what_is_unknown_is_said_once() {
-        let palette = |layer: LayerId| layer.default_palette();
-        let both = [
-            (palette(LayerId::Obstacle), true),
-            (palette(LayerId::Elevation), false),
-        ];
-        let data = LegendsData::new(both);
-        let labels = data.legends.iter().map(|legend| {
-            let labels = legend.swatches.iter().map(|swatch| swatch.label.as_str());
-            labels.collect::<Vec<_>>()
-        });
-        assert_eq!(
-            labels.collect::<Vec<_>>(),
-            [
-                vec!["free: clear over the known", "obstacle"],
-                vec!["unknown"]
-            ]
-        );
-        let swatches = data.legends.iter().flat_map(|legend| &legend.swatches);
-        let see_through = swatches.map(is_see_through).collect::<Vec<_>>();
-        assert_eq!(see_through, [true, false, false]);
-    }
-}
+mod tests;

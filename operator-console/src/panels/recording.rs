@@ -195,7 +195,7 @@ fn rows(recording: &RecordingStatus, folder: Option<&Path>) -> Vec<Row> {
     if recording.files > 0 {
         rows.push(row("File", recording.file.clone()));
         let folder = folder.map_or_else(
-            || "the robot's folder of recordings".to_owned(),
+            || "on the robot, as its --recordings names it".to_owned(),
             |folder| folder.display().to_string(),
         );
         rows.push(row("Folder", folder));

@@ -17,7 +17,7 @@ use super::command_line::with_options;
 use super::wording::age;
 use crate::command::Command;
 use crate::link::{FleetState, FoundRobot, SEEN_LATELY, Sighting};
-use crate::model::LinkState;
+use crate::model::{LinkState, OwnMotion};
 use crate::shortcuts::Action;
 use crate::theme::Tone;
 
@@ -92,6 +92,8 @@ pub struct Seen {
     pub color: Color32,
     /// Its alerts that nobody has seen.
     pub alerts: usize,
+    /// What moves it, where it is shown and nobody drives it: others do not tell that from afar.
+    pub own_motion: Option<OwnMotion>,
 }
 
 impl RobotsData {
@@ -112,7 +114,7 @@ impl RobotsData {
                 let link = current
                     .filter(|(robot, _)| **robot == sighting.found.robot)
                     .map(|(_, link)| link);
-                let (tone, state) = state_words(sighting, link, now);
+                let (tone, state) = state_words(sighting, link, seen.own_motion, now);
                 let (tone, state) = match seen.alerts {
                     0 => (tone, state),
                     n => (Tone::Warning, format!("{state}, {}", alerts(n))),
@@ -186,7 +188,12 @@ fn is_missed(sighting: &Sighting, now: Monotonic) -> bool {
     now.since(sighting.seen) > SEEN_LATELY
 }
 
-fn state_words(sighting: &Sighting, link: Option<LinkState>, now: Monotonic) -> (Tone, String) {
+fn state_words(
+    sighting: &Sighting,
+    link: Option<LinkState>,
+    own_motion: Option<OwnMotion>,
+    now: Monotonic,
+) -> (Tone, String) {
     let seen = format!("last seen {} ago", age(now.since(sighting.seen)));
     let has_ended = sighting.state == Some(FleetState::Ended);
     match link {
@@ -204,7 +211,12 @@ fn state_words(sighting: &Sighting, link: Option<LinkState>, now: Monotonic) -> 
         None => (Tone::Waiting, "there".to_owned()),
         Some(FleetState::Undriven) => (Tone::Waiting, "not to be driven".to_owned()),
         Some(FleetState::Ended) => (Tone::Waiting, "ended".to_owned()),
-        Some(FleetState::Free) => (Tone::Good, "free".to_owned()),
+        // The same marks and words as while it is driven.
+        Some(FleetState::Free) => match own_motion {
+            None => (Tone::Good, "free".to_owned()),
+            Some(OwnMotion::ByItself) => (Tone::Waiting, "moving by itself".to_owned()),
+            Some(OwnMotion::OrAdrift) => (Tone::Warning, "moving or adrift".to_owned()),
+        },
         Some(FleetState::DrivenBy(operator)) => (Tone::Waiting, format!("{operator} drives")),
         Some(FleetState::EStop) => (Tone::Warning, "emergency stop".to_owned()),
         Some(FleetState::Fault) => (Tone::Warning, "fault".to_owned()),

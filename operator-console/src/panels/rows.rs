@@ -1,5 +1,7 @@
 //! Names and values in two columns.
 
+mod narrow;
+
 use eframe::egui::{Grid, Label, Rect, RectAlign, Response, RichText, Tooltip, Ui, vec2};
 
 use crate::theme::Tone;
@@ -12,6 +14,9 @@ pub(super) type Hint<'a> = &'a dyn Fn(&str) -> Option<&'static str>;
 /// The column of the names, points, and what it has at most of a panel that is narrow.
 const NAMES: f32 = 96.0;
 const NAMES_SHARE: f32 = 0.46;
+/// Between a name and its value, and between rows; and the least height of a row, points.
+const SPACING: [f32; 2] = [12.0, 4.0];
+const HEIGHT: f32 = 18.0;
 /// What is told of a row stands beside so much of it, points, or of a narrower panel: behind the values of other rows.
 const ROW: f32 = 300.0;
 const HINT_WIDTH: f32 = 300.0;
@@ -32,39 +37,42 @@ pub(super) fn toned_rows_ui(ui: &mut Ui, id: &str, rows: &[(Tone, Row)], hint: H
 }
 
 fn grid_ui<'a>(ui: &mut Ui, id: &str, rows: impl Iterator<Item = (Tone, &'a Row)>, hint: Hint<'_>) {
-    let names = NAMES.min(NAMES_SHARE * ui.available_width());
+    let names = NAMES_SHARE * ui.available_width();
+    if names < NAMES {
+        let rows: Vec<_> = rows.collect();
+        return narrow::rows_ui(ui, &rows, names, hint);
+    }
     let width = ROW.min(ui.available_width());
     Grid::new(id)
         .num_columns(2)
-        .min_col_width(names)
-        .min_row_height(18.0)
-        .spacing([12.0, 4.0])
+        .min_col_width(NAMES)
+        .min_row_height(HEIGHT)
+        .spacing(SPACING)
         .show(ui, |ui| {
             for (tone, (name, value)) in rows {
                 let hint = hint(name);
-                let name = RichText::new(name).color(ui.visuals().weak_text_color());
-                let name = if names < NAMES {
-                    let narrow = ui.scope(|ui| {
-                        ui.set_max_width(names);
-                        ui.add(Label::new(name).wrap())
-                    });
-                    narrow.inner
-                } else {
-                    ui.label(name)
-                };
-                let value = RichText::new(value);
-                let value = match tone {
-                    Tone::Warning => value.color(tone.color(ui.visuals())),
-                    Tone::Good | Tone::Waiting => value,
-                };
-                // What is too long for its line has another: nothing is cut off.
-                let value = ui.add(Label::new(value).wrap());
+                let name = ui.add(name_label(ui, name));
+                let value = ui.add(value_label(ui, tone, value));
                 if let Some(hint) = hint {
                     hint_ui(&name, &value, width, hint);
                 }
                 ui.end_row();
             }
         });
+}
+
+fn name_label(ui: &Ui, name: &str) -> Label {
+    Label::new(RichText::new(name).color(ui.visuals().weak_text_color()))
+}
+
+/// What is too long for its line has another: nothing is cut off.
+fn value_label(ui: &Ui, tone: Tone, value: &str) -> Label {
+    let value = RichText::new(value);
+    let value = match tone {
+        Tone::Warning => value.color(tone.color(ui.visuals())),
+        Tone::Good | Tone::Waiting => value,
+    };
+    Label::new(value).wrap()
 }
 
 /// Beside the row, which is so wide at least: whoever reads it reads the rows below as well. Where there is no room

@@ -1,15 +1,18 @@
 //! Shores and docking sites: what stands along the water, how dense, how far away.
 
+mod away;
 mod columns;
 mod list;
 
 use protocol::layer::{LayerId, Swatch};
-use protocol::message::{DockingSite, ShoreCluster, Shores};
+use protocol::message::DockingSite;
 use protocol::shores::DOCKING_SITE_CODE;
 
 use super::wording::{count, signed};
 use crate::map_view::{MapView, ShoreMark};
 use crate::model::{ConsoleModel, SiteName};
+
+use away::{Away, Outline, nearest};
 
 pub use list::shores_ui;
 
@@ -41,7 +44,7 @@ pub struct ShoreRow {
     pub share: String,
     /// Voxels, or width.
     pub size: String,
-    /// From the vehicle.
+    /// From the middle of the vehicle: to the nearest edge of the shore, or to the middle of the site.
     pub distance: String,
     /// Why one could dock there; of a shore nothing.
     pub reason: Option<String>,
@@ -109,15 +112,14 @@ impl ShoresData {
             }
         }
         let beam_m = model.info().map(|info| info.footprint_m[1]);
-        let clusters = shores.clusters.iter();
-        let mut rows: Vec<_> = clusters
-            .map(|cluster| shore_row(cluster, vehicle_m))
-            .collect();
+        let outlines = Outline::all(shores);
+        let rows = outlines.iter();
+        let mut rows: Vec<_> = rows.map(|shore| shore_row(shore, vehicle_m)).collect();
         sort(&mut rows, SortBy::Distance);
         let sites = shores.sites.iter().zip(model.site_names()).zip(1..);
         let site_rows = sites.map(|((site, name), rank)| {
             let row = site_row(site, (*name, rank), vehicle_m);
-            let reason = Some(reason(site, beam_m, shores));
+            let reason = Some(reason(site, beam_m, &outlines));
             ShoreRow { reason, ..row }
         });
         Some(Self {
@@ -143,29 +145,28 @@ pub fn sort(rows: &mut [ShoreRow], by: SortBy) {
     });
 }
 
-/// Why a boat fits there: how wide it is against the boat's beam, and what grows nearest. How gentle it is, is its cost.
-fn reason(site: &DockingSite, beam_m: Option<f32>, shores: &Shores) -> String {
+/// Why a boat fits there: how wide it is against the boat's beam, and what grows nearest to its middle. How gentle it
+/// is, is its cost.
+fn reason(site: &DockingSite, beam_m: Option<f32>, outlines: &[Outline<'_>]) -> String {
     let width = beam_m
         .filter(|beam_m| *beam_m > 0.0)
         .map(|beam_m| format!("{:.1} × beam", site.width_m / beam_m));
-    let [x, y] = site.center_m.map(f64::from);
-    let away_m = |cluster: &ShoreCluster| {
-        let [cluster_x, cluster_y] = cluster.center_m.map(f64::from);
-        libm::hypot(cluster_x - x, cluster_y - y)
-    };
-    let clusters = shores.clusters.iter();
-    let nearest = clusters.min_by(|a, b| away_m(a).total_cmp(&away_m(b)));
-    let neighbour = nearest.map(|nearest| {
-        let (number, class) = (nearest.number, nearest.class.name());
-        format!("{:.0} m to shore {number}, {class}", away_m(nearest))
+    let nearest = nearest(outlines, site.center_m.map(f64::from));
+    let neighbour = nearest.map(|(shore, away_m)| {
+        let (number, class) = (shore.number, shore.class.name());
+        if away_m > 0.0 {
+            format!("{away_m:.0} m to shore {number}, {class}")
+        } else {
+            format!("shore {number}, {class}, around it")
+        }
     });
     let reasons: Vec<_> = width.into_iter().chain(neighbour).collect();
     reasons.join("; ")
 }
 
-fn shore_row(cluster: &ShoreCluster, vehicle_m: Option<[f64; 2]>) -> ShoreRow {
-    let center_m = cluster.center_m.map(f64::from);
-    let distance = distance(center_m, vehicle_m);
+fn shore_row(outline: &Outline<'_>, vehicle_m: Option<[f64; 2]>) -> ShoreRow {
+    let cluster = outline.shore;
+    let away = Away::of_shore(outline, vehicle_m);
     let share = format!("{:.0} %", 100.0 * cluster.ratio());
     let size = count(cluster.voxels.into());
     let (number, class) = (cluster.number, class_swatch(cluster.class.code()));
@@ -173,22 +174,18 @@ fn shore_row(cluster: &ShoreCluster, vehicle_m: Option<[f64; 2]>) -> ShoreRow {
     ShoreRow {
         mark: ShoreMark::Shore(number),
         reason: None,
-        keys: [
-            f64::from(number),
-            cluster.ratio(),
-            voxels,
-            away_m(center_m, vehicle_m),
-        ],
+        keys: [f64::from(number), cluster.ratio(), voxels, away.key()],
         sentence: format!(
-            "Shore {number}, {}, {share} rigid, {size} voxels, {distance} away",
-            class.label
+            "Shore {number}, {}, {share} rigid, {size} voxels, {}",
+            class.label,
+            away.words()
         ),
         name: number.to_string(),
         class,
         share,
         size,
-        distance,
-        center_m,
+        distance: away.column(),
+        center_m: cluster.center_m.map(f64::from),
     }
 }
 
@@ -198,8 +195,7 @@ fn site_row(
     (name, rank): (SiteName, u32),
     vehicle_m: Option<[f64; 2]>,
 ) -> ShoreRow {
-    let center_m = site.center_m.map(f64::from);
-    let distance = distance(center_m, vehicle_m);
+    let away = Away::of_site(site, vehicle_m);
     let share = format!("{:.2}", site.mean_cost);
     let size = format!("{} m", signed(site.width_m.into(), 1));
     ShoreRow {
@@ -209,15 +205,18 @@ fn site_row(
             f64::from(rank),
             f64::from(site.mean_cost),
             f64::from(site.width_m),
-            away_m(center_m, vehicle_m),
+            away.key(),
         ],
-        sentence: format!("Docking site {name}, cost {share}, {size} wide, {distance} away"),
+        sentence: format!(
+            "Docking site {name}, cost {share}, {size} wide, {}",
+            away.words()
+        ),
         name: name.to_string(),
         class: class_swatch(DOCKING_SITE_CODE),
         share,
         size,
-        distance,
-        center_m,
+        distance: away.column(),
+        center_m: site.center_m.map(f64::from),
     }
 }
 
@@ -231,22 +230,6 @@ fn class_swatch(code: u16) -> Swatch {
         mark: palette.mark_color(code),
         label: class.map(|class| class.name.to_owned()).unwrap_or_default(),
     }
-}
-
-/// Infinite where nobody knows where the vehicle is.
-fn away_m([x, y]: [f64; 2], vehicle_m: Option<[f64; 2]>) -> f64 {
-    vehicle_m.map_or(f64::INFINITY, |[vehicle_x, vehicle_y]| {
-        libm::hypot(x - vehicle_x, y - vehicle_y)
-    })
-}
-
-fn distance(center_m: [f64; 2], vehicle_m: Option<[f64; 2]>) -> String {
-    let distance_m = away_m(center_m, vehicle_m);
-    if distance_m.is_infinite() {
-        return "–".to_owned();
-    }
-    let decimals = usize::from(distance_m < 9.95);
-    format!("{distance_m:.decimals$} m")
 }
 
 #[cfg(test)]

@@ -15,8 +15,10 @@ use crate::theme;
 pub struct StaleData {
     /// Since the newest message.
     pub silent_for: Duration,
-    /// Its data had ended, and nobody could drive it: that it is silent alarms nobody.
+    /// It had said that its data had ended: no link is lost.
     pub had_ended: bool,
+    /// It could be driven.
+    pub is_vehicle: bool,
     /// Something of it is shown.
     pub is_shown: bool,
 }
@@ -33,6 +35,7 @@ impl StaleData {
             LinkState::Silent => Some(Self {
                 silent_for: connection.age(now).unwrap_or_default(),
                 had_ended: model.may_fall_silent(),
+                is_vehicle: model.is_vehicle(),
                 is_shown: model.map().head_at().is_some() || model.vehicle().pose().is_some(),
             }),
         }
@@ -50,12 +53,17 @@ impl StaleData {
     /// What the banner says: what is so, and what that means.
     pub fn words(&self) -> [String; 2] {
         let silent = age(self.silent_for);
+        let unknown = "What the robot does now is not known here.";
         if self.had_ended {
             let why = "robot-edge has closed, or the link is lost.";
             let since = format!("Nothing heard for {silent}: {why}");
-            return ["Its data has ended".to_owned(), since];
+            let meaning = if self.is_vehicle {
+                format!("{since} {unknown}")
+            } else {
+                since
+            };
+            return ["Its data has ended".to_owned(), meaning];
         }
-        let unknown = "What the robot does now is not known here.";
         let meaning = if self.is_shown {
             format!("What is shown is old. {unknown}")
         } else {
@@ -107,17 +115,17 @@ mod tests {
     }
 
     #[test]
-    fn a_replay_that_has_ended_and_closed_is_no_lost_link_and_a_vehicle_is() {
-        let calm = banner(true, false);
-        let words = [
-            "Its data has ended",
-            "Nothing heard for 3.1 s: robot-edge has closed, or the link is lost.",
-        ];
-        assert_eq!(calm.words(), words);
+    fn who_says_that_its_data_has_ended_and_closes_has_lost_no_link() {
         let visuals = Visuals::dark();
-        assert_ne!(calm.colors(&visuals), theme::BANNER);
-        for lost in [banner(false, false), banner(true, true)] {
-            let meaning = "What the robot does now is not known here.".to_owned();
+        let meaning = "What the robot does now is not known here.".to_owned();
+        let closed = "Nothing heard for 3.1 s: robot-edge has closed, or the link is lost.";
+        let of_a_vehicle = format!("{closed} {meaning}");
+        for (can_be_driven, says) in [(false, closed), (true, of_a_vehicle.as_str())] {
+            let calm = banner(true, can_be_driven);
+            assert_eq!(calm.words(), ["Its data has ended", says]);
+            assert_ne!(calm.colors(&visuals), theme::BANNER);
+        }
+        for lost in [banner(false, false), banner(false, true)] {
             let headline = "Link lost: nothing heard for 3.1 s".to_owned();
             assert_eq!(lost.words(), [headline.clone(), meaning.clone()]);
             let is_shown = true;

@@ -55,9 +55,32 @@ impl Around {
         Some(format!("{} {answer} {}", names.join(", "), target.place()))
     }
 
+    /// Why the robot that is meant tells nothing, where that is known.
+    fn untold(&self, target: &Target) -> Option<String> {
+        let is_meant = |state: &AddressState| match state {
+            AddressState::Untold { robot, .. } => {
+                target.robot.as_ref().is_none_or(|meant| meant == robot)
+            }
+            AddressState::Asking
+            | AddressState::Found
+            | AddressState::NoRobot
+            | AddressState::UnknownName
+            | AddressState::Refused
+            | AddressState::Silent
+            | AddressState::Foreign
+            | AddressState::Problem(_) => false,
+        };
+        let mut asked = self.asked.iter();
+        let (address, state) = asked.find(|&(_, state)| is_meant(state))?;
+        state.complaint(address)
+    }
+
     /// What is said while `target` has not been heard yet.
     pub(super) fn waiting(&self, target: &Target) -> String {
         let seconds = format!("{:.0}", target.timeout.as_secs_f64());
+        if let Some(why) = self.untold(target) {
+            return format!("{why}. Trying for {seconds} s");
+        }
         match (self.who_answers(target), &target.robot) {
             (Some(others), Some(robot)) if !self.has(robot) => {
                 format!("{others}, and no robot called {robot} yet: trying for {seconds} s")
@@ -72,9 +95,19 @@ impl Around {
 
     /// Why `target` was not heard in time, and what to do.
     pub(super) fn conclusion(&self, target: &Target) -> String {
+        if let Some(why) = self.untold(target) {
+            return why;
+        }
         match (self.who_answers(target), &target.robot) {
             (Some(others), Some(robot)) if !self.has(robot) => {
-                format!("{others}: no robot there is called {robot}; name one with --robot")
+                let elsewhere = if target.connect.is_empty() {
+                    "say where it is with --connect"
+                } else {
+                    "the address after --connect"
+                };
+                format!(
+                    "{others}: no robot there is called {robot}; check the name after --robot, or {elsewhere}"
+                )
             }
             (Some(it), _) => format!("{it}, and has said nothing"),
             (None, _) => {
@@ -109,6 +142,7 @@ impl Around {
                 AddressState::Asking
                 | AddressState::Found
                 | AddressState::NoRobot
+                | AddressState::Untold { .. }
                 | AddressState::UnknownName
                 | AddressState::Foreign
                 | AddressState::Problem(_) => state.complaint(address),
@@ -165,12 +199,14 @@ mod tests {
         );
         assert_eq!(
             scout.conclusion(&nobody),
-            "scout answers at tcp/a:1: no robot there is called nobody; name one with --robot"
+            "scout answers at tcp/a:1: no robot there is called nobody; \
+             check the name after --robot, or the address after --connect"
         );
         let two = around(&["scout", "spare"], &[]);
         assert_eq!(
             two.conclusion(&target(&[], Some("nobody"))),
-            "scout, spare answer on the local network: no robot there is called nobody; name one with --robot"
+            "scout, spare answer on the local network: no robot there is called nobody; \
+             check the name after --robot, or say where it is with --connect"
         );
         assert_eq!(
             scout.conclusion(&target(&["tcp/a:1"], Some("scout"))),
@@ -201,6 +237,28 @@ mod tests {
             Around::default().conclusion(&target(&[], None)),
             "there is no robot on the local network; \
              start one with `robot-edge`, or name its address with --connect"
+        );
+    }
+
+    #[test]
+    fn a_robot_that_answers_and_tells_nothing_is_not_called_absent() {
+        let untold = |robot: &str| AddressState::Untold {
+            robot: robot.parse().unwrap(),
+            by_quic: true,
+        };
+        let there = around(&[], &[("quic/a:1", untold("scout"))]);
+        let why = "scout answers at quic/a:1 but tells you nothing: it does not have you on its list of operators; \
+                   whoever is added while it runs is let in after its next start";
+        for robot in [None, Some("scout")] {
+            let target = target(&["quic/a:1"], robot);
+            assert_eq!(there.conclusion(&target), why);
+            let waiting = format!("{why}. Trying for 5 s");
+            assert_eq!(there.waiting(&target), waiting);
+        }
+        let other = there.conclusion(&target(&["quic/a:1"], Some("spare")));
+        assert!(
+            other.starts_with("there is no robot at quic/a:1 (scout answers"),
+            "{other}"
         );
     }
 

@@ -12,9 +12,9 @@ use super::PanelId;
 use super::nesting::unnested;
 
 /// Widths and heights of the panels around the map, points.
-const LEFT: f32 = 280.0;
-const RIGHT: f32 = 300.0;
-const BELOW: f32 = 190.0;
+pub(super) const LEFT: f32 = 280.0;
+pub(super) const RIGHT: f32 = 300.0;
+pub(super) const BELOW: f32 = 190.0;
 /// What the map has in a window of 1280×800.
 const MAP: [f32; 2] = [700.0, 570.0];
 /// A share that is greater was not written by this program.

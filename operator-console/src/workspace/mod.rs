@@ -7,6 +7,7 @@ mod fronts;
 mod layout;
 mod nesting;
 mod panel_id;
+mod room;
 mod sizes;
 
 use std::collections::BTreeSet;
@@ -16,6 +17,7 @@ use egui_tiles::{Tile, TileId, Tree};
 
 pub use layout::Layout;
 pub use panel_id::PanelId;
+pub use room::is_tight;
 
 use docking::Docking;
 use fronts::Fronts;

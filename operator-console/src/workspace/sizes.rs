@@ -6,9 +6,9 @@ use egui_tiles::{Container, LinearDir, Tile, TileId, Tree};
 use super::PanelId;
 use super::layout::share_of;
 
-/// The map becomes no smaller than this for the sake of others, points, and in a small window than this share of it.
-const LEAST: f32 = 300.0;
-const LEAST_SHARE: f32 = 0.4;
+/// The map becomes no smaller than this for the sake of others, points, and in a small window no smaller than this share of it.
+pub(super) const LEAST: f32 = 300.0;
+pub(super) const LEAST_SHARE: f32 = 0.4;
 /// What has just been put beside the map gets this, points: the library gives it next to nothing.
 const NEW: f32 = 250.0;
 /// No panel was ever made so small by hand.

@@ -67,6 +67,12 @@ impl Shores {
 }
 
 impl ShoreCluster {
+    /// The corners of its outline, x and y in `odom`, metres, where a cell is `cell_m` wide.
+    pub fn corners_m(&self, cell_m: f64) -> impl Iterator<Item = [f64; 2]> {
+        let corners = self.outline.iter();
+        corners.map(move |&(x, y)| [x, y].map(|edge| f64::from(edge) * cell_m))
+    }
+
     /// The share of rigid voxels, 0 … 1.
     pub fn ratio(&self) -> f64 {
         f64::from(self.rigid_voxels) / f64::from(self.voxels.max(1))

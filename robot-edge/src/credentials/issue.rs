@@ -148,7 +148,7 @@ impl Fleet {
         OperatorList::parse(&text).map_err(|why| CredentialsError::content(&path, why))?;
         files::replace(&path, &text, Readers::All)?;
         self.done.push(format!(
-            "{}: lists {}; copy it to the vehicle",
+            "{}: lists {}; copy it to the vehicle, which lets them in after its next start",
             path.display(),
             person.identity()
         ));

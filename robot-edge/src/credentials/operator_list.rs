@@ -95,8 +95,10 @@ impl OperatorList {
     /// The text of a list with nobody on it.
     pub(super) fn empty_text(robot: &str) -> String {
         format!(
-            "# Who may watch or drive {robot}. The vehicle reads this file again within a second: whoever is taken off it, or\n\
-             # is made an observer, drives no more. People are added by `robot-edge keys`, which makes their keys too.\n\
+            "# Who may watch or drive {robot}. While the vehicle runs it reads this file again within a second:\n\
+             # whoever is taken off it, or is made an observer, drives no more from then on, and may watch until\n\
+             # its next start. Whoever is added while it runs is let in after its next start. People are added by\n\
+             # `robot-edge keys`, which makes their keys too.\n\
              version = {VERSION}\n"
         )
     }
@@ -196,6 +198,17 @@ mod tests {
             OperatorList::parse(&text(&[])).unwrap(),
             OperatorList::default()
         );
+    }
+
+    #[test]
+    fn the_file_says_what_waits_for_the_next_start() {
+        let head = OperatorList::empty_text("scout").replace("\n# ", " ");
+        for says in [
+            "taken off it, or is made an observer, drives no more from then on, and may watch until its next start.",
+            "Whoever is added while it runs is let in after its next start.",
+        ] {
+            assert!(head.contains(says), "{head}");
+        }
     }
 
     #[test]

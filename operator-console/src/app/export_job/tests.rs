@@ -42,6 +42,15 @@ fn a_folder_is_shown_only_where_that_is_wanted_and_all_is_in_it() {
 }
 
 #[test]
+fn only_of_its_own_folder_it_says_that_it_could_not_be_opened() {
+    let job = ended(Ok("all"), true);
+    job.not_opened(Path::new("recordings"), "no");
+    assert_eq!(job.progress().unopened, None);
+    job.not_opened(Path::new("maps"), "no");
+    assert_eq!(job.progress().unopened.as_deref(), Some("no"));
+}
+
+#[test]
 fn what_is_fetched_moves_the_bar() {
     let progress = ExportProgress {
         parts: [3, 4],

@@ -14,12 +14,14 @@ const CARD: Vec2 = vec2(5.0, 2.0);
 /// From the end of the line to the card beside it.
 const GAP: f32 = 14.0;
 
-/// Draws points (metres in `odom`) and the pieces between them, with the words for each piece and for all of them.
+/// Draws points (metres in `odom`) and the pieces between them, with the words for each piece and for all of them. These
+/// stand beside `others`, which are on the map already.
 pub(in crate::map_view) fn paint(
     painter: &Painter,
     points_m: &[[f64; 2]],
     (labels, total): (&[String], Option<&str>),
     (camera, screen): (&Camera, Rect),
+    others: &[Rect],
     ink: Color32,
     paper: Color32,
 ) {
@@ -44,16 +46,17 @@ pub(in crate::map_view) fn paint(
     let total = total.map(galley);
     let size = |words: &Arc<Galley>| words.size() + 2.0 * CARD;
     let sizes: Vec<_> = words.iter().map(size).collect();
-    let places = places(&points, &sizes, total.as_ref().map(size));
+    let places = places(&points, &sizes, total.as_ref().map(size), others);
     for (place, words) in places.into_iter().zip(words.into_iter().chain(total)) {
         card(place, words);
     }
 }
 
-/// Where cards of these sizes stand, one beside the middle of each piece, and that of the total beside the last point: over
-/// nothing of the line, nor of what marks its end, and over no other card, while there is such a place.
-fn places(points: &[Pos2], sizes: &[Vec2], total: Option<Vec2>) -> Vec<Rect> {
-    let mut taken: Vec<Rect> = Vec::with_capacity(sizes.len() + 1);
+/// Where cards of these sizes stand, one beside the middle of each piece, and that of the total beside the last point:
+/// over nothing of the line, nor of what marks its end, over no other card and none of `others`, while there is such a
+/// place.
+fn places(points: &[Pos2], sizes: &[Vec2], total: Option<Vec2>, others: &[Rect]) -> Vec<Rect> {
+    let mut taken = others.to_vec();
     let mut stand = |places: Vec<Rect>| {
         let is_free = |place: &&Rect| {
             let crosses = |pair: &[Pos2]| lies_on(**place, [pair[0], pair[1]]);
@@ -68,7 +71,7 @@ fn places(points: &[Pos2], sizes: &[Vec2], total: Option<Vec2>) -> Vec<Rect> {
     if let (Some(size), Some(end)) = (total, points.last()) {
         stand(beside(*end, size));
     }
-    taken
+    taken.split_off(others.len())
 }
 
 /// Where a card of this size may stand along a piece: above it, below it, and so on farther away.
@@ -127,7 +130,7 @@ mod tests {
             (0.0, 0.0),
         ] {
             let points = [middle - vec2(dx, dy), middle];
-            let places = places(&points, &[CARD_SIZE], None);
+            let places = places(&points, &[CARD_SIZE], None, &[]);
             assert!(!lies_on(places[0], points), "{dx} {dy}: {places:?}");
             // The cross in the middle of the map.
             let [up, side] = [vec2(0.0, 12.0), vec2(12.0, 0.0)];
@@ -150,7 +153,7 @@ mod tests {
             pos2(420.0, 320.0),
             pos2(405.0, 330.0),
         ];
-        let places = places(&points, &[CARD_SIZE; 3], Some(vec2(80.0, 20.0)));
+        let places = places(&points, &[CARD_SIZE; 3], Some(vec2(80.0, 20.0)), &[]);
         assert_eq!(places.len(), 4);
         for (index, place) in places.iter().enumerate() {
             let mut pieces = points.windows(2);
@@ -170,13 +173,16 @@ mod tests {
     fn the_total_stands_below_the_end_while_nothing_is_there() {
         let end = pos2(400.0, 300.0);
         let size = vec2(80.0, 20.0);
-        let total = |from: Pos2| {
-            *places(&[from, end], &[CARD_SIZE], Some(size))
-                .last()
-                .unwrap()
+        let total = |from: Pos2, others: &[Rect]| {
+            let places = places(&[from, end], &[CARD_SIZE], Some(size), others);
+            assert_eq!(places.len(), 2);
+            places[1].center() - end
         };
-        assert_eq!(total(pos2(100.0, 300.0)).center(), end + vec2(0.0, 24.0));
-        // The line comes from below.
-        assert_eq!(total(pos2(400.0, 500.0)).center(), end - vec2(0.0, 24.0));
+        let (below, left) = (vec2(0.0, 24.0), pos2(100.0, 300.0));
+        assert_eq!(total(left, &[]), below);
+        // The line comes from below, or the letter of a docking site is there.
+        assert_eq!(total(pos2(400.0, 500.0), &[]), -below);
+        let letter = Rect::from_center_size(end + vec2(10.0, 30.0), vec2(22.0, 21.0));
+        assert_eq!(total(left, &[letter]), -below);
     }
 }

@@ -38,6 +38,8 @@ pub(in crate::map_view) struct ShoreMarks {
     /// The docking site that stands out: along the bank as far as it is wide, with an end on either side towards the
     /// water.
     pub(in crate::map_view) berth: Vec<Pos2>,
+    /// What the labels cover.
+    pub(in crate::map_view) labels: Vec<Rect>,
 }
 
 impl ShoreMarks {
@@ -117,6 +119,7 @@ impl ShoreMarks {
             sites,
             outline,
             berth,
+            labels: taken,
         }
     }
 
@@ -169,10 +172,8 @@ pub(in crate::map_view) fn extent_m(
     match marked {
         ShoreMark::Shore(number) => {
             let shore = shores.clusters.iter().find(|shore| shore.number == number);
-            let corners = shore.map(|shore| shore.outline.as_slice());
-            let corner_m =
-                |(x, y): &(i32, i32)| [*x, *y].map(|edge| f64::from(edge) * shores.cell_m);
-            corners.unwrap_or_default().iter().map(corner_m).collect()
+            let corners_m = shore.map(|shore| shore.corners_m(shores.cell_m).collect());
+            corners_m.unwrap_or_default()
         }
         ShoreMark::Site(marked) => {
             let site = site_of(shores, names, marked);
@@ -372,6 +373,9 @@ mod tests {
             .collect();
         let (left, right) = (pos2(80.0, 200.0), pos2(320.0, 200.0));
         assert_eq!(labels, [("B", right), ("A", left)]);
+        // What stands out is placed before the others.
+        let covered: Vec<_> = marks.labels.iter().map(Rect::center).collect();
+        assert_eq!(covered, [left, right]);
         let middle = marks.berth[1] + 0.5 * (marks.berth[2] - marks.berth[1]);
         assert!((middle - left).length() < 1e-3, "{middle:?}");
     }

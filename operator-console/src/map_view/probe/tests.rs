@@ -197,7 +197,7 @@ fn a_probe_says_where_what_and_when() {
     assert_eq!(probe.cells[0].reading(), "obstacle");
     assert_eq!(
         probe.cells[1].origin(),
-        "3.2 s old, voxels, slope around, revision 1\u{a0}234, hidden"
+        "3.2 s ago, voxels, slope around, revision 1\u{a0}234, hidden"
     );
     let measured = ProbedCell {
         source: Some("from laser and sonar".to_owned()),
@@ -205,7 +205,7 @@ fn a_probe_says_where_what_and_when() {
     };
     assert_eq!(
         measured.origin(),
-        "3.2 s old, from laser and sonar, revision 1\u{a0}234"
+        "3.2 s ago, from laser and sonar, revision 1\u{a0}234"
     );
     for source in [None, measured.source.clone()] {
         let unknown = ProbedCell {
@@ -214,5 +214,6 @@ fn a_probe_says_where_what_and_when() {
             ..measured.clone()
         };
         assert_eq!(unknown.origin(), "revision 1\u{a0}234");
+        assert_eq!(unknown.changed(), None);
     }
 }

@@ -1,5 +1,8 @@
 //! The card with the legends, and its button.
 
+use eframe::egui::Shape;
+
+use super::super::overlays::scale_bar::ScaleBar;
 use super::*;
 
 /// The share of the map that is under the legends.
@@ -88,6 +91,68 @@ fn a_narrow_map_has_one_legend_and_the_button_for_the_others_in_its_row() {
         window.run_steps(2);
     }
     window.get_by_label("Fewer legends");
+}
+
+/// Around the map in a test's window, and within the card of the scale bar, points, in sum of both sides.
+const AROUND: f32 = 16.0;
+const PADDING: f32 = 16.0;
+
+/// The scale bar that there is room for beside the legends.
+fn scale_bar(view: &MapView) -> ScaleBar {
+    let room = view.place().width() - view.legend_width() - 3.0 * CARD_MARGIN;
+    ScaleBar::new(view.camera.points_per_m(), room)
+}
+
+#[test]
+fn legends_and_scale_bar_of_a_narrow_map_keep_apart() {
+    // What windows of 500 to 730 points leave of the map.
+    for width in [204.0, 215.0, 253.0, 294.0] {
+        let mut window = window_of(width + AROUND, 250.0 + AROUND);
+        crate::theme::set(&window.ctx);
+        // Then obstacles over heights are on top, with the longest words.
+        let stack = &mut window.state_mut().view.look.stack;
+        stack.obey(LayerCommand::Show(LayerId::Shore, false));
+        window.run_steps(4);
+        for is_opened in [false, true] {
+            window.get_by_label("Free: clear over the known");
+            let view = &window.state().view;
+            let legends = view.legends.place().unwrap();
+            let bar = view.place().left() + CARD_MARGIN + PADDING + scale_bar(view).length;
+            assert!(bar < legends.left() + 0.5, "{width}: {bar} {legends}");
+            if !is_opened {
+                window.get_by_label_contains("more legend").click();
+                window.run_steps(4);
+            }
+        }
+    }
+}
+
+#[test]
+fn opened_legends_of_a_tiny_map_leave_no_half_of_the_scale_bar() {
+    let mut window = window_of(160.0 + AROUND, 134.0 + AROUND);
+    crate::theme::set(&window.ctx);
+    look(&mut window, Look::Follow(false));
+    let screen = window.state().view.screen;
+    let camera = &mut window.state_mut().view.camera;
+    // The bar has 47 points.
+    camera.zoom_about(screen, screen.center(), 4.7 / camera.points_per_m());
+    let has_bar = |window: &Harness<'_, Rig>| {
+        let label = scale_bar(&window.state().view).label;
+        assert_eq!(label, "10 m");
+        let mut shapes = window.output().shapes.iter();
+        shapes.any(
+            |clipped| matches!(&clipped.shape, Shape::Text(text) if text.galley.text() == label),
+        )
+    };
+    window.run_steps(4);
+    assert!(has_bar(&window));
+    for (label, has) in [("Legends: ", false), ("Fewer legends", true)] {
+        window.get_by_label_contains(label).focus();
+        window.run_steps(2);
+        window.key_press(Key::Enter);
+        window.run_steps(4);
+        assert_eq!(has_bar(&window), has, "{label}");
+    }
 }
 
 #[test]

@@ -5,7 +5,7 @@ use protocol::keys::Topic;
 use protocol::message::{Datum, DockingSite, Pose, ShoreClass, ShoreCluster, Shores, ShoresNews};
 
 use super::*;
-use crate::pretend::says;
+use crate::pretend::{resting, says};
 use crate::theme;
 
 /// A shore of 20 × 6 m around (30, 13) that has most of its voxels in the east, and a docking site.
@@ -194,10 +194,7 @@ fn the_number_of_a_shore_is_drawn_over_the_vehicle() {
     hears(&mut window, shores(None));
     let pose = Pose {
         position_m: [36.0, 13.0, 0.0],
-        quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
-        speed_mps: 0.0,
-        turn_rate_radps: 0.0,
-        token: None,
+        ..resting()
     };
     let model = &mut window.state_mut().model;
     says(model, Topic::Pose, &pose, at(2_400));
@@ -212,6 +209,32 @@ fn the_number_of_a_shore_is_drawn_over_the_vehicle() {
     );
     let (vehicle, number) = (vehicle.unwrap(), number.unwrap());
     assert!(number > vehicle, "{number} is below {vehicle}");
+}
+
+#[test]
+fn what_is_measured_covers_no_number_of_a_shore() {
+    let mut window = window();
+    hears(&mut window, shores(None));
+    look(&mut window, Look::Measure(true));
+    // The number is at (36, 13). Where the line comes from above, its total would stand below its end, over that.
+    let below_m = 24.0 / window.state().view.camera.points_per_m();
+    for point_m in [[30.0, 20.0], [36.0, 20.0], [36.0, 13.0 + below_m]] {
+        look(&mut window, Look::At(point_m));
+        look(&mut window, Look::Point);
+    }
+    window.run_steps(2);
+    let texts = written(&window, ["total", "3"]);
+    let place = |is_it: fn(&str) -> bool| {
+        let found = texts.iter().find(|(words, _)| is_it(words));
+        found.map(|(_, place)| *place).expect("it is there")
+    };
+    let total = place(|words| words.starts_with("total"));
+    let number = place(|words| words == "3");
+    assert!(!total.intersects(number.expand(5.0)), "{total} {number}");
+    assert!(
+        total.distance_to_pos(number.center()) < 100.0,
+        "beside it: {total} {number}"
+    );
 }
 
 #[test]

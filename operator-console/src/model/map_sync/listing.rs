@@ -17,9 +17,7 @@ impl MapSync {
         digests: &Digests,
         request: RequestId,
     ) -> Result<(), Refusal> {
-        if !self.has_boot || boot != self.store.boot() {
-            return Err(Refusal::OtherBoot);
-        }
+        self.of_this_boot(boot)?;
         if digests.epoch != self.store.epoch(layer) {
             return Err(Refusal::OldEpoch);
         }

@@ -46,6 +46,10 @@ fn what_is_in_the_way_is_said_with_what_to_look_at() {
         let words = listed_as("tcp/boat:7450", Some(state)).words(has_keys);
         (words.tone, words.state, words.hint.unwrap_or_default())
     };
+    let untold = |by_quic| AddressState::Untold {
+        robot: "scout".parse().unwrap(),
+        by_quic,
+    };
     for (state, has_keys, tone, says, hint) in [
         (AddressState::Asking, false, Tone::Waiting, "asking…", ""),
         (AddressState::Found, false, Tone::Good, "answers", ""),
@@ -77,6 +81,30 @@ fn what_is_in_the_way_is_said_with_what_to_look_at() {
             "no robot there",
             "Whoever answers is a router, or a robot that is still starting. \
              Or this is a robot's port for tiles: try boat:7449",
+        ),
+        (
+            AddressState::NoRobot,
+            true,
+            Tone::Warning,
+            "no robot there",
+            "A router answers. No robot is behind it, or none that has you on its list of operators.",
+        ),
+        (
+            untold(true),
+            true,
+            Tone::Warning,
+            "tells you nothing",
+            "scout answers, but does not have you on its list of operators. \
+             Whoever is added while it runs is let in after its next start.",
+        ),
+        (
+            untold(false),
+            true,
+            Tone::Warning,
+            "tells you nothing",
+            "scout answers, but does not have you on its list of operators. \
+             Whoever is added while it runs is let in after its next start. \
+             Or this is its port for tiles: try boat:7449",
         ),
         (
             AddressState::Foreign,

@@ -7,7 +7,7 @@ use protocol::message::{Clamp, LeaseStatus, Settings, TeleopState, TeleopStatus}
 use robot_edge::clock::Monotonic;
 
 use super::gauge::{self, Gauge};
-use super::headline::{Body, awaited, ended, heard, lost};
+use super::headline::{Body, awaited, ended, gone, heard, lost};
 use super::{figures, words};
 use crate::helm::{EStopSight, HelmSight, Lease, Note};
 use crate::model::{ConsoleModel, LinkState, Stream};
@@ -114,6 +114,7 @@ impl DrivingData {
         };
         let headline = match silence {
             Some(_) if is_awaited => awaited(),
+            Some(silence) if model.may_fall_silent() => gone(silence),
             Some(silence) => lost(silence, helm),
             None if status.has_ended && teleop.state == TeleopState::Idle => ended(),
             None => heard(teleop, helm, Body::of(model, now)),

@@ -25,14 +25,18 @@ pub struct Gauge {
     pub applied: f32,
     /// The greatest either way.
     pub limit: f32,
+    /// Of its figures.
+    pub decimals: usize,
     /// The names of its two ends.
     pub ends: [&'static str; 2],
 }
 
 impl Gauge {
-    /// Whether less is applied than is asked for, or more.
+    /// Whether less is applied than is asked for, or more, and its figures say so: nobody asks why 11 of 11 °/s are not more.
     pub fn is_held_back(&self) -> bool {
-        (self.applied - self.requested).abs() > 0.02 * self.limit
+        let figure = |speed: f32| signed(f64::from(speed), self.decimals);
+        let is_seen = figure(self.applied) != figure(self.requested);
+        is_seen && (self.applied - self.requested).abs() > 0.02 * self.limit
     }
 }
 
@@ -54,6 +58,7 @@ pub(super) fn gauges(teleop: &TeleopStatus, limits: [f32; 2], is_driven: bool) -
             requested: requested.linear_mps,
             applied: applied.linear_mps,
             limit: speed_mps,
+            decimals: 2,
             ends: ["back", "forward"],
         },
         Gauge {
@@ -62,6 +67,7 @@ pub(super) fn gauges(teleop: &TeleopStatus, limits: [f32; 2], is_driven: bool) -
             requested: to_the_right(requested),
             applied: to_the_right(applied),
             limit: turn_rate_radps.to_degrees(),
+            decimals: 0,
             ends: ["left", "right"],
         },
     ]
@@ -143,6 +149,24 @@ fn ends(ui: &Ui, rect: Rect, gauge: &Gauge, font: &FontId) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pretend::standing;
+
+    #[test]
+    fn what_reads_as_it_was_asked_for_is_not_held_back() {
+        // rad/s, of 0.5 at most.
+        for (applied, requested, figures, is_held_back) in [
+            (0.185, 0.199, "11 of 11 °/s left", false),
+            (0.17, 0.199, "10 of 11 °/s left", true),
+            (-0.185, 0.199, "11 °/s right of 11 °/s left", true),
+        ] {
+            let mut teleop = standing();
+            teleop.applied.angular_radps = applied;
+            teleop.requested.angular_radps = requested;
+            let [_, turning] = gauges(&teleop, [1.0, 0.5], true);
+            assert_eq!(turning.figures, figures);
+            assert_eq!(turning.is_held_back(), is_held_back, "{figures}");
+        }
+    }
 
     #[test]
     fn turning_is_said_in_degrees_and_words() {

@@ -13,9 +13,6 @@ use crate::model::ConsoleModel;
 use crate::panels::wording::{age, capitalised};
 use crate::theme::Tone;
 
-/// A vehicle that is slower than this stands, m/s and rad/s.
-const MOVING: f32 = 0.05;
-
 const DRIVES: &str = "W A S D or arrows drive while held";
 const COASTS: &str = "No thrust: it coasts, and wind and current move it";
 const SLOWS: &str = "Slows down first, then goes as the keys say";
@@ -48,14 +45,17 @@ pub(super) struct Body {
     is_boat: bool,
     /// It is told to go, and has not for seconds.
     is_stuck: bool,
+    /// It was told to stand a moment ago, and has not had the time that it takes.
+    brakes: bool,
 }
 
 impl Body {
     pub(super) fn of(model: &ConsoleModel, now: Monotonic) -> Self {
         Self {
-            moves: moves(model),
+            moves: model.moves(),
             is_boat: model.info().is_some_and(|info| info.is_boat),
             is_stuck: model.is_stuck(now),
+            brakes: model.brakes(now),
         }
     }
 }
@@ -106,16 +106,22 @@ pub(super) fn ended() -> Headline {
     Headline::new(Tone::Waiting, words, Some(advice.to_owned()))
 }
 
-/// The speed of a vehicle that moves, forwards, m/s.
-fn moves(model: &ConsoleModel) -> Option<f32> {
-    let (pose, _) = model.vehicle().pose()?;
-    let is_moving = pose.speed_mps.abs() >= MOVING || pose.turn_rate_radps.abs() >= MOVING;
-    is_moving.then_some(pose.speed_mps)
+/// It had said so, and was closed, as it seems.
+pub(super) fn gone(silence: Duration) -> Headline {
+    let advice = format!(
+        "Nothing heard for {}: robot-edge has closed, or the link is lost. What it does now is not known here",
+        age(silence)
+    );
+    Headline {
+        advice: Some(advice),
+        ..ended()
+    }
 }
 
 /// Of a vehicle that is heard.
 pub(super) fn heard(teleop: &TeleopStatus, helm: &HelmSight, body: Body) -> Headline {
-    if let Some(untold) = untold(teleop, body.moves, body.is_boat) {
+    let untold = untold(teleop, body.moves, body.is_boat);
+    if let Some(untold) = untold.filter(|_| !body.brakes) {
         return untold;
     }
     if teleop.state == TeleopState::Driving && body.is_stuck {
@@ -124,6 +130,7 @@ pub(super) fn heard(teleop: &TeleopStatus, helm: &HelmSight, body: Body) -> Head
     }
     let headline = match teleop.state {
         TeleopState::Stopping(_) => "Stopping".to_owned(),
+        TeleopState::Idle | TeleopState::Held if body.brakes => "Stopping".to_owned(),
         TeleopState::Fault(_) => "Fault".to_owned(),
         TeleopState::Idle | TeleopState::Held if teleop.is_drifting => "Drifting".to_owned(),
         TeleopState::Idle => "Standing".to_owned(),

@@ -1,4 +1,5 @@
 mod asked;
+mod braking;
 mod grants;
 mod keys_count;
 mod restarted;

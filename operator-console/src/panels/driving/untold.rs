@@ -5,11 +5,9 @@ use protocol::message::{TeleopState, TeleopStatus};
 
 use super::headline::Headline;
 use super::words;
+use crate::model::DRIFTING_MPS;
 use crate::panels::wording::signed;
 use crate::theme::Tone;
-
-/// Wind and current seldom carry a boat that is faster than this, m/s.
-const DRIFTING: f32 = 0.5;
 
 const BY_ITSELF: &str =
     "Something other than an operator moves it, such as its own program or a simulated tour.";
@@ -26,7 +24,7 @@ pub(super) fn untold(teleop: &TeleopStatus, moves: Option<f32>, is_boat: bool) -
     let (tone, words, hint) = match (teleop.state, is_boat || teleop.is_drifting) {
         (TeleopState::Idle, false) => (Tone::Waiting, "Moving by itself".to_owned(), BY_ITSELF),
         // Whether that is a program or a strong current, only the water knows.
-        (TeleopState::Idle, true) if speed_mps.abs() > DRIFTING => {
+        (TeleopState::Idle, true) if speed_mps.abs() > DRIFTING_MPS => {
             (Tone::Warning, "Moving or adrift".to_owned(), ADRIFT)
         }
         (TeleopState::EStop | TeleopState::Fault(_), false) => {

@@ -32,6 +32,12 @@ pub(super) fn hint(name: &str) -> Option<&'static str> {
         "pose jump" => "Scans of a time at which the position leapt.",
         "pose too old" => "Scans that are too much newer than the newest position.",
         "queue full" => "Scans that waited for a position while there was no room for more.",
+        "before joining" => {
+            "Came before the robot had told which run of it this is. What the map lacks of it is fetched."
+        }
+        "other boot" => {
+            "Of a run of the robot that is over, or that it has not yet told of. What the map lacks is fetched."
+        }
         "incomplete tiles" => "Parts of the map of which one half never came.",
         _ => return None,
     };
@@ -43,6 +49,7 @@ mod tests {
     use robot_edge::drops::DropReason;
 
     use super::*;
+    use crate::model::Refusal;
 
     #[test]
     fn what_robots_drop_is_explained_by_the_name_that_they_send() {
@@ -60,5 +67,7 @@ mod tests {
             );
         }
         assert_eq!(hint("refused messages"), None);
+        let before = hint(Refusal::BeforeJoin.name()).unwrap();
+        assert!(before.ends_with("is fetched."), "{before}");
     }
 }

@@ -66,7 +66,7 @@ fn a_recording_that_runs_says_how_long_and_how_large_it_is() {
          Size: 4.1 MB in 2 files\n\
          Free on disk: 52.0 GB\n\
          File: scout-2026-03-01T123456Z.mcap\n\
-         Folder: the robot's folder of recordings"
+         Folder: on the robot, as its --recordings names it"
     );
 }
 

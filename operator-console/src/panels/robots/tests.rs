@@ -16,6 +16,7 @@ fn seen(robot: &str, ago_s: u64, state: Option<FleetState>) -> Seen {
         sighting: Sighting { found, seen, state },
         color: Color32::BLUE,
         alerts: 0,
+        own_motion: None,
     }
 }
 
@@ -109,6 +110,29 @@ fn every_robot_says_how_it_is() {
             ("ended, last seen 25 s ago", Tone::Waiting),
         ]
     );
+}
+
+#[test]
+fn a_robot_that_moves_by_itself_is_not_called_free() {
+    let told = |state, own_motion, link| {
+        let mut seen = seen("a", 3, Some(state));
+        seen.own_motion = own_motion;
+        let current = "a".parse().unwrap();
+        let data = RobotsData::new(&[seen], Some((&current, link)), Sought::Any, None, NOW);
+        (data.found[0].state.clone(), data.found[0].tone)
+    };
+    let says = |words: &str, tone| (words.to_owned(), tone);
+    let (live, free) = (LinkState::Live, || FleetState::Free);
+    let [by_itself, or_adrift] = [OwnMotion::ByItself, OwnMotion::OrAdrift].map(Some);
+    let moving = says("moving by itself", Tone::Waiting);
+    assert_eq!(told(free(), by_itself, live), moving);
+    let adrift = says("moving or adrift", Tone::Warning);
+    assert_eq!(told(free(), or_adrift, live), adrift);
+    assert_eq!(told(free(), None, live), says("free", Tone::Good));
+    let silent = says("silent, last seen 3.0 s ago", Tone::Warning);
+    assert_eq!(told(free(), by_itself, LinkState::Silent), silent);
+    let stopped = says("emergency stop", Tone::Warning);
+    assert_eq!(told(FleetState::EStop, by_itself, live), stopped);
 }
 
 #[test]

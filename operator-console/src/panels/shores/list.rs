@@ -9,6 +9,7 @@ use eframe::egui::{
 };
 
 use super::super::legend::{SWATCH, paint_swatch};
+use super::away::{TO_SHORES, TO_SITES};
 use super::columns::{CLASS, Columns, class, texts};
 use super::{ShoreRow, ShoresData, SortBy, sort};
 use crate::command::Look;
@@ -48,6 +49,8 @@ struct List<'a> {
     called_by: &'static str,
     why: &'static str,
     titles: [&'static str; 5],
+    /// From where to where the last column is.
+    away: &'static str,
     /// What the first column sorts by, in words.
     first: &'static str,
     usual: SortBy,
@@ -95,6 +98,7 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
         called_by: "Shores, called by number",
         why: "The robot numbers its shores, and the map shows the numbers.",
         titles: ["No.", "Class", "Rigid", "Voxels", "Away"],
+        away: TO_SHORES,
         first: "no.",
         usual: SortBy::Distance,
         usually: "the nearest first",
@@ -107,6 +111,7 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
               place, also on the map, whichever site is the first. The robot looks for sites in its window: what it has left behind \
               keeps its class on the map, and has no letter.",
         titles: ["Site", "", "Cost", "Width", "Away"],
+        away: TO_SITES,
         first: "rank",
         usual: SortBy::Number,
         usually: "the gentlest first by steps of 0.05, then the widest",
@@ -200,6 +205,7 @@ fn titles_ui(ui: &mut Ui, list: &List<'_>, (columns, width): (&Columns, f32), by
     let List {
         name,
         titles,
+        away,
         first,
         ..
     } = list;
@@ -223,7 +229,10 @@ fn titles_ui(ui: &mut Ui, list: &List<'_>, (columns, width): (&Columns, f32), by
             ui.painter()
                 .hline(place.right() - 24.0..=place.right(), place.bottom(), line);
         }
-        hint_ui(&response, &label);
+        match sort {
+            SortBy::Distance => hint_ui(&response, &format!("{label}: {away}")),
+            SortBy::Number | SortBy::Share | SortBy::Size => hint_ui(&response, &label),
+        }
         if response.clicked() {
             *by = sort;
         }

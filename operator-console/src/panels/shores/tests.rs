@@ -1,7 +1,7 @@
 use eframe::egui::vec2;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
-use protocol::message::ShoreClass;
+use protocol::message::{ShoreClass, ShoreCluster, Shores};
 
 use super::*;
 use crate::command::Look;
@@ -41,9 +41,10 @@ fn data() -> ShoresData {
     let clusters = vec![cluster(1, 40, [30.0, 0.0]), cluster(2, 900, [8.0, 6.0])];
     let shores = Shores::gather(0.3, None, clusters, vec![site()]);
     let vehicle_m = Some([0.0, 0.0]);
-    let rows = shores.clusters.iter();
+    let outlines = Outline::all(&shores);
+    let rows = outlines.iter();
     let best = ShoreRow {
-        reason: Some(reason(&site(), Some(1.6), &shores)),
+        reason: Some(reason(&site(), Some(1.6), &outlines)),
         ..site_row(&site(), (names()[1], 1), vehicle_m)
     };
     let wider = DockingSite {
@@ -53,7 +54,7 @@ fn data() -> ShoresData {
     };
     let wider = site_row(&wider, (names()[0], 2), vehicle_m);
     ShoresData {
-        shores: rows.map(|cluster| shore_row(cluster, vehicle_m)).collect(),
+        shores: rows.map(|shore| shore_row(shore, vehicle_m)).collect(),
         sites: vec![best, wider],
         notes: Vec::new(),
         marked: None,
@@ -81,6 +82,28 @@ fn a_docking_site_says_why_it_fits() {
         data().sites[0].reason.as_deref(),
         Some("2.5 × beam; 6 m to shore 2, dense")
     );
+    // The middle of the site is within the outline of what bends around it.
+    let mut bay = cluster(4, 40, [30.0, 0.0]);
+    bay.outline = vec![(0, -9), (100, -9), (100, 9), (0, 9)];
+    let shores = Shores::gather(0.3, None, vec![bay], vec![site()]);
+    let reason = reason(&site(), None, &Outline::all(&shores));
+    assert_eq!(reason, "shore 4, dense, around it");
+}
+
+#[test]
+fn the_title_says_from_where_to_where_a_distance_is() {
+    let mut window = panel(240.0);
+    for (list, end) in [
+        ("shores", "the nearest edge of the shore's outline"),
+        ("docking sites", "the middle of the docking site"),
+    ] {
+        let title = format!("Sort {list} by away");
+        let place = window.get_by_label(&title).rect().center();
+        window.hover_at(place);
+        window.run_steps(60);
+        let words = format!("from the middle of the vehicle to {end}");
+        window.get_by_label_contains(&words);
+    }
 }
 
 #[test]
@@ -165,12 +188,14 @@ fn panel_of(width: f32, data: ShoresData) -> Harness<'static> {
 #[test]
 fn a_list_that_scrolls_leaves_room_for_its_bar() {
     let right = |count: u8| {
-        let shore = |number: u8| {
-            let center_m = [3.0 * f32::from(number), 0.0];
-            shore_row(&cluster(number.into(), 40, center_m), Some([0.0, 0.0]))
-        };
+        let shore = |number: u8| cluster(number.into(), 40, [3.0 * f32::from(number), 0.0]);
+        let shores = Shores::gather(0.3, None, (1..=count).map(shore).collect(), Vec::new());
+        let outlines = Outline::all(&shores);
+        let rows = outlines.iter();
         let data = ShoresData {
-            shores: (1..=count).map(shore).collect(),
+            shores: rows
+                .map(|shore| shore_row(shore, Some([0.0, 0.0])))
+                .collect(),
             ..data()
         };
         let window = panel_of(260.0, data);

@@ -3,7 +3,7 @@
 use zenoh::sample::SampleKind;
 use zenoh::{Session, Wait};
 
-use crate::audit::Audit;
+use crate::audit::{Audit, LinkNews};
 use crate::link::LinkError;
 use crate::link::endpoints::Channel;
 
@@ -26,17 +26,15 @@ pub(in crate::link) fn write_down_links(
             if !link.is_streamed() {
                 return;
             }
-            let (kind, verb) = match event.kind() {
-                SampleKind::Put => ("connect", "connects"),
-                SampleKind::Delete => ("disconnect", "is gone"),
-            };
             let who = link
                 .auth_identifier()
                 .unwrap_or("somebody without a certificate");
-            audit.write(
-                kind,
-                format!("{who} {verb}, {channel}, from {}", link.dst()),
-            );
+            audit.write_link(LinkNews {
+                who: who.to_owned(),
+                channel,
+                from: link.dst().to_string(),
+                is_up: event.kind() == SampleKind::Put,
+            });
         })
         .background()
         .wait()

@@ -11,3 +11,4 @@ mod secured_link;
 mod strangers;
 #[cfg(target_os = "linux")]
 mod udp_swallowed;
+mod unlisted;

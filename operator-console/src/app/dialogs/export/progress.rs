@@ -1,7 +1,5 @@
 //! How far an export is, and how it ended.
 
-use std::path::Path;
-
 use eframe::egui::{ProgressBar, RichText, Ui};
 
 use super::part_words;
@@ -23,7 +21,7 @@ pub(super) fn ui(ui: &mut Ui, progress: &ExportProgress) -> Option<Command> {
         Some(Ok(words)) => {
             // A folder may be longer than the dialog is wide.
             long_state_ui(ui, Tone::Good, words, 15.0);
-            open_folder_ui(ui, &progress.folder)
+            open_folder_ui(ui, progress)
         }
         Some(Err(why)) => {
             let title = if progress.files == 0 {
@@ -34,7 +32,7 @@ pub(super) fn ui(ui: &mut Ui, progress: &ExportProgress) -> Option<Command> {
             state_ui(ui, Tone::Warning, title, 15.0);
             ui.label(why);
             (progress.files > 0)
-                .then(|| open_folder_ui(ui, &progress.folder))
+                .then(|| open_folder_ui(ui, progress))
                 .flatten()
         }
     }
@@ -50,14 +48,22 @@ fn doing(progress: &ExportProgress) -> String {
     }
 }
 
-fn open_folder_ui(ui: &mut Ui, folder: &Path) -> Option<Command> {
-    ui.button("Open folder")
+fn open_folder_ui(ui: &mut Ui, progress: &ExportProgress) -> Option<Command> {
+    let button = ui.button("Open folder");
+    if let Some(why) = &progress.unopened {
+        let color = Tone::Warning.color(ui.visuals());
+        ui.label(RichText::new(why).color(color));
+    }
+    button
         .clicked()
-        .then(|| Command::OpenFolder(folder.to_owned()))
+        .then(|| Command::OpenFolder(progress.folder.clone()))
 }
 
 #[cfg(test)]
 mod tests {
+    use eframe::egui::vec2;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
     use protocol::layer::LayerId;
     use protocol::message::VoxelFile;
 
@@ -79,5 +85,25 @@ mod tests {
         };
         let words = "2 of 5: Voxels: points.ply, 1.3 of 40.0 MB fetched";
         assert_eq!(doing(&progress), words);
+    }
+
+    #[test]
+    fn a_folder_that_could_not_be_opened_says_so_below_its_button() {
+        let why =
+            "Nothing on this computer opens folders. This one is /home/anna/maps/scout-2026-01-01";
+        let progress = ExportProgress {
+            folder: "/home/anna/maps/scout-2026-01-01".into(),
+            files: 1,
+            ended: Some(Ok("1 file".to_owned())),
+            unopened: Some(why.to_owned()),
+            ..ExportProgress::default()
+        };
+        let mut window = Harness::builder()
+            .with_size(vec2(300.0, 200.0))
+            .build_ui(move |ui| _ = super::ui(ui, &progress));
+        window.run_steps(2);
+        let place = window.get_by_label(why).rect();
+        assert!(place.right() <= 300.0, "{place}");
+        assert!(place.top() >= window.get_by_label("Open folder").rect().bottom());
     }
 }

@@ -87,6 +87,7 @@ fn the_operator_chooses_robots_addresses_and_layers() {
             sighting,
             color: Color32::RED,
             alerts: 0,
+            own_motion: None,
         }
     };
     rig.robots = RobotsData::new(

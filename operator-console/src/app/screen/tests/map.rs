@@ -63,12 +63,16 @@ fn the_map_says_what_is_under_the_pointer() {
     let on_the_tile = window.state().screen.map_view().place_of([3.2, 3.2]);
     window.hover_at(on_the_tile);
     window.run_steps(4);
-    check(&window, &["3.0 s old, laser, log-odds"], &[]);
+    check(
+        &window,
+        &["Tile changed", "3.0 s ago, laser, log-odds"],
+        &[],
+    );
     check(&window, &["0.90"], &[]);
     assert!(low_x < 0.0 && high_x > 6.4);
     window.remove_cursor();
     window.run_steps(1);
-    check(&window, &[], &["laser, log-odds"]);
+    check(&window, &[], &["laser, log-odds", "Tile changed"]);
 }
 
 fn shore(number: u32, class: ShoreClass, rigid_voxels: u32, center_m: [f32; 2]) -> ShoreCluster {
@@ -84,11 +88,10 @@ fn shore(number: u32, class: ShoreClass, rigid_voxels: u32, center_m: [f32; 2]) 
 
 #[test]
 fn shores_are_listed_and_a_click_shows_where_they_are() {
-    // The boat is at (1, −2.5).
-    let clusters = vec![
-        shore(12, ShoreClass::Solid, 1_100, [61.0, 77.5]),
-        shore(7, ShoreClass::Dense, 492, [4.0, 1.5]),
-    ];
+    // The boat is at (1, −2.5): 5 m from the middle of the reeds, and 2.6 m from their edge at x = 3.6 m.
+    let mut reeds = shore(7, ShoreClass::Dense, 492, [4.0, 1.5]);
+    reeds.outline = vec![(12, -10), (16, -10), (16, 8), (12, 8)];
+    let clusters = vec![shore(12, ShoreClass::Solid, 1_100, [61.0, 77.5]), reeds];
     let site = |x_m, mean_cost| DockingSite {
         center_m: [x_m, -2.5],
         heading_rad: 0.0,
@@ -105,7 +108,7 @@ fn shores_are_listed_and_a_click_shows_where_they_are() {
         &window,
         &[
             "Shores",
-            "Shore 7, dense, 41 % rigid, 1\u{a0}200 voxels, 5.0 m away",
+            "Shore 7, dense, 41 % rigid, 1\u{a0}200 voxels, 2.6 m away",
             "Shore 12, solid, 92 % rigid, 1\u{a0}200 voxels, 100 m away",
             "Docking site A, cost 0.20, 6.2 m wide, 12 m away",
             "Docking site B, cost 0.31, 6.2 m wide, 20 m away",

@@ -28,3 +28,20 @@ fn the_bar_has_the_whole_name_of_the_robot_and_who_drives_it() {
         }
     }
 }
+
+#[test]
+fn who_drives_keeps_the_panels_below_a_map_that_is_large_enough() {
+    // 1280 × 800 at 120 %, and at 150 %.
+    for (size, has_room) in [([1067.0, 667.0], true), ([853.0, 533.0], false)] {
+        let mut rig = Rig::drivable();
+        rig.helm.as_mut().unwrap().lease = crate::helm::Lease::Held(4);
+        let window = rig.window_of(size);
+        let link = window.query_by_label("Receiving").is_some();
+        assert_eq!(link, has_room, "{size:?}");
+        let [map, whole] = [
+            window.state().screen.map_view().place().size(),
+            Vec2::from(size),
+        ];
+        assert!(map.x >= 0.4 * whole.x && map.y >= 0.4 * whole.y, "{map}");
+    }
+}

@@ -116,6 +116,26 @@ fn before_a_wall_it_still_backs_off_and_turns() {
 }
 
 #[test]
+fn before_a_wall_a_stop_is_over_at_once_and_the_next_press_needs_neutral() {
+    let mut vehicle = Vehicle::driving();
+    vehicle.guard = GuardVerdict::Limits(GuardLimits {
+        forward_mps: 0.0,
+        ..OPEN
+    });
+    vehicle.hold(FORWARD, 50);
+    // Too late to take the stop back, too early to count.
+    vehicle.hold(Velocity::ZERO, 3);
+    let back = FORWARD.scaled(-1.0);
+    vehicle.hold(back, 20);
+    assert_eq!(vehicle.state.mode, Mode::Held);
+    assert_eq!(vehicle.report().arming, Arming::Locked);
+    assert_eq!(vehicle.output(), Velocity::ZERO);
+    vehicle.hold(Velocity::ZERO, 11);
+    vehicle.hold(back, 60);
+    near(vehicle.output().linear_mps, -0.3);
+}
+
+#[test]
 fn a_guard_that_knows_too_little_stops_the_vehicle_for_good() {
     let mut vehicle = Vehicle::driving();
     vehicle.guard = GuardVerdict::Stale;

@@ -1,0 +1,70 @@
+//! Who is put on a vehicle's list while it runs is let in after its next start, and told so until then.
+
+use std::thread::sleep;
+use std::time::Duration;
+
+use operator_console::link::{AddressState, Discovery};
+use robot_edge::clock::Monotonic;
+use robot_edge::credentials::Credentials;
+use zenoh::Wait as _;
+
+use super::matrix;
+use crate::fleet::Fleet;
+use crate::link::processes::{Running, free_port, program};
+
+const PATIENCE: Duration = Duration::from_secs(20);
+
+fn robot(fleet: &Fleet, endpoint: &str) -> Running {
+    let mut command = program("robot-edge");
+    command.args(["simulate", "rooms", "--rate", "1", "--stay", "--quiet"]);
+    command.args(["--listen", endpoint, "--keys"]);
+    Running::start(command.arg(fleet.vehicle()), "edge")
+}
+
+/// What asking at `endpoint` with Carl's keys comes to, where that is what is expected.
+fn wait_until(fleet: &Fleet, endpoint: &str, is_expected: impl Fn(&AddressState) -> bool) {
+    let keys = Credentials::open(&fleet.person("carl")).unwrap();
+    let asked = vec![endpoint.to_owned()];
+    let discovery = Discovery::start(asked, false, None, Some(keys), || {});
+    let started = Monotonic::now();
+    while !is_expected(&discovery.asked()[endpoint]) {
+        assert!(started.elapsed() < PATIENCE, "{:?}", discovery.asked());
+        sleep(Duration::from_millis(10));
+    }
+}
+
+#[test]
+fn who_is_added_while_a_vehicle_runs_is_told_that_it_answers_and_when_it_lets_them_in() {
+    let (fleet, port) = (Fleet::new(), free_port());
+    let endpoint = format!("quic/127.0.0.1:{port}");
+    let edge = robot(&fleet, &endpoint);
+    // From now on the list is as it was at the start.
+    matrix::person(&fleet, "anna", port).close().wait().unwrap();
+    let added = fleet.keys(&["--robot", "scout", "--operator", "carl"]);
+    let said = String::from_utf8(added.stdout).unwrap();
+    assert!(said.contains("lets them in after its next start"), "{said}");
+
+    wait_until(
+        &fleet,
+        &endpoint,
+        |state| matches!(state, AddressState::Untold { robot, .. } if robot.as_str() == "scout"),
+    );
+    let mut console = program("operator-console");
+    console.args(["--headless", "--timeout", "8", "--robot", "scout"]);
+    console.args(["--connect", &endpoint, "--keys"]);
+    console.arg(fleet.person("carl"));
+    console.arg("--export").arg(fleet.scratch("maps"));
+    let (code, said) = Running::start(&mut console, "console").end();
+    assert_eq!(code, Some(1), "{said}");
+    let first = format!("looking for robot scout at {endpoint}\n");
+    assert!(said.starts_with(&first), "{said}");
+    let why = format!("scout answers at {endpoint} but tells you nothing: it does not have you");
+    // While it is waited for, and at the end.
+    assert_eq!(said.matches(&why).count(), 2, "{said}");
+    assert!(!said.contains("nobody answers"), "{said}");
+
+    edge.signal("INT");
+    edge.ends_well();
+    let _again = robot(&fleet, &endpoint);
+    wait_until(&fleet, &endpoint, |state| *state == AddressState::Found);
+}
