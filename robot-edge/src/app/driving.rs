@@ -25,6 +25,9 @@ use crate::link::ros2::RosLink;
 use crate::teleop::Rules;
 use crate::teleop::guard::GuardRules;
 
+/// The ends of those who tell the guard: who places, and who maps.
+pub(super) type Lookouts = (Lookout, MapLookout);
+
 /// Which motors.
 #[derive(Clone, Debug)]
 pub(super) enum MotorsPlan {
@@ -130,7 +133,7 @@ impl DrivePlan {
         (robot, boot): (&RobotId, BootId),
         (operators, audit): (Operators, Option<Audit>),
         config: &Config,
-    ) -> anyhow::Result<Option<(Driving, Option<(Lookout, MapLookout)>)>> {
+    ) -> anyhow::Result<Option<(Driving, Option<Lookouts>)>> {
         if !self.can_drive() {
             return Ok(None);
         }

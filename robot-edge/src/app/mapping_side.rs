@@ -99,7 +99,7 @@ impl MappingSide {
     ///
     /// # Errors
     /// Where publishing stopped.
-    pub(super) fn stand_still(&mut self, waiting: &[Placed]) -> Result<Standstill, PublishError> {
+    pub(super) fn stand_still(&mut self, waiting: Vec<Placed>) -> Result<Standstill, PublishError> {
         let trajectory = &self.trajectory;
         let of_those_that_wait = |scan: &PosedScan| trajectory.lock().add_standing(scan);
         let mut standstill = self.maps.stand_still(waiting, of_those_that_wait)?;
@@ -136,9 +136,9 @@ impl MappingSide {
     }
 
     /// Gives consoles the octree's files that they asked for, while nothing is mapped.
-    pub(super) fn serve_voxels(&self) {
+    pub(super) fn serve_voxels(&self, standstill: &Standstill) {
         if let Some(network) = &self.network {
-            network.serve_voxels(&self.maps, true);
+            network.serve_voxels_of(&self.maps, standstill);
         }
     }
 

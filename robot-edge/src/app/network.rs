@@ -34,8 +34,9 @@ use crate::link::sessions::Endpoints;
 use crate::link::shared::Shared;
 use crate::localization::placer::PlacerSettings;
 use crate::mapping::Mapper;
+use crate::mapping::octree::Octree;
 use crate::mapping::posed_scan::PosedScan;
-use crate::pipeline::Maps;
+use crate::pipeline::{Maps, Standstill};
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::sensor_watch::{SensorWatch, listed};
 use crate::streaming::trajectory::SharedTrajectory;
@@ -211,19 +212,35 @@ impl Network {
         self.link.shared().set_shores(stamp, shores);
     }
 
-    /// Makes the octree's files where a console has asked for them, on a thread that gives way to all others: mapping waits
-    /// only for a copy of the octree.
-    /// Nothing is mapped behind that for now where it `is_still`.
+    /// Makes the octree's files where a console has asked for them. Nothing is mapped behind that for now where it `is_still`.
     pub(super) fn serve_voxels(&self, maps: &Maps, is_still: bool) {
         let Some((voxels, stamp)) = maps.mapper().voxels().zip(maps.last_scan()) else {
             return;
         };
-        let shared = self.link.shared();
-        if !shared.take_voxels_wish(stamp, is_still) {
-            return;
+        if self.link.shared().take_voxels_wish(stamp, is_still) {
+            self.pack_voxels(maps, stamp, voxels.octree().clone());
         }
-        let octree = voxels.octree().clone();
+    }
+
+    /// The same of maps that stand still.
+    pub(super) fn serve_voxels_of(&self, maps: &Maps, standstill: &Standstill) {
+        let Some(stamp) = standstill
+            .last_scan()
+            .filter(|_| maps.mapper().voxels().is_some())
+        else {
+            return;
+        };
+        if self.link.shared().take_voxels_wish(stamp, true)
+            && let Some(octree) = maps.octree_of(standstill)
+        {
+            self.pack_voxels(maps, stamp, octree);
+        }
+    }
+
+    /// On a thread that gives way to all others: mapping waits only for a copy of the octree.
+    fn pack_voxels(&self, maps: &Maps, stamp: RobotTime, octree: Octree) {
         let classes = PublishedClasses::of(&maps.publisher().store());
+        let shared = self.link.shared();
         let of_thread = Arc::clone(shared);
         let begun = thread::Builder::new()
             .name("voxel-files".to_owned())

@@ -113,7 +113,7 @@ mod tests {
     #[test]
     fn a_parcel_goes_when_it_can_be_told_or_is_large() {
         let (mut parcels, receiver) = parcels();
-        parcels.told = Monotonic::now() + Duration::from_secs(3600);
+        parcels.told = Monotonic::now() + Duration::from_hours(1);
         // Poses alone are no reason to wake who maps.
         parcels.add(TOLD).unwrap();
         parcels.add(scan(PARCEL_BEAMS - 1)).unwrap();

@@ -145,10 +145,12 @@ impl<'a> Player<'a> {
 
     fn rest(&mut self, wishes: Wishes) -> anyhow::Result<()> {
         self.hand_over()?;
-        if self.standstill.is_none() {
-            self.standstill = Some(self.sides.stand_still(self.source.lost_total())?);
-        }
-        self.sides.mapping.serve_voxels();
+        let standstill = match self.standstill.take() {
+            Some(standstill) => standstill,
+            None => self.sides.stand_still(self.source.lost_total())?,
+        };
+        self.sides.mapping.serve_voxels(&standstill);
+        self.standstill = Some(standstill);
         self.meter.reset();
         // When it goes on, what comes next is due at once.
         self.pacer.reset();

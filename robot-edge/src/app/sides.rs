@@ -100,7 +100,7 @@ impl Sides {
         let mut ended = self.placing.placer.clone();
         let mut waiting: Vec<Placed> = Vec::new();
         ended.finish(&mut waiting);
-        let standstill = self.mapping.stand_still(&waiting)?;
+        let standstill = self.mapping.stand_still(waiting)?;
         if let Some(herald) = &mut self.placing.herald
             && let Some(pose) = ended.newest_pose()
         {

@@ -10,6 +10,8 @@ use super::{Maps, MapsReport, ScanObserver};
 use crate::config::Config;
 use crate::localization::placer::Placed;
 use crate::mapping::Mapper;
+use crate::mapping::octree::Octree;
+use crate::mapping::posed_scan::PosedScan;
 use crate::robot_time::RobotTime;
 use crate::streaming::publisher::{PublishError, Published};
 
@@ -17,8 +19,18 @@ use crate::streaming::publisher::{PublishError, Published};
 #[derive(Debug)]
 pub struct Standstill {
     published: Published,
+    /// Scans that the maps themselves do not hold yet.
+    waiting: Vec<PosedScan>,
+    last_scan: Option<RobotTime>,
     /// Shores and docking sites if they are other than those taken before, and the stamp of the last scan.
     pub shores: Option<(RobotTime, Shores)>,
+}
+
+impl Standstill {
+    /// Stamp of the newest scan that is shown.
+    pub const fn last_scan(&self) -> Option<RobotTime> {
+        self.last_scan
+    }
 }
 
 impl Maps {
@@ -31,7 +43,7 @@ impl Maps {
     /// Where publishing stopped.
     pub fn stand_still(
         &mut self,
-        waiting: &[Placed],
+        waiting: Vec<Placed>,
         mut observer: impl ScanObserver,
     ) -> Result<Standstill, PublishError> {
         let mut ended = Self {
@@ -54,10 +66,25 @@ impl Maps {
         ended.finish()?;
         let shores = ended.take_shores();
         self.publisher.add_changed(ended.publisher.take_changed());
+        let waiting = waiting.into_iter().filter_map(|placed| match placed {
+            Placed::Scan(scan) => Some(scan),
+            Placed::Jump(_) => None,
+        });
         Ok(Standstill {
+            waiting: waiting.collect(),
+            last_scan: ended.last_scan,
             published: ended.publisher.into_published(),
             shores,
         })
+    }
+
+    /// The octree that belongs to what is published, where there is one. It takes a copy of the maps.
+    pub fn octree_of(&self, standstill: &Standstill) -> Option<Octree> {
+        let mut ended = self.mapper.voxels()?.clone();
+        for scan in &standstill.waiting {
+            ended.integrate(scan);
+        }
+        Some(ended.octree().clone())
     }
 
     /// Takes back what was published for a standstill: the data goes on.

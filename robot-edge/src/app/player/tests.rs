@@ -10,6 +10,7 @@ use super::super::feed::feed;
 use super::super::replay::{length, look_through, set_up};
 use super::*;
 use crate::cli::{Cli, Command, Replay};
+use crate::export::voxels::voxel_digest;
 use crate::replay_control::{ReplaySight, ReplayState};
 
 fn rooms() -> PathBuf {
@@ -64,6 +65,10 @@ fn left(sides: &Sides) -> Left {
 
 /// What `replay --duration` leaves behind; without one, `replay`.
 fn fresh(recording: &Path, duration_s: Option<f64>) -> Left {
+    left(&replayed(recording, duration_s))
+}
+
+fn replayed(recording: &Path, duration_s: Option<f64>) -> Sides {
     let command = Replay {
         duration_s,
         ..command(recording)
@@ -78,7 +83,7 @@ fn fresh(recording: &Path, duration_s: Option<f64>) -> Left {
     });
     end.result.unwrap();
     sides.finish(0).unwrap();
-    left(&sides)
+    sides
 }
 
 /// A player of `recording` at full speed, and whoever has it in his hands.
@@ -133,6 +138,28 @@ fn wherever_it_is_wound_the_map_is_that_of_a_replay_up_to_there() {
         }
         assert_eq!(control.sight().state, ReplayState::Ended);
         assert_eq!(left(&player.sides), fresh(&rooms, None));
+    });
+}
+
+/// Its last scan has no pose behind it, and is in no map but those that are shown.
+#[test]
+fn the_octree_of_a_recording_that_stands_still_is_that_of_its_other_maps() {
+    let folder = tempfile::tempdir().unwrap();
+    let yard = recorded("yard", "2", folder.path());
+    let to = 1.0;
+    let ended = replayed(&yard, Some(to));
+    let octree = ended.mapping.maps.mapper().voxels().unwrap().octree();
+    with_player(&yard, |player, control| {
+        assert_wound(player, control, &yard, to);
+        let maps = &player.sides.mapping.maps;
+        let waiting = ended.mapping.maps.report().scans_mapped - maps.report().scans_mapped;
+        assert_eq!(waiting, 1);
+        let standstill = player.standstill.as_ref().unwrap();
+        assert_eq!(standstill.last_scan(), ended.mapping.maps.last_scan());
+        let shown = maps.octree_of(standstill).unwrap();
+        assert_eq!(voxel_digest(&shown), voxel_digest(octree));
+        let without = maps.mapper().voxels().unwrap().octree();
+        assert_ne!(voxel_digest(without), voxel_digest(octree));
     });
 }
 
