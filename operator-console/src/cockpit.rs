@@ -10,6 +10,7 @@ use crate::identity::Identity;
 use crate::link::DrivingLink;
 use crate::teleop_input::InputEvent;
 use protocol::keys::RobotId;
+use protocol::message::Info;
 
 /// How long a window that closes waits for its last words to leave.
 const FAREWELL: Duration = Duration::from_millis(150);
@@ -63,9 +64,9 @@ impl Cockpit {
         self.helm.want(intent, now);
     }
 
-    /// Greatest speed, m/s, and turn rate, rad/s.
-    pub fn set_limits(&mut self, limits: [f32; 2]) {
-        self.helm.set_limits(limits);
+    /// The robot tells what it can do.
+    pub fn hear_of(&mut self, info: &Info) {
+        self.helm.hear_of(info);
     }
 
     /// Whether this console has the lease.

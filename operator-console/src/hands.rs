@@ -93,7 +93,7 @@ impl Hands {
 
     /// What the robot can do.
     pub fn hear_of(&self, info: &Info) {
-        self.with(|cockpit| cockpit.set_limits(info.limits));
+        self.with(|cockpit| cockpit.hear_of(info));
     }
 
     /// What the operator is to see; `None` where there is nothing to drive.

@@ -6,6 +6,7 @@ use robot_edge::clock::Monotonic;
 use super::{Alarm, Subject};
 use crate::link::FleetState;
 use crate::model::{ConsoleModel, LinkState};
+use crate::panels::driving::words::stuck;
 use crate::panels::sensors::fault_words;
 
 /// Something to be alarmed about.
@@ -49,6 +50,14 @@ pub(super) fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) ->
                 alarm: Alarm::Fault,
                 text: format!("The vehicle is at fault: {is}"),
                 past: format!("The vehicle was at fault: {was}"),
+            });
+        }
+        if model.is_stuck() {
+            let [is, was] = stuck(model.is_boat());
+            reasons.push(Reason {
+                alarm: Alarm::Stuck,
+                text: format!("The vehicle does not move though told to go: {is}"),
+                past: format!("The vehicle did not move though told to go: {was}"),
             });
         }
     }

@@ -240,6 +240,10 @@ impl Screen {
         for action in actions {
             commands.extend(self.act(ui.ctx(), action, scene));
         }
+        let chooses_robot = |command: &Command| matches!(command, Command::Connect(_));
+        if commands.iter().any(chooses_robot) {
+            self.address.forget_mistake();
+        }
         self.was_typing = ui.ctx().text_edit_focused();
         commands
     }

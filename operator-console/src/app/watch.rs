@@ -1,5 +1,5 @@
 //! What this console notices by itself, once each: the link comes, goes and takes another way; the robot has restarted;
-//! its data has ended.
+//! its data has ended; it does not go where it is told to.
 
 use std::time::Duration;
 
@@ -9,6 +9,7 @@ use robot_edge::clock::Monotonic;
 use crate::event_log::Severity;
 use crate::link::Transport;
 use crate::model::{ConsoleModel, LinkState};
+use crate::panels::driving::words::stuck;
 use crate::panels::wording::age;
 
 /// How things were at the last look.
@@ -21,6 +22,7 @@ pub(super) struct Watch {
     run: Option<BootId>,
     transport: Option<Transport>,
     has_ended: bool,
+    is_stuck: bool,
 }
 
 /// What a restart of the robot means.
@@ -83,6 +85,12 @@ impl Watch {
             let text = format!("{robot}'s data has ended");
             notes.push((Severity::Note, "data", text));
         }
+        let was_stuck = std::mem::replace(&mut self.is_stuck, model.is_stuck());
+        if self.is_stuck && !was_stuck {
+            let [why, _] = stuck(model.is_boat());
+            let text = format!("{robot} does not move though told to go: {why}");
+            notes.push((Severity::Warning, "driving", text));
+        }
         if transport.is_some() && self.transport != transport {
             self.transport = transport;
             notes.extend(transport.and_then(transport_note));
@@ -117,10 +125,10 @@ fn transport_note(transport: Transport) -> Option<Note> {
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::Status;
+    use protocol::message::{Status, TeleopState};
 
     use super::*;
-    use crate::pretend::{at, says, scout, standing, starts};
+    use crate::pretend::{at, resting, says, scout, standing, starts};
 
     #[test]
     fn the_link_is_noted_when_it_changes_and_not_else() {
@@ -189,5 +197,36 @@ mod tests {
             let gone = "scout is not heard any more (its data had ended)".to_owned();
             assert_eq!(told, [(Severity::Note, "link", gone)]);
         }
+    }
+
+    #[test]
+    fn a_vehicle_that_sticks_is_noted_once_each_time() {
+        let mut model = scout();
+        let mut watch = Watch::default();
+        let mut stuck = Vec::new();
+        for (ms, told_mps) in [
+            (0, 1.0),
+            (3_000, 1.0),
+            (4_000, 1.0),
+            (5_000, 0.0),
+            (6_000, 1.0),
+            (9_000, 1.0),
+        ] {
+            let mut teleop = standing();
+            teleop.state = TeleopState::Driving;
+            teleop.applied.linear_mps = told_mps;
+            let status = Status {
+                teleop: Some(teleop),
+                ..Status::default()
+            };
+            says(&mut model, Topic::Pose, &resting(), at(ms));
+            says(&mut model, Topic::Status, &status, at(ms));
+            let notes = watch.look(&model, None, at(ms)).into_iter();
+            let of_driving = notes.filter(|(_, kind, _)| *kind == "driving");
+            stuck.extend(of_driving.map(|(severity, _, text)| (ms, severity, text)));
+        }
+        let text = "scout does not move though told to go: stuck, or its motors do not obey";
+        let noted = |ms| (ms, Severity::Warning, text.to_owned());
+        assert_eq!(stuck, [noted(3_000), noted(9_000)]);
     }
 }

@@ -115,7 +115,7 @@ impl Helm {
             TeleopState::Driving | TeleopState::Stopping(_) => {}
         }
         let is_mine = self.lease.held() == Some(status.lease.epoch);
-        self.goes_until = goes_until(&status, now).filter(|_| is_mine);
+        self.goes_until = goes_until(&status, self.stop_decel, now).filter(|_| is_mine);
         self.status = Some(status);
     }
 

@@ -21,7 +21,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use protocol::keys::{OperatorId, RobotId};
-use protocol::message::{AgeToken, LeaseRequest, TeleopStatus};
+use protocol::message::{AgeToken, Info, LeaseRequest, TeleopStatus, Velocity};
 use protocol::tile::BootId;
 use robot_edge::clock::Monotonic;
 
@@ -54,6 +54,8 @@ pub struct Helm {
     input: TeleopInput,
     /// What is asked for at most: speed, m/s, and turn rate, rad/s; zero until the robot has told.
     limits: [f32; 2],
+    /// How hard it brakes in stops; zero until it has told.
+    stop_decel: Velocity,
     /// As it was before the events of this iteration.
     newest: Option<Newest>,
     /// When the last pose came that was looked at.
@@ -95,6 +97,7 @@ impl Helm {
             identity,
             input: TeleopInput::default(),
             limits: [0.0; 2],
+            stop_decel: Velocity::default(),
             newest: None,
             looked_at: None,
             boot: None,
@@ -120,9 +123,9 @@ impl Helm {
         }
     }
 
-    /// Greatest speed, m/s, and turn rate, rad/s, of the robot, that keys and sticks are shares of.
-    pub fn set_limits(&mut self, limits: [f32; 2]) {
-        let [speed_mps, turn_rate_radps] = limits.map(|limit| {
+    /// The robot tells what it can do: keys and sticks are shares of its greatest speed and turn rate.
+    pub fn hear_of(&mut self, info: &Info) {
+        let [speed_mps, turn_rate_radps] = info.limits.map(|limit| {
             if limit.is_finite() {
                 limit.max(0.0)
             } else {
@@ -130,6 +133,10 @@ impl Helm {
             }
         });
         self.limits = [speed_mps, turn_rate_radps.min(FASTEST_TURN_RADPS)];
+        self.stop_decel = Velocity {
+            linear_mps: info.stop_decel_mps2,
+            angular_radps: info.stop_decel_radps2,
+        };
     }
 
     /// An iteration begins: the newest token, taken before the queue of events is drained.

@@ -18,12 +18,6 @@ use super::{Helm, Wish};
 const NEUTRAL: Duration = Duration::from_millis(250);
 /// Slower than this the vehicle stands, m/s and rad/s.
 const STANDING: f32 = 0.02;
-/// As hard as any preset brakes (`teleop.stop_decel_mps2`, `_radps2`), m/s² and rad/s². The output falls no faster,
-/// whoever lowers it: P7 of the design, and the guard brakes by the same.
-const HARDEST: Velocity = Velocity {
-    linear_mps: 1.0,
-    angular_radps: 4.0,
-};
 
 impl Helm {
     /// What the hands ask for, as far as the robot would take it now.
@@ -52,8 +46,13 @@ impl Helm {
 }
 
 /// Until when what is sent surely finds the motors of a vehicle going that is driven or let go: it says `status`, which
-/// was heard at `now`. `None` where they stand, may stand by then, or stop for another reason than release.
-pub(super) fn goes_until(status: &TeleopStatus, now: Monotonic) -> Option<Monotonic> {
+/// was heard at `now`. The output falls no faster than `stop_decel`, m/s² and rad/s², whoever lowers it: P7 of the
+/// design, and the guard brakes by the same. `None` where they stand, may stand by then, or stop for another reason than release.
+pub(super) fn goes_until(
+    status: &TeleopStatus,
+    stop_decel: Velocity,
+    now: Monotonic,
+) -> Option<Monotonic> {
     let is_driven = match status.state {
         TeleopState::Driving | TeleopState::Stopping(StopReason::Released) => true,
         TeleopState::SafeBoot
@@ -74,8 +73,8 @@ pub(super) fn goes_until(status: &TeleopStatus, now: Monotonic) -> Option<Monoto
     } = status.applied;
     // Either keeps a stop from being over.
     let braking_s = f32::max(
-        linear_mps.abs() / HARDEST.linear_mps,
-        angular_radps.abs() / HARDEST.angular_radps,
+        linear_mps.abs() / stop_decel.linear_mps,
+        angular_radps.abs() / stop_decel.angular_radps,
     );
     let braking = Duration::try_from_secs_f32(braking_s).ok()?;
     // A command is as old as its token's way here and its own way back: what this status and the press to come take.
@@ -91,6 +90,11 @@ mod tests {
     use super::*;
     use crate::pretend::{at, standing};
 
+    const STOP_DECEL: Velocity = Velocity {
+        linear_mps: 1.0,
+        angular_radps: 4.0,
+    };
+
     fn after(change: impl FnOnce(&mut TeleopStatus)) -> Option<Monotonic> {
         let mut status = TeleopStatus {
             state: TeleopState::Driving,
@@ -102,11 +106,11 @@ mod tests {
             ..standing()
         };
         change(&mut status);
-        goes_until(&status, at(1_000))
+        goes_until(&status, STOP_DECEL, at(1_000))
     }
 
     #[test]
-    fn motors_go_on_for_as_long_as_the_hardest_stop_takes_less_both_ways() {
+    fn motors_go_on_for_as_long_as_a_stop_takes_less_both_ways() {
         assert_eq!(after(|_| {}), Some(at(1_440)));
         assert_eq!(after(|status| status.applied.linear_mps = 0.05), None);
         // 3 rad/s at 4 rad/s² are 0.75 s: the longer of the two counts.
@@ -123,6 +127,14 @@ mod tests {
             });
             assert_eq!(told, None, "{nonsense}");
         }
+        let unknown = Velocity::default();
+        let driving = TeleopStatus {
+            state: TeleopState::Driving,
+            applied: STOP_DECEL,
+            greatest_age_ms: Some(60),
+            ..standing()
+        };
+        assert_eq!(goes_until(&driving, unknown, at(1_000)), None);
     }
 
     #[test]

@@ -21,6 +21,16 @@ enum Read {
     Other(OperatorTopic),
 }
 
+/// A robot that brakes as presets do.
+fn able(limits: [f32; 2]) -> Info {
+    Info {
+        limits,
+        stop_decel_mps2: 1.0,
+        stop_decel_radps2: 4.0,
+        ..Info::default()
+    }
+}
+
 /// A helm, and a robot that hears every word.
 struct Rig {
     helm: Helm,
@@ -37,7 +47,7 @@ impl Rig {
     fn new() -> Self {
         let identity = Identity::without_keys("anna".parse().unwrap());
         let mut helm = Helm::new("scout".parse().unwrap(), identity, 77);
-        helm.set_limits([1.0, 2.0]);
+        helm.hear_of(&able([1.0, 2.0]));
         helm.apply(InputEvent::Focus(true));
         helm.apply(InputEvent::Step(SpeedStep::new(5).unwrap()));
         Self {

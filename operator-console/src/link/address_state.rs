@@ -82,6 +82,25 @@ impl AddressState {
         }
     }
 
+    /// The robot that surely answers there and tells this console nothing.
+    pub const fn untold(&self) -> Option<&RobotId> {
+        match self {
+            Self::Untold {
+                robot,
+                by_quic: true,
+            } => Some(robot),
+            Self::Untold { by_quic: false, .. }
+            | Self::Asking
+            | Self::Found
+            | Self::NoRobot
+            | Self::UnknownName
+            | Self::Refused
+            | Self::Silent
+            | Self::Foreign
+            | Self::Problem(_) => None,
+        }
+    }
+
     /// What keeps whoever waits for a robot from one at `address`, in a line of text.
     pub fn complaint(&self, address: &str) -> Option<String> {
         match self {

@@ -168,16 +168,15 @@ impl MapView {
 
     /// Where the vehicle is on the screen.
     pub(super) fn vehicle_place(&self, model: &ConsoleModel) -> Option<Pos2> {
-        let (pose, _) = model.vehicle().pose()?;
-        let [x_m, y_m, _] = pose.position_m;
-        Some(self.camera.to_screen(self.screen, [x_m, y_m]))
+        let vehicle_m = vehicle_m(model)?;
+        Some(self.camera.to_screen(self.screen, vehicle_m))
     }
 
     fn shore_marks(&self, model: &ConsoleModel) -> ShoreMarks {
         let marks = model.shores().map(|shores| {
             let named = (shores, model.site_names());
-            let (marked, vehicle) = (self.marking.shown(), self.vehicle_place(model));
-            ShoreMarks::new(named, &self.camera, self.screen, marked, vehicle)
+            let (marked, vehicle_m) = (self.marking.shown(), vehicle_m(model));
+            ShoreMarks::new(named, &self.camera, self.screen, marked, vehicle_m)
         });
         marks.unwrap_or_default()
     }
@@ -251,4 +250,11 @@ impl MapView {
         )
         .paint(painter, vehicle);
     }
+}
+
+/// Where the vehicle is, metres in `odom`.
+fn vehicle_m(model: &ConsoleModel) -> Option<[f64; 2]> {
+    let (pose, _) = model.vehicle().pose()?;
+    let [x_m, y_m, _] = pose.position_m;
+    Some([x_m, y_m])
 }

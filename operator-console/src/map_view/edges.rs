@@ -5,6 +5,7 @@ use std::f64::consts::FRAC_PI_2;
 use eframe::egui::{Align, Frame, Layout, Pos2, Rect, Sense, Ui, UiBuilder, pos2, vec2};
 
 use super::card_place::LEAST;
+use super::legend_place::LegendPlace;
 use super::map_layers::MapLayers;
 use super::overlays::compass::{self, CompassData};
 use super::toolbar::{self, ToolbarData};
@@ -42,8 +43,13 @@ impl MapView {
 
     /// Where the compass is, below the buttons as they were drawn last.
     fn compass_place(&self) -> Option<Rect> {
+        self.compass_below(self.buttons.bottom())
+    }
+
+    /// Where it is below buttons that end there.
+    fn compass_below(&self, buttons: f32) -> Option<Rect> {
         let right = self.screen.right() - CARD_MARGIN;
-        let at = pos2(right - compass::SIZE, self.buttons.bottom() + CARD_MARGIN);
+        let at = pos2(right - compass::SIZE, buttons + CARD_MARGIN);
         let place = Rect::from_min_size(at, vec2(compass::SIZE, compass::SIZE));
         self.look.has(Overlay::Compass).then_some(place)
     }
@@ -150,10 +156,15 @@ impl MapView {
         let palettes: Vec<_> = palettes
             .map(|(held, is_over)| (self.layers.palette(held.layer), *is_over))
             .collect();
-        let banner = self.roof - self.screen.top();
-        let top = banner + toolbar::HEIGHT + compass::SIZE + 3.0 * CARD_MARGIN;
+        // The buttons are drawn after this, and no lower.
+        let buttons = self.roof + CARD_MARGIN + toolbar::HEIGHT;
+        let map = LegendPlace {
+            screen: self.screen,
+            buttons,
+            compass: self.compass_below(buttons),
+        };
         let before = self.legends.place();
-        self.legends.show(ui, (self.screen, top), &palettes);
+        self.legends.show(ui, &map, &palettes);
         let is_other = match (before, self.legends.place()) {
             (Some(before), Some(now)) => (now.size() - before.size()).length() > 0.5,
             (before, now) => before.is_some() != now.is_some(),

@@ -1,15 +1,16 @@
-//! The card with the legends, on the map. Where they would hide much of it, those of the upper layers are shown, on a narrow map
-//! that of the uppermost alone; and a button in the row of the first title opens the others.
+//! The card with the legends, on the map. Where they would hide much of it, those of the upper layers are shown, on a
+//! narrow map that of the uppermost alone; and a button in the row of the first title opens the others. Where not even
+//! that has room beside buttons and compass, the button stands alone.
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
     Align2, Area, Button, Frame, Id, LayerId, Order, Rect, RichText, ScrollArea, Sense, TextStyle,
-    Ui, UiBuilder, WidgetInfo, vec2,
+    TextWrapMode, Ui, UiBuilder, WidgetInfo, vec2,
 };
 use protocol::layer::Palette;
 
-use super::CARD_MARGIN;
 use super::edges::LEAST_FOR_CARDS;
+use super::legend_place::LegendPlace;
 use super::scroll_keys::ScrollKeys;
 use crate::panels::layers::layer_name;
 use crate::panels::legend::{
@@ -30,6 +31,8 @@ const MAP_SHARE: f32 = 0.2;
 /// Height of the button, points, and between it and the title that it stands beside.
 const BUTTON: f32 = 20.0;
 const BUTTON_GAP: f32 = 4.0;
+/// Where the button stood alone, legends that are opened have so much height at least, points: two lines below it.
+const LEAST_OPENED: f32 = 60.0;
 
 /// What the areas of the card and of the button are called.
 const CARD_NAME: &str = "map legend";
@@ -55,27 +58,26 @@ impl LegendCard {
         self.place
     }
 
-    /// Draws the card in the lower right corner of `screen`, of which so many points at its top are taken. `layers`: those
-    /// that are drawn, the uppermost first.
-    pub(super) fn show(&mut self, ui: &Ui, (screen, top): (Rect, f32), layers: &[Drawn]) {
+    /// Draws the card in the lower right corner of `map`. `layers`: those that are drawn, the uppermost first.
+    pub(super) fn show(&mut self, ui: &Ui, map: &LegendPlace, layers: &[Drawn]) {
         self.place = None;
         let is_on_button = std::mem::take(&mut self.is_on_button);
         if layers.is_empty() {
             return;
         }
-        let fitting = fitting(ui, screen, layers);
-        let shown = if self.has_all { layers.len() } else { fitting };
-        let corner = screen.right_bottom() - vec2(CARD_MARGIN, CARD_MARGIN);
+        let screen = map.screen;
+        let fitting = fitting(ui, map, layers);
+        let button = (fitting < layers.len()).then(|| button_width(ui, layers, fitting));
+        let least = if fitting > 0 { 0.0 } else { LEAST_OPENED };
+        let opened = button.and_then(|_| map.opened(vec2(width(screen), least)));
+        let opened = opened.filter(|_| self.has_all);
+        let shown = opened.map_or(fitting, |_| layers.len());
         if shown > 0 {
-            let beside = (fitting < layers.len()).then(|| button_width(ui, layers, fitting));
-            let content = Content::new(screen, layers, (shown, beside));
-            let opened = (shown > fitting).then(|| {
-                let closed = Content::new(screen, layers, (fitting.max(1), beside));
+            let content = Content::new(ui, screen, layers, (shown, button));
+            let corner = opened.unwrap_or_else(|| map.below()).right_bottom();
+            let opened = opened.map(|room| {
                 let others = 2.0 * PADDING + content.head_height(ui);
-                let most = |taken: f32| screen.height() - taken - CARD_MARGIN - others;
-                // No less than what is there while it is closed.
-                let least = legends_height(ui, &closed.legends, closed.width);
-                most(top).max(least).min(most(CARD_MARGIN)).max(0.0)
+                (room.height() - others).max(0.0)
             });
             let card = Area::new(Id::unique(CARD_NAME))
                 .fixed_pos(corner)
@@ -93,16 +95,22 @@ impl LegendCard {
                 });
             self.place = Some(card.response.rect);
         }
-        if fitting == layers.len() {
+        let Some(width) = button else {
             return;
-        }
+        };
         // In an area of its own, for hands reach through the card.
-        let (at, pivot) = match self.place {
-            Some(card) => (
-                card.right_top() + vec2(-PADDING, PADDING),
-                Align2::RIGHT_TOP,
-            ),
-            None => (corner, Align2::RIGHT_BOTTOM),
+        let place = match self.place {
+            Some(card) => {
+                let corner = card.right_top() + vec2(-PADDING, PADDING);
+                Some((corner, Align2::RIGHT_TOP))
+            }
+            None => {
+                let corner = map.button(vec2(width, BUTTON));
+                corner.map(|corner| (corner, Align2::RIGHT_BOTTOM))
+            }
+        };
+        let Some((at, pivot)) = place else {
+            return;
         };
         let is_alone = self.place.is_none();
         let button = Area::new(Id::unique(BUTTON_NAME))
@@ -111,15 +119,19 @@ impl LegendCard {
             .constrain_to(screen)
             .order(Order::Background)
             .show(ui.ctx(), |ui| {
-                more_ui(ui, (layers, fitting), is_alone, &mut self.has_all)
+                more_ui(ui, (layers, fitting), is_alone, opened.is_some())
             });
+        let (is_pressed, has_keyboard) = button.inner;
+        if is_pressed {
+            self.has_all = opened.is_none();
+        }
         if !is_alone {
             // Who scrolls the card would lay it over the button.
             let [card, button] = [CARD_NAME, BUTTON_NAME]
                 .map(|name| LayerId::new(Order::Background, Id::unique(name)));
             ui.ctx().set_sublayer(card, button);
         }
-        self.is_on_button = button.inner;
+        self.is_on_button = has_keyboard;
         let button = button.response.rect;
         self.place = Some(self.place.map_or(button, |card| card.union(button)));
     }
@@ -127,7 +139,8 @@ impl LegendCard {
 
 /// What the card shows.
 struct Content {
-    /// The first title, where it stands beside the button, and what that leaves it, points.
+    /// The first title, where it stands beside the button, and what that leaves it, points. One that would be broken there
+    /// is empty: it stands below, where it has the whole width.
     head: Option<(String, f32)>,
     /// What is below it.
     legends: LegendsData,
@@ -137,9 +150,10 @@ struct Content {
 
 impl Content {
     /// Legends of so many of the layers, beside a button that is so wide where there is one.
-    fn new(screen: Rect, layers: &[Drawn], (shown, beside): (usize, Option<f32>)) -> Self {
+    fn new(ui: &Ui, screen: Rect, layers: &[Drawn], (shown, beside): (usize, Option<f32>)) -> Self {
         let width = inner_width(screen);
-        let mut legends = if is_narrow(screen) {
+        let is_narrow = is_narrow(screen);
+        let mut legends = if is_narrow {
             // What is unknown is said with the lowest, whether that is shown or not.
             let mut all = LegendsData::with_short_titles(layers.iter().copied());
             all.legends.truncate(shown);
@@ -147,9 +161,14 @@ impl Content {
         } else {
             LegendsData::new(layers[..shown].iter().copied())
         };
-        let left = beside.map(|button| (width - button - BUTTON_GAP).max(0.0));
+        let head = beside.map(|button| {
+            let left = (width - button - BUTTON_GAP).max(0.0);
+            let is_beside = !is_narrow || legends.first_title_fits(ui, left);
+            let title = is_beside.then(|| legends.take_first_title());
+            (title.unwrap_or_default(), left)
+        });
         Self {
-            head: left.map(|left| (legends.take_first_title(), left)),
+            head,
             legends,
             width,
         }
@@ -194,6 +213,9 @@ impl Content {
         };
         let size = vec2(self.width, self.head_height(ui));
         let (row, _) = ui.allocate_exact_size(size, Sense::hover());
+        if title.is_empty() {
+            return;
+        }
         // A title of one line stands in the middle of its row.
         let above = 0.5 * (BUTTON - title_height(ui, title, *left)).max(0.0);
         let place = Rect::from_min_size(row.min + vec2(0.0, above), vec2(*left, row.height()));
@@ -217,18 +239,20 @@ pub(super) fn width(screen: Rect) -> f32 {
     inner_width(screen) + 2.0 * PADDING
 }
 
-/// How many legends there is room for: one at least, but where a map is so small that even that would hide it. A narrow map
-/// has one.
-fn fitting(ui: &Ui, screen: Rect, layers: &[Drawn]) -> usize {
-    let most = MAP_SHARE * screen.area() / width(screen) - 2.0 * PADDING;
-    let fits = |count: &usize| {
-        let beside = (*count < layers.len()).then(|| button_width(ui, layers, *count));
-        let content = Content::new(screen, layers, (*count, beside));
-        content.height(ui) <= most
+/// How many legends there is room for beside buttons and compass: where one is, that is shown, but where a map is so
+/// small that even that would hide it. A narrow map has one.
+fn fitting(ui: &Ui, map: &LegendPlace, layers: &[Drawn]) -> usize {
+    let screen = map.screen;
+    let height = |count: usize| {
+        let beside = (count < layers.len()).then(|| button_width(ui, layers, count));
+        2.0 * PADDING + Content::new(ui, screen, layers, (count, beside)).height(ui)
     };
+    let room = map.below().height();
+    let most = MAP_SHARE * screen.area() / width(screen);
     let is_tiny = screen.width() < LEAST_FOR_CARDS[0] || screen.height() < LEAST_FOR_CARDS[1];
-    let least = usize::from(!is_tiny);
+    let least = usize::from(!is_tiny && height(1) <= room);
     let greatest = if is_narrow(screen) { 1 } else { layers.len() };
+    let fits = |count: &usize| height(*count) <= most.min(room);
     (1..=greatest).rev().find(fits).unwrap_or(least)
 }
 
@@ -254,14 +278,14 @@ fn button_width(ui: &Ui, layers: &[Drawn], fitting: usize) -> f32 {
     widths.into_iter().fold(0.0, f32::max)
 }
 
-/// The button that opens the legends that are left out, and closes them; whether it has the keyboard. Alone on the map it has
-/// paper of its own.
+/// The button that opens the legends that are left out, and closes them where they are opened; whether it was pressed,
+/// and whether it has the keyboard. Alone on the map it has paper of its own.
 fn more_ui(
     ui: &mut Ui,
     (layers, fitting): (&[Drawn], usize),
     is_alone: bool,
-    has_all: &mut bool,
-) -> bool {
+    are_opened: bool,
+) -> (bool, bool) {
     let left_out = &layers[fitting..];
     let (count, are_all) = (left_out.len(), fitting == 0);
     let [more, fewer] = words(count, are_all);
@@ -273,7 +297,7 @@ fn more_ui(
         if count == 1 { "legend" } else { "legends" },
         names.join(", "),
     );
-    let hint = match (*has_all, are_all) {
+    let hint = match (are_opened, are_all) {
         (true, _) => "Fewer legends".to_owned(),
         (false, true) => format!("{more}: {names}"),
         (false, false) => format!("{more} {legends}: {names}"),
@@ -291,12 +315,11 @@ fn more_ui(
     }
     ui.spacing_mut().button_padding = vec2(PADDING, 2.0);
     ui.spacing_mut().interact_size.y = BUTTON;
-    let words = if *has_all { fewer } else { more };
-    let button = ui.add(Button::new(RichText::new(words).small()));
+    let words = if are_opened { fewer } else { more };
+    let button = Button::new(RichText::new(words).small());
+    // An area begins as wide as it was, when other words stood in it, or in another type.
+    let button = ui.add(button.wrap_mode(TextWrapMode::Extend));
     button.widget_info(|| WidgetInfo::labeled(Role::Button, true, &hint));
     let has_keyboard = button.has_focus();
-    if button.on_hover_text(hint).clicked() {
-        *has_all = !*has_all;
-    }
-    has_keyboard
+    (button.on_hover_text(hint).clicked(), has_keyboard)
 }

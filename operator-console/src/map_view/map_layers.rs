@@ -65,13 +65,25 @@ impl MapLayer {
             (None, order) => self.newest = order.map(|order| (key, order)),
             (Some((_, newest)), Some(order)) if order >= newest => self.newest = Some((key, order)),
             // Gone, perhaps with all others of its epoch, or of an earlier time of a recording.
-            (Some((newest, _)), _) if newest == key => {
-                let held = store.tiles(key.layer);
-                let held = held.filter(|(_, stored)| is_known(stored));
-                let orders = held.filter_map(|(key, _)| Some((key, ages.order(key)?)));
-                self.newest = orders.max_by_key(|(_, order)| *order);
-            }
+            (Some((newest, _)), _) if newest == key => self.look_for_newest(map, key.layer),
             (Some(_), _) => {}
+        }
+    }
+
+    /// Looks at all tiles, and not often: which of them is the newest.
+    fn look_for_newest(&mut self, map: &MapSync, layer: LayerId) {
+        let held = map.store().tiles(layer);
+        let held = held.filter(|(_, stored)| stored.cells().is_some());
+        let orders = held.filter_map(|(key, _)| Some((key, map.ages().order(key)?)));
+        self.newest = orders.max_by_key(|(_, order)| *order);
+    }
+
+    /// What was taken for the newest may turn out to be of before the data began again.
+    fn doubt_newest(&mut self, map: &MapSync) {
+        if let Some((key, order)) = self.newest
+            && map.ages().order(key) < Some(order)
+        {
+            self.look_for_newest(map, key.layer);
         }
     }
 
@@ -174,6 +186,9 @@ impl MapLayers {
             if is_known_elsewhere {
                 self.change_above(key, store);
             }
+        }
+        for held in self.layers.values_mut() {
+            held.doubt_newest(map);
         }
         self.color(stack, store);
         self.waiting.is_empty()

@@ -13,6 +13,7 @@ mod gestures;
 mod highest_codes;
 mod known_tiles;
 mod legend_card;
+mod legend_place;
 mod look;
 mod map_layers;
 mod marking;

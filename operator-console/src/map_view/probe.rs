@@ -4,7 +4,6 @@
 
 use protocol::layer::{LayerId, Quantisation};
 use protocol::tile::TileKey;
-use protocol::tile_store::StoredTile;
 use robot_edge::clock::Monotonic;
 
 use super::chunks::TILE_CELLS;
@@ -32,9 +31,10 @@ pub struct ProbedCell {
     pub is_shown: bool,
     /// The cell's value as exports have it; `None` where it is unknown.
     pub value: Option<f32>,
-    /// How old the newest change of its tile is: no cell of that is newer, most may be older.
+    /// How old the newest change of its tile is: no cell of that is newer, most may be older. `None` where there is no
+    /// tile.
     pub age: Option<DataAge>,
-    /// The revision of the tile around it.
+    /// The revision of the tile around it; `None` where there is none.
     pub revision: Option<u64>,
     /// The sensors that it comes from, and what is wrong with them now; `None` where the robot names none.
     pub source: Option<String>,
@@ -82,16 +82,17 @@ impl ProbedCell {
         now: Monotonic,
     ) -> Self {
         let map = model.map();
-        let key = cell_at(layer, point_m, cell_m).map(|(key, _, _)| key);
-        let stored = key.and_then(|key| map.store().get(key));
+        let tile = cell_at(layer, point_m, cell_m).and_then(|(key, _, _)| {
+            let stored = map.store().get(key);
+            let stored = stored.filter(|stored| stored.cells().is_some());
+            stored.map(|stored| (key, stored.revision()))
+        });
         Self {
             layer,
             is_shown: true,
             value: value_at(map, layer, point_m),
-            age: key
-                .filter(|_| stored.is_some_and(|stored| stored.cells().is_some()))
-                .map(|key| DataAge::new(model, key, now)),
-            revision: stored.map(StoredTile::revision),
+            age: tile.map(|(key, _)| DataAge::new(model, key, now)),
+            revision: tile.map(|(_, revision)| revision),
             source: None,
         }
     }
@@ -133,9 +134,9 @@ impl ProbedCell {
         format!("{name} {}", self.text())
     }
 
-    /// When its tile changed, in words that follow that; `None` of what is unknown, which has no age.
+    /// When its tile changed, in words that follow that: also where the cell is unknown. `None` where there is no tile.
     pub fn changed(&self) -> Option<String> {
-        self.value.and(self.age).map(DataAge::moment)
+        self.age.map(DataAge::moment)
     }
 
     /// When its tile changed, and what it comes from: sensors, else the stage of the mapping; and which revision of its

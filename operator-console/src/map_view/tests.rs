@@ -9,7 +9,8 @@ use egui_kittest::kittest::Queryable;
 
 use super::probe::tests::{model_of, store};
 use super::*;
-use crate::pretend::{BOOT, announces, at, pushes};
+use crate::pretend::{BOOT, announces, at, pushes, resting, says_of};
+use protocol::keys::Topic;
 use protocol::tile::TileCells;
 use protocol::tile_store::TileStore;
 
@@ -96,6 +97,38 @@ fn the_newest_of_a_layer_is_what_is_still_there() {
     assert_eq!(newest(&window), old(7));
     maps(&mut window, &mut robot, 2, 0, 2 * second_ns);
     assert_eq!(newest(&window), old(8), "it is gone");
+}
+
+#[test]
+fn a_tile_of_before_the_data_began_again_is_the_newest_only_where_all_are() {
+    let mut window = window();
+    let mut robot = store();
+    robot.set_stamp(0);
+    robot.erase_layer(LayerId::Obstacle).unwrap();
+    announces(&mut window.state_mut().model, &robot, at(2_400));
+    let second_ns = 1_000_000_000;
+    let newest = |window: &mut Harness<'_, Rig>, data_s: i64, ms: u64| {
+        let model = &mut window.state_mut().model;
+        says_of(model, data_s * second_ns, Topic::Pose, &resting(), at(ms));
+        window.run_steps(2);
+        let newest = window.state().view.newest(LayerId::Obstacle)?;
+        let age = window.state().model.map().ages().age(newest, at(ms));
+        Some((newest.tx, age.map(|age| age.as_secs())))
+    };
+    // It was measured at 60 s, and the data is at 3 s again.
+    maps(&mut window, &mut robot, 0, 1, 60 * second_ns);
+    assert_eq!(newest(&mut window, 3, 3_500), Some((0, None)));
+    maps(&mut window, &mut robot, 1, 1, second_ns);
+    maps(&mut window, &mut robot, 2, 1, 2 * second_ns);
+    assert_eq!(newest(&mut window, 4, 4_500), Some((2, Some(3))));
+    // One more comes, and nobody knows at once that it was not measured since.
+    let (layer, tx, ty) = (LayerId::Obstacle, 3, 9);
+    robot.set_stamp(70 * second_ns);
+    let key = TileKey { layer, tx, ty };
+    drop(robot.publish(key, TileCells::from_fn(|_, _| 1)).unwrap());
+    pushes(&mut window.state_mut().model, &robot, key, at(4_500));
+    assert_eq!(newest(&mut window, 4, 4_600), Some((3, Some(0))));
+    assert_eq!(newest(&mut window, 4, 5_501), Some((2, Some(4))));
 }
 
 #[test]
@@ -290,18 +323,21 @@ fn the_card_says_once_that_its_ages_are_those_of_tiles() {
             let ages: Vec<_> = ages.map(|age| age.rect()).collect();
             (heads, ages, window.state().view.screen)
         };
-        let (heads, ages, screen) = pin([3.17, 4.55]);
-        let [head] = heads[..] else {
-            panic!("{width}: {heads:?}");
-        };
-        assert!(screen.contains_rect(head), "{width}: {head}");
-        assert!(ages.len() > 3, "{width}: {ages:?}");
-        for age in ages {
-            assert!((age.left() - head.left()).abs() < 1.0, "{head} {age}");
-            assert!(age.top() >= head.bottom(), "{width}: {head} {age}");
+        // Cells that are known, and unknown ones of the same tiles.
+        for point_m in [[3.17, 4.55], [3.17, 0.15]] {
+            let (heads, ages, screen) = pin(point_m);
+            let [head] = heads[..] else {
+                panic!("{width}: {heads:?}");
+            };
+            assert!(screen.contains_rect(head), "{width}: {head}");
+            assert!(ages.len() > 3, "{width}: {ages:?}");
+            for age in ages {
+                assert!((age.left() - head.left()).abs() < 1.0, "{head} {age}");
+                assert!(age.top() >= head.bottom(), "{width}: {head} {age}");
+            }
         }
         let (heads, ages, _) = pin([2.0, -50.0]);
-        assert_eq!((heads.len(), ages), (1, Vec::new()), "nothing is known");
+        assert_eq!((heads.len(), ages), (1, Vec::new()), "there is no tile");
     }
 }
 

@@ -22,8 +22,15 @@ const POSE_COMES: Duration = Duration::from_secs(1);
 /// Stamps ahead of the poses that are remembered; a pose comes before there are so many.
 const MAX_AHEAD: usize = 10_000;
 
-/// What is later has a greater one, also where the clock of the data was set back in between.
-pub type AgeOrder = (u32, i64);
+/// What is later has a greater one, also where the clock of the data was set back in between. What is ahead of the data,
+/// as it is of before that, has a lesser one than all that is not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct AgeOrder {
+    /// Whether its age is known.
+    has_age: bool,
+    times_set_back: u32,
+    stamp_ns: i64,
+}
 
 /// When the tiles of one run of a robot were measured.
 #[derive(Clone, Debug, Default)]
@@ -135,11 +142,15 @@ impl Ages {
     /// How old a tile is; `None` where nobody knows, as the clock of the data was set back behind it.
     pub fn age(&self, key: TileKey, now: Monotonic) -> Option<Duration> {
         let came = self.tiles.get(&key)?;
-        came.age(now).or_else(|| {
-            // Where nothing was told since, it is not known to be ahead.
-            let told = self.told.map(|(_, told)| told.since(came.at));
-            (told <= Some(POSE_COMES)).then(|| now.since(came.at))
-        })
+        came.age(now)
+            .or_else(|| (!self.is_ahead(came)).then(|| now.since(came.at)))
+    }
+
+    /// Whether the data goes on, and still has not come to where a tile was measured. Where nothing was told since that
+    /// came, nobody knows.
+    fn is_ahead(&self, came: &Came) -> bool {
+        let told = self.told.map(|(_, told)| told.since(came.at));
+        came.before.is_none() && told > Some(POSE_COMES)
     }
 
     /// How long before the newest data a tile was measured.
@@ -154,10 +165,14 @@ impl Ages {
         self.tiles.get(&key).map(|came| came.at)
     }
 
-    /// Which of two tiles is newer.
+    /// Which of two tiles is newer, as far as it is known by now.
     pub fn order(&self, key: TileKey) -> Option<AgeOrder> {
         let came = self.tiles.get(&key)?;
-        Some((came.times_set_back, came.stamp_ns))
+        Some(AgeOrder {
+            has_age: !self.is_ahead(came),
+            times_set_back: came.times_set_back,
+            stamp_ns: came.stamp_ns,
+        })
     }
 
     /// Tiles that are known.
@@ -303,16 +318,39 @@ mod tests {
     }
 
     #[test]
+    fn what_is_ahead_of_the_data_is_not_the_newest() {
+        let mut ages = Ages::default();
+        tell(&mut ages, 5 * SECOND_NS, at(5_000));
+        ages.came(key(0), 50 * SECOND_NS, at(5_000));
+        ages.came(key(1), 4 * SECOND_NS, at(5_000));
+        assert!(ages.order(key(0)) > ages.order(key(1)), "a pose may come");
+        tell(&mut ages, 6 * SECOND_NS + 1, at(6_001));
+        assert!(ages.order(key(0)) < ages.order(key(1)));
+        // The data comes to where it was measured, or it is measured anew.
+        tell(&mut ages, 50 * SECOND_NS, at(50_000));
+        assert!(ages.order(key(0)) > ages.order(key(1)));
+        ages.came(key(1), 50 * SECOND_NS, at(50_000));
+        assert!(ages.order(key(0)) <= ages.order(key(1)));
+    }
+
+    #[test]
     fn overtaken_messages_set_no_clock_back() {
         let mut ages = Ages::default();
         ages.tell(10, 100 * SECOND_NS, at(1_000));
         ages.tell(9, 99 * SECOND_NS, at(1_100));
         ages.came(key(0), 100 * SECOND_NS, at(1_100));
         assert_eq!(secs(&ages, 0, 1_100), Some(0.1));
-        assert_eq!(ages.order(key(0)), Some((0, 100 * SECOND_NS)));
+        let order = |times_set_back, secs| {
+            Some(AgeOrder {
+                has_age: true,
+                times_set_back,
+                stamp_ns: secs * SECOND_NS,
+            })
+        };
+        assert_eq!(ages.order(key(0)), order(0, 100));
         ages.tell(11, 99 * SECOND_NS, at(1_200));
         ages.came(key(1), 99 * SECOND_NS, at(1_200));
-        assert_eq!(ages.order(key(1)), Some((1, 99 * SECOND_NS)));
+        assert_eq!(ages.order(key(1)), order(1, 99));
         // A recording that is wound back erases its maps.
         ages.begin_anew();
         ages.came(key(1), 50 * SECOND_NS, at(1_300));

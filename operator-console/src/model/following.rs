@@ -6,18 +6,23 @@ use protocol::message::{Pose, Status, TeleopState};
 use robot_edge::clock::Monotonic;
 
 use super::ConsoleModel;
+use super::recent::Recent;
 
 /// Slower than that, friction and waves explain a lot, m/s.
 const TOLD_MPS: f32 = 0.3;
 /// What goes by less than this share of what it is told does not go.
 const SHARE: f32 = 0.1;
+/// What lies still may measure so much, m/s: positions that are good to 2 cm, half a second apart, give 0.06 m/s as a
+/// standard deviation. One such measurement is no motion; the mean of some seconds is.
+const NOISE_MPS: f32 = 0.25;
 /// What floats or is heavy needs its time to get under way.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-/// Since when a vehicle is told to go and does not.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// How a vehicle follows that is told to go.
+#[derive(Clone, Debug, Default)]
 pub(super) struct Following {
-    stands_since: Option<Monotonic>,
+    /// How much faster it went than what does not go, m/s, at each status since it was told to go and was not seen to.
+    surpluses: Recent<f32>,
 }
 
 impl Following {
@@ -25,24 +30,29 @@ impl Following {
     pub(super) fn hear(&mut self, status: &Status, pose: Option<&Pose>, now: Monotonic) {
         let driven = status.teleop.as_ref();
         let driven = driven.filter(|teleop| teleop.state == TeleopState::Driving);
-        let stands = driven.zip(pose).is_some_and(|(teleop, pose)| {
-            let told_mps = teleop.applied.linear_mps;
-            told_mps.abs() >= TOLD_MPS
-                && pose.speed_mps * told_mps.signum() < SHARE * told_mps.abs()
-        });
-        self.stands_since = stands.then(|| self.stands_since.unwrap_or(now));
+        let told = driven.map(|teleop| teleop.applied.linear_mps);
+        let told = told.filter(|told_mps| told_mps.abs() >= TOLD_MPS);
+        let Some((told_mps, pose)) = told.zip(pose) else {
+            return self.surpluses.clear();
+        };
+        let goes_mps = pose.speed_mps * told_mps.signum();
+        let least_mps = SHARE * told_mps.abs();
+        if goes_mps >= least_mps.max(NOISE_MPS) {
+            return self.surpluses.clear();
+        }
+        self.surpluses.add(goes_mps - least_mps, PATIENCE, now);
     }
 
-    fn is_stuck(self, now: Monotonic) -> bool {
-        let since = self.stands_since;
-        since.is_some_and(|since| now.since(since) >= PATIENCE)
+    /// As heard last: a link that is lost makes nobody stuck.
+    fn is_stuck(&self) -> bool {
+        self.surpluses.spans(PATIENCE) && self.surpluses.iter().sum::<f32>() < 0.0
     }
 }
 
 impl ConsoleModel {
     /// Whether the vehicle is told to go, by who drives, and has not for seconds.
-    pub fn is_stuck(&self, now: Monotonic) -> bool {
-        self.following.is_stuck(now)
+    pub fn is_stuck(&self) -> bool {
+        self.motion.following.is_stuck()
     }
 }
 
@@ -80,7 +90,7 @@ mod tests {
             (0..20_u64).find(|half_s| {
                 let now = at(500 * half_s);
                 following.hear(status, Some(&pose(speed_mps)), now);
-                following.is_stuck(now)
+                following.is_stuck()
             })
         };
         let driving = TeleopState::Driving;
@@ -105,10 +115,37 @@ mod tests {
             (6_400, 0.0, true),
         ] {
             following.hear(&status, Some(&pose(speed_mps)), at(ms));
-            assert_eq!(following.is_stuck(at(ms)), is_stuck, "{ms}");
+            assert_eq!(following.is_stuck(), is_stuck, "{ms}");
         }
         // Nothing was heard of its speed.
         following.hear(&status, None, at(7_000));
-        assert!(!following.is_stuck(at(7_000)));
+        assert!(!following.is_stuck());
+    }
+
+    #[test]
+    fn noise_of_the_measurement_frees_nobody_and_what_creeps_goes() {
+        // Told to go at 0.6 m/s, twice a second: which of these statuses tell that it is stuck?
+        let stuck_at = |speeds_mps: &[f32]| -> Vec<usize> {
+            let mut following = Following::default();
+            let heard = (0_u64..).zip(speeds_mps).map(|(half_s, speed_mps)| {
+                let status = told(TeleopState::Driving, 0.6);
+                following.hear(&status, Some(&pose(*speed_mps)), at(500 * half_s));
+                following.is_stuck()
+            });
+            let heard: Vec<_> = heard.collect();
+            (0..heard.len()).filter(|status| heard[*status]).collect()
+        };
+        let aground = [0.0, 0.11, -0.12, 0.08, -0.07, 0.02, -0.05, 0.15, -0.13, 0.3];
+        assert_eq!(stuck_at(&aground), [6, 7, 8], "then it is free");
+        assert_eq!(stuck_at(&[0.1; 10]), [0; 0], "of 0.6 that is going");
+    }
+
+    #[test]
+    fn a_link_that_is_lost_makes_nobody_stuck() {
+        let mut following = Following::default();
+        for ms in [0, 500] {
+            following.hear(&told(TeleopState::Driving, 1.0), Some(&pose(0.0)), at(ms));
+        }
+        assert!(!following.is_stuck(), "whatever the time is now");
     }
 }

@@ -16,6 +16,7 @@ mod link_quality;
 mod map_questions;
 mod map_sync;
 mod motion;
+mod recent;
 mod refusals;
 mod repeated;
 mod scans;
@@ -24,6 +25,7 @@ mod shores_sync;
 mod sight;
 mod site_names;
 mod soundness;
+mod stillness;
 mod taking;
 mod tile_intake;
 mod trail;
@@ -58,8 +60,7 @@ pub use trajectory_sync::TrajectoryProgress;
 pub use vehicle::Vehicle;
 pub use voxels_sync::{FetchedVoxels, VoxelsProgress};
 
-use following::Following;
-use motion::Braking;
+use motion::Motion;
 use scans::Scans;
 use shores_sync::ShoresSync;
 use trail_sync::TrailSync;
@@ -113,8 +114,7 @@ pub struct ConsoleModel {
     status: Option<(Status, Monotonic)>,
     /// The run of the robot that told it.
     status_run: Option<BootId>,
-    following: Following,
-    braking: Braking,
+    motion: Motion,
     /// The number of the message that first said that the robot's data has ended, and of the newest head.
     ended_seq: Option<u64>,
     head_seq: u64,
@@ -160,8 +160,7 @@ impl ConsoleModel {
             info: None,
             status: None,
             status_run: None,
-            following: Following::default(),
-            braking: Braking::default(),
+            motion: Motion::default(),
             ended_seq: None,
             head_seq: 0,
             events: VecDeque::new(),

@@ -1,14 +1,17 @@
-//! How a vehicle moves where its motors are told to stand: it may still brake, or something else may move it.
+//! How a vehicle moves, and whether that is what its motors are told: it goes or is stuck, still brakes, lies still, or
+//! something else moves it.
 
 use std::time::Duration;
 
 use protocol::message::{Info, Pose, Status, TeleopState};
 use robot_edge::clock::Monotonic;
 
+use super::following::Following;
+use super::stillness::Stillness;
 use super::{ConsoleModel, LinkState, SLOWLY_SILENT_AFTER};
 
 /// A vehicle that is slower than this stands, m/s and rad/s.
-const MOVING: f32 = 0.05;
+pub(super) const MOVING: f32 = 0.05;
 /// Wind and current seldom carry a boat that is faster than this, m/s.
 pub const DRIFTING_MPS: f32 = 0.5;
 /// A vehicle may stand so much later than its stopping ramp says: drives lag, and a speed is measured over a while.
@@ -25,15 +28,15 @@ pub enum OwnMotion {
     OrAdrift,
 }
 
-/// Until when a vehicle may move that was told to stand, whoever told it: its operator, the collision guard, or a stop.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Braking {
-    /// Whether its motors were told to move when they were heard of last.
-    is_told: bool,
-    stands_by: Option<Monotonic>,
+/// What its statuses tell of how a vehicle moves.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Motion {
+    pub(super) following: Following,
+    pub(super) stillness: Stillness,
+    braking: Braking,
 }
 
-impl Braking {
+impl Motion {
     /// The robot tells what its motors are told; `pose` is the newest.
     pub(super) fn hear(
         &mut self,
@@ -42,6 +45,22 @@ impl Braking {
         info: Option<&Info>,
         now: Monotonic,
     ) {
+        self.following.hear(status, pose, now);
+        self.stillness.hear(pose, now);
+        self.braking.hear(status, pose, info, now);
+    }
+}
+
+/// Until when a vehicle may move that was told to stand, whoever told it: its operator, the collision guard, or a stop.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Braking {
+    /// Whether its motors were told to move when they were heard of last.
+    is_told: bool,
+    stands_by: Option<Monotonic>,
+}
+
+impl Braking {
+    fn hear(&mut self, status: &Status, pose: Option<&Pose>, info: Option<&Info>, now: Monotonic) {
         let applied = status.teleop.as_ref().map(|teleop| teleop.applied);
         let is_told = applied
             .is_some_and(|told| told.linear_mps.abs() > 0.0 || told.angular_radps.abs() > 0.0);
@@ -82,7 +101,7 @@ impl ConsoleModel {
 
     /// Whether it moves because it was told to stand a moment ago, and brakes. What floats does not brake.
     pub fn brakes(&self, now: Monotonic) -> bool {
-        self.moves().is_some() && !self.floats() && self.braking.may_move(now)
+        self.moves().is_some() && !self.floats() && self.motion.braking.may_move(now)
     }
 
     /// What moves a vehicle that nobody drives, where it is heard and does.
@@ -101,9 +120,13 @@ impl ConsoleModel {
         }
     }
 
+    /// Whether it is a boat, as far as it has said what it is.
+    pub fn is_boat(&self) -> bool {
+        self.info().is_some_and(|info| info.is_boat)
+    }
+
     fn floats(&self) -> bool {
-        let is_boat = self.info().is_some_and(|info| info.is_boat);
-        is_boat || self.teleop().is_some_and(|teleop| teleop.is_drifting)
+        self.is_boat() || self.teleop().is_some_and(|teleop| teleop.is_drifting)
     }
 }
 

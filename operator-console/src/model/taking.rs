@@ -59,8 +59,7 @@ impl ConsoleModel {
     fn note_motion(&mut self, status: &Status, now: Monotonic) {
         let pose = self.vehicle.pose().map(|(pose, _)| pose);
         let info = self.info.as_ref().map(|(info, _)| info);
-        self.following.hear(status, pose.as_ref(), now);
-        self.braking.hear(status, pose.as_ref(), info, now);
+        self.motion.hear(status, pose.as_ref(), info, now);
     }
 
     fn take_pushed(&mut self, topic: Topic, payload: &[u8], now: Monotonic) -> Result<(), Refusal> {

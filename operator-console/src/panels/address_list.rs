@@ -187,14 +187,13 @@ pub(super) fn unanswered_ui(
 /// Draws the other addresses that are remembered: they may be forgotten.
 pub(super) fn remembered_ui(ui: &mut Ui, addresses: &[ListedAddress]) -> Option<Command> {
     let mut command = None;
-    let quiet: Vec<_> = addresses
-        .iter()
-        .filter(|listed| listed.is_remembered && !listed.is_unanswered())
-        .collect();
+    let remembered = addresses.iter().filter(|listed| listed.is_remembered);
+    let (above, quiet): (Vec<_>, Vec<_>) = remembered.partition(|listed| listed.is_unanswered());
     if quiet.is_empty() {
         return None;
     }
-    let heading = CollapsingHeader::new(remembered_heading(ui, quiet.len()));
+    let heading = remembered_heading(ui, quiet.len(), !above.is_empty());
+    let heading = CollapsingHeader::new(heading);
     heading.id_salt("remembered addresses").show(ui, |ui| {
         for listed in quiet {
             ui.horizontal(|ui| {
@@ -208,16 +207,27 @@ pub(super) fn remembered_ui(ui: &mut Ui, addresses: &[ListedAddress]) -> Option<
     command
 }
 
-/// How many there are, in as many words as there is room for: a heading has one line.
-fn remembered_heading(ui: &Ui, number: usize) -> String {
-    let [long, short] =
-        ["Remembered addresses", "Remembered"].map(|words| format!("{words} ({number})"));
+/// How many there are, in as many words as there is room for: a heading has one line. `are_others`: some are listed
+/// above.
+fn remembered_heading(ui: &Ui, number: usize, are_others: bool) -> String {
+    let words = if are_others {
+        ["Other remembered addresses", "Others remembered", "Others"]
+    } else {
+        ["Remembered addresses", "Remembered", "Remembered"]
+    };
     let spacing = ui.spacing();
     let room = ui.available_width() - spacing.indent - spacing.button_padding.x;
     let font = TextStyle::Button.resolve(ui.style());
-    let painter = ui.painter();
-    let galley = painter.layout_no_wrap(long.clone(), font, ui.visuals().text_color());
-    if galley.size().x <= room { long } else { short }
+    let ink = ui.visuals().text_color();
+    let fits = |words: &String| {
+        let galley = ui
+            .painter()
+            .layout_no_wrap(words.clone(), font.clone(), ink);
+        galley.size().x <= room
+    };
+    let [long, short, shortest] = words.map(|words| format!("{words} ({number})"));
+    let mut longer = [long, short].into_iter();
+    longer.find(fits).unwrap_or(shortest)
 }
 
 fn buttons_ui(ui: &mut Ui, listed: &ListedAddress) -> Option<Command> {

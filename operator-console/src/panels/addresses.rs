@@ -27,6 +27,13 @@ impl AddressEntry {
         self.wants_keyboard = true;
     }
 
+    /// What was refused is not typed for the robot that is chosen instead: it goes, and the words about it.
+    pub fn forget_mistake(&mut self) {
+        if self.error.is_some() {
+            *self = Self::default();
+        }
+    }
+
     /// Takes the address if it is one that could be asked, with keys or without; else says what it should be.
     pub fn submit(&mut self, has_keys: bool) -> Option<Command> {
         let address = self.text.trim().to_owned();

@@ -19,7 +19,7 @@ pub enum DataAge {
     Old(Duration),
     /// The robot's data has ended: so long before its end.
     BeforeEnd(Duration),
-    /// The clock of the data was set back behind it, before this console came.
+    /// It is ahead of the data, whose clock was set back before this console came, as where a recording began again.
     Unknown,
 }
 
@@ -44,7 +44,7 @@ impl DataAge {
             Self::Old(time) => format!("{} old", age(time)),
             Self::BeforeEnd(time) if time < AT_ONCE => "as of the end".to_owned(),
             Self::BeforeEnd(time) => format!("{} before the end", age(time)),
-            Self::Unknown => "of before the robot's clock was set back".to_owned(),
+            Self::Unknown => "of before the data began again".to_owned(),
         }
     }
 
@@ -54,7 +54,7 @@ impl DataAge {
             Self::Old(time) => format!("{} ago", age(time)),
             Self::BeforeEnd(time) if time < AT_ONCE => "at the end".to_owned(),
             Self::BeforeEnd(time) => format!("{} before the end", age(time)),
-            Self::Unknown => "before the robot's clock was set back".to_owned(),
+            Self::Unknown => "before the data began again".to_owned(),
         }
     }
 }
@@ -148,5 +148,22 @@ mod tests {
         let end = DataAge::BeforeEnd(Duration::from_millis(20));
         assert_eq!(end.words(), "as of the end");
         assert_eq!(end.moment(), "at the end");
+    }
+
+    #[test]
+    fn what_is_ahead_of_the_data_is_of_before_that_began_again() {
+        let mut model = late("scout");
+        let mut store = TileStore::new(BOOT, 10);
+        let (layer, cell_m) = (LAYER, 0.1);
+        store.set_grid(LayerGrid { layer, cell_m }).unwrap();
+        store.set_stamp(160 * SECOND_NS);
+        for code in [8, 9] {
+            drop(store.publish(KEY, TileCells::from_fn(|_, _| code)).unwrap());
+        }
+        pushes(&mut model, &store, KEY, at(1_500));
+        stands(&mut model, 2_501);
+        assert_eq!(words(&model, 2_600), "of before the data began again");
+        let moment = DataAge::new(&model, KEY, at(2_600)).moment();
+        assert_eq!(moment, "before the data began again");
     }
 }

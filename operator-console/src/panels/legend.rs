@@ -67,16 +67,22 @@ impl LegendsData {
         Self { legends }
     }
 
-    /// The same with titles that have one line on a narrow map: those of scales say what their numbers are, and stay.
+    /// The same with titles that have one line on a narrow map: a layer's name, and its unit.
     pub fn with_short_titles(palettes: impl IntoIterator<Item = (Palette, bool)>) -> Self {
         let palettes: Vec<_> = palettes.into_iter().collect();
         let mut data = Self::new(palettes.iter().copied());
         for (legend, (palette, _)) in data.legends.iter_mut().zip(&palettes) {
-            if legend.ramp.is_none() {
-                layer_name(palette.layer()).clone_into(&mut legend.title);
-            }
+            let layer = palette.layer();
+            let unit = layer.unit().map(|unit| format!(" ({unit})"));
+            legend.title = layer_name(layer).to_owned() + &unit.unwrap_or_default();
         }
         data
+    }
+
+    /// Whether the title of the uppermost has room in one line of so many points.
+    pub fn first_title_fits(&self, ui: &Ui, width: f32) -> bool {
+        let first = self.legends.first();
+        first.is_none_or(|legend| text(ui, &legend.title, f32::INFINITY).size().x <= width)
     }
 
     /// Takes the title of the uppermost, which somebody else draws: nothing is left of it.

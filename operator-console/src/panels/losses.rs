@@ -52,7 +52,11 @@ fn rows<'a>(counts: impl Iterator<Item = (&'a str, u64)>) -> Vec<(String, String
 /// Draws the panel.
 pub fn losses_ui(ui: &mut Ui, data: &LossesData) {
     for (who, id, rows) in [
-        ("Dropped by the robot", "drops", &data.robot),
+        (
+            "Dropped by the robot (scans, beams, messages)",
+            "drops",
+            &data.robot,
+        ),
         ("Not taken by this console", "refusals", &data.console),
     ] {
         ui.strong(who);
@@ -61,5 +65,32 @@ pub fn losses_ui(ui: &mut Ui, data: &LossesData) {
         } else {
             hinted_rows_ui(ui, id, rows, &hints::hint);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use eframe::egui::vec2;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+
+    #[test]
+    fn headings_say_of_what_losses_are_and_stay_within_a_narrow_panel() {
+        let data = LossesData {
+            robot: rows([("own_body", 1_234)].into_iter()),
+            console: Vec::new(),
+        };
+        let mut window = Harness::builder()
+            .with_size(vec2(200.0, 200.0))
+            .build_ui(move |ui| losses_ui(ui, &data));
+        crate::theme::set(&window.ctx);
+        window.run_steps(3);
+        let heading = window.get_by_label("Dropped by the robot (scans, beams, messages)");
+        let below = window.get_by_label("own body").rect();
+        assert!(heading.rect().right() <= 200.0, "{}", heading.rect());
+        assert!(heading.rect().bottom() <= below.top(), "{below}");
+        window.get_by_label("1\u{a0}234");
     }
 }

@@ -168,6 +168,21 @@ impl RobotsData {
         }
     }
 
+    /// Says that these robots answer and tell nothing, where that is why none is shown.
+    pub fn is_told_nothing_by<'a>(&mut self, robots: impl Iterator<Item = &'a RobotId>) {
+        if self.current.is_some() || !self.found.is_empty() || !self.is_up_to_operator {
+            return;
+        }
+        let robots: BTreeSet<_> = robots.map(RobotId::as_str).collect();
+        if !robots.is_empty() {
+            let names = Vec::from_iter(robots).join(", ");
+            self.advice = Some(format!(
+                "{names} answers, and tells you nothing: you are not on its list of operators, or were added while it \
+                 runs. Then its next start lets you in."
+            ));
+        }
+    }
+
     /// The robot of this number in the list, from 1.
     pub fn numbered(&self, number: u8) -> Option<&FoundRobot> {
         let index = usize::from(number).checked_sub(1)?;

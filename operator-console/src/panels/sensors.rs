@@ -13,7 +13,7 @@ use crate::playback::is_recording;
 use crate::theme::{Tone, state_ui};
 
 /// Narrower panels have two lines a sensor, points: the columns have no room side by side.
-const NARROW: f32 = 580.0;
+const NARROW: f32 = 640.0;
 
 /// What the panel shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -41,7 +41,7 @@ pub struct SensorLine {
     pub rate: String,
     /// When it measured last.
     pub last_seen: String,
-    /// Measurements that could not be used.
+    /// Its messages that could not be used, whole.
     pub dropped: String,
 }
 
@@ -244,8 +244,9 @@ const HEADINGS: [(&str, &str); 6] = [
     ),
     ("Last seen", "When its last measurement came"),
     (
-        "Dropped",
-        "Measurements that could not be used since the robot started",
+        "Messages dropped",
+        "Scans, positions and turns of wheels that could not be used since the robot started. Losses counts single beams, \
+         too",
     ),
 ];
 
@@ -281,7 +282,12 @@ impl SensorLine {
         ];
         if self.dropped != "0" {
             figures[1].0.push(',');
-            figures.push((format!("{} dropped", self.dropped), dropped));
+            let what = if self.dropped == "1" {
+                "message"
+            } else {
+                "messages"
+            };
+            figures.push((format!("{} {what} dropped", self.dropped), dropped));
         }
         figures
     }

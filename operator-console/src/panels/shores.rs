@@ -12,8 +12,9 @@ use super::wording::{count, signed};
 use crate::map_view::{MapView, ShoreMark};
 use crate::model::{ConsoleModel, SiteName};
 
-use away::{Away, Outline, nearest};
+use away::nearest;
 
+pub(crate) use away::{Away, Outline};
 pub use list::shores_ui;
 
 /// What the panel shows.

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use protocol::keys::RobotId;
-use protocol::message::{TeleopState, TeleopStatus};
+use protocol::message::{Info, TeleopState, TeleopStatus};
 use protocol::tile::BootId;
 use robot_edge::clock::{self, Monotonic};
 use robot_edge::credentials::Credentials;
@@ -100,8 +100,8 @@ pub fn run(
     let mut cockpit = Cockpit::new(found.robot, settings.identity.clone(), link)?;
     // A terminal does not tell whether somebody is there; a script is.
     cockpit.apply(InputEvent::Focus(true));
-    let limits = limits(&session, inquiry, target.timeout, &is_interrupted)?;
-    cockpit.set_limits(limits);
+    let info = abilities(&session, inquiry, target.timeout, &is_interrupted)?;
+    cockpit.hear_of(&info);
 
     let mut play = Play {
         session,
@@ -136,12 +136,12 @@ fn load(path: &Path) -> anyhow::Result<Vec<Step>> {
 }
 
 /// What the robot can do, as soon as it tells and can be driven.
-fn limits(
+fn abilities(
     session: &RobotSession,
     mut inquiry: Inquiry,
     timeout: Duration,
     is_interrupted: &impl Fn() -> bool,
-) -> anyhow::Result<[f32; 2]> {
+) -> anyhow::Result<Info> {
     let deadline = Monotonic::now() + timeout;
     loop {
         {
@@ -149,7 +149,7 @@ fn limits(
             let pose = model.vehicle().pose();
             let is_drivable = pose.is_some_and(|(pose, _)| pose.token.is_some());
             if let Some(info) = model.info().filter(|_| is_drivable) {
-                return Ok(info.limits);
+                return Ok(info.clone());
             }
             let now = Monotonic::now();
             if model.connection().state(now) == LinkState::Waiting {

@@ -1,6 +1,5 @@
 //! A change of keys at a boat before reeds: the helm on one end of a link, on the other the vehicle's own rules.
 
-use protocol::message::Velocity;
 use robot_edge::config::VehicleConfig;
 use robot_edge::teleop::arbiter::StopReason as Reason;
 use robot_edge::teleop::arming::Arming as VehicleArming;
@@ -51,7 +50,10 @@ impl Shore {
     fn held(way_ms: u64, guard: GuardVerdict) -> Self {
         let identity = Identity::without_keys("anna".parse().unwrap());
         let mut helm = Helm::new("scout".parse().unwrap(), identity, 77);
-        helm.set_limits([1.0, 1.0]);
+        helm.hear_of(&Info {
+            stop_decel_mps2: 0.5,
+            ..able([1.0, 1.0])
+        });
         helm.apply(InputEvent::Focus(true));
         helm.apply(InputEvent::Step(SpeedStep::new(5).unwrap()));
         let teleop = TeleopConfig {

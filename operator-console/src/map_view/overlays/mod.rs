@@ -6,6 +6,7 @@ pub(super) mod grid;
 pub(super) mod ruler;
 pub(super) mod scale_bar;
 pub(super) mod sensors;
+mod shore_labels;
 pub(super) mod shores;
 pub(super) mod stopping;
 pub(super) mod trail;

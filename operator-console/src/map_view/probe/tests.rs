@@ -213,7 +213,32 @@ fn a_probe_says_where_what_and_when() {
             source,
             ..measured.clone()
         };
-        assert_eq!(unknown.origin(), "revision 1\u{a0}234");
-        assert_eq!(unknown.changed(), None);
+        assert_eq!(unknown.origin(), "3.2 s ago, revision 1\u{a0}234");
+        assert_eq!(unknown.changed().as_deref(), Some("3.2 s ago"));
     }
+}
+
+#[test]
+fn an_unknown_cell_says_when_its_tile_changed_and_no_tile_says_nothing() {
+    let mut robot = store();
+    let mut model = model_of(&robot);
+    let told = |model: &ConsoleModel, point_m| {
+        let probe = ProbeData::new(model, &LayerStack::default(), point_m, at(5_000));
+        let cells = probe.cells.iter();
+        let mut cells = cells.filter(|cell| cell.layer == LayerId::Elevation);
+        let cell = cells.next().unwrap();
+        assert_eq!(cell.value, None, "{point_m:?}");
+        cell.origin()
+    };
+    // Its lowest rows are unknown.
+    let (in_tile, beside) = ([3.17, 0.15], [2.0, -50.0]);
+    let tile = cell_at(LayerId::Elevation, in_tile, CELL_M).map(|(key, ..)| key);
+    let revision = robot.get(tile.unwrap()).unwrap().revision();
+    let words = format!("4.0 s ago, revision {revision}");
+    assert_eq!(told(&model, in_tile), words);
+    assert_eq!(told(&model, beside), "");
+    // What was erased is no tile any more.
+    robot.erase_layer(LayerId::Elevation).unwrap();
+    announces(&mut model, &robot, at(4_000));
+    assert_eq!(told(&model, in_tile), "");
 }

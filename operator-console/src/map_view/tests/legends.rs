@@ -107,7 +107,7 @@ fn scale_bar(view: &MapView) -> ScaleBar {
 fn legends_and_scale_bar_of_a_narrow_map_keep_apart() {
     // What windows of 500 to 730 points leave of the map.
     for width in [204.0, 215.0, 253.0, 294.0] {
-        let mut window = window_of(width + AROUND, 250.0 + AROUND);
+        let mut window = window_of(width + AROUND, 300.0 + AROUND);
         crate::theme::set(&window.ctx);
         // Then obstacles over heights are on top, with the longest words.
         let stack = &mut window.state_mut().view.look.stack;
@@ -199,4 +199,55 @@ fn opened_legends_that_have_no_room_are_scrolled_by_keys() {
     }
     roomy.run_steps(4);
     assert!(roomy.query_by_label(SCROLLED).is_none());
+}
+
+/// Whether legends or their button lie on what stands in the upper right corner.
+fn lie_on_others(window: &Harness<'_, Rig>) -> bool {
+    let view = &window.state().view;
+    let legends = view.legends.place().unwrap();
+    let compass = window.get_by_label("Compass: y up").rect();
+    assert!(view.place().contains_rect(legends), "{legends}");
+    legends.intersects(compass) || legends.intersects(view.buttons)
+}
+
+#[test]
+fn legends_never_lie_on_the_compass_or_the_buttons() {
+    // What a window of 640 × 480 points at 120 % leaves of the map, with the driving panel and without; and others.
+    for (width, height, is_button_alone) in [
+        (211.0, 168.0, true),
+        (250.0, 168.0, true),
+        (211.0, 134.0, true),
+        (180.0, 120.0, true),
+        (211.0, 300.0, false),
+    ] {
+        for uppermost in [LayerId::Shore, LayerId::Cost] {
+            let size = format!("{width} × {height}, {uppermost}");
+            let mut window = window_of(width + AROUND, height + AROUND);
+            crate::theme::set(&window.ctx);
+            if uppermost == LayerId::Cost {
+                let stack = &mut window.state_mut().view.look.stack;
+                stack.obey(LayerCommand::Above(LayerId::Cost, LayerId::Shore));
+            }
+            window.run_steps(4);
+            let alone = window.query_by_label_contains("Legends: ").is_some();
+            assert_eq!(alone, is_button_alone, "{size}");
+            assert!(!lie_on_others(&window), "{size}");
+            window.get_by_label_contains("egends: ").click();
+            window.run_steps(4);
+            assert!(!lie_on_others(&window), "{size}, opened");
+        }
+    }
+}
+
+#[test]
+fn a_title_that_has_no_room_beside_the_button_has_a_line_of_its_own() {
+    let mut window = window_of(211.0 + AROUND, 300.0 + AROUND);
+    crate::theme::set(&window.ctx);
+    let stack = &mut window.state_mut().view.look.stack;
+    stack.obey(LayerCommand::Above(LayerId::Cost, LayerId::Shore));
+    window.run_steps(4);
+    let title = window.get_by_label("Slope cost").rect();
+    let button = window.get_by_label_contains("more legends: ").rect();
+    assert!(title.height() < 20.0, "one line: {title}");
+    assert!(title.top() >= button.bottom(), "{title} {button}");
 }

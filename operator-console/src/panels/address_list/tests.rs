@@ -148,7 +148,7 @@ fn silent_addresses_are_all_in_sight_and_can_be_forgotten() {
         listed_as("tcp/here:7447", Some(AddressState::Found)),
     ];
     let mut window = Harness::builder()
-        .with_size(vec2(260.0, 600.0))
+        .with_size(vec2(300.0, 600.0))
         .build_ui_state(
             move |ui, asked: &mut Option<Command>| {
                 let command = unanswered_ui(ui, &addresses, false);
@@ -161,10 +161,10 @@ fn silent_addresses_are_all_in_sight_and_can_be_forgotten() {
     for words in [
         "name not known",
         "nobody answers",
-        "Remembered addresses (1)",
+        "Other remembered addresses (1)",
     ] {
         let place = window.get_by_label(words).rect();
-        assert!(place.right() <= 260.0, "{words}: {place}");
+        assert!(place.right() <= 300.0, "{words}: {place}");
     }
     assert!(window.query_by_label("tcp/here:7447").is_none());
     let second = window.get_all_by_label("Forget").nth(1).unwrap();
@@ -175,13 +175,19 @@ fn silent_addresses_are_all_in_sight_and_can_be_forgotten() {
 }
 
 #[test]
-fn a_narrow_panel_says_how_many_addresses_are_remembered() {
-    for (width, says) in [
-        (170.0, "Remembered (1)"),
-        (190.0, "Remembered (1)"),
-        (260.0, "Remembered addresses (1)"),
+fn a_narrow_panel_says_how_many_addresses_are_remembered_and_whether_others_are_listed_above() {
+    for (width, is_above, says) in [
+        (170.0, false, "Remembered (1)"),
+        (190.0, false, "Remembered (1)"),
+        (260.0, false, "Remembered addresses (1)"),
+        (150.0, true, "Others (1)"),
+        (240.0, true, "Others remembered (1)"),
+        (320.0, true, "Other remembered addresses (1)"),
     ] {
-        let addresses = [listed_as("tcp/here:7447", Some(AddressState::Found))];
+        let mut addresses = vec![listed_as("tcp/here:7447", Some(AddressState::Found))];
+        if is_above {
+            addresses.push(listed_as("tcp/gone:7447", Some(AddressState::Silent)));
+        }
         let mut window = Harness::builder()
             .with_size(vec2(width, 200.0))
             .build_ui(move |ui| _ = remembered_ui(ui, &addresses));

@@ -3,11 +3,12 @@
 use std::time::Duration;
 
 use protocol::keys::OperatorId;
-use protocol::message::{Clamp, LeaseStatus, Settings, TeleopState, TeleopStatus};
+use protocol::message::{LeaseStatus, Settings, TeleopState, TeleopStatus};
 use robot_edge::clock::Monotonic;
 
 use super::gauge::{self, Gauge};
 use super::headline::{Body, awaited, ended, gone, heard, lost};
+use super::held_back::held_back;
 use super::{figures, words};
 use crate::helm::{EStopSight, HelmSight, Lease, Note};
 use crate::model::{ConsoleModel, LinkState, Stream};
@@ -125,8 +126,8 @@ impl DrivingData {
             .info()
             .map(|_| gauge::gauges(teleop, helm.limits, is_driven));
         let gauges = gauges.filter(|_| silence.is_none());
-        let is_held_back = gauges.iter().flatten().any(Gauge::is_held_back);
-        let clamp = teleop.clamp.filter(|_| is_held_back);
+        let shown = gauges.as_ref();
+        let clamp = shown.and_then(|gauges| held_back(teleop, gauges, model.is_stuck()));
         Some(Self {
             tone: headline.tone,
             headline: headline.words,
@@ -150,9 +151,7 @@ impl DrivingData {
             step: helm.step,
             top_speed_mps: helm.limits[0],
             gauges,
-            clamp: clamp
-                .filter(|clamp| *clamp != Clamp::Stop)
-                .map(|clamp| format!("Held back by {}", words::clamp(clamp))),
+            clamp,
             rows: figures::rows(model, teleop, helm, silence),
             link: figures::link_rows(model, now),
             settings: Some(teleop.settings).filter(|_| silence.is_none()),

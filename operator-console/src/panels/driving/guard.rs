@@ -1,6 +1,6 @@
 //! What the collision guard says of the way that is asked for.
 
-use protocol::message::{Clamp, Guard, GuardLimits, TeleopState, TeleopStatus, Velocity};
+use protocol::message::{Clamp, Guard, TeleopState, TeleopStatus, Velocity};
 
 use crate::panels::wording::signed;
 use crate::theme::Tone;
@@ -9,12 +9,33 @@ use crate::theme::Tone;
 const LEAST_MPS: f32 = 0.005;
 /// Less is no turn in whole degrees, rad/s.
 const LEAST_RADPS: f32 = 0.0087;
+/// What lets through so much of what is asked for does not bound it to be seen.
+pub(super) const FREE: f32 = 0.98;
 
 /// What its words mean.
 pub(super) const HINT: &str = "How fast the collision guard lets the robot go that way, so that it still stops before \
                                what its sensors or its map show, and before ground that nobody has seen. Where its \
                                data is late, nothing is driven. It sees too little where nobody has looked yet, or where the last look is too old: there the robot \
                                may only creep, or not move at all. That ends by itself where its sensors have looked.";
+
+/// How fast it lets a vehicle go and turn the ways of `velocity`, m/s and rad/s; infinite where it sets no limit.
+pub(super) const fn allowed(guard: Guard, velocity: Velocity) -> [f32; 2] {
+    match guard {
+        Guard::On(limits) | Guard::Blind(limits) => [
+            if velocity.linear_mps <= -LEAST_MPS {
+                limits.reverse_mps
+            } else {
+                limits.forward_mps
+            },
+            if velocity.angular_radps > 0.0 {
+                limits.left_radps
+            } else {
+                limits.right_radps
+            },
+        ],
+        Guard::Silent | Guard::Off | Guard::Stale => [f32::INFINITY; 2],
+    }
+}
 
 /// Whether it lets a vehicle that is driven neither go nor turn.
 pub(super) fn makes_stand(teleop: &TeleopStatus) -> bool {
@@ -29,12 +50,12 @@ pub(super) fn makes_stand(teleop: &TeleopStatus) -> bool {
 }
 
 /// The guard of a vehicle that goes and turns so fast at most, m/s and rad/s. Where nothing is asked for, it speaks of
-/// what is ahead; where nothing may move whatever it allows, of no way.
+/// what is ahead; where only the turn is bounded, of that; where nothing may move whatever it allows, of no way.
 pub(super) fn guard(teleop: &TeleopStatus, greatest: [f32; 2]) -> (Tone, String) {
-    let with = |word: &str, limits| match teleop.state {
+    let with = |word: &str| match teleop.state {
         TeleopState::SafeBoot | TeleopState::EStop | TeleopState::Fault(_) => word.to_owned(),
         TeleopState::Idle | TeleopState::Held | TeleopState::Driving | TeleopState::Stopping(_) => {
-            format!("{word}{}", allows(teleop, limits, greatest))
+            format!("{word}{}", allows(teleop, greatest))
         }
     };
     // What nobody drives from afar may move all the same: by its own program, or adrift.
@@ -47,25 +68,30 @@ pub(super) fn guard(teleop: &TeleopStatus, greatest: [f32; 2]) -> (Tone, String)
     match teleop.guard {
         Guard::Silent => (Tone::Warning, format!("Silent{nothing}")),
         Guard::Off => (Tone::Warning, "Off".to_owned()),
-        Guard::On(limits) => (Tone::Good, with("On", limits)),
-        Guard::Blind(limits) => (Tone::Warning, with("Sees too little", limits)),
+        Guard::On(_) => (Tone::Good, with("On")),
+        Guard::Blind(_) => (Tone::Warning, with("Sees too little")),
         Guard::Stale => (Tone::Warning, format!("Its data is late{nothing}")),
     }
 }
 
-fn allows(teleop: &TeleopStatus, limits: GuardLimits, [speed_mps, turn_radps]: [f32; 2]) -> String {
+fn allows(teleop: &TeleopStatus, [speed_mps, turn_radps]: [f32; 2]) -> String {
     let Velocity {
         linear_mps,
         angular_radps,
     } = teleop.requested;
-    let turns_only = linear_mps.abs() < LEAST_MPS && angular_radps.abs() >= LEAST_RADPS;
-    let (way, allowed, greatest) = match (turns_only, linear_mps <= -LEAST_MPS) {
-        (true, _) if angular_radps > 0.0 => ("turning left", limits.left_radps, turn_radps),
-        (true, _) => ("turning right", limits.right_radps, turn_radps),
-        (false, true) => ("behind", limits.reverse_mps, speed_mps),
-        (false, false) => ("ahead", limits.forward_mps, speed_mps),
+    let [going, turning] = allowed(teleop.guard, teleop.requested);
+    let goes = linear_mps.abs() >= LEAST_MPS;
+    let turns = angular_radps.abs() >= LEAST_RADPS;
+    // Letting go of the turn is all that helps then.
+    let is_turn_bound = going >= FREE * linear_mps.abs() && turning < FREE * angular_radps.abs();
+    let of_turn = turns && (!goes || is_turn_bound);
+    let (way, allowed, greatest) = match (of_turn, linear_mps <= -LEAST_MPS) {
+        (true, _) if angular_radps > 0.0 => ("turning left", turning, turn_radps),
+        (true, _) => ("turning right", turning, turn_radps),
+        (false, true) => ("behind", going, speed_mps),
+        (false, false) => ("ahead", going, speed_mps),
     };
-    let least = if turns_only { LEAST_RADPS } else { LEAST_MPS };
+    let least = if of_turn { LEAST_RADPS } else { LEAST_MPS };
     let is_free = greatest > 0.0 && allowed >= greatest;
     if is_free || !allowed.is_finite() {
         // It has a reason that is not of this way: a turn beside it, as a rule.
@@ -82,7 +108,7 @@ fn allows(teleop: &TeleopStatus, limits: GuardLimits, [speed_mps, turn_radps]: [
     }
     if allowed < least {
         format!(", {way} is blocked")
-    } else if turns_only {
+    } else if of_turn {
         let deg = signed(f64::from(allowed.to_degrees()), 0);
         format!(", {way} ≤ {deg} °/s")
     } else {

@@ -15,6 +15,7 @@ use crate::theme::Tone;
 
 const DRIVES: &str = "W A S D or arrows drive while held";
 const COASTS: &str = "No thrust: it coasts, and wind and current move it";
+const UNHELD: &str = "No thrust: wind and current may move it";
 const SLOWS: &str = "Slows down first, then goes as the keys say";
 const STANDS: &str = "Stands: the collision guard holds it back";
 const NO_THRUST: &str = "No thrust: the collision guard holds it back";
@@ -23,9 +24,10 @@ const STOPPED_AFLOAT: &str = "Its motors stand until it is reset. Wind and curre
 const STUCK: &str = "Told to go, and does not move: stuck, or its motors do not obey";
 const AGROUND: &str = "Told to go, and does not move: aground, held, or its motors do not obey";
 /// What a key changes from one to the other: all have the room of the longest, so that nothing below moves meanwhile.
-pub(super) const BY_KEYS: [&str; 10] = [
+pub(super) const BY_KEYS: [&str; 11] = [
     DRIVES,
     COASTS,
+    UNHELD,
     SLOWS,
     STANDS,
     NO_THRUST,
@@ -37,26 +39,51 @@ pub(super) const BY_KEYS: [&str; 10] = [
 ];
 
 /// What is known of the vehicle's body.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Body {
     /// It moves so fast, forwards, m/s.
     moves: Option<f32>,
     /// It floats.
     is_boat: bool,
+    conduct: Conduct,
+}
+
+/// What it makes of what its motors are told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Conduct {
     /// It is told to go, and has not for seconds.
-    is_stuck: bool,
+    Stuck,
     /// It was told to stand a moment ago, and has not had the time that it takes.
-    brakes: bool,
+    Brakes,
+    /// It stays where it is.
+    Still,
+    /// It goes, or drifts.
+    Moves,
 }
 
 impl Body {
     pub(super) fn of(model: &ConsoleModel, now: Monotonic) -> Self {
         Self {
             moves: model.moves(),
-            is_boat: model.info().is_some_and(|info| info.is_boat),
-            is_stuck: model.is_stuck(now),
-            brakes: model.brakes(now),
+            is_boat: model.is_boat(),
+            conduct: if model.is_stuck() {
+                Conduct::Stuck
+            } else if model.brakes(now) {
+                Conduct::Brakes
+            } else if model.is_still() {
+                Conduct::Still
+            } else {
+                Conduct::Moves
+            },
         }
+    }
+
+    fn brakes(self) -> bool {
+        self.conduct == Conduct::Brakes
+    }
+
+    fn is_still(self) -> bool {
+        self.conduct == Conduct::Still
     }
 }
 
@@ -121,17 +148,21 @@ pub(super) fn gone(silence: Duration) -> Headline {
 /// Of a vehicle that is heard.
 pub(super) fn heard(teleop: &TeleopStatus, helm: &HelmSight, body: Body) -> Headline {
     let untold = untold(teleop, body.moves, body.is_boat);
-    if let Some(untold) = untold.filter(|_| !body.brakes) {
+    if let Some(untold) = untold.filter(|_| !body.brakes()) {
         return untold;
     }
-    if teleop.state == TeleopState::Driving && body.is_stuck {
+    if teleop.state == TeleopState::Driving && body.conduct == Conduct::Stuck {
         let why = if body.is_boat { AGROUND } else { STUCK };
         return Headline::new(Tone::Warning, "Not moving".to_owned(), Some(why.to_owned()));
     }
     let headline = match teleop.state {
         TeleopState::Stopping(_) => "Stopping".to_owned(),
-        TeleopState::Idle | TeleopState::Held if body.brakes => "Stopping".to_owned(),
+        TeleopState::Idle | TeleopState::Held if body.brakes() => "Stopping".to_owned(),
         TeleopState::Fault(_) => "Fault".to_owned(),
+        // It has no brakes: that it does not drift now is no promise.
+        TeleopState::Idle | TeleopState::Held if teleop.is_drifting && body.is_still() => {
+            "Standing, not held".to_owned()
+        }
         TeleopState::Idle | TeleopState::Held if teleop.is_drifting => "Drifting".to_owned(),
         TeleopState::Idle => "Standing".to_owned(),
         TeleopState::Driving if makes_stand(teleop) => "Held back".to_owned(),
@@ -150,10 +181,10 @@ pub(super) fn heard(teleop: &TeleopStatus, helm: &HelmSight, body: Body) -> Head
         | TeleopState::EStop
         | TeleopState::Fault(_) => Tone::Warning,
     };
-    Headline::new(tone, headline, advice(teleop, helm, body.is_boat))
+    Headline::new(tone, headline, advice(teleop, helm, body))
 }
 
-fn advice(teleop: &TeleopStatus, helm: &HelmSight, is_boat: bool) -> Option<String> {
+fn advice(teleop: &TeleopStatus, helm: &HelmSight, body: Body) -> Option<String> {
     let is_mine = helm.lease.held().is_some();
     let words = match (teleop.state, helm.ignored) {
         // It is taken back early only: later it ends first, and goes on by itself with what is held down then.
@@ -163,7 +194,7 @@ fn advice(teleop: &TeleopStatus, helm: &HelmSight, is_boat: bool) -> Option<Stri
             let fault = words::state(teleop.state);
             return Some(format!("{fault}. Reset it at the vehicle."));
         }
-        (TeleopState::EStop, _) if is_boat => STOPPED_AFLOAT,
+        (TeleopState::EStop, _) if body.is_boat => STOPPED_AFLOAT,
         (TeleopState::EStop, _) => STOPPED,
         (_, Some(why)) if is_mine => {
             let why = words::ignored(why, teleop.last_stop);
@@ -184,8 +215,11 @@ fn advice(teleop: &TeleopStatus, helm: &HelmSight, is_boat: bool) -> Option<Stri
         (TeleopState::Held | TeleopState::Driving, _) if is_mine && !helm.is_ready => {
             "The keys go to a text or to another window. Click into the map to drive"
         }
-        (TeleopState::Driving, _) if makes_stand(teleop) && is_boat => NO_THRUST,
+        (TeleopState::Driving, _) if makes_stand(teleop) && body.is_boat => NO_THRUST,
         (TeleopState::Driving, _) if makes_stand(teleop) => STANDS,
+        (TeleopState::Idle | TeleopState::Held, _) if teleop.is_drifting && body.is_still() => {
+            UNHELD
+        }
         (TeleopState::Idle | TeleopState::Held, _) if teleop.is_drifting => COASTS,
         (TeleopState::Held | TeleopState::Driving, _) if is_mine => DRIVES,
         (

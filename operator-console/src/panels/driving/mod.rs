@@ -5,6 +5,7 @@ mod figures;
 mod gauge;
 mod guard;
 mod headline;
+mod held_back;
 mod keys;
 mod last_stop;
 mod untold;

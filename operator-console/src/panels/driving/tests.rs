@@ -1,7 +1,9 @@
 mod asked;
 mod braking;
 mod grants;
+mod held_back;
 mod keys_count;
+mod lying;
 mod restarted;
 mod watching;
 

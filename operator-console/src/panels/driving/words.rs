@@ -47,6 +47,21 @@ const fn fault(why: FaultReason) -> &'static str {
     }
 }
 
+/// Why a vehicle may not move that is told to go, and the same when that is over.
+pub const fn stuck(is_boat: bool) -> [&'static str; 2] {
+    if is_boat {
+        [
+            "aground, held, or its motors do not obey",
+            "aground, held, or its motors did not obey",
+        ]
+    } else {
+        [
+            "stuck, or its motors do not obey",
+            "stuck, or its motors did not obey",
+        ]
+    }
+}
+
 /// What keeps the vehicle from doing what is asked for.
 pub const fn clamp(clamp: Clamp) -> &'static str {
     match clamp {

@@ -74,13 +74,13 @@ fn numbers_of_a_ramp_keep_apart_and_its_ends_are_there() {
 }
 
 #[test]
-fn titles_of_classes_are_short_where_there_is_little_room() {
-    let palettes =
-        [LayerId::Shore, LayerId::Elevation].map(|layer| (layer.default_palette(), false));
+fn titles_are_short_where_there_is_little_room() {
+    let palettes = [LayerId::Shore, LayerId::Elevation, LayerId::Cost]
+        .map(|layer| (layer.default_palette(), false));
     let data = LegendsData::with_short_titles(palettes);
     let titles = data.legends.iter().map(|legend| legend.title.as_str());
     let titles: Vec<_> = titles.collect();
-    assert_eq!(titles, ["Shore", "height above ground plane (m)"]);
+    assert_eq!(titles, ["Shore", "Elevation (m)", "Slope cost"]);
 }
 
 #[test]

@@ -75,6 +75,24 @@ fn where_robots_are_looked_for_alone_is_said_while_that_matters() {
 }
 
 #[test]
+fn a_robot_that_tells_nothing_is_not_looked_for_in_vain() {
+    let boat: RobotId = "boat".parse().unwrap();
+    let advice = |seen: &[Seen], told_nothing_by: &[RobotId]| {
+        let mut data = RobotsData::new(seen, None, Sought::Any, None, NOW);
+        data.is_told_nothing_by(told_nothing_by.iter());
+        data.advice.unwrap()
+    };
+    let told = advice(&[], std::slice::from_ref(&boat));
+    assert!(
+        told.starts_with("boat answers, and tells you nothing"),
+        "{told}"
+    );
+    assert_eq!(advice(&[], &[]), "No robot found yet.");
+    let other = [seen("a", 0, None)];
+    assert_eq!(advice(&other, &[boat]), "Choose one on the left.");
+}
+
+#[test]
 fn every_robot_says_how_it_is() {
     let anna = FleetState::DrivenBy("anna".parse().unwrap());
     let mut fleet = [

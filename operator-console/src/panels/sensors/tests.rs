@@ -121,6 +121,7 @@ fn the_panel_can_be_read_without_its_colours() {
     for label in [
         "State",
         "Last seen",
+        "Messages dropped",
         "Good",
         "Silent",
         "No fix",
@@ -159,7 +160,7 @@ fn a_narrow_panel_shows_all_of_every_sensor_within_its_width() {
             "sonar",
             "4.2 of 10 Hz,",
             "seen 1.3 s ago,",
-            "12\u{a0}345 dropped",
+            "12\u{a0}345 messages dropped",
             "Clock leapt",
             "not described",
             "seen never",
@@ -173,7 +174,7 @@ fn a_narrow_panel_shows_all_of_every_sensor_within_its_width() {
         let top = |label| panel.get_by_label(label).rect().top();
         assert!(top("4.2 of 10 Hz,") > top("sonar"), "{width}");
         assert!(top("No fix") > top("4.2 of 10 Hz,"), "{width}");
-        assert!(panel.query_by_label("0 dropped").is_none());
+        assert!(panel.query_by_label("0 messages dropped").is_none());
         assert!(panel.query_by_label("Last seen").is_none(), "{width}");
     }
 }

@@ -17,7 +17,7 @@ pub(super) const TO_SITES: &str =
 
 /// How far something is from the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Away {
+pub(crate) enum Away {
     /// Nobody knows where the vehicle is.
     Unknown,
     /// The vehicle is within its outline.
@@ -28,7 +28,7 @@ pub(super) enum Away {
 
 impl Away {
     /// A shore from a vehicle whose middle is there.
-    pub(super) fn of_shore(outline: &Outline<'_>, vehicle_m: Option<Point>) -> Self {
+    pub(crate) fn of_shore(outline: &Outline<'_>, vehicle_m: Option<Point>) -> Self {
         match vehicle_m.map(|at_m| outline.away_m(at_m)) {
             None => Self::Unknown,
             Some(away_m) if away_m > 0.0 => Self::Metres(away_m),
@@ -37,7 +37,7 @@ impl Away {
     }
 
     /// The middle of a docking site from a vehicle whose middle is there.
-    pub(super) fn of_site(site: &DockingSite, vehicle_m: Option<Point>) -> Self {
+    pub(crate) fn of_site(site: &DockingSite, vehicle_m: Option<Point>) -> Self {
         vehicle_m.map_or(Self::Unknown, |at_m| {
             let [x, y] = way(at_m, site.center_m.map(f64::from));
             Self::Metres(libm::hypot(x, y))
@@ -45,7 +45,7 @@ impl Away {
     }
 
     /// To sort by, metres: what is not known comes last.
-    pub(super) const fn key(self) -> f64 {
+    pub(crate) const fn key(self) -> f64 {
         match self {
             Self::Unknown => f64::INFINITY,
             Self::Around => 0.0,
@@ -76,7 +76,7 @@ impl Away {
 }
 
 /// A shore, and where its edges are.
-pub(super) struct Outline<'a> {
+pub(crate) struct Outline<'a> {
     /// Whose.
     pub(super) shore: &'a ShoreCluster,
     /// Counter-clockwise; of a shore that tells none, its middle alone.
@@ -87,7 +87,7 @@ pub(super) struct Outline<'a> {
 
 impl<'a> Outline<'a> {
     /// Those of all shores, in their order.
-    pub(super) fn all(shores: &'a Shores) -> Vec<Self> {
+    pub(crate) fn all(shores: &'a Shores) -> Vec<Self> {
         let clusters = shores.clusters.iter();
         clusters
             .map(|shore| Self::new(shore, shores.cell_m))

@@ -6,8 +6,13 @@ use super::super::legend::SWATCH;
 use super::super::wording::capitalised;
 use super::ShoreRow;
 
-/// Which of the columns is the class.
+/// Which of the columns is the class, which the share and which the size.
 pub(super) const CLASS: usize = 1;
+const SHARE: usize = 2;
+const SIZE: usize = 3;
+/// What stands below a row where it has no room beside the others, one after the other. What the row is called and how
+/// far away it is stay.
+const LEFT_OUT: [usize; 3] = [CLASS, SHARE, SIZE];
 /// Of what stands in the columns, points.
 const TEXT_SIZE: f32 = 13.0;
 /// Between a name and its class, between that and its name, and between numbers at least, points.
@@ -24,13 +29,12 @@ pub(super) type Texts<'a> = [&'a str; 5];
 pub(super) struct Columns {
     /// From the left edge, points: where the class begins, and where the others end.
     at: [f32; 5],
-    /// Whether the class is there in words.
-    pub(super) has_class: bool,
+    /// Which are there: the class in words.
+    has: [bool; 5],
 }
 
 impl Columns {
-    /// Columns for all of these, where they have so much width, points. Where it is too little for classes in words, those
-    /// are left out.
+    /// Columns for as many of these as there is room for where they have so much width, points.
     pub(super) fn new<'a>(ui: &Ui, width: f32, texts: impl IntoIterator<Item = Texts<'a>>) -> Self {
         let mut widths = [0.0_f32; 5];
         for texts in texts {
@@ -43,29 +47,72 @@ impl Columns {
     }
 
     /// For what is so wide, and what is usual.
-    fn of(width: f32, mut widths: [f32; 5], usual: [f32; 5]) -> Self {
-        let before_numbers = |[name, class, ..]: [f32; 5], has_class: bool| {
-            let words = if has_class { SWATCH_GAP + class } else { 0.0 };
-            name + SWATCH_GAP + SWATCH.x + words
-        };
-        let numbers = |widths: [f32; 5]| widths[2..].iter().sum::<f32>();
+    fn of(width: f32, widths: [f32; 5], usual: [f32; 5]) -> Self {
         let mut roomy = widths;
         for (width, usual) in roomy.iter_mut().zip(usual) {
             *width = width.max(usual);
         }
-        let has_class = before_numbers(roomy, true) + numbers(roomy) + 3.0 * GAP <= width;
-        if has_class {
-            widths = roomy;
+        let mut has = [true; 5];
+        let (mut columns, mut gap) = Self::spread(width, roomy, has);
+        for left_out in LEFT_OUT {
+            if gap >= GAP {
+                break;
+            }
+            has[left_out] = false;
+            (columns, gap) = Self::spread(width, widths, has);
         }
-        let begin = before_numbers(widths, has_class);
-        let gap = (width - begin - numbers(widths)) / 3.0;
-        let mut at = [widths[0], widths[0] + SWATCH_GAP, 0.0, 0.0, 0.0];
+        columns
+    }
+
+    /// Those that are there, and how far apart their numbers are, points: as far as they can be, up to the right edge.
+    fn spread(width: f32, widths: [f32; 5], has: [bool; 5]) -> (Self, f32) {
+        let class = if has[CLASS] {
+            SWATCH_GAP + widths[CLASS]
+        } else {
+            0.0
+        };
+        let [name, ..] = widths;
+        let begin = name + SWATCH_GAP + SWATCH.x + class;
+        let numbers = widths[SHARE..].iter().zip(&has[SHARE..]);
+        let numbers: Vec<_> = numbers
+            .filter_map(|(width, has)| has.then_some(width))
+            .collect();
+        let gap = (width - begin - numbers.iter().copied().sum::<f32>()) / numbers.len() as f32;
+        let mut at = [name, name + SWATCH_GAP, 0.0, 0.0, 0.0];
         let mut end = begin;
-        for (at, width) in at[2..].iter_mut().zip(&widths[2..]) {
-            end += gap + width;
+        for ((at, width), has) in at[SHARE..]
+            .iter_mut()
+            .zip(&widths[SHARE..])
+            .zip(&has[SHARE..])
+        {
+            if *has {
+                end += gap + width;
+            }
             *at = end;
         }
-        Self { at, has_class }
+        (Self { at, has }, gap)
+    }
+
+    /// Whether a column is there, the class in words.
+    pub(super) const fn has(&self, column: usize) -> bool {
+        self.has[column]
+    }
+
+    /// What of a row is in no column, in words; empty where all is.
+    pub(super) fn left_out(&self, row: &ShoreRow) -> String {
+        let class = class(row);
+        let (share, size) = if row.is_site() {
+            (format!("cost {}", row.share), format!("{} wide", row.size))
+        } else {
+            (
+                format!("{} rigid", row.share),
+                format!("{} voxels", row.size),
+            )
+        };
+        let words = LEFT_OUT.into_iter().zip([class, share, size]);
+        let words = words.filter(|(column, words)| !self.has(*column) && !words.is_empty());
+        let words: Vec<_> = words.map(|(_, words)| words).collect();
+        capitalised(&words.join(", "))
     }
 
     /// Where one is in a row, points of the screen: the left edge of the class, the right edge of any other.
@@ -78,7 +125,7 @@ impl Columns {
         width - self.at[CLASS]
     }
 
-    /// Draws a row of texts; the class only where it has room.
+    /// Draws a row of texts, as far as they have columns.
     pub(super) fn paint(&self, ui: &Ui, rect: Rect, texts: Texts<'_>, color: Color32) {
         for (column, text) in texts.into_iter().enumerate() {
             let x = self.x(rect, column);
@@ -87,7 +134,7 @@ impl Columns {
             } else {
                 (x, Align2::RIGHT_CENTER)
             };
-            if column != CLASS || self.has_class {
+            if self.has(column) {
                 let at = pos2(x, rect.center().y);
                 ui.painter().text(at, align, text, font(ui), color);
             }
@@ -135,7 +182,8 @@ mod tests {
     fn classes_are_in_words_where_all_that_is_usual_has_room() {
         let fits = Columns::of(WHOLE, WIDTHS, USUAL);
         let narrow = Columns::of(WHOLE - 1.0, WIDTHS, USUAL);
-        assert!(fits.has_class && !narrow.has_class);
+        assert_eq!(fits.has, [true; 5]);
+        assert_eq!(narrow.has, [true, false, true, true, true]);
         let bits = |at: &[f32]| at.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
         assert_eq!(bits(&fits.at), bits(&[20.0, 26.0, 134.0, 184.0, 230.0]));
         // As far apart as they can be, and up to the right edge.
@@ -152,9 +200,29 @@ mod tests {
     fn what_is_wider_than_usual_has_what_it_needs() {
         let mut long = WIDTHS;
         long[3] = 60.0;
-        assert!(!Columns::of(WHOLE, long, USUAL).has_class);
+        assert!(!Columns::of(WHOLE, long, USUAL).has(CLASS));
         let wide = Columns::of(WHOLE + 18.0, long, USUAL);
-        assert!(wide.has_class);
+        assert!(wide.has(CLASS));
         assert!(wide.at[3] - 60.0 - wide.at[2] > 7.9, "{wide:?}");
+    }
+
+    #[test]
+    fn numbers_that_would_touch_are_left_out_but_for_how_far_away_it_is() {
+        /// A name and its colour.
+        const NAME: f32 = 20.0 + 6.0 + 18.0;
+        let three = NAME + 100.0 + 3.0 * 8.0;
+        let two = NAME + 70.0 + 2.0 * 8.0;
+        for (width, has) in [
+            (three, [true, false, true, true, true]),
+            (three - 1.0, [true, false, false, true, true]),
+            (two, [true, false, false, true, true]),
+            (two - 1.0, [true, false, false, false, true]),
+            (NAME, [true, false, false, false, true]),
+        ] {
+            let columns = Columns::of(width, WIDTHS, USUAL);
+            assert_eq!(columns.has, has, "{width}");
+            // The last ends where the row does.
+            assert!((columns.at[4] - width).abs() < 1e-3, "{columns:?}");
+        }
     }
 }

@@ -15,8 +15,8 @@ use super::{ShoreRow, ShoresData, SortBy, sort};
 use crate::command::Look;
 use crate::map_view::ShoreMark;
 
-/// The numbers need it, points: nobody makes a panel so narrow to read it.
-const LEAST_WIDTH: f32 = 170.0;
+/// A name, its colour and how far away it is need it, points: nobody makes a panel so narrow to read it.
+const LEAST_WIDTH: f32 = 110.0;
 /// Longer lists may scroll in a panel that is narrow, and have a bar beside the numbers.
 const FEW: usize = 4;
 const ROW_HEIGHT: f32 = 24.0;
@@ -96,7 +96,9 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
     let shores = List {
         name: "shores",
         called_by: "Shores, called by number",
-        why: "The robot numbers its shores, and the map shows the numbers.",
+        why: "The robot numbers its shores, and the map shows the numbers. Numbers change while the robot learns: what \
+              has merged keeps the number of the larger part, a part that comes off gets a new number, and no number is \
+              given twice.",
         titles: ["No.", "Class", "Rigid", "Voxels", "Away"],
         away: TO_SHORES,
         first: "no.",
@@ -212,7 +214,9 @@ fn titles_ui(ui: &mut Ui, list: &List<'_>, (columns, width): (&Columns, f32), by
     let (rect, _) = ui.allocate_exact_size(vec2(width, 18.0), Sense::hover());
     columns.paint(ui, rect, *titles, ui.visuals().weak_text_color());
     for (column, sort) in SORTS.into_iter().enumerate() {
-        let Some(sort) = sort else { continue };
+        let Some(sort) = sort.filter(|_| columns.has(column)) else {
+            continue;
+        };
         let right = columns.x(rect, column);
         let left = (right - 0.17 * rect.width()).max(rect.left());
         let place = Rect::from_x_y_ranges(left..=right, rect.y_range());
@@ -239,14 +243,11 @@ fn titles_ui(ui: &mut Ui, list: &List<'_>, (columns, width): (&Columns, f32), by
     }
 }
 
-/// What stands below the numbers of a row: the reason of a docking site, or the class of a shore where its name has no room
-/// beside them.
+/// What stands below the numbers of a row: what has no room beside them, and the reason of a docking site.
 fn below(columns: &Columns, row: &ShoreRow) -> Option<String> {
-    let class = (!columns.has_class).then(|| class(row));
-    row.reason
-        .clone()
-        .or(class)
-        .filter(|words| !words.is_empty())
+    let left_out = Some(columns.left_out(row)).filter(|words| !words.is_empty());
+    let words: Vec<_> = left_out.into_iter().chain(row.reason.clone()).collect();
+    (!words.is_empty()).then(|| words.join("; "))
 }
 
 /// The same in lines, none of which is wider than the panel.

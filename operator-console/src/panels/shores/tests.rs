@@ -1,4 +1,4 @@
-use eframe::egui::vec2;
+use eframe::egui::{Rect, Shape, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use protocol::message::{ShoreClass, ShoreCluster, Shores};
@@ -185,20 +185,23 @@ fn panel_of(width: f32, data: ShoresData) -> Harness<'static> {
     window
 }
 
+/// As many shores, 3 m from each other.
+fn data_of(count: u8) -> ShoresData {
+    let shore = |number: u8| cluster(number.into(), 40, [3.0 * f32::from(number), 0.0]);
+    let shores = Shores::gather(0.3, None, (1..=count).map(shore).collect(), Vec::new());
+    let outlines = Outline::all(&shores);
+    let rows = outlines.iter();
+    let rows = rows.map(|shore| shore_row(shore, Some([0.0, 0.0])));
+    ShoresData {
+        shores: rows.collect(),
+        ..data()
+    }
+}
+
 #[test]
 fn a_list_that_scrolls_leaves_room_for_its_bar() {
     let right = |count: u8| {
-        let shore = |number: u8| cluster(number.into(), 40, [3.0 * f32::from(number), 0.0]);
-        let shores = Shores::gather(0.3, None, (1..=count).map(shore).collect(), Vec::new());
-        let outlines = Outline::all(&shores);
-        let rows = outlines.iter();
-        let data = ShoresData {
-            shores: rows
-                .map(|shore| shore_row(shore, Some([0.0, 0.0])))
-                .collect(),
-            ..data()
-        };
-        let window = panel_of(260.0, data);
+        let window = panel_of(260.0, data_of(count));
         window
             .get_by_label_contains("Shore 1, dense")
             .rect()
@@ -248,4 +251,63 @@ fn what_is_told_of_a_row_covers_no_row() {
     for row in rows {
         assert!(hint.left() >= row.right(), "{hint} {row}");
     }
+}
+
+/// What is painted that begins so, and where.
+fn painted(window: &Harness<'_>, first: &str) -> Vec<Rect> {
+    let shapes = window.output().shapes.iter();
+    let places = shapes.filter_map(|clipped| {
+        if let Shape::Text(text) = &clipped.shape {
+            let is_it = text.galley.text().starts_with(first);
+            is_it.then(|| text.visual_bounding_rect())
+        } else {
+            None
+        }
+    });
+    places.collect()
+}
+
+#[test]
+fn a_very_narrow_panel_keeps_how_far_away_a_shore_is() {
+    /// What a window of 640 × 480 points at 120 % leaves the panel, and where its inside begins.
+    const WIDTH: f32 = 132.0;
+    const LEFT: f32 = 8.0;
+    let window = panel_of(WIDTH, data_of(12));
+    for label in ["Sort shores by away", "Sort docking sites by away"] {
+        let title = window.get_by_label(label).rect();
+        assert!(title.right() <= LEFT + WIDTH, "{label}: {title}");
+    }
+    for label in ["Sort shores by rigid", "Sort docking sites by cost"] {
+        assert!(window.query_by_label(label).is_none(), "{label}");
+    }
+    for words in [
+        "6.0 m",
+        "20 m",
+        "Away",
+        "Shores, called by number",
+        "Dense, 25 % rigid, 40 voxels",
+        "Cost 0.20, 4.0 m wide; 2.5 × beam",
+    ] {
+        let places = painted(&window, words);
+        assert!(!places.is_empty(), "{words}");
+        for place in places {
+            let is_inside = place.left() >= LEFT && place.right() <= LEFT + WIDTH;
+            assert!(is_inside, "{words}: {place}");
+        }
+    }
+}
+
+#[test]
+fn why_numbers_change_is_said_in_the_panel_as_in_the_handbook() {
+    const NUMBERS: &str = "Numbers change while the robot learns: what has merged keeps the number of the larger part, \
+                           a part that comes off gets a new number, and no number is given twice.";
+    let handbook = include_str!("../../../../docs/console.md");
+    let handbook = handbook.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(handbook.contains(NUMBERS));
+    let mut window = panel(240.0);
+    let heading = window.get_by_label_contains("Shores, called by number");
+    let place = heading.rect().center();
+    window.hover_at(place);
+    window.run_steps(60);
+    window.get_by_label_contains(NUMBERS);
 }

@@ -143,6 +143,48 @@ fn the_operator_chooses_robots_addresses_and_layers() {
 }
 
 #[test]
+fn a_mistyped_address_goes_where_a_robot_is_chosen_instead() {
+    const WHY: &str = "The port is missing: for example 10.0.0.5:7447";
+    let mut rig = Rig::live();
+    let seen = ["scout-1", "boat-7"].map(|robot| Seen {
+        sighting: Sighting {
+            found: FoundRobot {
+                robot: robot.parse().unwrap(),
+                endpoint: format!("tcp/{robot}:7447"),
+            },
+            seen: at(1_000),
+            state: None,
+        },
+        color: Color32::RED,
+        alerts: 0,
+        own_motion: None,
+    });
+    let current = Some((&name(), LinkState::Live));
+    rig.robots = RobotsData::new(&seen, current, Sought::Any, None, at(1_000));
+    let mut window = rig.window();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::L);
+    window.run_steps(4);
+    window.event(egui::Event::Text("10.0.0.5".to_owned()));
+    window.key_press(Key::Enter);
+    window.run_steps(4);
+    let typed = |window: &Harness<'_, Rig>| {
+        let entry = window.get_by_role_and_label(Role::TextInput, "Address");
+        entry.value().unwrap_or_default()
+    };
+    check(&window, &[WHY], &[]);
+    assert_eq!(typed(&window), "10.0.0.5");
+    // The one that is shown already is no other.
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Num1);
+    window.run_steps(4);
+    check(&window, &[WHY], &[]);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Num2);
+    window.run_steps(4);
+    assert_eq!(window.state().commands.len(), 1);
+    check(&window, &[], &[WHY]);
+    assert_eq!(typed(&window), "");
+}
+
+#[test]
 fn another_robot_begins_with_an_empty_map() {
     let mut rig = Rig::live();
     let key = rig.put(0, 0, 251);

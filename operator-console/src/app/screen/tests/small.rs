@@ -45,3 +45,44 @@ fn who_drives_keeps_the_panels_below_a_map_that_is_large_enough() {
         assert!(map.x >= 0.4 * whole.x && map.y >= 0.4 * whole.y, "{map}");
     }
 }
+
+#[test]
+fn shores_and_legends_can_be_used_in_a_small_window_with_large_type() {
+    let shore = |number: u32, x_m: f32| ShoreCluster {
+        number,
+        class: ShoreClass::Sparse,
+        voxels: 1_200,
+        rigid_voxels: 300,
+        center_m: [x_m, -2.5],
+        outline: Vec::new(),
+    };
+    let clusters = (7..=12_u8).map(|n| shore(n.into(), 3.0 * f32::from(n)));
+    let shores = Shores::gather(0.3, None, clusters.collect(), Vec::new());
+    for is_drivable in [false, true] {
+        let mut rig = Rig::on_water(Some(shores.clone()));
+        if is_drivable {
+            rig.helm = Some(crate::pretend::helm_of_anna());
+            let status = Status {
+                teleop: Some(crate::pretend::standing()),
+                ..Status::default()
+            };
+            rig.say(Topic::Status, &status);
+        }
+        // 640 × 480 at 120 %.
+        let mut window = rig.window_of([533.0, 400.0]);
+        let workspace = window.state_mut().screen.workspace_mut();
+        workspace.set_wanted(PanelId::Shores, true);
+        window.run_steps(4);
+        let map = window.state().screen.map_view().place();
+        for label in ["Sort shores by away", "Shore 7, sparse"] {
+            let place = window.get_by_label_contains(label).rect();
+            assert!(place.right() <= map.left(), "{label}: {place} {map}");
+        }
+        let legend = window.get_by_label("Legend: Shore").rect();
+        assert!(map.contains_rect(legend), "{legend} {map}");
+        for label in ["Compass: y up", "+", "Look"] {
+            let other = window.get_by_label(label).rect();
+            assert!(!other.intersects(legend), "{label}: {other} {legend}");
+        }
+    }
+}

@@ -27,7 +27,20 @@ fn the_guard_speaks_of_the_way_that_is_asked_for() {
         ),
         ([-0.72, 0.0], [0.0, FREE, 0.0, 0.0], None, "behind is free"),
         // The turn beside it is not.
-        ([-0.72, 0.5], [0.0, FREE, 0.0, FREE], guard, "holds it back"),
+        (
+            [-0.72, 0.5],
+            [0.0, FREE, 0.0, FREE],
+            guard,
+            "turning left is blocked",
+        ),
+        (
+            [0.7, -0.5],
+            [FREE, 0.0, 0.0, 0.25],
+            Some(Clamp::Ramp),
+            "turning right ≤ 14 °/s",
+        ),
+        // Nothing that it allows is less than what is asked for: a boat that is too fast gets no thrust.
+        ([0.7, 0.5], [FREE, 0.0, FREE, FREE], guard, "holds it back"),
         (
             [0.0, 0.5],
             [0.0, 0.0, 0.25, FREE],

@@ -1,0 +1,185 @@
+//! Where the labels of shores and docking sites stand: the nearest first, for they matter most to whoever drives, and
+//! none on another. Pure.
+
+use eframe::egui::{Pos2, Rect, Vec2, vec2};
+use protocol::message::Shores;
+
+use super::vehicle;
+use crate::panels::shores::{Away, Outline};
+
+/// Between a label that has moved and what it has moved away from, points.
+const APART: f32 = 1.0;
+/// Where a label may stand, in its own sizes from where it belongs: there, or above, below, to the left or the right.
+const PLACES: [Vec2; 5] = [
+    Vec2::ZERO,
+    vec2(0.0, -1.0),
+    vec2(0.0, 1.0),
+    vec2(-1.0, 0.0),
+    vec2(1.0, 0.0),
+];
+
+/// What a label is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Shore,
+    Site,
+}
+
+/// A label that wants a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Label {
+    pub(super) kind: Kind,
+    /// Where it belongs: the middle of what it is of, on the screen.
+    pub(super) at: Pos2,
+    /// Points.
+    pub(super) size: Vec2,
+    /// How far that is from the vehicle, metres, as the lists have it; infinite where nobody knows.
+    pub(super) away_m: f64,
+    /// Whether it is of what stands out: it has its place before all others.
+    pub(super) is_marked: bool,
+}
+
+/// How far the shores and docking sites are from a vehicle that is there, metres, in their order.
+pub(super) fn away_m(shores: &Shores, vehicle_m: Option<[f64; 2]>) -> [Vec<f64>; 2] {
+    let outlines = Outline::all(shores);
+    let clusters = outlines.iter();
+    let clusters = clusters.map(|outline| Away::of_shore(outline, vehicle_m).key());
+    let sites = shores.sites.iter();
+    let sites = sites.map(|site| Away::of_site(site, vehicle_m).key());
+    [clusters.collect(), sites.collect()]
+}
+
+/// Which of the labels have a place, and where that is, in the order in which they got it: what stands out, the nearest
+/// shore and the nearest docking site in sight, then whatever is nearer than the others. Of what is as near, the first
+/// comes first. One that would lie on another moves by its own size at most, or is left out. None lies on the vehicle.
+pub(super) fn placed(labels: &[Label], screen: Rect, vehicle: Option<Pos2>) -> Vec<(usize, Rect)> {
+    let home = |label: &Label| {
+        let at = label.at + aside(label.at, label.size, vehicle);
+        Rect::from_center_size(at, label.size)
+    };
+    let seen = labels.iter().enumerate();
+    let mut seen: Vec<_> = seen
+        .filter(|(_, label)| screen.intersects(home(label)))
+        .collect();
+    seen.sort_by(|(_, a), (_, b)| a.away_m.total_cmp(&b.away_m));
+    let nearest = [Kind::Shore, Kind::Site].map(|kind| {
+        let mut of_kind = seen.iter().filter(|(_, label)| label.kind == kind);
+        of_kind.next().map(|(index, _)| *index)
+    });
+    seen.sort_by_key(|(index, label)| (!label.is_marked, !nearest.contains(&Some(*index))));
+    let mut taken: Vec<(usize, Rect)> = Vec::new();
+    for (index, label) in seen {
+        let mut places = PLACES.iter().map(|place| {
+            let at = label.at + *place * (label.size + Vec2::splat(APART));
+            home(&Label { at, ..*label })
+        });
+        let free = places.find(|place| {
+            let mut others = taken.iter().map(|(_, other)| other);
+            screen.intersects(*place) && others.all(|other| !other.intersects(*place))
+        });
+        taken.extend(free.map(|place| (index, place)));
+    }
+    taken
+}
+
+/// How far a label of this size that would lie on the vehicle moves to lie beside it: the shortest way to a side, or
+/// up or down.
+fn aside(at: Pos2, size: Vec2, vehicle: Option<Pos2>) -> Vec2 {
+    let Some(vehicle_at) = vehicle else {
+        return Vec2::ZERO;
+    };
+    let way = at - vehicle_at;
+    let lacks = 0.5 * (size + Vec2::splat(vehicle::ARROW)) - way.abs();
+    if lacks.min_elem() <= 0.0 {
+        Vec2::ZERO
+    } else if lacks.x < lacks.y {
+        vec2(lacks.x.copysign(way.x), 0.0)
+    } else {
+        vec2(0.0, lacks.y.copysign(way.y))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use eframe::egui::pos2;
+
+    use super::*;
+
+    const SIZE: Vec2 = vec2(20.0, 20.0);
+
+    fn label(kind: Kind, x: f32, away_m: f64) -> Label {
+        Label {
+            kind,
+            at: pos2(x, 100.0),
+            size: SIZE,
+            away_m,
+            is_marked: false,
+        }
+    }
+
+    fn screen() -> Rect {
+        Rect::from_min_size(Pos2::ZERO, vec2(400.0, 200.0))
+    }
+
+    fn order(labels: &[Label]) -> Vec<usize> {
+        let placed = placed(labels, screen(), None);
+        placed.into_iter().map(|(index, _)| index).collect()
+    }
+
+    #[test]
+    fn the_nearest_shore_and_the_nearest_site_come_first_but_for_what_stands_out() {
+        let mut labels = vec![
+            label(Kind::Site, 50.0, 90.0),
+            label(Kind::Site, 100.0, 40.0),
+            label(Kind::Shore, 150.0, 30.0),
+            label(Kind::Shore, 200.0, 5.0),
+            label(Kind::Shore, 250.0, 70.0),
+            // Nearer than all of them, and out of sight.
+            label(Kind::Shore, 900.0, 1.0),
+        ];
+        assert_eq!(order(&labels), [3, 1, 2, 4, 0]);
+        labels[4].is_marked = true;
+        assert_eq!(order(&labels), [4, 3, 1, 2, 0]);
+        // Nobody knows where the vehicle is.
+        for label in &mut labels {
+            label.away_m = f64::INFINITY;
+        }
+        assert_eq!(order(&labels), [4, 0, 2, 1, 3]);
+    }
+
+    #[test]
+    fn a_label_that_would_lie_on_others_moves_by_its_own_size_or_is_left_out() {
+        let labels: Vec<_> = (0..6_u8)
+            .map(|n| label(Kind::Shore, 100.0, f64::from(n)))
+            .collect();
+        let placed = placed(&labels, screen(), None);
+        let middles: Vec<_> = placed
+            .iter()
+            .map(|(index, place)| (*index, place.center()))
+            .collect();
+        let expected = [
+            (0, pos2(100.0, 100.0)),
+            (1, pos2(100.0, 79.0)),
+            (2, pos2(100.0, 121.0)),
+            (3, pos2(79.0, 100.0)),
+            (4, pos2(121.0, 100.0)),
+        ];
+        assert_eq!(middles, expected, "the farthest has no place");
+    }
+
+    #[test]
+    fn a_label_that_moves_does_not_move_onto_the_vehicle() {
+        let labels = [
+            label(Kind::Shore, 100.0, 1.0),
+            label(Kind::Shore, 100.0, 2.0),
+        ];
+        // Above the place of both.
+        let vehicle = pos2(100.0, 75.0);
+        let placed = placed(&labels, screen(), Some(vehicle));
+        assert_eq!(placed.len(), 2);
+        let mark = Rect::from_center_size(vehicle, Vec2::splat(vehicle::ARROW));
+        for (_, place) in placed {
+            assert!(!mark.shrink(0.01).intersects(place), "{place}");
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! Why other speeds are told than are asked for: what who drives can wait for, or do something about.
+
+use protocol::message::{Clamp, TeleopState, TeleopStatus, Velocity};
+
+use super::gauge::Gauge;
+use super::guard::{FREE, allowed};
+use super::words;
+use crate::panels::wording::signed;
+
+/// In words, where there is something to be seen. What `is_stuck` is held by neither acceleration nor brakes, whatever
+/// its motors are told.
+pub(super) fn held_back(
+    teleop: &TeleopStatus,
+    gauges: &[Gauge; 2],
+    is_stuck: bool,
+) -> Option<String> {
+    let is_held_back = gauges.iter().any(Gauge::is_held_back);
+    let clamp = teleop.clamp.filter(|_| is_held_back);
+    if is_stuck {
+        return clamp.filter(|clamp| *clamp == Clamp::Guard).map(by);
+    }
+    // The guard brakes no harder than a stop does. Until that is done more is told than it allows: a riddle, however
+    // near to what is asked for it is.
+    if teleop.state == TeleopState::Driving && exceeds_guard(teleop) {
+        return Some(on_its_way("Slowing down", Clamp::Guard));
+    }
+    match clamp? {
+        Clamp::Stop => None,
+        Clamp::Ramp => Some(on_the_way_up(teleop)),
+        clamp @ (Clamp::Speed | Clamp::Age | Clamp::Guard) => Some(by(clamp)),
+    }
+}
+
+fn by(clamp: Clamp) -> String {
+    format!("Held back by {}", words::clamp(clamp))
+}
+
+fn on_its_way(how: &str, to: Clamp) -> String {
+    format!("{how} to what {} allows", words::clamp(to))
+}
+
+/// The robot names its acceleration wherever it is below all limits. Whether these let it go as it is asked to is
+/// another matter, and the one to do something about.
+fn on_the_way_up(teleop: &TeleopStatus) -> String {
+    let (asked, told) = (teleop.requested, teleop.applied);
+    let turns_round =
+        asked.linear_mps * told.linear_mps < 0.0 || asked.angular_radps * told.angular_radps < 0.0;
+    let Some((clamp, share)) = bound(teleop).filter(|_| !turns_round) else {
+        return by(Clamp::Ramp);
+    };
+    let most = parts(asked).map(|speed| share * speed);
+    if is_beyond(most, parts(told)) {
+        on_its_way("Speeding up", clamp)
+    } else {
+        by(clamp)
+    }
+}
+
+/// What bounds the motion that is asked for, and to which share of it, where that is to be seen. The robot bounds going
+/// and turning alike, so that the arc keeps its shape.
+fn bound(teleop: &TeleopStatus) -> Option<(Clamp, f32)> {
+    let share = |speed: f32, allowed: f32| {
+        if speed > allowed {
+            allowed / speed
+        } else {
+            1.0
+        }
+    };
+    let [goes, turns] = parts(teleop.requested);
+    let [going, turning] = allowed(teleop.guard, teleop.requested);
+    let by_guard = share(goes, going).min(share(turns, turning));
+    let by_age = share(goes, teleop.speed_allowed_mps);
+    let bound = if by_guard < by_age {
+        (Clamp::Guard, by_guard)
+    } else {
+        (Clamp::Age, by_age)
+    };
+    Some(bound).filter(|(_, share)| *share < FREE)
+}
+
+fn exceeds_guard(teleop: &TeleopStatus) -> bool {
+    is_beyond(parts(teleop.applied), allowed(teleop.guard, teleop.applied))
+}
+
+/// How fast it goes and turns, either way, m/s and rad/s.
+const fn parts(velocity: Velocity) -> [f32; 2] {
+    [velocity.linear_mps.abs(), velocity.angular_radps.abs()]
+}
+
+/// Whether one goes or turns faster than the other, m/s and rad/s, as they are written.
+fn is_beyond(one: [f32; 2], other: [f32; 2]) -> bool {
+    let is_more = |one: f32, other: f32, decimals| {
+        let figure = |speed: f32| signed(f64::from(speed), decimals);
+        one > other && figure(one) != figure(other)
+    };
+    is_more(one[0], other[0], 2) || is_more(one[1].to_degrees(), other[1].to_degrees(), 0)
+}

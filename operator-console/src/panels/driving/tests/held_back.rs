@@ -1,0 +1,116 @@
+//! Why other speeds are told than are asked for.
+
+use super::*;
+
+const FREE: GuardLimits = GuardLimits {
+    forward_mps: 3.0,
+    reverse_mps: 3.0,
+    left_radps: 0.2,
+    right_radps: 0.2,
+};
+const SLOWS: &str = "Slowing down to what the collision guard allows";
+const BY_GUARD: &str = "Held back by the collision guard";
+
+/// A boat of 3 m/s and 0.2 rad/s, that is asked for and told these, m/s and rad/s.
+fn boat(asked: [f32; 2], told: [f32; 2], clamp: Option<Clamp>, guard: Guard) -> Rig {
+    let mut rig = Rig::driving();
+    let velocity = |[linear_mps, angular_radps]: [f32; 2]| protocol::message::Velocity {
+        linear_mps,
+        angular_radps,
+    };
+    rig.is_boat = true;
+    rig.helm.limits = [3.0, 0.2];
+    rig.teleop.requested = velocity(asked);
+    rig.teleop.applied = velocity(told);
+    rig.teleop.speed_allowed_mps = 3.0;
+    rig.teleop.clamp = clamp;
+    rig.teleop.guard = guard;
+    rig
+}
+
+#[test]
+fn who_is_told_more_than_the_guard_allows_slows_down_to_that() {
+    let ahead = |forward_mps| GuardLimits {
+        forward_mps,
+        ..FREE
+    };
+    let behind = GuardLimits {
+        reverse_mps: 0.4,
+        ..FREE
+    };
+    let guard = Some(Clamp::Guard);
+    for (asked_mps, told_mps, clamp, limits, says) in [
+        (1.8, 1.08, guard, Guard::On(ahead(0.4)), Some(SLOWS)),
+        (1.8, 1.78, None, Guard::Blind(ahead(0.3)), Some(SLOWS)),
+        (-1.8, -1.08, guard, Guard::On(behind), Some(SLOWS)),
+        // As it is written, it is there.
+        (1.8, 0.404, guard, Guard::On(ahead(0.4)), Some(BY_GUARD)),
+        (1.8, 1.08, guard, Guard::On(behind), Some(BY_GUARD)),
+        (1.8, 1.78, None, Guard::Off, None),
+    ] {
+        let mut rig = boat([asked_mps, 0.0], [told_mps, 0.0], clamp, limits);
+        assert_eq!(rig.data().clamp.as_deref(), says, "{told_mps} {limits:?}");
+        rig.teleop.state = TeleopState::Stopping(StopReason::Released);
+        rig.teleop.clamp = None;
+        assert_eq!(rig.data().clamp, None, "it slows down to nothing");
+    }
+    let left = GuardLimits {
+        left_radps: 0.1,
+        ..FREE
+    };
+    let turning = boat([0.0, 0.2], [0.0, 0.19], guard, Guard::On(left));
+    assert_eq!(turning.data().clamp.as_deref(), Some(SLOWS));
+}
+
+#[test]
+fn who_speeds_up_to_less_than_is_asked_for_is_told_what_will_hold_it_back() {
+    let by_acceleration = "Held back by its acceleration";
+    let speeds_up = "Speeding up to what the collision guard allows";
+    let left = GuardLimits {
+        left_radps: 0.15,
+        ..FREE
+    };
+    for (told, limits, allowed_mps, says) in [
+        ([1.44, 0.2], FREE, 3.0, by_acceleration),
+        // The turn slows the whole arc: to 2.25 m/s.
+        ([1.44, 0.05], left, 3.0, speeds_up),
+        ([2.25, 0.15], left, 3.0, BY_GUARD),
+        (
+            [1.44, 0.1],
+            FREE,
+            1.5,
+            "Speeding up to what the age of commands allows",
+        ),
+        // It still goes the other way.
+        ([-0.5, 0.0], left, 3.0, by_acceleration),
+    ] {
+        let mut rig = boat([3.0, 0.2], told, Some(Clamp::Ramp), Guard::On(limits));
+        rig.teleop.speed_allowed_mps = allowed_mps;
+        assert_eq!(rig.data().clamp.as_deref(), Some(says), "{told:?}");
+    }
+}
+
+#[test]
+fn what_is_stuck_is_held_back_by_the_guard_or_by_nothing_that_is_said() {
+    for (clamp, says) in [
+        (Clamp::Ramp, None),
+        (Clamp::Age, None),
+        (Clamp::Guard, Some(BY_GUARD)),
+    ] {
+        let mut rig = boat([3.0, 0.0], [1.44, 0.0], Some(clamp), Guard::On(FREE));
+        rig.velocity = [0.0; 2];
+        let mut model = rig.model();
+        let (status, _) = model.status().unwrap().clone();
+        let (pose, _) = model.vehicle().pose().unwrap();
+        says_again(&mut model, &pose, &status);
+        let data = DrivingData::new(&model, &rig.helm, at(4_100)).unwrap();
+        let said = (data.headline.as_str(), data.clamp.as_deref());
+        assert_eq!(said, ("Not moving", says), "{clamp:?}");
+    }
+}
+
+/// Three seconds later everything is as it was.
+fn says_again(model: &mut ConsoleModel, pose: &Pose, status: &Status) {
+    says(model, Topic::Pose, pose, at(4_000));
+    says(model, Topic::Status, status, at(4_000));
+}
