@@ -99,15 +99,12 @@ impl LegendCard {
             return;
         };
         // In an area of its own, for hands reach through the card.
-        let place = match self.place {
-            Some(card) => {
-                let corner = card.right_top() + vec2(-PADDING, PADDING);
-                Some((corner, Align2::RIGHT_TOP))
-            }
-            None => {
-                let corner = map.button(vec2(width, BUTTON));
-                corner.map(|corner| (corner, Align2::RIGHT_BOTTOM))
-            }
+        let place = if let Some(card) = self.place {
+            let corner = card.right_top() + vec2(-PADDING, PADDING);
+            Some((corner, Align2::RIGHT_TOP))
+        } else {
+            let corner = map.button(vec2(width, BUTTON));
+            corner.map(|corner| (corner, Align2::RIGHT_BOTTOM))
         };
         let Some((at, pivot)) = place else {
             return;
