@@ -90,6 +90,15 @@ fn data(model: &ConsoleModel, ms: u64) -> RecordingData {
     RecordingData::new(model, Some(&helm), None, at(ms))
 }
 
+/// How long and how large it is.
+fn extent(data: &RecordingData) -> [&str; 2] {
+    ["Length", "Size"].map(|name| {
+        let mut rows = data.rows.iter();
+        let (_, value) = rows.find(|(row, _)| row == name).unwrap();
+        value.as_str()
+    })
+}
+
 /// Tone, words and advice, and why its button cannot be pressed.
 fn said(data: &RecordingData) -> (Tone, &str, Option<&str>, Option<&str>) {
     let button = data.button.as_ref();
@@ -117,14 +126,20 @@ fn a_file_that_would_be_elsewhere_is_not_opened() {
 #[test]
 fn where_the_data_has_ended_nothing_more_is_written() {
     let ended = model(recording(RecordingState::Recording), true);
-    let advice = Some("The data has ended: nothing more is written.");
-    let expected = (
-        Tone::Waiting,
-        "Recording",
-        advice,
-        Some("Its data has ended"),
-    );
-    assert_eq!(said(&data(&ended, 1_100)), expected);
+    let why = "The data has ended: nothing more is written.";
+    let gone = format!("{why} As of 8.0 s ago");
+    for (ms, advice, blocked) in [
+        (1_100, why, "Its data has ended"),
+        (9_000, gone.as_str(), "The robot is not heard"),
+    ] {
+        let data = data(&ended, ms);
+        let headline = "Recording ended";
+        let expected = (Tone::Waiting, headline, Some(advice), Some(blocked));
+        assert_eq!(said(&data), expected);
+        let least = ["at least 1:15", "at least 4.1 MB in 1 file"];
+        assert_eq!(extent(&data), least);
+        assert!(data.button.unwrap().starts, "there is nothing to stop");
+    }
 }
 
 #[test]
@@ -135,12 +150,26 @@ fn what_is_not_heard_any_more_is_told_with_its_age() {
     let silent = data(&model, 9_000);
     let expected = (
         Tone::Waiting,
-        "Recording",
+        "Was recording",
         Some("As of 8.0 s ago"),
         Some("The robot is not heard"),
     );
     assert_eq!(said(&silent), expected);
-    assert_eq!(silent.rows, live.rows);
+    assert_eq!(extent(&live), ["1:15", "4.1 MB in 1 file"]);
+    let least = ["at least 1:15", "at least 4.1 MB in 1 file"];
+    assert_eq!(extent(&silent), least);
+    let others = |data: &RecordingData| data.rows[2..].to_vec();
+    assert_eq!(others(&silent), others(&live));
+    assert!(!silent.button.unwrap().starts);
+}
+
+#[test]
+fn what_has_stopped_grows_no_more_while_nothing_is_heard() {
+    let stopped = model(recording(RecordingState::Failed), false);
+    let silent = data(&stopped, 9_000);
+    let advice = "The event says why. What was written before is kept. As of 8.0 s ago";
+    assert_eq!(silent.advice.as_deref(), Some(advice));
+    assert_eq!(extent(&silent), ["1:15", "4.1 MB in 1 file"]);
 }
 
 #[test]

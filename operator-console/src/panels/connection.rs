@@ -258,8 +258,8 @@ mod tests {
     use super::*;
     use crate::pretend::{BOOT, announces, at, console, says, standing};
 
-    #[test]
-    fn the_map_of_a_recording_is_drawn_and_not_asked_for() {
+    /// What a robot, or a recording, has announced of a map with one tile, to who wants these layers of it.
+    fn announced(robot: &str, wanted: &[LayerId]) -> ConsoleModel {
         let layer = LayerId::Occupancy;
         let mut store = TileStore::new(BOOT, 10);
         store.set_grid(LayerGrid { layer, cell_m: 0.1 }).unwrap();
@@ -270,8 +270,35 @@ mod tests {
         };
         let cells = TileCells::from_fn(|_, _| 251);
         drop(store.publish(key, cells).unwrap());
-        let mut model = console("recording-1", &[layer]);
+        let mut model = console(robot, wanted);
         announces(&mut model, &store, at(1_000));
+        model
+    }
+
+    #[test]
+    fn the_handbook_names_what_is_said_of_the_map_as_it_is_said() {
+        let handbook = include_str!("../../../docs/console.md");
+        let handbook = handbook.split_whitespace().collect::<Vec<_>>().join(" ");
+        let unknown = console("scout", &[]);
+        let equal = announced("scout", &[]);
+        let behind = announced("scout", &[LayerId::Occupancy]);
+        let mut all = vec![drawing(Tone::Waiting, 0)];
+        for model in [unknown, equal, behind] {
+            for link in [LinkState::Live, LinkState::Silent] {
+                let heard = (link, Duration::from_millis(100));
+                all.push(map_state(model.map(), heard, at(1_100)));
+            }
+        }
+        for (_, long, short) in all {
+            for words in [long.as_str(), short] {
+                assert!(handbook.contains(&format!("*{words}*")), "{words}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_map_of_a_recording_is_drawn_and_not_asked_for() {
+        let model = announced("recording-1", &[LayerId::Occupancy]);
         let told = |link: &LinkSight| {
             let data = ConnectionData::new(&model, link, at(1_100));
             (data.map_tone, data.map, data.map_short)

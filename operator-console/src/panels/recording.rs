@@ -63,12 +63,12 @@ impl RecordingData {
         let Some((recording, (status, at))) = model.recording().zip(model.status()) else {
             return Self::unavailable(model);
         };
-        let (tone, state, advice) = state_words(recording.state, status.has_ended);
-        let advice = if is_live {
-            advice
-        } else {
-            Some(format!("As of {} ago", age(now.since(*at))))
-        };
+        let (tone, state, said) = state_words(recording.state, is_live, status.has_ended);
+        let told = (!is_live).then(|| format!("As of {} ago", age(now.since(*at))));
+        let advice: Vec<_> = said.map(str::to_owned).into_iter().chain(told).collect();
+        let is_running = recording.state == RecordingState::Recording;
+        // Files grow after the robot has told of them last: by what was on its way to the disk, too.
+        let may_be_more = is_running && (!is_live || status.has_ended);
         let blocked = match helm {
             _ if !is_live => Some("The robot is not heard"),
             _ if status.has_ended => Some("Its data has ended"),
@@ -83,12 +83,12 @@ impl RecordingData {
         Self {
             tone: if is_live { tone } else { Tone::Waiting },
             state: state.to_owned(),
-            advice,
-            rows: rows(recording, folder),
+            advice: (!advice.is_empty()).then(|| advice.join(" ")),
+            rows: rows(recording, folder, may_be_more),
             folder: folder.map(Path::to_owned),
             finished: finished(recording, folder),
             button: Some(RecordingButton {
-                starts: recording.state != RecordingState::Recording,
+                starts: !is_running || status.has_ended,
                 blocked,
             }),
             refusal: helm.and_then(|helm| helm.notice.as_ref()).and_then(refusal),
@@ -131,27 +131,32 @@ fn played(model: &ConsoleModel) -> Option<&str> {
     (!source.is_empty() && status.teleop.is_none()).then_some(source)
 }
 
-fn state_words(state: RecordingState, has_ended: bool) -> (Tone, &'static str, Option<String>) {
-    let said = |advice: &str| Some(advice.to_owned());
+/// What it is, as far as that is known of a robot that is not heard, and what there is to do or to know.
+fn state_words(
+    state: RecordingState,
+    is_live: bool,
+    has_ended: bool,
+) -> (Tone, &'static str, Option<&'static str>) {
     match state {
         RecordingState::Recording if has_ended => (
             Tone::Waiting,
-            "Recording",
-            said("The data has ended: nothing more is written."),
+            "Recording ended",
+            Some("The data has ended: nothing more is written."),
         ),
+        RecordingState::Recording if !is_live => (Tone::Waiting, "Was recording", None),
         RecordingState::Recording => (Tone::Good, "Recording", None),
         RecordingState::Stopped => (Tone::Waiting, "Not recording", None),
         RecordingState::StoppedDiskLow => (
             Tone::Warning,
             "Stopped: disk nearly full",
-            said(
+            Some(
                 "The robot keeps 1 GB and 5 % of its disk free. Make room on it, then start again.",
             ),
         ),
         RecordingState::Failed => (
             Tone::Warning,
             "Stopped: it cannot be written",
-            said("The event says why. What was written before is kept."),
+            Some("The event says why. What was written before is kept."),
         ),
     }
 }
@@ -171,7 +176,7 @@ fn finished(recording: &RecordingStatus, folder: Option<&Path>) -> Option<(PathB
     Some((path, words))
 }
 
-fn rows(recording: &RecordingStatus, folder: Option<&Path>) -> Vec<Row> {
+fn rows(recording: &RecordingStatus, folder: Option<&Path>, may_be_more: bool) -> Vec<Row> {
     // What is looked at while it runs comes first.
     let mut rows = Vec::new();
     if recording.files > 0 {
@@ -180,9 +185,13 @@ fn rows(recording: &RecordingStatus, folder: Option<&Path>) -> Vec<Row> {
         } else {
             "files"
         };
-        let size = format!("{} in {} {files}", bytes(recording.bytes), recording.files);
-        rows.push(row("Length", clock(recording.duration_s)));
-        rows.push(row("Size", size));
+        let least = if may_be_more { "at least " } else { "" };
+        let (length, size) = (clock(recording.duration_s), bytes(recording.bytes));
+        rows.push(row("Length", format!("{least}{length}")));
+        rows.push(row(
+            "Size",
+            format!("{least}{size} in {} {files}", recording.files),
+        ));
     }
     let free = recording.free_bytes.map_or_else(|| "–".to_owned(), bytes);
     rows.push(row("Free on disk", free));

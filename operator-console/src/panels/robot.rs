@@ -33,14 +33,13 @@ impl RobotData {
         }
         rows.extend(pose_rows(model));
         if let Some((status, _)) = model.status() {
-            let scans = format!(
-                "{} of {} mapped",
-                count(status.scans_mapped),
-                count(status.scans_in)
-            );
-            rows.push(row("Scans", scans));
-            // Nobody else sees a recording that is mapped here.
-            if !is_recording(model.robot()) {
+            let [mapped, came] = [status.scans_mapped, status.scans_in].map(count);
+            if is_recording(model.robot()) {
+                // While it stands still, its map shows the scans that wait for a pose, too: no status counts
+                // them as mapped. Nobody else sees it.
+                rows.push(row("Scans", format!("{came} read")));
+            } else {
+                rows.push(row("Scans", format!("{mapped} of {came} mapped")));
                 rows.push(row("Consoles", status.consoles.to_string()));
             }
         }
@@ -119,7 +118,25 @@ mod tests {
     use protocol::message::{Pose, Status};
 
     use super::*;
-    use crate::pretend::{at, says, scout};
+    use crate::pretend::{at, console, says, scout};
+
+    #[test]
+    fn a_recording_counts_no_scan_as_unmapped_that_its_map_shows() {
+        let status = Status {
+            scans_in: 1_118,
+            scans_mapped: 1_117,
+            ..Status::default()
+        };
+        let rows = |robot| {
+            let mut model = console(robot, &[]);
+            says(&mut model, Topic::Status, &status, at(1_000));
+            RobotData::new(&model, at(1_100)).rows
+        };
+        let read = row("Scans", "1\u{a0}118 read");
+        assert_eq!(rows("recording-1"), [read]);
+        let mapped = row("Scans", "1\u{a0}117 of 1\u{a0}118 mapped");
+        assert_eq!(rows("scout"), [mapped, row("Consoles", "0")]);
+    }
 
     #[test]
     fn turning_has_its_way_in_words() {

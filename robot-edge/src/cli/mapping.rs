@@ -114,7 +114,7 @@ pub struct MappingOptions {
     /// Write everything that comes in to a recording
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
-    /// Write the maps at the end
+    /// Write the maps at the end; with `--stay`, when it is stopped
     #[arg(long, value_name = "DIR")]
     pub export: Option<PathBuf>,
     /// Write figures of the run at the end

@@ -12,7 +12,7 @@ pub enum Refusal {
     #[error("there were too many a second")]
     TooMany,
     /// It was not signed by who it says; told by who reads the wire.
-    #[error("its signature is wrong")]
+    #[error("nobody of that name on the list of operators has signed it")]
     Signature,
     /// The sender's role does not allow it.
     #[error("the role does not allow it")]

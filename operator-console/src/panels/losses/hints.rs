@@ -67,7 +67,12 @@ mod tests {
             );
         }
         assert_eq!(hint("refused messages"), None);
-        let before = hint(Refusal::BeforeJoin.name()).unwrap();
-        assert!(before.ends_with("is fetched."), "{before}");
+        let handbook = include_str!("../../../../docs/console.md");
+        for refusal in [Refusal::BeforeJoin, Refusal::OtherBoot] {
+            let words = hint(refusal.name()).unwrap();
+            assert!(words.ends_with("is fetched."), "{words}");
+            let named = format!("*{}*: ", refusal.name());
+            assert!(handbook.contains(&named), "{named}");
+        }
     }
 }

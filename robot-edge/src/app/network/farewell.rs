@@ -25,7 +25,7 @@ impl Network {
         self.serve_voxels(maps, true);
         shared.end();
         if self.stay {
-            if !quiet {
+            if !quiet && !is_interrupted() {
                 // Nothing is lost where standard error is closed.
                 drop(writeln!(
                     io::stderr(),

@@ -117,7 +117,7 @@ const fn said(mode: Mode) -> &'static str {
         Mode::Held => "waits for the driver's keys",
         Mode::Driving => "obeys the driver's keys",
         Mode::Stopping { .. } => "stopping",
-        Mode::EStop => "emergency stop: nobody drives until a reset",
+        Mode::EStop => "emergency stop: nothing moves until a reset",
         Mode::Fault(FaultReason::SelfTest) => "fault: the self-test failed",
         Mode::Fault(FaultReason::Actuator) => "fault: the motors do not obey",
     }
@@ -197,7 +197,7 @@ mod tests {
             (
                 Mode::Driving,
                 Mode::EStop,
-                "emergency stop: nobody drives until a reset",
+                "emergency stop: nothing moves until a reset",
             ),
         ] {
             let told = event(&Notice::Arbiter(Happening::Mode { from, to }), &[]);

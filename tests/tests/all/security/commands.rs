@@ -247,7 +247,10 @@ fn who_is_taken_off_the_list_drives_no_more_at_once_and_all_is_written_down() {
             "lease_ended",
             "anna no longer drives: the leave to drive was taken away",
         ),
-        at("refused", "in the name of anna: its signature is wrong"),
+        at(
+            "refused",
+            "in the name of anna: nobody of that name on the list of operators has signed it",
+        ),
         at("lease_granted", "bert drives"),
         at("estop", "by bert"),
         at("estop_reset", "by sam"),
