@@ -179,6 +179,7 @@ pub(crate) fn helm_of_anna() -> HelmSight {
         step: SpeedStep::default(),
         limits: [1.0, 1.5],
         wish: Wish::NEUTRAL,
+        keys: Vec::new(),
         ignored: None,
         is_ready: true,
         token_age: Some(Duration::from_millis(20)),

@@ -76,6 +76,7 @@ fn helm(token_age: Option<Duration>) -> HelmSight {
         step: SpeedStep::default(),
         limits: [1.0, 1.5],
         wish: Wish::NEUTRAL,
+        keys: Vec::new(),
         ignored: None,
         is_ready: true,
         token_age,

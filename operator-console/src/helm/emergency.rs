@@ -30,7 +30,7 @@ pub(super) struct Pending {
 pub(super) enum Outcome {
     /// The vehicle stands, and this number is stored.
     Stopped(u64),
-    /// It was obeyed, and reset by somebody since.
+    /// The robot knows the press, and no stop is in force: it was refused, or obeyed and reset by somebody since.
     Over,
     /// It is no use to repeat it.
     Refused(Refusal),

@@ -99,6 +99,8 @@ pub enum Note {
     EStopAcknowledged(u64),
     /// The robot refuses to stop for this operator.
     EStopRefused(Refusal),
+    /// It knows the emergency stop and says that none is in force: which of the two reasons it has, it does not tell.
+    EStopNotInForce,
     /// The emergency stop was pressed for a robot that cannot be driven: nothing there would hear it.
     NothingToStop,
     /// Something was asked for that observers may not.

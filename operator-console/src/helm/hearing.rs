@@ -52,6 +52,7 @@ impl Helm {
         self.newest = None;
         self.status = None;
         self.goes_until = None;
+        self.estop_refused = None;
         if let Some(estop) = &self.estop {
             self.estop = Some(Pending::new(estop.body().press, None, estop.since));
         }
@@ -138,7 +139,10 @@ impl Helm {
         {
             match Pending::answered(answer) {
                 Some(Outcome::Stopped(number)) => self.acknowledge_estop(number, now),
-                Some(Outcome::Over) => self.estop = None,
+                Some(Outcome::Over) => {
+                    self.estop = None;
+                    self.warn(now, Note::EStopNotInForce);
+                }
                 Some(Outcome::Refused(refusal)) => {
                     self.estop = None;
                     self.estop_refused = Some(refusal);
@@ -188,6 +192,7 @@ impl Helm {
     /// A new grant: whatever was held down before counts for nothing.
     fn gain_lease(&mut self, epoch: u64, now: Monotonic) {
         self.notice = None;
+        self.estop_refused = None;
         self.epoch = self.epoch.max(epoch);
         self.lease = Lease::Held(epoch);
         self.last_grant = Some(epoch);
@@ -212,6 +217,7 @@ impl Helm {
 
     fn acknowledge_estop(&mut self, number: u64, now: Monotonic) {
         self.estop = None;
+        self.estop_refused = None;
         self.note(now, Note::EStopAcknowledged(number));
     }
 }

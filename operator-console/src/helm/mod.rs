@@ -71,6 +71,7 @@ pub struct Helm {
     requests: Requests,
     numbers: u64,
     estop: Option<Pending>,
+    /// That the robot has refused to stop for this operator, until something shows that it would.
     estop_refused: Option<protocol::message::Refusal>,
     next_press: u64,
     pace: Pace,
@@ -281,7 +282,6 @@ impl Helm {
         let before = self.status.as_ref().and_then(|status| status.estop);
         let before = before.map(|estop| estop.number);
         self.estop = Some(Pending::new(self.next_press, before, now));
-        self.estop_refused = None;
         // An odd step visits every number before it comes back.
         self.next_press = self.next_press.wrapping_add(0x9E37_79B9_7F4A_7C15);
         self.note(now, Note::EStopPressed);

@@ -7,7 +7,7 @@ use protocol::message::Refusal;
 use robot_edge::clock::Monotonic;
 
 use super::{Helm, Lease, Note};
-use crate::teleop_input::{Loss, SpeedStep, Wish};
+use crate::teleop_input::{DriveKey, Loss, SpeedStep, Wish};
 
 /// How long something that was not expected is shown.
 const NOTICE: Duration = Duration::from_secs(10);
@@ -30,6 +30,8 @@ pub struct HelmSight {
     pub limits: [f32; 2],
     /// What the hands ask for.
     pub wish: Wish,
+    /// The keys that are held and count.
+    pub keys: Vec<DriveKey>,
     /// Why what is held down counts for nothing.
     pub ignored: Option<Loss>,
     /// Whether a press would count.
@@ -53,7 +55,7 @@ pub enum EStopSight {
     Sending(Duration),
     /// It was pressed so long ago, and the robot was never heard: nobody can be told.
     Unsendable(Duration),
-    /// The robot does not obey this operator.
+    /// The robot has refused to stop for this operator, and nothing has shown since that it would.
     Refused(Refusal),
 }
 
@@ -77,6 +79,7 @@ impl Helm {
             step: self.input.step(),
             limits: self.limits,
             wish: self.input.wish(),
+            keys: self.input.keys().collect(),
             ignored: self.input.ignored_because(),
             is_ready: self.input.is_ready(),
             token_age: token.map(|newest| now.since(newest.at)),

@@ -11,6 +11,7 @@ use crate::pretend::{BOOT, at, standing};
 use crate::teleop_input::{DriveKey, SpeedStep};
 
 mod change_of_keys;
+mod refused_stop;
 
 /// What a robot reads of a message.
 #[derive(Clone, Debug, PartialEq)]
@@ -252,10 +253,12 @@ fn a_key_that_was_down_before_the_grant_moves_nothing() {
     rig.answer(Answer::Granted(4));
     rig.run(500);
     assert!(!rig.moves());
-    assert_eq!(rig.helm.sight(at(rig.ms)).ignored, Some(Loss::Lease));
+    let sight = rig.helm.sight(at(rig.ms));
+    assert_eq!((sight.ignored, sight.keys), (Some(Loss::Lease), Vec::new()));
     rig.turn(&[NO_W]);
     rig.turn(&[W]);
     assert!(rig.moves());
+    assert_eq!(rig.helm.sight(at(rig.ms)).keys, [DriveKey::W]);
 }
 
 #[test]

@@ -8,6 +8,7 @@ mod connection;
 mod ending;
 mod exports;
 mod following;
+mod guarding;
 mod history;
 mod incoming;
 mod kept_names;
@@ -48,6 +49,7 @@ use robot_edge::clock::Monotonic;
 
 pub use ages::{AgeOrder, Ages};
 pub use connection::{Connection, HeardBefore, LinkState, SILENT_AFTER, SLOWLY_SILENT_AFTER};
+pub use guarding::Guarding;
 pub use incoming::{Incoming, OpenSessions, Outgoing, RequestId};
 pub use kept_names::KeptSiteNames;
 pub use link_quality::{LinkQuality, LinkSample, Stream};
@@ -60,6 +62,7 @@ pub use trajectory_sync::TrajectoryProgress;
 pub use vehicle::Vehicle;
 pub use voxels_sync::{FetchedVoxels, VoxelsProgress};
 
+use guarding::Guardings;
 use motion::Motion;
 use scans::Scans;
 use shores_sync::ShoresSync;
@@ -115,6 +118,7 @@ pub struct ConsoleModel {
     /// The run of the robot that told it.
     status_run: Option<BootId>,
     motion: Motion,
+    guardings: Guardings,
     /// The number of the message that first said that the robot's data has ended, and of the newest head.
     ended_seq: Option<u64>,
     head_seq: u64,
@@ -161,6 +165,7 @@ impl ConsoleModel {
             status: None,
             status_run: None,
             motion: Motion::default(),
+            guardings: Guardings::default(),
             ended_seq: None,
             head_seq: 0,
             events: VecDeque::new(),

@@ -9,9 +9,18 @@ use robot_edge::clock::Monotonic;
 const MOST: usize = 64;
 
 /// What was heard, the oldest first.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Recent<T> {
     heard: VecDeque<(T, Monotonic)>,
+}
+
+impl<T> Default for Recent<T> {
+    /// Nothing was heard, whatever it may be.
+    fn default() -> Self {
+        Self {
+            heard: VecDeque::new(),
+        }
+    }
 }
 
 impl<T> Recent<T> {

@@ -89,6 +89,7 @@ impl ConsoleModel {
                 self.changes += u64::from(is_news);
                 self.map.tell_clock(header, now);
                 self.note_motion(&status, now);
+                self.guardings.hear(status.teleop.as_ref(), now);
                 self.status = Some((status, now));
                 self.status_run = Some(header.boot);
             }
@@ -117,6 +118,7 @@ impl ConsoleModel {
                     self.trail = TrailSync::default();
                     self.scans.forget();
                     self.before_estop = None;
+                    self.guardings.forget();
                     self.ended_seq = None;
                     // Another run has not ended because the last one had.
                     self.status.take_if(|(status, _)| status.has_ended);

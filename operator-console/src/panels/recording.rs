@@ -243,6 +243,7 @@ fn refusal(note: &Note) -> Option<String> {
         | Note::EStopPressed
         | Note::EStopAcknowledged(_)
         | Note::EStopRefused(_)
+        | Note::EStopNotInForce
         | Note::NothingToStop
         | Note::OnlyWatches
         | Note::Lost(_) => None,

@@ -185,8 +185,7 @@ impl TeleopInput {
         if !self.attention.is_whole() {
             return Wish::NEUTRAL;
         }
-        let is_live = |key: &DriveKey| self.keys[*key as usize] == Hold::Live;
-        let mut live = DriveKey::ALL.into_iter().filter(is_live).peekable();
+        let mut live = self.keys().peekable();
         let pull = if live.peek().is_some() {
             let sum = live.map(DriveKey::pull).fold([0.0; 2], add);
             // Both forward keys are no more than one.
@@ -198,6 +197,12 @@ impl TeleopInput {
         };
         let [forward, left] = pull.map(|pull| pull * self.step.share());
         Wish { forward, left }
+    }
+
+    /// The keys that are held and count, whatever they ask for together.
+    pub fn keys(&self) -> impl Iterator<Item = DriveKey> {
+        let is_live = |key: &DriveKey| self.keys[*key as usize] == Hold::Live;
+        DriveKey::ALL.into_iter().filter(is_live)
     }
 
     /// Why what is down counts for nothing; `None` where it counts, or nothing is down.

@@ -54,6 +54,16 @@ fn keys_drive_while_they_are_held() {
 }
 
 #[test]
+fn keys_that_count_are_known_also_where_they_ask_for_nothing_together() {
+    let mut input = after(&[Press(DriveKey::S), Press(DriveKey::W)]);
+    assert!(input.wish().is_neutral());
+    let counting: Vec<_> = input.keys().collect();
+    assert_eq!(counting, [DriveKey::W, DriveKey::S]);
+    input.lose(Loss::Link);
+    assert_eq!(input.keys().count(), 0, "they are down, and do not count");
+}
+
+#[test]
 fn a_step_scales_what_is_asked_for() {
     let mut input = hands();
     input.apply(Press(DriveKey::Left));

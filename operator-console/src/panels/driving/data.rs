@@ -9,11 +9,12 @@ use robot_edge::clock::Monotonic;
 use super::gauge::{self, Gauge};
 use super::headline::{Body, awaited, ended, gone, heard, lost};
 use super::held_back::held_back;
+use super::notice::notice;
 use super::{figures, words};
-use crate::helm::{EStopSight, HelmSight, Lease, Note};
+use crate::helm::{EStopSight, HelmSight, Lease};
 use crate::model::{ConsoleModel, LinkState, Stream};
 use crate::panels::rows::Row;
-use crate::panels::wording::{age, capitalised};
+use crate::panels::wording::age;
 use crate::teleop_input::SpeedStep;
 use crate::theme::Tone;
 
@@ -142,12 +143,7 @@ impl DrivingData {
                 .waiting
                 .clone()
                 .filter(|_| helm.lease.held().is_some()),
-            notice: helm
-                .notice
-                .as_ref()
-                // The panel says so all the time.
-                .filter(|note| **note != Note::OnlyWatches)
-                .map(|note| capitalised(&words::note(note).0)),
+            notice: notice(helm, model.events().iter().map(|(event, _)| event)),
             step: helm.step,
             top_speed_mps: helm.limits[0],
             gauges,

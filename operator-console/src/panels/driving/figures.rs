@@ -8,6 +8,7 @@ use robot_edge::clock::Monotonic;
 use super::guard::{self, guard};
 use super::keys::keys;
 use super::last_stop::last_stop;
+use super::tightest::tightest;
 use crate::helm::HelmSight;
 use crate::model::{ConsoleModel, LinkState, Stream};
 use crate::panels::rows::{Row, row};
@@ -51,8 +52,8 @@ pub(super) fn rows(
         Tone::Good
     };
     rows.push((tone, row(AGE_ALLOWS, allowed)));
-    let (tone, guard) = guard(teleop, helm.limits);
-    rows.push((tone, row(GUARD, guard)));
+    let (tone, words) = guard(teleop, tightest(teleop, model.guard_lately()), helm.limits);
+    rows.push((tone, row(GUARD, words)));
     let events = model.events().iter().map(|(event, _)| event);
     if let Some((tone, stop)) = last_stop(teleop, model.before_estop(), events) {
         rows.push((tone, row("Last stop", stop)));

@@ -6,17 +6,19 @@ use crate::panels::wording::signed;
 use crate::theme::Tone;
 
 /// Less is no speed in two decimals, m/s.
-const LEAST_MPS: f32 = 0.005;
+pub(super) const LEAST_MPS: f32 = 0.005;
 /// Less is no turn in whole degrees, rad/s.
-const LEAST_RADPS: f32 = 0.0087;
+pub(super) const LEAST_RADPS: f32 = 0.0087;
 /// What lets through so much of what is asked for does not bound it to be seen.
 pub(super) const FREE: f32 = 0.98;
 
 /// What its words mean.
 pub(super) const HINT: &str = "How fast the collision guard lets the robot go that way, so that it still stops before \
                                what its sensors or its map show, and before ground that nobody has seen. Where its \
-                               data is late, nothing is driven. It sees too little where nobody has looked yet, or where the last look is too old: there the robot \
-                               may only creep, or not move at all. That ends by itself where its sensors have looked.";
+                               data is late, nothing is driven. It sees too little where nobody has looked yet, or \
+                               where the last look is too old: there the robot may only creep, or not move at all. \
+                               That ends by itself where its sensors have looked. Where it changes its mind from \
+                               moment to moment, this is the least of the last 1.5 s.";
 
 /// How fast it lets a vehicle go and turn the ways of `velocity`, m/s and rad/s; infinite where it sets no limit.
 pub(super) const fn allowed(guard: Guard, velocity: Velocity) -> [f32; 2] {
@@ -49,13 +51,14 @@ pub(super) fn makes_stand(teleop: &TeleopStatus) -> bool {
         && angular_radps.abs() < LEAST_RADPS
 }
 
-/// The guard of a vehicle that goes and turns so fast at most, m/s and rad/s. Where nothing is asked for, it speaks of
-/// what is ahead; where only the turn is bounded, of that; where nothing may move whatever it allows, of no way.
-pub(super) fn guard(teleop: &TeleopStatus, greatest: [f32; 2]) -> (Tone, String) {
+/// What the guard says to a vehicle that goes and turns so fast at most, m/s and rad/s. Where nothing is asked for, it
+/// speaks of what is ahead; where only the turn is bounded, of that; where nothing may move whatever it allows, of no
+/// way.
+pub(super) fn guard(teleop: &TeleopStatus, guard: Guard, greatest: [f32; 2]) -> (Tone, String) {
     let with = |word: &str| match teleop.state {
         TeleopState::SafeBoot | TeleopState::EStop | TeleopState::Fault(_) => word.to_owned(),
         TeleopState::Idle | TeleopState::Held | TeleopState::Driving | TeleopState::Stopping(_) => {
-            format!("{word}{}", allows(teleop, greatest))
+            format!("{word}{}", allows(teleop, guard, greatest))
         }
     };
     // What nobody drives from afar may move all the same: by its own program, or adrift.
@@ -65,7 +68,7 @@ pub(super) fn guard(teleop: &TeleopStatus, greatest: [f32; 2]) -> (Tone, String)
             ""
         }
     };
-    match teleop.guard {
+    match guard {
         Guard::Silent => (Tone::Warning, format!("Silent{nothing}")),
         Guard::Off => (Tone::Warning, "Off".to_owned()),
         Guard::On(_) => (Tone::Good, with("On")),
@@ -74,12 +77,12 @@ pub(super) fn guard(teleop: &TeleopStatus, greatest: [f32; 2]) -> (Tone, String)
     }
 }
 
-fn allows(teleop: &TeleopStatus, [speed_mps, turn_radps]: [f32; 2]) -> String {
+fn allows(teleop: &TeleopStatus, guard: Guard, [speed_mps, turn_radps]: [f32; 2]) -> String {
     let Velocity {
         linear_mps,
         angular_radps,
     } = teleop.requested;
-    let [going, turning] = allowed(teleop.guard, teleop.requested);
+    let [going, turning] = allowed(guard, teleop.requested);
     let goes = linear_mps.abs() >= LEAST_MPS;
     let turns = angular_radps.abs() >= LEAST_RADPS;
     // Letting go of the turn is all that helps then.
@@ -95,7 +98,7 @@ fn allows(teleop: &TeleopStatus, [speed_mps, turn_radps]: [f32; 2]) -> String {
     let is_free = greatest > 0.0 && allowed >= greatest;
     if is_free || !allowed.is_finite() {
         // It has a reason that is not of this way: a turn beside it, as a rule.
-        let is_seen = matches!(teleop.guard, Guard::On(_));
+        let is_seen = matches!(guard, Guard::On(_));
         return match (teleop.clamp, is_free && is_seen) {
             (Some(Clamp::Guard), _) => ", holds it back".to_owned(),
             (Some(Clamp::Speed | Clamp::Ramp | Clamp::Age | Clamp::Stop) | None, true) => {

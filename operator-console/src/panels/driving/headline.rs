@@ -6,6 +6,7 @@ use protocol::message::{Arming, Guard, StopReason, TeleopState, TeleopStatus};
 use robot_edge::clock::Monotonic;
 
 use super::guard::makes_stand;
+use super::hands::{opposed, turn_alone};
 use super::untold::untold;
 use super::words;
 use crate::helm::{HelmSight, Lease};
@@ -24,6 +25,7 @@ const STOPPED_AFLOAT: &str = "Its motors stand until it is reset. Wind and curre
 const STUCK: &str = "Told to go, and does not move: stuck, or its motors do not obey";
 const AGROUND: &str = "Told to go, and does not move: aground, held, or its motors do not obey";
 /// What a key changes from one to the other: all have the room of the longest, so that nothing below moves meanwhile.
+/// What names keys is shorter.
 pub(super) const BY_KEYS: [&str; 11] = [
     DRIVES,
     COASTS,
@@ -186,6 +188,10 @@ pub(super) fn heard(teleop: &TeleopStatus, helm: &HelmSight, body: Body) -> Head
 
 fn advice(teleop: &TeleopStatus, helm: &HelmSight, body: Body) -> Option<String> {
     let is_mine = helm.lease.held().is_some();
+    let opposed = opposed(helm).filter(|_| is_mine && follows_keys(teleop));
+    if opposed.is_some() {
+        return opposed;
+    }
     let words = match (teleop.state, helm.ignored) {
         // It is taken back early only: later it ends first, and goes on by itself with what is held down then.
         (TeleopState::Stopping(_), _) if teleop.arming == Arming::Pressed => SLOWS,
@@ -215,8 +221,11 @@ fn advice(teleop: &TeleopStatus, helm: &HelmSight, body: Body) -> Option<String>
         (TeleopState::Held | TeleopState::Driving, _) if is_mine && !helm.is_ready => {
             "The keys go to a text or to another window. Click into the map to drive"
         }
-        (TeleopState::Driving, _) if makes_stand(teleop) && body.is_boat => NO_THRUST,
-        (TeleopState::Driving, _) if makes_stand(teleop) => STANDS,
+        (TeleopState::Driving, _) if makes_stand(teleop) => {
+            let alone = turn_alone(teleop, helm, body.is_boat).filter(|_| is_mine);
+            let stands = if body.is_boat { NO_THRUST } else { STANDS };
+            return alone.or_else(|| Some(stands.to_owned()));
+        }
         (TeleopState::Idle | TeleopState::Held, _) if teleop.is_drifting && body.is_still() => {
             UNHELD
         }
@@ -228,4 +237,23 @@ fn advice(teleop: &TeleopStatus, helm: &HelmSight, body: Body) -> Option<String>
         ) => return None,
     };
     Some(words.to_owned())
+}
+
+/// Whether what a driven vehicle does now is what the keys ask for, be that nothing.
+const fn follows_keys(teleop: &TeleopStatus) -> bool {
+    match teleop.state {
+        TeleopState::Driving | TeleopState::Stopping(StopReason::Released) => true,
+        // Whatever is pressed, it stands while the guard's data is late.
+        TeleopState::Held => !matches!(teleop.guard, Guard::Stale | Guard::Silent),
+        TeleopState::SafeBoot
+        | TeleopState::Idle
+        | TeleopState::Stopping(
+            StopReason::Age
+            | StopReason::NotFinite
+            | StopReason::GuardStale
+            | StopReason::LeaseEnded(_),
+        )
+        | TeleopState::EStop
+        | TeleopState::Fault(_) => false,
+    }
 }

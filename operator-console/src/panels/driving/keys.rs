@@ -3,6 +3,7 @@
 use protocol::message::{Arming, TeleopState, TeleopStatus};
 
 use super::guard::makes_stand;
+use super::hands::opposed;
 use super::words;
 use crate::helm::HelmSight;
 use crate::theme::Tone;
@@ -38,6 +39,8 @@ fn heeded(arming: Arming, helm: &HelmSight) -> (Tone, &'static str) {
         Arming::Locked => (Tone::Warning, told),
         // What is held down here is not sent: the vehicle does not know of it.
         Arming::Neutral if helm.ignored.is_some() => (Tone::Warning, words::arming(Arming::Locked)),
+        // To the vehicle they were let go, and what stands for that sounds as if none were held.
+        Arming::Neutral if opposed(helm).is_some() => (Tone::Waiting, "Ask for nothing together"),
         Arming::Neutral => (Tone::Waiting, told),
         Arming::Pressed => (Tone::Good, told),
     }

@@ -1,10 +1,13 @@
 mod asked;
 mod braking;
 mod grants;
+mod hands;
 mod held_back;
 mod keys_count;
 mod lying;
+mod notice;
 mod restarted;
+mod tightest;
 mod watching;
 
 use eframe::egui::vec2;
@@ -460,6 +463,10 @@ fn what_was_not_expected_is_said() {
     assert_eq!(rig.data().notice, None);
     for (note, says) in [
         (Note::LeaseLost, "Lease lost"),
+        (
+            Note::EStopNotInForce,
+            "The emergency stop is not in force: it was refused, or reset since",
+        ),
         (
             Note::ResetEndedDriving,
             "The reset ended driving: press Drive anew",

@@ -175,6 +175,10 @@ pub fn note(note: &Note) -> (String, bool) {
         Note::EStopPressed => ("emergency stop pressed".to_owned(), false),
         Note::EStopAcknowledged(number) => (format!("emergency stop {number} acknowledged"), false),
         Note::EStopRefused(why) => (format!("emergency stop refused: {}", refusal(*why)), true),
+        Note::EStopNotInForce => (
+            "the emergency stop is not in force: it was refused, or reset since".to_owned(),
+            true,
+        ),
         Note::NothingToStop => (
             "nothing to stop: this robot is not driven over the network".to_owned(),
             true,

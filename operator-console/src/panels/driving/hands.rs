@@ -1,0 +1,71 @@
+//! Hands that get nowhere by what they ask for at once, and what to do about it.
+
+use protocol::message::{Guard, TeleopStatus, Velocity};
+
+use super::guard::{LEAST_MPS, LEAST_RADPS, allowed, makes_stand};
+use crate::helm::HelmSight;
+use crate::teleop_input::DriveKey;
+
+const FORWARD: [DriveKey; 2] = [DriveKey::W, DriveKey::Up];
+const BACK: [DriveKey; 2] = [DriveKey::S, DriveKey::Down];
+const LEFT: [DriveKey; 2] = [DriveKey::A, DriveKey::Left];
+const RIGHT: [DriveKey; 2] = [DriveKey::D, DriveKey::Right];
+
+/// That keys are held which take each other back, and nothing else: to the vehicle all are let go.
+pub(super) fn opposed(helm: &HelmSight) -> Option<String> {
+    if !helm.wish.is_neutral() {
+        return None;
+    }
+    let held = |keys: [DriveKey; 2]| keys.into_iter().find(|key| helm.keys.contains(key));
+    let [one, other] = [[FORWARD, BACK], [LEFT, RIGHT]]
+        .into_iter()
+        .find_map(|[one, other]| Some([held(one)?, held(other)?]))?;
+    Some(format!(
+        "{} and {} at once ask for nothing",
+        name(one),
+        name(other)
+    ))
+}
+
+/// How a vehicle comes to turn that the guard makes stand because it is asked to go as well: it holds back both alike,
+/// so that the arc keeps its shape. `None` where the way is not what holds it, or the turn is held too.
+pub(super) fn turn_alone(teleop: &TeleopStatus, helm: &HelmSight, is_boat: bool) -> Option<String> {
+    let Velocity {
+        linear_mps,
+        angular_radps,
+    } = teleop.requested;
+    let is_asked = linear_mps.abs() >= LEAST_MPS && angular_radps.abs() >= LEAST_RADPS;
+    // The hands may have changed since the robot told.
+    let is_so_now = helm.wish.forward * linear_mps > 0.0 && helm.wish.left * angular_radps > 0.0;
+    let sees = matches!(teleop.guard, Guard::On(_) | Guard::Blind(_));
+    let [going, turning] = allowed(teleop.guard, teleop.requested);
+    let is_held_by_way = sees && going < LEAST_MPS && turning >= LEAST_RADPS;
+    if !(makes_stand(teleop) && is_asked && is_so_now && is_held_by_way) {
+        return None;
+    }
+    if helm.keys.is_empty() {
+        return Some("Ask for the turn alone".to_owned());
+    }
+    let going = FORWARD.into_iter().chain(BACK);
+    let keys: Vec<_> = going
+        .filter(|key| helm.keys.contains(key))
+        .map(name)
+        .collect();
+    // A boat drifts meanwhile.
+    let turn = if is_boat { "turn" } else { "turn on the spot" };
+    Some(format!("Let go of {} to {turn}", keys.join(" and ")))
+}
+
+/// As the table of keys names it.
+const fn name(key: DriveKey) -> &'static str {
+    match key {
+        DriveKey::W => "W",
+        DriveKey::A => "A",
+        DriveKey::S => "S",
+        DriveKey::D => "D",
+        DriveKey::Up => "Up",
+        DriveKey::Left => "Left",
+        DriveKey::Down => "Down",
+        DriveKey::Right => "Right",
+    }
+}

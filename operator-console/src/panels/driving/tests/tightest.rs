@@ -1,0 +1,97 @@
+//! A guard that says one thing with one scan and another with the next.
+
+use super::*;
+
+const FREE: GuardLimits = GuardLimits {
+    forward_mps: f32::INFINITY,
+    reverse_mps: f32::INFINITY,
+    left_radps: f32::INFINITY,
+    right_radps: f32::INFINITY,
+};
+
+const fn ahead(forward_mps: f32) -> GuardLimits {
+    GuardLimits {
+        forward_mps,
+        ..FREE
+    }
+}
+
+/// The row of a guard that said this within the last second, the oldest first: what was asked for, m/s and rad/s, and
+/// what it allowed.
+fn row(told: &[([f32; 2], Guard)]) -> (Tone, String) {
+    let rig = Rig::driving();
+    let mut model = rig.model();
+    for (asked, guard) in told {
+        let mut teleop = rig.teleop.clone();
+        [teleop.requested.linear_mps, teleop.requested.angular_radps] = *asked;
+        teleop.guard = *guard;
+        teleop.clamp = None;
+        let status = Status {
+            teleop: Some(teleop),
+            ..Status::default()
+        };
+        says(&mut model, Topic::Status, &status, at(1_050));
+    }
+    let data = DrivingData::new(&model, &rig.helm, rig.now).unwrap();
+    let mut rows = data.rows.into_iter();
+    let (tone, (_, says)) = rows.find(|(_, (name, _))| name == "Guard").unwrap();
+    (tone, says)
+}
+
+#[test]
+fn the_row_of_the_guard_says_the_tightest_of_the_last_while() {
+    const GO: [f32; 2] = [0.8, 0.0];
+    const ARC: [f32; 2] = [0.8, 0.5];
+    const BACK: [f32; 2] = [-0.8, 0.0];
+    let left = GuardLimits {
+        left_radps: 0.1,
+        ..ahead(0.9)
+    };
+    for (told, tone, says) in [
+        (
+            vec![(GO, Guard::Blind(ahead(0.3))), (GO, Guard::On(FREE))],
+            Tone::Warning,
+            "Sees too little, ahead ≤ 0.30 m/s",
+        ),
+        (
+            vec![(GO, Guard::On(ahead(0.0))), (GO, Guard::Blind(ahead(0.3)))],
+            Tone::Warning,
+            "Sees too little, ahead is blocked",
+        ),
+        // Each limit for itself.
+        (
+            vec![(ARC, Guard::On(left)), (ARC, Guard::On(ahead(0.85)))],
+            Tone::Good,
+            "On, turning left ≤ 6 °/s",
+        ),
+        // What was said of another way.
+        (
+            vec![(GO, Guard::Blind(ahead(0.0))), (BACK, Guard::On(FREE))],
+            Tone::Good,
+            "On, behind is free",
+        ),
+        (
+            vec![(ARC, Guard::On(ahead(0.0))), (GO, Guard::On(FREE))],
+            Tone::Good,
+            "On, ahead is free",
+        ),
+        // What is no limit is as it is.
+        (
+            vec![(GO, Guard::On(ahead(0.0))), (GO, Guard::Stale)],
+            Tone::Warning,
+            "Its data is late: nothing moves",
+        ),
+        (
+            vec![(GO, Guard::On(ahead(0.0))), (GO, Guard::Off)],
+            Tone::Warning,
+            "Off",
+        ),
+        (
+            vec![(GO, Guard::Stale), (GO, Guard::On(FREE))],
+            Tone::Good,
+            "On, ahead is free",
+        ),
+    ] {
+        assert_eq!(row(&told), (tone, says.to_owned()), "{told:?}");
+    }
+}
