@@ -52,10 +52,9 @@ impl Verbosity {
     /// The filter for `tracing`, where `RUST_LOG` says nothing.
     pub const fn log_filter(self) -> &'static str {
         match (self.quiet, self.verbose) {
-            // Zenoh complains where a console withdraws what access control kept from this robot (its issue 1562).
-            (true, _) => "error,zenoh::net::routing::hat=off",
-            // It warns of settings that are meant.
-            (false, 0) => "warn,zenoh=error,zenoh::net::routing::hat=off",
+            (true, _) => "error",
+            // Zenoh warns of settings that are meant.
+            (false, 0) => "warn,zenoh=error",
             (false, 1) => "info,zenoh=warn",
             (false, 2) => "debug",
             (false, _) => "trace",
