@@ -366,13 +366,19 @@ impl Driver {
         envelope
             .open::<Drive>(self.route(sender), &sender.key)
             .map_err(|error| words::refused(&error))?;
-        if press.is_some_and(|press| self.presses.was_seen(press)) {
-            // A repetition: it is in force, or was reset. What else the command says is judged as ever.
+        if press.is_some_and(|press| self.is_repetition(sender, press)) {
+            // It is in force, or was reset. What else the command says is judged as ever.
             command.estop = false;
         }
         let role = sender.role;
         self.step(now, Event::Command { role, command });
         Ok(())
+    }
+
+    /// Whether this press of an emergency stop was heard before. One of whoever may not stop the vehicle is none, and is
+    /// refused for that, by whichever way it comes and however often.
+    pub(super) fn is_repetition(&mut self, sender: &Sender, press: u64) -> bool {
+        sender.role.may_drive() && self.presses.was_seen(press)
     }
 
     pub(super) fn route<'a>(&'a self, sender: &'a Sender) -> Route<'a> {

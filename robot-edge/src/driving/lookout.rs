@@ -11,9 +11,8 @@ use triple_buffer::{Input, Output, triple_buffer};
 use super::arrivals::Arrivals;
 use crate::clock::Monotonic;
 use crate::mapping::Mapper;
-use crate::mapping::ground_plane::GroundPlane;
+use crate::mapping::ground_plane::{GroundPlane, GroundTracker};
 use crate::mapping::posed_scan::PosedScan;
-use crate::mapping::terrain::Terrain;
 use crate::pose::{self, Pose};
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::teleop::guard::{
@@ -21,7 +20,11 @@ use crate::teleop::guard::{
 };
 use crate::teleop::{GuardVerdict, Velocity};
 
-/// The map is copied this often, on the clock of the data.
+/// The map is copied after so much time of the data, with the next scan of any sensor: between the sweeps of a slow one with
+/// those of others.
+const MAP_DUE: RobotDuration = RobotDuration::from_millis(100);
+/// What the guard takes for the time from copy to copy: after two and a half of it, a copy is stale. It is more than
+/// [`MAP_DUE`], for a sweep of 200 ms waits for the poses behind it and then for mapping, and all that is age of the copy.
 const MAP_PERIOD: Duration = Duration::from_millis(200);
 /// Time from sweep to sweep until two have come.
 const UNKNOWN_PERIOD: Duration = Duration::from_millis(100);
@@ -32,8 +35,9 @@ pub struct Lookout {
     rules: GuardRules,
     sensors: Vec<Sensor>,
     odometry: Input<Option<Odometry>>,
-    /// As mapping knows it, of the scans that are in the map.
-    ground: Output<Option<GroundPlane>>,
+    /// What mapping makes of the ground, where it maps heights, but of every scan that was placed: those in the map may be
+    /// seconds behind.
+    ground: Option<GroundTracker>,
     arrivals: Arrivals,
 }
 
@@ -43,7 +47,6 @@ pub struct MapLookout {
     rules: GuardRules,
     map: Input<LocalMap>,
     copied: Option<RobotTime>,
-    ground: Input<Option<GroundPlane>>,
 }
 
 #[derive(Debug)]
@@ -63,14 +66,18 @@ pub struct Sight {
     odometry: Output<Option<Odometry>>,
 }
 
-/// A guard that keeps to `rules` and the ways to tell it what so many range sensors see, and the map.
-pub fn lookout(rules: GuardRules, sensors: usize) -> (Lookout, MapLookout, Sight) {
+/// A guard that keeps to `rules` and the ways to tell it what so many range sensors see, and the map. `ground` is one like
+/// that of the mapper, where heights are mapped; else each scan's ground is the plane under the vehicle.
+pub fn lookout(
+    rules: GuardRules,
+    sensors: usize,
+    ground: Option<GroundTracker>,
+) -> (Lookout, MapLookout, Sight) {
     let (inputs, newest_sweeps): (Vec<_>, _) = (0..sensors)
         .map(|_sensor| triple_buffer(&GuardSweep::default()))
         .unzip();
     let (map_input, map) = triple_buffer(&LocalMap::default());
     let (odometry_input, odometry) = triple_buffer(&None);
-    let (ground_input, ground) = triple_buffer(&None);
     let sensor = |sweeps| Sensor {
         sweeps,
         last: None,
@@ -87,7 +94,6 @@ pub fn lookout(rules: GuardRules, sensors: usize) -> (Lookout, MapLookout, Sight
         rules,
         map: map_input,
         copied: None,
-        ground: ground_input,
     };
     let sight = Sight {
         guard: CollisionGuard::new(rules),
@@ -108,8 +114,16 @@ impl Lookout {
     /// The clock of the data starts anew.
     pub fn reset_clock(&mut self) {
         self.arrivals.clear();
+        self.forget_ground();
         for sensor in &mut self.sensors {
             sensor.last = None;
+        }
+    }
+
+    /// The next scan gives a new ground: where the vehicle was before says nothing of where it is.
+    pub fn forget_ground(&mut self) {
+        if let Some(ground) = &mut self.ground {
+            ground.reset();
         }
     }
 
@@ -126,13 +140,7 @@ impl Lookout {
     /// latest.
     pub fn see(&mut self, scan: &PosedScan, now: Monotonic) -> Monotonic {
         let taken = self.arrivals.of(scan.stamp, now);
-        let plane = if self.rules.is_boat() {
-            // It floats: its own attitude is that of the waves.
-            GroundPlane::under(&upright(&scan.odom_from_base))
-        } else {
-            let ground = *self.ground.read();
-            ground.unwrap_or_else(|| GroundPlane::under(&scan.odom_from_base))
-        };
+        let plane = self.plane_below(scan);
         if let Some(sensor) = self.sensors.get_mut(usize::from(scan.sensor.0)) {
             let period = sensor.period_at(scan.stamp);
             let sweep = sensor.sweeps.input_buffer_mut();
@@ -141,18 +149,33 @@ impl Lookout {
         }
         taken
     }
+
+    /// The plane that the heights of the next scan refer to; `None` before the first one, and where heights are not mapped.
+    pub fn ground_plane(&self) -> Option<GroundPlane> {
+        self.ground.as_ref().and_then(GroundTracker::plane)
+    }
+
+    /// The plane that a scan's heights refer to, which is that of the scans before it.
+    fn plane_below(&mut self, scan: &PosedScan) -> GroundPlane {
+        let pose = &scan.odom_from_base;
+        if self.rules.is_boat() {
+            // It floats: its own attitude is that of the waves.
+            return GroundPlane::under(&upright(pose));
+        }
+        let before = self.ground_plane();
+        if let Some(ground) = &mut self.ground {
+            ground.update(scan.stamp, pose);
+        }
+        before.unwrap_or_else(|| GroundPlane::under(pose))
+    }
 }
 
 impl MapLookout {
     /// A scan is in the map, which was measured at `taken`, at the latest.
     pub fn mapped(&mut self, scan: &PosedScan, mapper: &Mapper, taken: Monotonic) {
-        let ground = mapper.terrain().and_then(Terrain::ground_plane);
-        self.ground.write(ground);
-        let is_due = self.copied.is_none_or(|copied| {
-            scan.stamp < copied
-                || scan.stamp.since(copied)
-                    >= RobotDuration::from_secs_f64(MAP_PERIOD.as_secs_f64())
-        });
+        let is_due = self
+            .copied
+            .is_none_or(|copied| scan.stamp < copied || scan.stamp.since(copied) >= MAP_DUE);
         if !is_due {
             return;
         }
@@ -232,3 +255,6 @@ fn upright(pose: &Pose) -> Pose {
         UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad),
     )
 }
+
+#[cfg(test)]
+mod tests;

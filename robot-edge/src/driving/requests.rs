@@ -23,8 +23,8 @@ impl Driver {
     ) -> Result<(), Refused> {
         let (_, EStop { press }, reply) = self.open(sender, bytes, reply)?;
         let report = self.state.report(&self.rules, now);
-        if self.presses.was_seen(press) {
-            // A repetition. It hears what became of the stop, and does not make another one.
+        if self.is_repetition(sender, press) {
+            // It hears what became of the stop, and does not make another one.
             if let Some(reply) = reply {
                 match report.estop {
                     Some(estop) if estop.is_stored => reply(Answer::EStopped(estop.id.0)),

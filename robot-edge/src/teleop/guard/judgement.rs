@@ -12,6 +12,17 @@ use crate::teleop::verdict::GuardLimits;
 /// Slower is standing still, metres per second of any point of the body.
 const STANDING_MPS: f64 = 0.005;
 
+/// A part that is slowed down beside another that is kept aims at so much of what is allowed: what is left leans more to the
+/// other, and a heading that leans more is often allowed a hair less.
+const AIM: f64 = 0.999;
+
+/// It is aimed only beside a part that is at most this share of it: a mixture of more leaves its heading when both brake, and
+/// needs the room that a half leaves.
+const AIMED_BESIDE: f64 = 0.05;
+
+/// How often that is tried.
+const AIMS: usize = 3;
+
 /// A judgement under way.
 pub(super) struct Judgement<'a> {
     outlook: Outlook<'a>,
@@ -123,25 +134,58 @@ impl<'a> Judgement<'a> {
         allowed.speed_mps / mixed_mps
     }
 
-    /// Limits one part of the motion while the other one keeps its speed: to the greatest of some shares of what it would
-    /// be from which the vehicle can stop, with all that is less.
+    /// Limits one part of the motion while the other one keeps its speed: to what its heading allows, where that can be found
+    /// at once, else to the greatest of some shares of what it would be from which the vehicle can stop, with all that is less.
     fn limit_beside(&mut self, kept: Part, changing: Part) {
         if kept.speed_mps < STANDING_MPS || changing.speed_mps < STANDING_MPS {
             return;
         }
+        let most_mps = self.most_beside_mps(kept, changing);
+        if most_mps < changing.speed_mps {
+            self.limit(changing.axis, most_mps);
+        }
+    }
+
+    /// How fast the changing part may be; nothing is allowed that was not tried.
+    fn most_beside_mps(&mut self, kept: Part, changing: Part) -> f64 {
         let safe_mps = self.safe_beside_mps(kept, changing.axis);
-        for share in [1.0, 0.5, 0.25] {
+        let aimed_mps = self.aimed_beside_mps(kept, changing, safe_mps);
+        let can_stop_at = |speed_mps: f64| {
             let part = Part {
-                speed_mps: changing.speed_mps * share,
+                speed_mps,
                 ..changing
             };
-            if part.speed_mps <= safe_mps && self.can_stop_from(kept, part) {
-                return if share < 1.0 {
-                    self.limit(part.axis, part.speed_mps);
+            speed_mps <= safe_mps && self.can_stop_from(kept, part)
+        };
+        let shares = [0.5, 0.25].map(|share| share * changing.speed_mps);
+        shares
+            .into_iter()
+            .find(|&share_mps| aimed_mps >= share_mps || can_stop_at(share_mps))
+            .map_or(aimed_mps, |share_mps| aimed_mps.max(share_mps))
+    }
+
+    /// The speed of the changing part from which the vehicle can stop: all of it where it can; else, beside a part that is small
+    /// against it, what the heading of the mixture allows, found in a few steps; 0 where that finds none. So a turn that is
+    /// only noise takes nothing of going but what it is allowed less.
+    fn aimed_beside_mps(&self, kept: Part, changing: Part, safe_mps: f64) -> f64 {
+        let mut part = changing;
+        for _ in 0..=AIMS {
+            let Some((mixed_mps, allowed_mps)) = self.mixture(kept, part) else {
+                break;
+            };
+            if mixed_mps <= allowed_mps {
+                return if part.speed_mps <= safe_mps {
+                    part.speed_mps
+                } else {
+                    0.0
                 };
             }
+            if kept.speed_mps > AIMED_BESIDE * changing.speed_mps {
+                break;
+            }
+            part.speed_mps *= AIM * allowed_mps / mixed_mps;
         }
-        self.limit(changing.axis, 0.0);
+        0.0
     }
 
     /// How fast the other part may be as far as the headings of the compass tell.
@@ -162,14 +206,19 @@ impl<'a> Judgement<'a> {
     }
 
     fn can_stop_from(&self, one: Part, other: Part) -> bool {
+        self.mixture(one, other)
+            .is_none_or(|(mixed_mps, allowed_mps)| mixed_mps <= allowed_mps)
+    }
+
+    /// The speed of a motion of two parts, and what is allowed on its heading, metres of travel per second; nothing where it
+    /// does not move.
+    fn mixture(&self, one: Part, other: Part) -> Option<(f64, f64)> {
         let (going, turning) = match one.axis {
             Axis::Forward | Axis::Back => (one, other),
             Axis::Left | Axis::Right => (other, one),
         };
-        let motion = Travel { going, turning };
-        motion
-            .heading(self.radius_m)
-            .is_none_or(|(heading, speed_mps)| speed_mps <= self.outlook.allowed(heading).speed_mps)
+        let (heading, mixed_mps) = Travel { going, turning }.heading(self.radius_m)?;
+        Some((mixed_mps, self.outlook.allowed(heading).speed_mps))
     }
 
     fn allowed(&mut self, number: usize) -> (Heading, Allowed) {
@@ -194,3 +243,6 @@ impl<'a> Judgement<'a> {
         *most_mps = most_mps.min(speed_mps);
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -4,8 +4,9 @@
 //! last map, both as plain data that others hand over, and waits for neither. It says how fast the vehicle may go and turn
 //! and nothing else: what it says can only make the vehicle slower (P9).
 //!
-//! The mapping thread fills a [`GuardSweep`] with each sweep and a [`LocalMap`] now and then, and hands them over; the
-//! loop asks [`CollisionGuard::verdict`] in each round, after the commands of that round were taken and before its tick.
+//! The placing side fills a [`GuardSweep`] with each sweep, the mapping side a [`LocalMap`] now and then, and both hand them
+//! over; the loop asks [`CollisionGuard::verdict`] in each round, after the commands of that round were taken and before its
+//! tick.
 //! Each keeps its memory, so that nothing is allocated once they have been filled. Whoever switches the guard off says
 //! `GuardVerdict::Off` in its stead.
 //!

@@ -132,15 +132,18 @@ fn requests() -> impl Strategy<Value = Vec<(Option<Velocity>, u32)>> {
     prop::collection::vec((velocity, 5_u32..100), 1..12)
 }
 
-fn cases() -> u32 {
-    std::env::var("GUARD_CASES")
-        .ok()
-        .and_then(|cases| cases.parse().ok())
-        .unwrap_or(24)
+fn config() -> ProptestConfig {
+    let cases = std::env::var("GUARD_CASES").ok();
+    let cases = cases.and_then(|cases| cases.parse().ok()).unwrap_or(24);
+    ProptestConfig {
+        // In one scene of six or so the vehicle would begin in a wall.
+        max_global_rejects: cases.max(1024),
+        ..ProptestConfig::with_cases(cases)
+    }
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(cases()))]
+    #![proptest_config(config())]
 
     #[test]
     fn whatever_is_asked_nothing_is_touched(

@@ -1,0 +1,213 @@
+use nalgebra::{Point3, Translation3};
+
+use super::*;
+use crate::config::VehicleConfig;
+use crate::mapping::config::MappingConfig;
+use crate::mapping::elevation_config::ObstacleConfig;
+use crate::mapping::posed_scan::{BeamOutcome, PosedBeam, SensorId};
+use crate::teleop::config::TeleopConfig;
+use crate::teleop::guard::GuardConfig;
+
+const SCAN_PERIOD_MS: i64 = 40;
+/// From scan to scan, metres.
+const STEP_M: f64 = 0.05;
+/// Of a ramp, nose down.
+const SLOPE_DEG: f64 = 5.0;
+
+fn rules(is_boat: bool) -> GuardRules {
+    let teleop = TeleopConfig {
+        is_boat,
+        ..TeleopConfig::default()
+    };
+    let (guard, vehicle) = (GuardConfig::default(), VehicleConfig::default());
+    GuardRules::new(&guard, &teleop, &vehicle, &ObstacleConfig::default()).unwrap()
+}
+
+/// What follows the ground of a vehicle 0.5 m long.
+fn tracker() -> GroundTracker {
+    let wheelbase_m = VehicleConfig::default().wheelbase_m();
+    GroundTracker::new(&MappingConfig::default().ground, wheelbase_m)
+}
+
+/// A scan of one beam, from 1 m above the vehicle to a place in its frame, metres.
+fn scan((sensor, millis): (u8, i64), odom_from_base: Pose, end_in_base: [f64; 3]) -> PosedScan {
+    let origin_in_odom = odom_from_base * Point3::new(0.0, 0.0, 1.0);
+    let end_in_odom = odom_from_base * Point3::from(end_in_base);
+    let beam = PosedBeam {
+        origin_in_odom,
+        end_in_odom,
+        outcome: BeamOutcome::Hit,
+        index: 0,
+        range_m: (end_in_odom - origin_in_odom).norm() as f32,
+    };
+    PosedScan {
+        stamp: RobotTime::from_nanos(1_000_000 * millis),
+        sensor: SensorId(sensor),
+        beam_step_rad: 0.01,
+        odom_from_base,
+        beams: vec![beam],
+    }
+}
+
+fn pitched([x, z]: [f64; 2], pitch_deg: f64) -> Pose {
+    let rotation = UnitQuaternion::from_euler_angles(0.0, pitch_deg.to_radians(), 0.0);
+    Pose::from_parts(Translation3::new(x, 0.0, z), rotation)
+}
+
+/// Poses on level ground, then on a ramp that leads down.
+fn down_a_ramp(level: usize, on_ramp: usize) -> Vec<Pose> {
+    let slope_rad = SLOPE_DEG.to_radians();
+    let along = [
+        STEP_M * libm::cos(slope_rad),
+        -STEP_M * libm::sin(slope_rad),
+    ];
+    let edge_m = STEP_M * level as f64;
+    let level = (0..level).map(|n| pitched([STEP_M * n as f64, 0.0], 0.0));
+    let on_ramp = (1..=on_ramp).map(|n| {
+        let [x, z] = along.map(|along| along * n as f64);
+        pitched([edge_m + x, z], SLOPE_DEG)
+    });
+    level.chain(on_ramp).collect()
+}
+
+/// What the newest sweep of the first sensor holds for in the way.
+fn in_the_way(sight: &mut Sight) -> Vec<[f64; 2]> {
+    sight.newest_sweeps[0].update();
+    let sweep = sight.newest_sweeps[0].output_buffer_mut();
+    sweep.points_in_odom().to_vec()
+}
+
+/// A laser that takes 200 ms for a sweep, and a sonar at 10 Hz between its stamps.
+#[test]
+fn the_map_is_copied_with_what_comes_between_the_sweeps_of_a_slow_sensor() {
+    let config = MappingConfig::default();
+    let mut mapper = Mapper::new(&config, VehicleConfig::default().shape(), &[]);
+    let (_, mut map_lookout, mut sight) = lookout(rules(false), 2, None);
+    let (laser, sonar) = (0, 1);
+    let mut copied = Vec::new();
+    for (millis, sensor) in [
+        (1000, laser),
+        (1050, sonar),
+        (1150, sonar),
+        (1200, laser),
+        (1250, sonar),
+        (1350, sonar),
+        (1400, laser),
+        (1450, sonar),
+        // And where the sonar is silent.
+        (1600, laser),
+        (1800, laser),
+    ] {
+        let scan = scan((sensor, millis), Pose::identity(), [2.0, 0.0, 0.0]);
+        let taken = Monotonic::from_nanos(1_000_000 * millis as u64);
+        mapper.integrate(&scan);
+        map_lookout.mapped(&scan, &mapper, taken);
+        if sight.map.update() {
+            copied.push(millis);
+            // As old as its scan, and stale after two and a half periods of 200 ms.
+            let map = sight.map.output_buffer_mut();
+            let limit = taken + Duration::from_millis(500);
+            assert!(!map.is_stale(limit), "{millis}");
+            assert!(map.is_stale(limit + Duration::from_nanos(1)), "{millis}");
+        }
+    }
+    assert_eq!(copied, [1000, 1150, 1250, 1350, 1450, 1600, 1800]);
+}
+
+/// Mapping may be any time behind: here it has mapped nothing yet.
+#[test]
+fn a_sweep_is_judged_by_the_ramp_that_the_vehicle_drives_on_although_nothing_was_mapped() {
+    let (mut lookout, _, mut sight) = lookout(rules(false), 1, Some(tracker()));
+    // 0.2 m above the ground that the vehicle stands on, and above the level before the ramp less than 0.1 m.
+    let obstacle_in_base = [1.2, 0.0, 0.2];
+    let mut seen_since_m = None;
+    for (number, pose) in (0_i64..).zip(down_a_ramp(20, 40)) {
+        let is_on_ramp = pose.translation.z < 0.0;
+        let scan = scan((0, SCAN_PERIOD_MS * number), pose, obstacle_in_base);
+        lookout.see(&scan, Monotonic::from_nanos(1));
+        let is_in_the_way = !in_the_way(&mut sight).is_empty();
+        if !is_on_ramp {
+            assert!(is_in_the_way, "{number}");
+        } else if is_in_the_way {
+            seen_since_m.get_or_insert(-pose.translation.z / libm::sin(SLOPE_DEG.to_radians()));
+        } else {
+            assert_eq!(seen_since_m, None, "it is lost again in scan {number}");
+        }
+    }
+    // It must have driven a wheelbase of 0.5 m on it; the first steps show that it is one.
+    let seen_since_m = seen_since_m.unwrap();
+    assert!((0.5..0.7).contains(&seen_since_m), "{seen_since_m}");
+    let end = *down_a_ramp(20, 40).last().unwrap();
+    let plane = lookout.ground_plane().unwrap();
+    let ahead = end * Point3::new(1.2, 0.0, 0.2);
+    assert!((plane.height_m(&ahead) - 0.2).abs() < 1e-9, "{plane:?}");
+}
+
+#[test]
+fn the_ground_is_that_of_a_mapper_of_the_same_scans() {
+    let mut config = MappingConfig::default();
+    config.elevation.enabled = true;
+    let mut mapper = Mapper::new(&config, VehicleConfig::default().shape(), &[]);
+    let (mut lookout, _, _) = lookout(rules(false), 1, Some(tracker()));
+    let mut changes = 0;
+    for (number, pose) in (0_i64..).zip(down_a_ramp(30, 60)) {
+        // It shakes a little: the plane is a mean.
+        let shaken = 0.02 * [1.0, -2.0, 1.5][number as usize % 3];
+        let pose = pose * pitched([0.0, 0.0], shaken);
+        let before = mapper.terrain().unwrap().ground_plane();
+        assert_eq!(lookout.ground_plane(), before, "{number}");
+        // Of a second sensor too: the mapper takes every scan.
+        let scan = scan(
+            ((number % 2) as u8, SCAN_PERIOD_MS * number),
+            pose,
+            [1.2, 0.0, 0.0],
+        );
+        lookout.see(&scan, Monotonic::from_nanos(1));
+        changes += u32::from(mapper.integrate(&scan).ground_change.is_some());
+    }
+    let ground = mapper.terrain().unwrap().ground_plane();
+    assert_eq!((lookout.ground_plane(), ground.is_some()), (ground, true));
+    assert_eq!(changes, 1);
+}
+
+#[test]
+fn ground_that_is_forgotten_is_that_of_the_next_scan() {
+    type Forgets = fn(&mut Lookout);
+    let forgets: [Forgets; 2] = [Lookout::forget_ground, Lookout::reset_clock];
+    for forget in forgets {
+        let (mut lookout, _, mut sight) = lookout(rules(false), 1, Some(tracker()));
+        let now = Monotonic::from_nanos(1);
+        // 0.2 m above the ground is an obstacle, and 0.05 m none.
+        let (above, below) = (pitched([0.0, 0.0], 0.0), pitched([0.0, -0.15], 0.0));
+        let see = |lookout: &mut Lookout, millis, pose| {
+            lookout.see(&scan((0, millis), pose, [1.2, 0.0, 0.2]), now)
+        };
+        see(&mut lookout, 0, above);
+        assert_eq!(in_the_way(&mut sight).len(), 1);
+        see(&mut lookout, 40, below);
+        assert_eq!(in_the_way(&mut sight).len(), 0);
+        assert_eq!(lookout.ground_plane(), Some(GroundPlane::under(&above)));
+        forget(&mut lookout);
+        assert_eq!(lookout.ground_plane(), None);
+        see(&mut lookout, 80, below);
+        assert_eq!(in_the_way(&mut sight).len(), 1);
+        assert_eq!(lookout.ground_plane(), Some(GroundPlane::under(&below)));
+    }
+}
+
+/// Waves turn it, not the water.
+#[test]
+fn a_boat_is_judged_by_the_water_whatever_its_ground() {
+    let (mut lookout, _, mut sight) = lookout(rules(true), 1, Some(tracker()));
+    for (number, pitch_deg) in (0_i64..).zip([0.0, 5.0, -5.0]) {
+        let pose = pitched([0.0, 0.0], pitch_deg);
+        // 0.2 m above the water, 1.2 m ahead.
+        let end_in_base = pose.inverse() * Point3::new(1.2, 0.0, 0.2);
+        let scan = scan((0, SCAN_PERIOD_MS * number), pose, end_in_base.into());
+        lookout.see(&scan, Monotonic::from_nanos(1));
+        let points = in_the_way(&mut sight);
+        assert_eq!(points.len(), 1, "{pitch_deg}");
+        assert!((points[0][0] - 1.2).abs() < 1e-9, "{points:?}");
+    }
+    assert_eq!(lookout.ground_plane(), None);
+}
