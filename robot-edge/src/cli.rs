@@ -6,6 +6,7 @@ mod tools;
 use clap::{ArgAction, Args, Parser, Subcommand};
 
 use crate::actuators::MOTOR_GUARD_COMMAND;
+use crate::link::LOG_FILTER;
 
 pub use mapping::{DrivingOptions, MappingOptions, NetworkOptions, Replay, RunLive, Simulate};
 pub use tools::{Check, Completions, Experiments, Info, Keys, MotorGuard, Recover, Vehicles};
@@ -50,14 +51,13 @@ pub struct Verbosity {
 
 impl Verbosity {
     /// The filter for `tracing`, where `RUST_LOG` says nothing.
-    pub const fn log_filter(self) -> &'static str {
+    pub fn log_filter(self) -> String {
         match (self.quiet, self.verbose) {
-            (true, _) => "error",
-            // Zenoh warns of settings that are meant.
-            (false, 0) => "warn,zenoh=error",
-            (false, 1) => "info,zenoh=warn",
-            (false, 2) => "debug",
-            (false, _) => "trace",
+            (true, _) => format!("error,{LOG_FILTER}"),
+            (false, 0) => format!("warn,{LOG_FILTER}"),
+            (false, 1) => "info,zenoh=warn".to_owned(),
+            (false, 2) => "debug".to_owned(),
+            (false, _) => "trace".to_owned(),
         }
     }
 }

@@ -46,7 +46,7 @@ pub enum DropReason {
     PoseJump,
     /// Farther past the newest pose than `localization.max_extrapolation_s`.
     PoseTooOld,
-    /// More scans waited for a pose than fit the queue.
+    /// More scans waited for a pose than fit the queue, or one waited for mapping for too long.
     QueueFull,
 
     // Beams.

@@ -28,6 +28,13 @@ pub enum Rate {
 #[error("a rate is a number above 0 (1 is the speed of the recording), or `max`")]
 pub struct RateError;
 
+impl Rate {
+    /// Whether the data's time is that of people.
+    pub fn is_real_time(self) -> bool {
+        matches!(self, Self::Times(rate) if (rate - 1.0).abs() < 1e-9)
+    }
+}
+
 impl FromStr for Rate {
     type Err = RateError;
 

@@ -22,6 +22,7 @@ use crate::driving::{
 };
 use crate::exit::UsageError;
 use crate::link::ros2::RosLink;
+use crate::mapping::ground_plane::GroundTracker;
 use crate::teleop::Rules;
 use crate::teleop::guard::GuardRules;
 
@@ -149,7 +150,7 @@ impl DrivePlan {
             .teleop
             .guard
             .enabled
-            .then(|| lookout(guard_rules, config.range_models().len()))
+            .then(|| lookout(guard_rules, config.range_models().len(), ground(config)))
             .map(|(lookout, map_lookout, sight)| ((lookout, map_lookout), sight))
             .unzip();
         let keeper = self.state.as_ref().map(|dir| {
@@ -178,6 +179,13 @@ impl DrivePlan {
         let driving = driving.context("no thread can be had to drive with")?;
         Ok(Some((driving, lookouts)))
     }
+}
+
+/// What follows the ground as the mapper does, where it maps heights.
+fn ground(config: &Config) -> Option<GroundTracker> {
+    let mapping = &config.mapping;
+    let new = || GroundTracker::new(&mapping.ground, config.vehicle.wheelbase_m());
+    mapping.elevation.enabled.then(new)
 }
 
 fn words(faults: &[Fault]) -> UsageError {

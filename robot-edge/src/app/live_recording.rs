@@ -17,7 +17,7 @@ use std::time::Duration;
 pub(super) use state::{Problem, RecordingState};
 
 use super::free_space::{Space, space_of};
-use super::recorder::Recorder;
+use super::recorder::{Recorder, Syncs};
 use crate::clock::{self, Monotonic};
 use crate::measurement::{Measurement, MeasurementData, Stream};
 use crate::recording::writer::WriteError;
@@ -31,7 +31,7 @@ const LOOK_PERIOD: Duration = Duration::from_secs(1);
 /// Transforms that hold for all time and begin every file; no vehicle has as many.
 const MAX_TIMELESS: usize = 256;
 
-/// The mapping thread's end.
+/// The placing side's end.
 pub(super) struct LiveRecording {
     orders: Option<SyncSender<Order>>,
     /// What found no room yet and must not be lost: rare, and short.
@@ -284,7 +284,7 @@ impl Writer {
             return Ok(());
         }
         let path = self.next_path();
-        let mut recorder = Recorder::create(&path, &self.vehicle, false, None)?;
+        let mut recorder = Recorder::create(&path, &self.vehicle, Syncs::WhenAsked, None)?;
         for measurement in self.timeless.values() {
             if let Some(stream) = self.streams.get(usize::from(measurement.stream.0)) {
                 recorder.write(stream, measurement)?;

@@ -10,6 +10,8 @@ use crate::pipeline::MapsReport;
 pub(super) struct MapFigures {
     /// Scans that are in the map.
     pub(super) scans_mapped: u64,
+    /// Placed scans that were left out, by reason.
+    pub(super) dropped_scans: DropCounts,
     /// Beams that no layer could take, by reason.
     pub(super) dropped_beams: DropCounts,
 }
@@ -22,6 +24,7 @@ impl SharedMapFigures {
     pub(super) fn set(&self, report: &MapsReport) {
         let figures = MapFigures {
             scans_mapped: report.scans_mapped,
+            dropped_scans: report.dropped_scans.clone(),
             dropped_beams: report.dropped_beams.clone(),
         };
         *self.lock() = figures;

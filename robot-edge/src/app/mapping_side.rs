@@ -1,6 +1,7 @@
 //! The second stage of a run: maps what was placed, publishes it, and tells of that.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::data_clock::DataClock;
 use super::event_log::EventLog;
@@ -8,6 +9,7 @@ use super::map_figures::SharedMapFigures;
 use super::network::Network;
 use super::step::{Lateness, Step};
 use crate::clock::Monotonic;
+use crate::drops::DropReason;
 use crate::keeping_up::{Change, KeepingUp};
 use crate::localization::placer::Placed;
 use crate::mapping::Mapper;
@@ -17,6 +19,9 @@ use crate::replay_control::{Mark, ReplayControl};
 use crate::streaming::publisher::PublishError;
 use crate::streaming::trajectory::SharedTrajectory;
 
+/// A scan that has waited longer for mapping is left out, where the present matters.
+pub(super) const LONGEST_LAG: Duration = Duration::from_secs(2);
+
 /// What takes the steps of the placing side.
 pub(super) struct MappingSide {
     pub(super) maps: Maps,
@@ -25,6 +30,8 @@ pub(super) struct MappingSide {
     /// What happened on the way, for the summary.
     pub(super) events: EventLog,
     pub(super) keeping_up: KeepingUp,
+    /// The present matters: where mapping cannot keep up, it maps less and not later.
+    pub(super) is_live: bool,
     /// Where a replay can be wound: what happens again is not told again.
     pub(super) marking: Option<Marking>,
     /// For the placing side.
@@ -44,9 +51,22 @@ impl MappingSide {
     /// # Errors
     /// Where publishing stopped.
     pub(super) fn take(&mut self, step: Step) -> Result<(), PublishError> {
+        self.take_at(step, Monotonic::now())
+    }
+
+    /// The same at `now`.
+    pub(super) fn take_at(&mut self, step: Step, now: Monotonic) -> Result<(), PublishError> {
         match step {
             Step::ClockReset => self.maps.reset_clock(),
-            Step::Placed { placed, taken } => self.map(&placed, taken)?,
+            Step::Placed {
+                placed: Placed::Scan(_),
+                since,
+                ..
+            } if self.is_live && now.since(since) > LONGEST_LAG => {
+                // To leave out costs nothing: what waits behind it is soon young enough.
+                self.maps.leave_out(DropReason::QueueFull);
+            }
+            Step::Placed { placed, taken, .. } => self.map(&placed, taken)?,
             Step::Told { lateness, datum } => {
                 self.maps.set_datum(datum);
                 self.look_whether_it_keeps_up(lateness);

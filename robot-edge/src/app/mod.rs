@@ -22,6 +22,8 @@ pub mod placing;
 mod placing_side;
 mod plan;
 mod player;
+#[cfg(test)]
+mod recorded;
 mod recorder;
 mod replay;
 mod run;
@@ -30,6 +32,7 @@ mod sides;
 mod simulate;
 mod source;
 mod step;
+mod sync_thread;
 mod told;
 mod writable;
 

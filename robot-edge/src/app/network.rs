@@ -134,6 +134,7 @@ impl Network {
                     shared: Arc::clone(link.shared()),
                     board,
                     lookout,
+                    on_jump: config.localization.on_jump,
                     speedometer: Speedometer::new(if config.teleop.is_boat {
                         SPEED_ON_WATER
                     } else {

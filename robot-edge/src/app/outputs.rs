@@ -80,6 +80,8 @@ pub(super) fn summary(sides: &Sides) -> Summary {
     let placer = sides.placing.placer.counts();
     let report = maps.report();
     let traffic = maps.publisher().traffic();
+    let mut dropped_scans = placer.dropped_scans;
+    dropped_scans.merge(&report.dropped_scans);
     let mut dropped_beams = placer.dropped_beams;
     dropped_beams.merge(&report.dropped_beams);
     let stages = [
@@ -91,7 +93,7 @@ pub(super) fn summary(sides: &Sides) -> Summary {
         scans: Scans {
             came_in: placer.scans_in,
             mapped: report.scans_mapped,
-            dropped: placer.dropped_scans,
+            dropped: dropped_scans,
         },
         beams: Beams {
             came_in: placer.beams_in,

@@ -9,10 +9,12 @@ use super::step::Step;
 use crate::clock::Monotonic;
 use crate::localization::placer::Placed;
 
-/// Parcels that wait for mapping: a second or two of fast sensors. Who places waits for room, so nothing is dropped, and memory
-/// is bounded by …
-pub(super) const WAITING: usize = 64;
-/// … the beams in a parcel; or it is one scan.
+/// Parcels that wait for mapping where all is mapped, however late: who places waits for room. Memory is bounded by …
+const WAITING: usize = 64;
+/// The same where what has waited for `LONGEST_LAG` (2 s) is left out: more than come in that time, even at 100 scans a second,
+/// so that who places finds room.
+const WAITING_LIVE: usize = 256;
+/// … the beams in a parcel, and one scan more.
 const PARCEL_BEAMS: usize = 4096;
 /// Without a scan, mapping tells what it knows this often.
 const TELL_APART: Duration = Duration::from_millis(100);
@@ -25,9 +27,9 @@ pub(super) struct Parcels {
     told: Monotonic,
 }
 
-/// A way for parcels of steps, and its other end.
-pub(super) fn parcels() -> (Parcels, Receiver<Vec<Step>>) {
-    let (sender, receiver) = sync_channel(WAITING);
+/// A way for parcels of steps, and its other end; whether that leaves out what comes too late.
+pub(super) fn parcels(is_live: bool) -> (Parcels, Receiver<Vec<Step>>) {
+    let (sender, receiver) = sync_channel(if is_live { WAITING_LIVE } else { WAITING });
     let parcels = Parcels {
         sender,
         steps: Vec::new(),
@@ -66,18 +68,31 @@ impl Parcels {
             }
         };
         self.steps.push(step);
-        if is_due {
-            self.beams = 0;
-            self.sender
-                .send(std::mem::take(&mut self.steps))
-                .map_err(|_closed| anyhow!("mapping has ended"))?;
+        if is_due { self.send() } else { Ok(()) }
+    }
+
+    /// Sends the rest: no step follows, be it that placing has failed in the middle of a batch.
+    ///
+    /// # Errors
+    /// Where nobody maps any more.
+    pub(super) fn finish(mut self) -> anyhow::Result<()> {
+        if self.steps.is_empty() {
+            return Ok(());
         }
-        Ok(())
+        self.send()
+    }
+
+    fn send(&mut self) -> anyhow::Result<()> {
+        self.beams = 0;
+        self.sender
+            .send(std::mem::take(&mut self.steps))
+            .map_err(|_closed| anyhow!("mapping has ended"))
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::mapping_side::LONGEST_LAG;
     use super::*;
     use crate::localization::pose_jump::PoseJump;
     use crate::mapping::posed_scan::{BeamOutcome, PosedBeam, PosedScan, SensorId};
@@ -102,6 +117,7 @@ mod tests {
                 beams: vec![beam; beams],
             }),
             taken: Monotonic::default(),
+            since: Monotonic::default(),
         }
     }
 
@@ -112,7 +128,7 @@ mod tests {
 
     #[test]
     fn a_parcel_goes_when_it_can_be_told_or_is_large() {
-        let (mut parcels, receiver) = parcels();
+        let (mut parcels, receiver) = parcels(false);
         parcels.told = Monotonic::now() + Duration::from_hours(1);
         // Poses alone are no reason to wake who maps.
         parcels.add(TOLD).unwrap();
@@ -127,6 +143,7 @@ mod tests {
         let jump = Step::Placed {
             placed: Placed::Jump(jump),
             taken: Monotonic::default(),
+            since: Monotonic::default(),
         };
         parcels.add(jump).unwrap();
         parcels.add(Step::ClockReset).unwrap();
@@ -140,5 +157,28 @@ mod tests {
         drop(receiver);
         parcels.add(scan(1)).unwrap();
         assert!(parcels.add(TOLD).is_err(), "nobody maps any more");
+    }
+
+    #[test]
+    fn the_rest_is_sent_at_the_end() {
+        let (mut rest, receiver) = parcels(false);
+        rest.add(scan(1)).unwrap();
+        rest.add(Step::ClockReset).unwrap();
+        assert!(receiver.try_recv().is_err());
+        rest.finish().unwrap();
+        let parcels_left: Vec<_> = receiver.iter().collect();
+        assert_eq!((parcels_left.len(), parcels_left[0].len()), (1, 2));
+        let (none, receiver) = parcels(false);
+        none.finish().unwrap();
+        assert_eq!(receiver.iter().count(), 0, "nothing is no parcel");
+    }
+
+    /// Who tells the guard does not wait for mapping before mapping leaves something out.
+    #[test]
+    fn there_is_room_for_what_comes_until_it_is_too_late() {
+        let in_time = usize::try_from(LONGEST_LAG.as_secs()).unwrap() * 100;
+        let (live, _receiver) = parcels(true);
+        let sent = (0..in_time).filter(|_| live.sender.try_send(Vec::new()).is_ok());
+        assert_eq!(sent.count(), in_time);
     }
 }

@@ -66,7 +66,8 @@ impl PlacingSide {
                 Item::Came { ordered, taken } => self.take_ordered(ordered, taken, hand_over)?,
                 Item::AtOnce(measurement) => {
                     self.record(&measurement)?;
-                    self.push(measurement, hand_over)?;
+                    self.place(measurement);
+                    self.hand_over_placed(hand_over)?;
                 }
                 Item::Aside(measurement) => {
                     self.record(&measurement)?;
@@ -76,11 +77,13 @@ impl PlacingSide {
         }
         hand_over(self.told(lateness))?;
         self.tell_status(batch.lost);
+        let maps = self.maps.get();
+        let not_mapped = self.placer.counts().dropped_scans.total() + maps.dropped_scans.total();
         let figures = ProgressFigures {
             data_s: self.clock.elapsed().as_secs_f64(),
             wall_s: self.started.elapsed().as_secs_f64(),
-            scans: self.maps.get().scans_mapped,
-            drops: batch.lost + self.placer.counts().dropped_scans.total(),
+            scans: maps.scans_mapped,
+            drops: batch.lost + not_mapped,
         };
         self.progress.update(batch.position, &figures);
         Ok(())
@@ -103,14 +106,16 @@ impl PlacingSide {
     ) -> anyhow::Result<()> {
         match ordered {
             Ordered::Measurement(measurement) => {
-                self.record(&measurement)?;
                 let elapsed = self.clock.see(measurement.stamp);
+                // Before it is recorded, for which a disk may take its time.
                 if let Some(herald) = &mut self.herald {
                     herald.came(&measurement, came, elapsed);
                 }
-                self.push(measurement, hand_over)?;
+                self.record(&measurement)?;
+                self.place(measurement);
+                // Before scans are handed over, which may wait for the maps.
                 self.tell_newest_pose();
-                Ok(())
+                self.hand_over_placed(hand_over)
             }
             Ordered::ClockReset { from, to } => {
                 tracing::info!(%from, "the clock of the data started anew");
@@ -149,15 +154,10 @@ impl PlacingSide {
         handed_over
     }
 
-    fn push(
-        &mut self,
-        measurement: Measurement,
-        hand_over: &mut impl FnMut(Step) -> anyhow::Result<()>,
-    ) -> anyhow::Result<()> {
+    fn place(&mut self, measurement: Measurement) {
         let started = Monotonic::now();
         self.placer.push(measurement, &mut self.placed);
         self.time.record(started.elapsed());
-        self.hand_over_placed(hand_over)
     }
 
     /// Whoever watches and the guard hear of a scan before it is handed over: that may wait for the maps.
@@ -169,9 +169,15 @@ impl PlacingSide {
         for placed in placed.drain(..) {
             let taken = match (&placed, &mut *herald) {
                 (Placed::Scan(scan), Some(herald)) => herald.placed(scan),
-                (Placed::Scan(_) | Placed::Jump(_), _) => Monotonic::default(),
+                (Placed::Jump(_), Some(herald)) => herald.jumped(),
+                (Placed::Scan(_) | Placed::Jump(_), None) => Monotonic::default(),
             };
-            hand_over(Step::Placed { placed, taken })?;
+            let since = Monotonic::now();
+            hand_over(Step::Placed {
+                placed,
+                taken,
+                since,
+            })?;
         }
         Ok(())
     }

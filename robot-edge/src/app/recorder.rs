@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
+use super::sync_thread::SyncThread;
 use crate::clock::Monotonic;
 use crate::measurement::{Measurement, MeasurementData, OwnPose, Stream};
 use crate::recording::writer::{McapWriter, WriteError};
@@ -12,11 +13,23 @@ use crate::scan::Scan;
 /// A crash of a live run loses no more than this.
 const FLUSH_PERIOD: Duration = Duration::from_secs(1);
 
+/// Who puts on the disk, every [`FLUSH_PERIOD`], what was recorded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Syncs {
+    /// Who asks for it: by itself, a recorder gives the same file every time.
+    WhenAsked,
+    /// Who writes, and waits for the disk.
+    AsItWrites,
+    /// A thread of its own: who writes also tells the guard, and cannot wait.
+    Aside,
+}
+
 /// Writes measurements as they come.
 pub(super) struct Recorder {
     writer: McapWriter,
     /// Only runs in real time are flushed by the clock, so that others give the same file every time.
     flushed_at: Option<Monotonic>,
+    aside: Option<SyncThread>,
     /// Added to all stamps; decided by the earliest where a survey knows it, else by the first.
     later: Option<RobotDuration>,
     /// Stamp of the last scan that brought its own pose.
@@ -31,12 +44,22 @@ impl Recorder {
     pub(super) fn create(
         path: &Path,
         vehicle: &str,
-        in_real_time: bool,
+        syncs: Syncs,
         earliest: Option<RobotTime>,
     ) -> Result<Self, WriteError> {
+        let writer = McapWriter::create(path, Some(vehicle))?;
+        let aside = match syncs {
+            Syncs::WhenAsked | Syncs::AsItWrites => None,
+            Syncs::Aside => {
+                let on_disk = writer.on_disk()?;
+                let started = SyncThread::start(move || on_disk.sync());
+                Some(started.map_err(|why| writer.failed(why))?)
+            }
+        };
         Ok(Self {
-            writer: McapWriter::create(path, Some(vehicle))?,
-            flushed_at: in_real_time.then(Monotonic::now),
+            writer,
+            flushed_at: (syncs != Syncs::WhenAsked).then(Monotonic::now),
+            aside,
             later: earliest.map(up_to_1970),
             own_pose_at: None,
             set_apart: 0,
@@ -57,7 +80,13 @@ impl Recorder {
         if let Some(at) = self.flushed_at
             && at.elapsed() >= FLUSH_PERIOD
         {
-            self.writer.flush()?;
+            match &self.aside {
+                Some(aside) => {
+                    self.writer.hand_over()?;
+                    aside.ask()?;
+                }
+                None => self.writer.flush()?,
+            }
             self.flushed_at = Some(Monotonic::now());
         }
         Ok(())
@@ -122,7 +151,9 @@ impl Recorder {
     }
 
     pub(super) fn finish(self) -> Result<(), WriteError> {
-        self.writer.finish()
+        let synced = self.aside.map_or(Ok(()), SyncThread::finish);
+        // Whatever the disk has said: of what is written, all that can be read should be.
+        self.writer.finish().and(synced)
     }
 
     /// Of two transforms with one stamp only the later one holds, but CARMEN's scans bring their own poses
@@ -200,5 +231,34 @@ fn ros_stream(stream: &Stream) -> Stream {
     Stream {
         name,
         ..stream.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::app::recorded::{stamps, stream, transform};
+
+    /// As a crash of the program would leave it: what it handed to the system is there.
+    #[test]
+    #[cfg_attr(
+        not(target_os = "linux"),
+        ignore = "the clock begins with the program: nothing is due yet"
+    )]
+    fn what_a_thread_of_its_own_syncs_is_in_the_file_before_its_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("drive.mcap");
+        let mut recorder = Recorder::create(&path, "pioneer", Syncs::Aside, None).unwrap();
+        for nanos in [10, 20] {
+            recorder.flushed_at = Some(Monotonic::from_nanos(0));
+            let measurement = transform(nanos, "base_link", false);
+            recorder.write(&stream(), &measurement).unwrap();
+        }
+        assert_eq!(stamps(&path), [10, 20]);
+        recorder
+            .write(&stream(), &transform(30, "base_link", false))
+            .unwrap();
+        recorder.finish().unwrap();
+        assert_eq!(stamps(&path), [10, 20, 30]);
     }
 }

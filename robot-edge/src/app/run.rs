@@ -18,7 +18,7 @@ use super::network::{Network, Subject};
 use super::network_plan::NetworkPlan;
 use super::outputs;
 use super::placing_side::PlacingSide;
-use super::recorder::Recorder;
+use super::recorder::{Recorder, Syncs};
 use super::sides::Sides;
 use super::source::Source;
 use super::writable;
@@ -117,19 +117,12 @@ impl Run<'_> {
     /// What cannot be written should be known before an hour of mapping, and so should what was decided.
     pub(super) fn start(&self) -> anyhow::Result<Sides> {
         writable::prepare(self.export.as_deref(), self.summary.as_deref())?;
-        let in_real_time = matches!(self.rate, Rate::Times(_));
-        let recorder = match &self.record {
-            Some(path) => {
-                let vehicle = &self.config.vehicle.name;
-                Some(Recorder::create(
-                    path,
-                    vehicle,
-                    in_real_time,
-                    self.earliest,
-                )?)
-            }
-            None => None,
-        };
+        let vehicle = &self.config.vehicle.name;
+        let recorder = self
+            .record
+            .as_ref()
+            .map(|path| Recorder::create(path, vehicle, self.syncs(), self.earliest))
+            .transpose()?;
         if !self.quiet {
             for event in &self.events {
                 writeln!(io::stderr(), "{}: {}", event.kind, event.message)?;
@@ -199,16 +192,32 @@ impl Run<'_> {
                 trajectory,
                 events: EventLog::default(),
                 keeping_up: KeepingUp::default(),
+                is_live: self.maps_the_present(),
                 marking: None,
                 figures,
             },
         })
     }
 
+    /// Who syncs what is recorded.
+    const fn syncs(&self) -> Syncs {
+        match self.rate {
+            Rate::Times(_) if self.drive.can_drive() => Syncs::Aside,
+            Rate::Times(_) => Syncs::AsItWrites,
+            Rate::Max => Syncs::WhenAsked,
+        }
+    }
+
+    /// Whether what is late is of no use: real sensors, and a simulation in which somebody drives in real time. All else is mapped
+    /// whole, however long that takes.
+    fn maps_the_present(&self) -> bool {
+        self.is_live || (self.drive.can_drive() && self.rate.is_real_time())
+    }
+
     /// Writes all outputs that can be written; the first failure is returned.
     fn leave_behind(
         &self,
-        sides: Sides,
+        mut sides: Sides,
         end: &SourceEnd,
         wall_s: f64,
         interrupted: bool,
@@ -219,16 +228,13 @@ impl Run<'_> {
         summary.vehicle.clone_from(&self.config.vehicle.name);
         summary.set_times(sides.placing.clock.elapsed().as_secs_f64(), wall_s);
         summary.events.clone_from(&self.events);
-        let exported = self.export.as_ref().map_or(Ok(Vec::new()), |dir| {
-            // Consoles may still ask for it.
-            let way = sides.mapping.trajectory.lock().poses();
-            outputs::export(dir, &sides, &way, &self.title)
-        });
-        let Sides { placing, mapping } = sides;
-        summary.events.extend(mapping.events.into_events());
+        let happened = std::mem::take(&mut sides.mapping.events);
+        summary.events.extend(happened.into_events());
         summary.add_source_end(end, interrupted);
 
-        let recorded = match (placing.not_recorded, placing.recorder) {
+        // First what cannot be made anew: an export may take long, and be ended.
+        let Sides { placing, .. } = &mut sides;
+        let recorded = match (placing.not_recorded.take(), placing.recorder.take()) {
             (Some(error), _) => Err(error),
             (None, Some(recorder)) => {
                 summary.add_recorder_notes(recorder.notes());
@@ -236,6 +242,11 @@ impl Run<'_> {
             }
             (None, None) => Ok(()),
         };
+        let exported = self.export.as_ref().map_or(Ok(Vec::new()), |dir| {
+            // Consoles may still ask for it.
+            let way = sides.mapping.trajectory.lock().poses();
+            outputs::export(dir, &sides, &way, &self.title)
+        });
         let summarised = self.summary.as_ref().map_or(Ok(()), |path| {
             summary
                 .write(path)

@@ -19,8 +19,9 @@ use crate::streaming::publisher::PublishError;
 
 /// Who places and who maps.
 pub(super) struct Sides {
-    pub(super) placing: PlacingSide,
+    // Ends first: what is driven is told zero before what is recorded is put on the disk.
     pub(super) mapping: MappingSide,
+    pub(super) placing: PlacingSide,
 }
 
 /// All that both know at one time of the data.
@@ -41,8 +42,10 @@ impl Sides {
         placing.take(batch, &mut |step| Ok(mapping.take(step)?))
     }
 
-    /// Places on a thread of its own what `feed` hands over, and maps here: however long a scan takes to map, consoles and the
-    /// guard hear of the next one, and of where the vehicle is. Mapping `gives_way` to that where somebody drives.
+    /// Places on a thread of its own what `feed` hands over, and maps here: while a scan is mapped, consoles and the guard hear
+    /// of the next ones, and of where the vehicle is. That lasts as long as there is room for what waits to be mapped; where
+    /// the present matters, scans that have waited too long are left out, so that there is. Mapping `gives_way` to placing
+    /// where somebody drives.
     ///
     /// # Errors
     /// Where no thread can be had, or it failed. Within: where the recording cannot be written or publishing stopped.
@@ -54,7 +57,7 @@ impl Sides {
     ) -> anyhow::Result<(SourceEnd, anyhow::Result<()>)> {
         let Self { placing, mapping } = self;
         thread::scope(|scope| {
-            let (mut parcels, receiver) = parcels();
+            let (mut parcels, receiver) = parcels(mapping.is_live);
             let place = move || {
                 let mut placed = Ok(());
                 let end = feed(&mut |batch| {
@@ -63,7 +66,9 @@ impl Sides {
                     }
                     placed.is_ok()
                 });
-                (end, placed)
+                // Whatever has stopped placing, what was placed is mapped.
+                let sent = parcels.finish();
+                (end, placed.and(sent))
             };
             let placing = thread::Builder::new()
                 .name("placing".to_owned())
@@ -74,7 +79,7 @@ impl Sides {
             let mapped = map_all(receiver, mapping, threads);
             let (end, placed) = placing
                 .join()
-                .map_err(|_panic| anyhow!("the reading thread failed"))?;
+                .map_err(|_panic| anyhow!("reading or placing failed"))?;
             Ok((end, mapped.map_err(Into::into).and(placed)))
         })
     }

@@ -19,7 +19,6 @@ use crate::exit::{Exit, UsageError};
 use crate::localization::config::PoseSource;
 use crate::localization::placer::{MountOrigin, PoseOrigin, PoseStreams};
 use crate::measurement::{Stream, StreamId};
-use crate::pacer::Rate;
 use crate::recording::survey::range_sensors::assign;
 use crate::simulation::{SimulatedSource, SimulationOptions, World};
 use crate::summary::Event;
@@ -38,8 +37,7 @@ pub(super) fn simulate(
         .unwrap_or_else(|| world.vehicle());
     let config = config::load(vehicle, &options.overrides())?;
     let network = NetworkPlan::new(&options.network, options.robot.as_ref(), &config)?;
-    let is_in_real_time = matches!(command.rate, Rate::Times(rate) if (rate - 1.0).abs() < 1e-9);
-    let can_be_driven = is_in_real_time || command.drive_at_any_rate;
+    let can_be_driven = command.rate.is_real_time() || command.drive_at_any_rate;
     let motors = (network.is_some() && can_be_driven).then(SimulatedMotors::default);
     if motors.is_none() && command.driving.drive_log.is_some() {
         return Err(UsageError(

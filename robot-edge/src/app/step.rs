@@ -13,8 +13,12 @@ use crate::localization::placer::Placed;
 pub(super) enum Step {
     /// The clock of the data starts anew; what waited by the old one follows.
     ClockReset,
-    /// A scan or a jump of the poses. A scan was measured at `taken`, at the latest.
-    Placed { placed: Placed, taken: Monotonic },
+    /// A scan or a jump of the poses, handed over at `since`. A scan was measured at `taken`, at the latest.
+    Placed {
+        placed: Placed,
+        taken: Monotonic,
+        since: Monotonic,
+    },
     /// What there is up to here can be told.
     Told {
         lateness: Option<Lateness>,

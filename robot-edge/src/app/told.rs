@@ -48,6 +48,7 @@ pub(super) fn status(
     lost: u64,
 ) -> Status {
     let mut dropped: DropCounts = placer.dropped_scans;
+    dropped.merge(&maps.dropped_scans);
     dropped.merge(&placer.dropped_poses);
     dropped.merge(&placer.dropped_beams);
     dropped.merge(&maps.dropped_beams);

@@ -36,7 +36,7 @@ pub struct Replay {
     /// MCAP with ROS 2 messages, ROS 1 bag or CARMEN log
     pub recording: PathBuf,
     /// Times as fast as it was recorded, or `max`
-    #[arg(long, value_name = "1|2.5|max", default_value = "max", value_parser = str::parse::<Rate>)]
+    #[arg(long, value_name = "1|2.5|max", default_value = "max", value_parser = str::parse::<Rate>, allow_negative_numbers = true)]
     pub rate: Rate,
     /// Begin again at the end, until interrupted
     #[arg(long = "loop")]
@@ -65,7 +65,7 @@ pub struct Simulate {
     #[arg(long = "duration", value_name = "S", value_parser = seconds_above_zero, allow_negative_numbers = true)]
     pub duration_s: Option<f64>,
     /// Times as fast as real time, or `max`
-    #[arg(long, value_name = "1|max", default_value = "1", value_parser = str::parse::<Rate>)]
+    #[arg(long, value_name = "1|max", default_value = "1", value_parser = str::parse::<Rate>, allow_negative_numbers = true)]
     pub rate: Rate,
     /// Let operators drive it at any rate: for hours of driving in minutes. Its world goes faster than their reactions
     #[arg(long, hide = true)]

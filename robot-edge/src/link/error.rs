@@ -43,7 +43,7 @@ pub enum LinkError {
         why: zenoh::Error,
     },
     /// Zenoh refused.
-    #[error("the {channel:?} session cannot be opened ({endpoints}): {why}")]
+    #[error("{}", not_opened(*channel, endpoints, why))]
     Open {
         /// Which.
         channel: Channel,
@@ -74,4 +74,59 @@ pub enum LinkError {
     /// zstd refused.
     #[error("tiles cannot be encoded: {0}")]
     Encoder(std::io::Error),
+}
+
+/// What the system says of a port that somebody else has.
+const TAKEN: &str = "Address already in use";
+
+fn not_opened(channel: Channel, endpoints: &str, why: &zenoh::Error) -> String {
+    let why = why.to_string();
+    if why.contains(TAKEN) {
+        // What is set for Zenoh behind an address is nobody's concern.
+        let places: Vec<_> = endpoints
+            .split(", ")
+            .filter_map(|endpoint| endpoint.split(['?', '#']).next())
+            .collect();
+        let port = match channel {
+            Channel::Control => "the port",
+            Channel::Bulk => "the port for tiles, which is the one after that of --listen,",
+        };
+        return format!(
+            "another program has {port} already: {}. End that one, or choose another port with --listen",
+            places.join(", ")
+        );
+    }
+    format!("the {channel:?} session cannot be opened ({endpoints}): {why}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_port_that_is_taken_is_said_to_be_and_what_to_do() {
+        let told_of = |channel, why: &str| {
+            let error = LinkError::Open {
+                channel,
+                endpoints: "quic/127.0.0.1:7447?mixed_rel=1, tls/127.0.0.1:7447#so_sndbuf=1"
+                    .to_owned(),
+                why: why.into(),
+            };
+            error.to_string()
+        };
+        let told = |why| told_of(Channel::Control, why);
+        let of_tiles = told_of(Channel::Bulk, "Address already in use (os error 98)");
+        assert!(of_tiles.contains("for tiles, which is the one after that of --listen, already"));
+        assert_eq!(
+            told(
+                "Can not create a new listener: Address already in use (os error 98) at a.rs:418."
+            ),
+            "another program has the port already: quic/127.0.0.1:7447, tls/127.0.0.1:7447. End that one, or choose \
+             another port with --listen"
+        );
+        assert!(
+            told("no such host")
+                .ends_with("mixed_rel=1, tls/127.0.0.1:7447#so_sndbuf=1): no such host")
+        );
+    }
 }

@@ -23,6 +23,11 @@ mod views;
 
 pub use error::LinkError;
 
+/// What of Zenoh's own log is for who runs a vehicle, in the syntax of `tracing_subscriber::EnvFilter`: errors, not
+/// warnings of settings that are meant; and nothing of subscribers that are withdrawn although access control had kept
+/// them from this robot, as with every console that joins one with keys (its issue 1562).
+pub const LOG_FILTER: &str = "zenoh=error,zenoh::net::routing::hat::broker=off";
+
 /// 16 bytes that nobody has had before: the identity of one run of a program.
 ///
 /// # Errors

@@ -6,7 +6,7 @@ use protocol::tile::{BootId, TileKey};
 use super::{Happening, ScanObserver};
 use crate::clock::Monotonic;
 use crate::config::Config;
-use crate::drops::DropCounts;
+use crate::drops::{DropCounts, DropReason};
 use crate::localization::config::OnJump;
 use crate::localization::geodesy::GeodeticPoint;
 use crate::localization::placer::Placed;
@@ -39,6 +39,8 @@ pub struct Maps {
 pub struct MapsReport {
     /// Scans that are in the map.
     pub scans_mapped: u64,
+    /// Placed scans that were left out, by reason.
+    pub dropped_scans: DropCounts,
     /// Beams that marked a hit.
     pub hits: u64,
     /// Beams without a return.
@@ -136,6 +138,11 @@ impl Maps {
             self.publish()?;
         }
         Ok(())
+    }
+
+    /// A placed scan does not get into the maps, for this reason.
+    pub fn leave_out(&mut self, reason: DropReason) {
+        self.report.dropped_scans.add(reason);
     }
 
     /// The clock of the data started anew; what waited by the old one is still to come.

@@ -8,10 +8,10 @@ use protocol::message::Shores;
 
 use super::{Maps, MapsReport, ScanObserver};
 use crate::config::Config;
+use crate::localization::config::OnJump;
 use crate::localization::placer::Placed;
 use crate::mapping::Mapper;
 use crate::mapping::octree::Octree;
-use crate::mapping::posed_scan::PosedScan;
 use crate::robot_time::RobotTime;
 use crate::streaming::publisher::{PublishError, Published};
 
@@ -19,8 +19,8 @@ use crate::streaming::publisher::{PublishError, Published};
 #[derive(Debug)]
 pub struct Standstill {
     published: Published,
-    /// Scans that the maps themselves do not hold yet.
-    waiting: Vec<PosedScan>,
+    /// Scans that the maps themselves do not hold yet, and the jumps before and behind them.
+    waiting: Vec<Placed>,
     last_scan: Option<RobotTime>,
     /// Shores and docking sites if they are other than those taken before, and the stamp of the last scan.
     pub shores: Option<(RobotTime, Shores)>,
@@ -66,12 +66,8 @@ impl Maps {
         ended.finish()?;
         let shores = ended.take_shores();
         self.publisher.add_changed(ended.publisher.take_changed());
-        let waiting = waiting.into_iter().filter_map(|placed| match placed {
-            Placed::Scan(scan) => Some(scan),
-            Placed::Jump(_) => None,
-        });
         Ok(Standstill {
-            waiting: waiting.collect(),
+            waiting,
             last_scan: ended.last_scan,
             published: ended.publisher.into_published(),
             shores,
@@ -81,8 +77,14 @@ impl Maps {
     /// The octree that belongs to what is published, where there is one. It takes a copy of the maps.
     pub fn octree_of(&self, standstill: &Standstill) -> Option<Octree> {
         let mut ended = self.mapper.voxels()?.clone();
-        for scan in &standstill.waiting {
-            ended.integrate(scan);
+        for placed in &standstill.waiting {
+            match (placed, self.on_jump) {
+                (Placed::Scan(scan), _) => {
+                    ended.integrate(scan);
+                }
+                (Placed::Jump(_), OnJump::Reset) => ended.reset(),
+                (Placed::Jump(_), OnJump::Keep) => {}
+            }
         }
         Some(ended.octree().clone())
     }
@@ -119,3 +121,6 @@ impl Maps {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
 use mcap::records::MessageHeader;
@@ -36,12 +36,18 @@ pub enum WriteError {
     },
 }
 
+/// A recording's file, to have it synced by whoever may wait for that.
+#[derive(Debug)]
+pub struct OnDisk {
+    path: PathBuf,
+    file: File,
+}
+
 /// Writes one file: chunks with checksums, an index at the end. The same input gives the same bytes.
 pub struct McapWriter {
-    path: PathBuf,
     writer: mcap::Writer<BufWriter<File>>,
-    /// The same file, to have it synced.
-    file: File,
+    /// The same file.
+    on_disk: OnDisk,
     /// By topic and type: channel, and messages written.
     channels: BTreeMap<(String, &'static str), (u16, u32)>,
     not_written: u64,
@@ -75,9 +81,11 @@ impl McapWriter {
             writer.write_metadata(&metadata).map_err(error)?;
         }
         Ok(Self {
-            path: path.to_owned(),
             writer,
-            file: same,
+            on_disk: OnDisk {
+                path: path.to_owned(),
+                file: same,
+            },
             channels: BTreeMap::new(),
             not_written: 0,
         })
@@ -94,10 +102,10 @@ impl McapWriter {
         };
         let stamp = measurement.stamp;
         let time = u64::try_from(stamp.as_nanos()).map_err(|_negative| WriteError::Stamp {
-            path: self.path.clone(),
+            path: self.on_disk.path.clone(),
             stamp,
         })?;
-        let path = &self.path;
+        let path = &self.on_disk.path;
         let error = |source| WriteError::Mcap {
             path: path.clone(),
             source,
@@ -120,13 +128,37 @@ impl McapWriter {
     /// # Errors
     /// Where the disk fails.
     pub fn flush(&mut self) -> Result<(), WriteError> {
-        let flushed = self.writer.flush();
-        flushed
-            .and_then(|()| Ok(self.file.sync_data()?))
-            .map_err(|source| WriteError::Mcap {
-                path: self.path.clone(),
-                source,
-            })
+        self.hand_over()?;
+        self.on_disk.sync()
+    }
+
+    /// Closes the chunk and hands all of it to the system, which puts it on the disk in its own time, or as [`OnDisk::sync`]
+    /// demands.
+    ///
+    /// # Errors
+    /// Where the system refuses.
+    pub fn hand_over(&mut self) -> Result<(), WriteError> {
+        self.writer.flush().map_err(|source| WriteError::Mcap {
+            path: self.on_disk.path.clone(),
+            source,
+        })
+    }
+
+    /// The file, for another thread to sync.
+    ///
+    /// # Errors
+    /// Where the system refuses.
+    pub fn on_disk(&self) -> Result<OnDisk, WriteError> {
+        let file = self.on_disk.file.try_clone();
+        Ok(OnDisk {
+            path: self.on_disk.path.clone(),
+            file: file.map_err(|why| self.failed(why))?,
+        })
+    }
+
+    /// It cannot be written, for this reason.
+    pub fn failed(&self, why: io::Error) -> WriteError {
+        self.on_disk.failed(why)
     }
 
     /// Measurements of kinds that are not recorded (clouds).
@@ -140,7 +172,7 @@ impl McapWriter {
     /// Where the disk fails.
     pub fn finish(mut self) -> Result<(), WriteError> {
         let error = |source| WriteError::Mcap {
-            path: self.path.clone(),
+            path: self.on_disk.path.clone(),
             source,
         };
         self.writer.finish().map_err(error)?;
@@ -150,6 +182,23 @@ impl McapWriter {
             .into_inner()
             .map_err(|err| error(err.into_error().into()))?;
         file.sync_data().map_err(|source| error(source.into()))
+    }
+}
+
+impl OnDisk {
+    /// Waits until all that was handed to the system is on the disk: it survives a power cut.
+    ///
+    /// # Errors
+    /// Where the disk fails.
+    pub fn sync(&self) -> Result<(), WriteError> {
+        self.file.sync_data().map_err(|why| self.failed(why))
+    }
+
+    fn failed(&self, why: io::Error) -> WriteError {
+        WriteError::Mcap {
+            path: self.path.clone(),
+            source: why.into(),
+        }
     }
 }
 

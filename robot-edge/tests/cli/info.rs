@@ -165,7 +165,8 @@ fn ros_1_bags() {
             "/rear_scan: 330 scans of 726 beams in frame rear_scanner",
             "/front_scan: 331 scans of 726 beams in frame front_scanner",
             no_poses,
-            "(of its range sensors, --topic laser=NAME chooses one)",
+            "robot-edge replay FILE --topic laser=/rear_scan --set localization.source=static",
+            "or with --topic laser=/front_scan",
         ],
     );
     check(

@@ -116,8 +116,10 @@ fn outputs_that_cannot_be_written_are_told_at_once() {
 #[test]
 fn a_full_disk_under_the_recording_does_not_cost_the_maps() {
     let folder = tempfile::tempdir().unwrap();
+    let mut mapped = Vec::new();
     for threads in [1, 2] {
         let maps = folder.path().join(threads.to_string());
+        let summary = folder.path().join("s.json");
         let mut command = std::process::Command::new("sh");
         command
             .args(["-c", "trap '' XFSZ; ulimit -f 1000; exec \"$0\" \"$@\""])
@@ -131,15 +133,40 @@ fn a_full_disk_under_the_recording_does_not_cost_the_maps() {
             .arg(rooms())
             .arg("--record")
             .arg(folder.path().join("r.mcap"))
+            .arg("--summary")
+            .arg(&summary)
             .arg("--export")
             .arg(&maps);
         let ended = run(&mut command);
         assert_eq!(ended.code, Some(1), "{ended:#?}");
+        // With two threads too, what was placed before the disk was full is mapped.
+        let scans = read_json(&summary)["scans"].clone();
+        assert_eq!(scans["mapped"], scans["in"], "{threads}: {scans}");
+        assert!(scans["mapped"].as_u64().unwrap() > 100, "{scans}");
+        mapped.push(scans);
         for says in ["r.mcap", "cannot write the recording", "File too large"] {
             assert!(ended.stderr.contains(says), "{ended:#?}");
         }
         assert!(maps.join("occupancy.tif").exists());
         assert!(maps.join("trajectory.tum").exists());
+    }
+    assert_eq!(mapped[0], mapped[1]);
+}
+
+/// An export may take long, and be ended; what was recorded is whole before it begins.
+#[test]
+fn a_recording_is_at_its_end_before_the_maps_are_exported() {
+    let folder = tempfile::tempdir().unwrap();
+    let (recording, maps) = (folder.path().join("r.mcap"), folder.path().join("maps"));
+    let mut command = robot_edge("replay --quiet --record");
+    command.arg(&recording).arg(rooms());
+    run(command.arg("--export").arg(&maps)).succeeds();
+    let written = |path: &Path| fs::metadata(path).unwrap().modified().unwrap();
+    let exported = fs::read_dir(&maps).unwrap();
+    let exported: Vec<_> = exported.map(|file| file.unwrap().path()).collect();
+    assert!(exported.len() >= 5, "{exported:?}");
+    for file in &exported {
+        assert!(written(&recording) <= written(file), "{}", file.display());
     }
 }
 

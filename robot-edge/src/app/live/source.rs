@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use super::gathered::Gathered;
 use super::lateness::Lateness;
+use crate::app::mapping_side::LONGEST_LAG;
 use crate::app::source::{Item, Lost, Source};
 use crate::clock::Monotonic;
 use crate::drops::DropReason;
@@ -25,9 +26,6 @@ const HOLD_AT_MOST: Duration = Duration::from_millis(50);
 
 /// Longest wait for a message, so that an interrupt is heard.
 const NAP: Duration = Duration::from_millis(20);
-
-/// A scan that has waited longer for mapping is left out.
-const LONGEST_LAG: Duration = Duration::from_secs(2);
 
 /// Measurements that are kept while the sensors are looked for, and bytes of their ranges.
 const MAX_GATHERED: usize = 50_000;
@@ -188,7 +186,8 @@ impl Live {
             .take(stream, reading, heard.published, &heard.message);
     }
 
-    /// Where mapping cannot keep up, it maps less and not later: scans are left out, poses never.
+    /// Where mapping cannot keep up, it maps less and not later: scans are left out, poses never. Here those that nobody took
+    /// in time; where placing goes ahead, mapping leaves out the others.
     fn is_too_late(heard: &Heard) -> bool {
         let is_scan = matches!(
             MessageType::from_type_name(&heard.stream.type_name),

@@ -1,30 +1,7 @@
 use protocol::message;
 
 use super::*;
-use crate::measurement::StreamId;
-use crate::pose::Pose;
-use crate::recording::{Selection, open};
-use crate::robot_time::RobotTime;
-
-fn transform(nanos: i64, child: &str, is_static: bool) -> Measurement {
-    Measurement {
-        stamp: RobotTime::from_nanos(nanos),
-        stream: StreamId(0),
-        frame: "odom".into(),
-        data: MeasurementData::Transform {
-            child: child.into(),
-            parent_from_child: Pose::translation(1.0, 2.0, 3.0),
-            is_static,
-        },
-    }
-}
-
-fn stream() -> Stream {
-    Stream {
-        name: "/tf".into(),
-        type_name: "tf2_msgs/TFMessage".into(),
-    }
-}
+use crate::app::recorded::{stamps, stream, transform};
 
 #[expect(clippy::unnecessary_wraps, reason = "disks may refuse to say")]
 fn roomy(_folder: &Path) -> io::Result<Space> {
@@ -41,15 +18,6 @@ fn files(folder: &Path) -> Vec<PathBuf> {
         .collect();
     files.sort();
     files
-}
-
-fn stamps(path: &Path) -> Vec<i64> {
-    let mut reader = open(path, Selection::default()).unwrap();
-    let mut stamps = Vec::new();
-    while let Some(measurement) = reader.next_measurement().unwrap() {
-        stamps.push(measurement.stamp.as_nanos());
-    }
-    stamps
 }
 
 #[test]

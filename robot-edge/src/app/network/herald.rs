@@ -14,6 +14,7 @@ use crate::driving::speedometer::Speedometer;
 use crate::driving::{Board, Lookout};
 use crate::events::event;
 use crate::link::shared::Shared;
+use crate::localization::config::OnJump;
 use crate::localization::placer::PlacerCounts;
 use crate::mapping::posed_scan::PosedScan;
 use crate::pose::Pose;
@@ -26,6 +27,8 @@ pub(in crate::app) struct Herald {
     pub(super) shared: Arc<Shared>,
     pub(super) board: Option<Arc<Board>>,
     pub(super) lookout: Option<Lookout>,
+    /// What becomes of the maps at a jump, and so of the ground that the guard judges by.
+    pub(super) on_jump: OnJump,
     pub(super) speedometer: Speedometer,
     pub(super) sensors: SensorWatch,
     /// What the sensors are watched by: since when the program lives, or nothing for the time of the data.
@@ -74,6 +77,15 @@ impl Herald {
                 token: None,
             },
         );
+    }
+
+    /// The poses jumped between the scans before and those to come. Nothing was measured with that: the oldest moment there is.
+    pub(in crate::app) fn jumped(&mut self) -> Monotonic {
+        match (self.on_jump, &mut self.lookout) {
+            (OnJump::Reset, Some(lookout)) => lookout.forget_ground(),
+            (OnJump::Reset, None) | (OnJump::Keep, _) => {}
+        }
+        Monotonic::default()
     }
 
     /// Tells the guard and consoles what a scan sees. When it was measured, on this machine's clock, at the latest.
@@ -147,3 +159,6 @@ impl Herald {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

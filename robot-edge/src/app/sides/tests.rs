@@ -1,13 +1,19 @@
 use std::net::TcpListener;
 use std::path::Path;
+use std::sync::Arc;
 
 use clap::Parser as _;
 
+use super::super::mapping_side::LONGEST_LAG;
+use super::super::outputs;
 use super::super::replay::{look_through, set_up};
-use super::super::source::{Item, Source as _};
+use super::super::source::{Item, Source};
+use super::super::told::status;
 use super::*;
 use crate::cli::{Cli, Command, Replay};
 use crate::clock::Monotonic;
+use crate::drops::DropReason;
+use crate::localization::pose_jump::PoseJump;
 use crate::measurement::{Measurement, MeasurementData};
 use crate::recording::stamp_order::Ordered;
 use crate::robot_time::RobotTime;
@@ -25,10 +31,15 @@ fn free_port() -> u16 {
 
 /// A replay of the rooms that consoles can hear.
 fn on_the_network() -> Replay {
-    let rooms = Path::new(env!("CARGO_MANIFEST_DIR")).join("../recordings/rooms.mcap");
     let listen = format!("tcp/127.0.0.1:{}", free_port());
+    replay_with(&["--insecure", "--listen", &listen])
+}
+
+/// A replay of the rooms.
+fn replay_with(options: &[&str]) -> Replay {
+    let rooms = Path::new(env!("CARGO_MANIFEST_DIR")).join("../recordings/rooms.mcap");
     let line = ["robot-edge", "replay", rooms.to_str().unwrap(), "--quiet"];
-    let line = line.into_iter().chain(["--insecure", "--listen", &listen]);
+    let line = line.iter().chain(options);
     let Command::Replay(command) = Cli::try_parse_from(line).unwrap().command else {
         unreachable!("it says so");
     };
@@ -41,6 +52,33 @@ fn take(sides: &mut Sides, ordered: Ordered) {
         Ok(mapping.take(step)?)
     });
     taken.unwrap();
+}
+
+/// The next measurement that is mapped.
+fn next_measured(source: &mut impl Source) -> Measurement {
+    loop {
+        let item = source.next().unwrap().expect("it has more");
+        if let Item::Due(Ordered::Measurement(measurement)) | Item::AtOnce(measurement) = item {
+            return measurement;
+        }
+    }
+}
+
+/// What so many scans and all before them make of steps.
+fn steps_of(sides: &mut Sides, source: &mut impl Source, scans: usize) -> Vec<Step> {
+    let mut steps = Vec::new();
+    while steps.len() < scans {
+        let ordered = Ordered::Measurement(next_measured(source));
+        let mut keep = |step| {
+            steps.push(step);
+            Ok(())
+        };
+        let placing = &mut sides.placing;
+        placing
+            .take_ordered(ordered, Monotonic::now(), &mut keep)
+            .unwrap();
+    }
+    steps
 }
 
 /// The clock of a robot is set back while a scan waits for the pose behind it, as most scans do.
@@ -120,4 +158,88 @@ fn consoles_hear_where_the_vehicle_is_before_anything_is_mapped() {
         sides.mapping.take(step).unwrap();
     }
     assert_eq!(sides.mapping.maps.report().scans_mapped, 20);
+}
+
+/// Where mapping is too slow, it maps less and not later; a jump is no scan, and nothing is lost uncounted.
+#[test]
+fn what_has_waited_too_long_for_mapping_is_left_out_where_the_present_matters() {
+    let command = replay_with(&["--no-network"]);
+    let (survey, config, plan) = look_through(&command).unwrap();
+    for (is_live, left_out) in [(true, 10), (false, 0)] {
+        let (run, mut source) = set_up(&command, true, &survey, &config, plan.clone()).unwrap();
+        let mut sides = run.start().unwrap();
+        assert!(!sides.mapping.is_live, "a replay is mapped whole");
+        sides.mapping.is_live = is_live;
+        let mut steps = steps_of(&mut sides, &mut source, 20);
+        let now = Monotonic::now();
+        let too_late = now + LONGEST_LAG + LONGEST_LAG;
+        let jump = Placed::Jump(PoseJump {
+            stamp: RobotTime::from_nanos(0),
+            distance_m: 3.0,
+        });
+        let jump = Step::Placed {
+            placed: jump,
+            taken: Monotonic::default(),
+            since: now,
+        };
+        let late = steps.split_off(10).into_iter().chain([jump]);
+        let told = sides.placing.told(None);
+        for step in steps {
+            sides.mapping.take_at(step, now).unwrap();
+        }
+        for step in late.chain([told]) {
+            sides.mapping.take_at(step, too_late).unwrap();
+        }
+        let report = sides.mapping.maps.report();
+        assert_eq!(report.scans_mapped, 20 - left_out);
+        assert_eq!(report.dropped_scans.get(DropReason::QueueFull), left_out);
+
+        let placing = &sides.placing;
+        let figures = placing.maps.get();
+        let status = status(&figures, placing.placer.counts(), &placing.clock, 0);
+        let queue_full = status.drops.iter().find(|drop| drop.name == "queue_full");
+        assert_eq!(queue_full.map_or(0, |drop| drop.count), left_out);
+        // What is younger is mapped again, although what came before it was not.
+        sides.finish(0).unwrap();
+        let scans = outputs::summary(&sides).scans;
+        assert_eq!(scans.dropped.get(DropReason::QueueFull), left_out);
+        assert_eq!(scans.mapped + scans.dropped.total(), scans.came_in);
+        let events = std::mem::take(&mut sides.mapping.events).into_events();
+        assert!(events.iter().any(|event| event.kind == "pose_jump"));
+    }
+}
+
+/// To hand a scan over may wait for the maps, and the scan waited for the pose that places it.
+#[test]
+fn the_newest_pose_is_told_before_a_scan_is_handed_over() {
+    let command = on_the_network();
+    let (survey, config, plan) = look_through(&command).unwrap();
+    let (run, mut source) = set_up(&command, true, &survey, &config, plan).unwrap();
+    let mut sides = run.start().unwrap();
+    let shared = Arc::clone(sides.mapping.network.as_ref().unwrap().link.shared());
+    let told = || shared.pose().map(|(stamp, _)| stamp);
+    let mut scans = 0;
+    while scans < 20 {
+        let ordered = Ordered::Measurement(next_measured(&mut source));
+        let mut handed_over = Vec::new();
+        let mut keep = |step| {
+            if let Step::Placed {
+                placed: Placed::Scan(scan),
+                ..
+            } = step
+            {
+                handed_over.push((scan.stamp, told()));
+            }
+            Ok(())
+        };
+        let placing = &mut sides.placing;
+        placing
+            .take_ordered(ordered, Monotonic::now(), &mut keep)
+            .unwrap();
+        for (stamp, told_then) in handed_over {
+            assert_eq!(told_then, told(), "a newer pose was told only later");
+            assert!(told_then > Some(stamp), "it waited for a pose behind it");
+            scans += 1;
+        }
+    }
 }

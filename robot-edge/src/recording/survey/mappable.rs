@@ -126,6 +126,29 @@ impl Survey {
         ))
     }
 
+    /// The command that maps it, with the range sensor that it must name, where it must, and the others that it could.
+    fn write_replay(
+        &self,
+        f: &mut fmt::Formatter<'_>,
+        laser: Option<StreamId>,
+        options: &str,
+    ) -> fmt::Result {
+        let file = shell_quoted(&self.path.display().to_string());
+        let topic = |stream| {
+            let named = self.stream(stream);
+            let name = named.map_or("", |summary| &summary.stream.name);
+            format!("--topic laser={}", shell_quoted(name))
+        };
+        let named = laser.map(|laser| format!(" {}", topic(laser)));
+        let named = named.unwrap_or_default();
+        writeln!(f, "  robot-edge replay {file}{named}{options}")?;
+        let others = self.scans.iter().map(|scan| scan.stream);
+        for other in others.filter(|other| laser.is_some_and(|laser| laser != *other)) {
+            writeln!(f, "  or with {}", topic(other))?;
+        }
+        Ok(())
+    }
+
     pub(super) fn write_mappable(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.mappable() {
             Mappable::Yes {
@@ -133,28 +156,9 @@ impl Survey {
                 pose_source,
                 must_be_named,
             } => {
-                let file = shell_quoted(&self.path.display().to_string());
-                let name = self
-                    .stream(laser)
-                    .map_or("", |summary| &summary.stream.name);
                 writeln!(f, "  {pose_source}")?;
                 self.write_sensors_of_vehicle(f)?;
-                write!(f, "  robot-edge replay {file}")?;
-                if must_be_named {
-                    write!(f, " --topic laser={}", shell_quoted(name))?;
-                }
-                writeln!(f)?;
-                let others = self.scans.iter().filter(|scan| scan.stream != laser);
-                for other in others.filter(|_| must_be_named) {
-                    if let Some(other) = self.stream(other.stream) {
-                        writeln!(
-                            f,
-                            "  or with --topic laser={}",
-                            shell_quoted(&other.stream.name)
-                        )?;
-                    }
-                }
-                Ok(())
+                self.write_replay(f, must_be_named.then_some(laser), "")
             }
             Mappable::NoPoseSource => {
                 writeln!(
@@ -162,19 +166,10 @@ impl Survey {
                     "  no: nothing says where the sensor was. There is neither odometry nor a"
                 )?;
                 writeln!(f, "  moving transform above {}", self.frames_of_scans())?;
-                let file = shell_quoted(&self.path.display().to_string());
                 writeln!(f, "  if the vehicle stood still:")?;
-                writeln!(
-                    f,
-                    "  robot-edge replay {file} --set localization.source=static"
-                )?;
-                if self.scans.len() > 1 {
-                    writeln!(
-                        f,
-                        "  (of its range sensors, --topic laser=NAME chooses one)"
-                    )?;
-                }
-                Ok(())
+                let several = self.scans.first().filter(|_| self.scans.len() > 1);
+                let laser = several.map(|scan| scan.stream);
+                self.write_replay(f, laser, " --set localization.source=static")
             }
             Mappable::NoRangeSensor => {
                 let clouds = self.streams.iter().any(|summary| {

@@ -1,0 +1,40 @@
+//! For tests: what is recorded, and what is read of it.
+
+use std::path::Path;
+
+use crate::measurement::{Measurement, MeasurementData, Stream, StreamId};
+use crate::pose::Pose;
+use crate::recording::{Selection, open};
+use crate::robot_time::RobotTime;
+
+/// A transform from `odom`.
+pub(super) fn transform(nanos: i64, child: &str, is_static: bool) -> Measurement {
+    Measurement {
+        stamp: RobotTime::from_nanos(nanos),
+        stream: StreamId(0),
+        frame: "odom".into(),
+        data: MeasurementData::Transform {
+            child: child.into(),
+            parent_from_child: Pose::translation(1.0, 2.0, 3.0),
+            is_static,
+        },
+    }
+}
+
+/// The stream of transforms.
+pub(super) fn stream() -> Stream {
+    Stream {
+        name: "/tf".into(),
+        type_name: "tf2_msgs/TFMessage".into(),
+    }
+}
+
+/// Of all that can be read of a recording, ended or not.
+pub(super) fn stamps(path: &Path) -> Vec<i64> {
+    let mut reader = open(path, Selection::default()).unwrap();
+    let mut stamps = Vec::new();
+    while let Some(measurement) = reader.next_measurement().unwrap() {
+        stamps.push(measurement.stamp.as_nanos());
+    }
+    stamps
+}
