@@ -174,9 +174,10 @@ impl MapView {
 
     fn shore_marks(&self, model: &ConsoleModel) -> ShoreMarks {
         let marks = model.shores().map(|shores| {
-            let named = (shores, model.site_names());
+            let outlines = model.shore_outlines().outlines();
+            let told = (shores, model.site_names(), outlines);
             let (marked, vehicle_m) = (self.marking.shown(), vehicle_m(model));
-            ShoreMarks::new(named, &self.camera, self.screen, marked, vehicle_m)
+            ShoreMarks::new(told, &self.camera, self.screen, &marked, vehicle_m)
         });
         marks.unwrap_or_default()
     }

@@ -1,4 +1,4 @@
-//! Which shore or docking site stands out on the map: what the hand is over in the list, else what it chose last.
+//! Which shores or docking sites stand out on the map: what a click in the lists showed last, and what the hand is over there.
 
 use crate::model::SiteName;
 
@@ -21,11 +21,14 @@ pub(super) struct Marking {
 }
 
 impl Marking {
-    pub(super) const fn shown(&self) -> Option<ShoreMark> {
-        match self.hovered {
-            Some(mark) => Some(mark),
-            None => self.chosen,
-        }
+    /// What stands out: what was chosen stays whatever the hand is over.
+    pub(super) fn shown(&self) -> Vec<ShoreMark> {
+        let hovered = self.hovered.filter(|mark| self.chosen != Some(*mark));
+        self.chosen.into_iter().chain(hovered).collect()
+    }
+
+    pub(super) const fn chosen(&self) -> Option<ShoreMark> {
+        self.chosen
     }
 
     pub(super) const fn hovered(&self) -> Option<ShoreMark> {
@@ -39,6 +42,11 @@ impl Marking {
     pub(super) const fn choose(&mut self, mark: ShoreMark) {
         self.chosen = Some(mark);
         self.sought = Some(mark);
+    }
+
+    /// Lets go of what was chosen and is gone.
+    pub(super) fn keep(&mut self, is_there: impl Fn(ShoreMark) -> bool) {
+        self.chosen = self.chosen.filter(|mark| is_there(*mark));
     }
 
     /// What was chosen since it was asked last.

@@ -54,6 +54,7 @@ use gestures::Gestures;
 use legend_card::LegendCard;
 use map_layers::MapLayers;
 use marking::Marking;
+use overlays::shores::is_told;
 
 /// Magnification of a step by key or button.
 const ZOOM_STEP: f64 = 1.4;
@@ -168,12 +169,12 @@ impl MapView {
         self.pinned_m
     }
 
-    /// The shore or docking site that stands out on the map.
+    /// The shore or docking site that a click in a list showed last, while there is one.
     pub const fn marked(&self) -> Option<ShoreMark> {
-        self.marking.shown()
+        self.marking.chosen()
     }
 
-    /// What stands out because the hand was over it in a list.
+    /// What stands out, too, because the hand was over it in a list.
     pub const fn hovered(&self) -> Option<ShoreMark> {
         self.marking.hovered()
     }
@@ -286,6 +287,10 @@ impl MapView {
     /// Takes over what changed in the model.
     pub fn update(&mut self, model: &mut ConsoleModel) {
         self.show_something(model);
+        self.marking.keep(|mark| {
+            let shores = model.shores();
+            shores.is_some_and(|shores| is_told(shores, model.site_names(), mark))
+        });
         let changed = model.take_changed_tiles();
         let mut time = FrameTime::new();
         let is_done = self

@@ -11,9 +11,11 @@ use std::time::Duration;
 use protocol::message::{Shores, ShoresNews, ShoresRequest};
 use robot_edge::clock::Monotonic;
 
+use super::ConsoleModel;
 use super::incoming::RequestId;
 use super::refusals::Refusal;
 use super::repeated::Repeated;
+use super::shore_outlines::ShoreOutlines;
 use super::site_names::{SiteName, SiteNames};
 
 /// Between an answer and the next question.
@@ -21,11 +23,30 @@ const PERIOD: Duration = Duration::from_secs(2);
 /// An answer that takes longer is not waited for, but taken when it comes.
 const PATIENCE: Duration = Duration::from_secs(4);
 
+impl ConsoleModel {
+    /// Shores and docking sites, where the robot has told of them.
+    pub const fn shores(&self) -> Option<&Shores> {
+        self.shores.shores()
+    }
+
+    /// What the docking sites are called, in the order of [`Self::shores`]: the best first.
+    pub fn site_names(&self) -> &[SiteName] {
+        self.shores.site_names()
+    }
+
+    /// Where the edges of [`Self::shores`] are, and what is near their docking sites: made once for each report.
+    pub const fn shore_outlines(&self) -> &ShoreOutlines {
+        self.shores.outlines()
+    }
+}
+
 /// Shores and docking sites of one run of a robot.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ShoresSync {
     revision: u64,
     shores: Option<Shores>,
+    /// What follows from `shores` alone: made when they come, not when they are drawn.
+    outlines: ShoreOutlines,
     names: SiteNames,
     /// The names of the docking sites of `shores`, in their order.
     named: Vec<SiteName>,
@@ -40,6 +61,11 @@ impl ShoresSync {
     /// The shores, where the robot has said anything of them.
     pub(super) const fn shores(&self) -> Option<&Shores> {
         self.shores.as_ref()
+    }
+
+    /// What follows from the shores alone; nothing before there are any.
+    pub(super) const fn outlines(&self) -> &ShoreOutlines {
+        &self.outlines
     }
 
     /// What its docking sites are called, in their order.
@@ -145,6 +171,7 @@ impl ShoresSync {
             self.revision = revision;
             let sites = shores.as_ref().map_or(&[][..], |shores| &shores.sites);
             self.named = self.names.name(sites);
+            self.outlines = shores.as_ref().map(ShoreOutlines::of).unwrap_or_default();
             self.shores = shores;
         }
         Ok(is_newer)
@@ -158,8 +185,9 @@ impl ShoresSync {
 
 #[cfg(test)]
 mod tests {
-    use protocol::message::DockingSite;
+    use protocol::message::{DockingSite, ShoreClass, ShoreCluster};
 
+    use super::super::shore_outlines::Outline;
     use super::*;
     use crate::pretend::at;
 
@@ -263,6 +291,49 @@ mod tests {
         assert_eq!(sync.take(sites(1, &[9.0]), 5, None, at(0)), Ok(true));
         assert_eq!(sync.site_names()[0].to_string(), "A");
         assert!(!first.contains(&sync.site_names()[0]), "of another run");
+    }
+
+    #[test]
+    fn what_follows_from_shores_is_made_once_for_each_report() {
+        /// A bush, so many metres from a docking site.
+        fn report(revision: u64, away_m: f32) -> ShoresNews {
+            let bush = ShoreCluster {
+                number: 3,
+                class: ShoreClass::Solid,
+                voxels: 10,
+                rigid_voxels: 10,
+                center_m: [away_m, 0.0],
+                outline: Vec::new(),
+            };
+            let mut news = sites(revision, &[0.0]);
+            news.shores.as_mut().unwrap().clusters = vec![bush];
+            news
+        }
+        /// Where what is known is kept, and how far away the bush is, metres.
+        fn known(sync: &ShoresSync) -> (*const Outline, f64) {
+            let known = sync.outlines();
+            assert_eq!(known.outlines().len(), 1);
+            let neighbour = known.neighbours()[0].unwrap();
+            (known.outlines().as_ptr(), neighbour.away_m)
+        }
+        let mut sync = ShoresSync::default();
+        assert_eq!(sync.outlines(), &ShoreOutlines::default());
+        assert_eq!(sync.take(report(1, 4.0), 1, None, at(0)), Ok(true));
+        let first = known(&sync);
+        assert_eq!((first.1, known(&sync)), (4.0, first));
+        // What is no new report makes nothing anew.
+        assert_eq!(sync.take(report(1, 9.0), 2, None, at(0)), Ok(false));
+        assert_eq!(sync.take(nothing(1), 3, None, at(0)), Ok(false));
+        assert_eq!(known(&sync), first);
+        // A new one is made while the one of before is still there: it cannot lie in its place.
+        assert_eq!(sync.take(report(2, 6.0), 4, None, at(0)), Ok(true));
+        let second = known(&sync);
+        assert!(second.0 != first.0 && second.1 > 5.9, "{second:?}");
+        let old = sync.take(report(1, 4.0), 5, None, at(0));
+        assert_eq!(old, Err(Refusal::OldRevision));
+        assert_eq!(known(&sync), second);
+        sync.forget();
+        assert_eq!(sync.outlines(), &ShoreOutlines::default());
     }
 
     #[test]

@@ -39,6 +39,19 @@ pub struct SiteName {
     index: u64,
 }
 
+impl SiteName {
+    /// How many letters it has.
+    pub const fn letters(self) -> u32 {
+        let mut letters = 1;
+        let mut rest = self.index / LETTERS.len() as u64;
+        while rest > 0 {
+            letters += 1;
+            rest = (rest - 1) / LETTERS.len() as u64;
+        }
+        letters
+    }
+}
+
 impl fmt::Display for SiteName {
     /// A to Z without I and O, then AA, AB … ZZ, then AAA: as spreadsheets count columns.
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {

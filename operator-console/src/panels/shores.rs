@@ -3,18 +3,17 @@
 mod away;
 mod columns;
 mod list;
+mod order;
 
 use protocol::layer::{LayerId, Swatch};
-use protocol::message::DockingSite;
+use protocol::message::{DockingSite, ShoreCluster};
 use protocol::shores::DOCKING_SITE_CODE;
 
 use super::wording::{count, signed};
 use crate::map_view::{MapView, ShoreMark};
-use crate::model::{ConsoleModel, SiteName};
+use crate::model::{ConsoleModel, Neighbour, Outline, SiteName};
 
-use away::nearest;
-
-pub(crate) use away::{Away, Outline};
+pub(crate) use away::Away;
 pub use list::shores_ui;
 
 /// What the panel shows.
@@ -26,7 +25,7 @@ pub struct ShoresData {
     pub sites: Vec<ShoreRow>,
     /// What else there is to say.
     pub notes: Vec<String>,
-    /// What stands out on the map.
+    /// What a click showed last.
     pub marked: Option<ShoreMark>,
     /// What stands out because the hand was over it.
     pub hovered: Option<ShoreMark>,
@@ -113,14 +112,15 @@ impl ShoresData {
             }
         }
         let beam_m = model.info().map(|info| info.footprint_m[1]);
-        let outlines = Outline::all(shores);
-        let rows = outlines.iter();
+        let known = model.shore_outlines();
+        let rows = shores.clusters.iter().zip(known.outlines());
         let mut rows: Vec<_> = rows.map(|shore| shore_row(shore, vehicle_m)).collect();
         sort(&mut rows, SortBy::Distance);
-        let sites = shores.sites.iter().zip(model.site_names()).zip(1..);
-        let site_rows = sites.map(|((site, name), rank)| {
+        let sites = shores.sites.iter().zip(known.neighbours());
+        let sites = sites.zip(model.site_names()).zip(1..);
+        let site_rows = sites.map(|(((site, neighbour), name), rank)| {
             let row = site_row(site, (*name, rank), vehicle_m);
-            let reason = Some(reason(site, beam_m, &outlines));
+            let reason = Some(reason(site, beam_m, *neighbour));
             ShoreRow { reason, ..row }
         });
         Some(Self {
@@ -148,13 +148,17 @@ pub fn sort(rows: &mut [ShoreRow], by: SortBy) {
 
 /// Why a boat fits there: how wide it is against the boat's beam, and what grows nearest to its middle. How gentle it
 /// is, is its cost.
-fn reason(site: &DockingSite, beam_m: Option<f32>, outlines: &[Outline<'_>]) -> String {
+fn reason(site: &DockingSite, beam_m: Option<f32>, neighbour: Option<Neighbour>) -> String {
     let width = beam_m
         .filter(|beam_m| *beam_m > 0.0)
         .map(|beam_m| format!("{:.1} × beam", site.width_m / beam_m));
-    let nearest = nearest(outlines, site.center_m.map(f64::from));
-    let neighbour = nearest.map(|(shore, away_m)| {
-        let (number, class) = (shore.number, shore.class.name());
+    let neighbour = neighbour.map(|neighbour| {
+        let Neighbour {
+            number,
+            class,
+            away_m,
+        } = neighbour;
+        let class = class.name();
         if away_m > 0.0 {
             format!("{away_m:.0} m to shore {number}, {class}")
         } else {
@@ -165,8 +169,10 @@ fn reason(site: &DockingSite, beam_m: Option<f32>, outlines: &[Outline<'_>]) -> 
     reasons.join("; ")
 }
 
-fn shore_row(outline: &Outline<'_>, vehicle_m: Option<[f64; 2]>) -> ShoreRow {
-    let cluster = outline.shore;
+fn shore_row(
+    (cluster, outline): (&ShoreCluster, &Outline),
+    vehicle_m: Option<[f64; 2]>,
+) -> ShoreRow {
     let away = Away::of_shore(outline, vehicle_m);
     let share = format!("{:.0} %", 100.0 * cluster.ratio());
     let size = count(cluster.voxels.into());

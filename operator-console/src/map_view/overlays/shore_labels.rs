@@ -2,10 +2,8 @@
 //! none on another. Pure.
 
 use eframe::egui::{Pos2, Rect, Vec2, vec2};
-use protocol::message::Shores;
 
 use super::vehicle;
-use crate::panels::shores::{Away, Outline};
 
 /// Between a label that has moved and what it has moved away from, points.
 const APART: f32 = 1.0;
@@ -39,27 +37,23 @@ pub(super) struct Label {
     pub(super) is_marked: bool,
 }
 
-/// How far the shores and docking sites are from a vehicle that is there, metres, in their order.
-pub(super) fn away_m(shores: &Shores, vehicle_m: Option<[f64; 2]>) -> [Vec<f64>; 2] {
-    let outlines = Outline::all(shores);
-    let clusters = outlines.iter();
-    let clusters = clusters.map(|outline| Away::of_shore(outline, vehicle_m).key());
-    let sites = shores.sites.iter();
-    let sites = sites.map(|site| Away::of_site(site, vehicle_m).key());
-    [clusters.collect(), sites.collect()]
+/// Whether some of a label of this size can be seen that belongs there, or beside a vehicle that is there. What cannot
+/// gets no place from [`placed`].
+pub(super) fn is_in_sight((at, size): (Pos2, Vec2), screen: Rect, vehicle: Option<Pos2>) -> bool {
+    screen.intersects(home(at, size, vehicle))
+}
+
+fn home(at: Pos2, size: Vec2, vehicle: Option<Pos2>) -> Rect {
+    Rect::from_center_size(at + aside(at, size, vehicle), size)
 }
 
 /// Which of the labels have a place, and where that is, in the order in which they got it: what stands out, the nearest
 /// shore and the nearest docking site in sight, then whatever is nearer than the others. Of what is as near, the first
 /// comes first. One that would lie on another moves by its own size at most, or is left out. None lies on the vehicle.
 pub(super) fn placed(labels: &[Label], screen: Rect, vehicle: Option<Pos2>) -> Vec<(usize, Rect)> {
-    let home = |label: &Label| {
-        let at = label.at + aside(label.at, label.size, vehicle);
-        Rect::from_center_size(at, label.size)
-    };
     let seen = labels.iter().enumerate();
     let mut seen: Vec<_> = seen
-        .filter(|(_, label)| screen.intersects(home(label)))
+        .filter(|(_, label)| is_in_sight((label.at, label.size), screen, vehicle))
         .collect();
     seen.sort_by(|(_, a), (_, b)| a.away_m.total_cmp(&b.away_m));
     let nearest = [Kind::Shore, Kind::Site].map(|kind| {
@@ -71,7 +65,7 @@ pub(super) fn placed(labels: &[Label], screen: Rect, vehicle: Option<Pos2>) -> V
     for (index, label) in seen {
         let mut places = PLACES.iter().map(|place| {
             let at = label.at + *place * (label.size + Vec2::splat(APART));
-            home(&Label { at, ..*label })
+            home(at, label.size, vehicle)
         });
         let free = places.find(|place| {
             let mut others = taken.iter().map(|(_, other)| other);

@@ -11,7 +11,8 @@ use protocol::message::{DockingSite, Shores};
 use super::super::camera::Camera;
 use super::super::marking::ShoreMark;
 use super::shore_labels::{self, Kind, Label};
-use crate::model::SiteName;
+use crate::model::{Outline, SiteName};
+use crate::panels::shores::Away;
 use crate::theme;
 
 const FONT: f32 = 13.0;
@@ -26,6 +27,9 @@ const HEAD: f32 = 9.0;
 /// From the ends of a marked docking site towards the water, points.
 const END: f32 = 12.0;
 
+/// The shores that the robot told of, the names of their docking sites, and the outlines of the shores, in their order.
+type Told<'a> = (&'a Shores, &'a [SiteName], &'a [Outline]);
+
 /// What is to be drawn, in points.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(in crate::map_view) struct ShoreMarks {
@@ -33,65 +37,67 @@ pub(in crate::map_view) struct ShoreMarks {
     pub(in crate::map_view) numbers: Vec<(String, Pos2)>,
     /// Letters of docking sites that have a place, where, and where to: the best first.
     pub(in crate::map_view) sites: Vec<(String, Pos2, Vec2)>,
-    /// Corners of the shore that stands out.
-    pub(in crate::map_view) outline: Vec<Pos2>,
-    /// The docking site that stands out: along the bank as far as it is wide, with an end on either side towards the
+    /// Corners of each shore that stands out.
+    pub(in crate::map_view) outlines: Vec<Vec<Pos2>>,
+    /// Each docking site that stands out: along the bank as far as it is wide, with an end on either side towards the
     /// water.
-    pub(in crate::map_view) berth: Vec<Pos2>,
+    pub(in crate::map_view) berths: Vec<Vec<Pos2>>,
     /// What the labels cover, in the order in which they got their places.
     pub(in crate::map_view) labels: Vec<Rect>,
 }
 
 impl ShoreMarks {
-    /// What `camera` sees of the shores, of which `marked` stands out. The names are those of the docking sites, in
-    /// their order. The vehicle is there, metres in `odom`.
+    /// What `camera` sees of the shores, of which those `marked` stand out. The vehicle is there, metres in `odom`.
     pub(in crate::map_view) fn new(
-        (shores, names): (&Shores, &[SiteName]),
+        told: Told<'_>,
         camera: &Camera,
         screen: Rect,
-        marked: Option<ShoreMark>,
+        marked: &[ShoreMark],
         vehicle_m: Option<[f64; 2]>,
     ) -> Self {
-        let named = labelled((shores, names), marked, vehicle_m);
-        let label = |named: &Named| Label {
-            at: camera.to_screen(screen, named.center_m.map(f64::from)),
-            ..named.label
-        };
-        let labels: Vec<_> = named.iter().map(label).collect();
+        let (shores, names, _) = told;
+        let named = labelled(told, (camera, screen), marked, vehicle_m);
+        let labels: Vec<_> = named.iter().map(|named| named.label).collect();
         let vehicle = vehicle_m.map(|at_m| camera.to_screen(screen, at_m));
         let placed = shore_labels::placed(&labels, screen, vehicle);
         let covered = placed.iter().map(|(_, place)| *place).collect();
         let places: BTreeMap<_, _> = placed.into_iter().collect();
         let (mut numbers, mut sites) = (Vec::new(), Vec::new());
-        for (index, named) in named.into_iter().enumerate() {
+        for (index, named) in named.iter().enumerate() {
             let Some(at) = places.get(&index).map(Rect::center) else {
                 continue;
             };
             match named.heading_rad {
                 Some(heading_rad) => {
-                    sites.push((named.text, at, camera.direction(f64::from(heading_rad))));
+                    let towards = camera.direction(f64::from(heading_rad));
+                    sites.push((text(named.mark), at, towards));
                 }
-                None => numbers.push((named.text, at)),
+                None => numbers.push((text(named.mark), at)),
             }
         }
-        let extent_m = marked.map(|marked| extent_m(shores, names, marked));
-        let extent = extent_m.unwrap_or_default().into_iter();
-        let extent: Vec<_> = extent
-            .map(|point_m| camera.to_screen(screen, point_m))
-            .collect();
-        let (outline, berth) = match marked {
-            None | Some(ShoreMark::Shore(_)) => (extent, Vec::new()),
-            Some(ShoreMark::Site(marked)) => {
-                let site = site_of(shores, names, marked);
-                let towards = site.map(|site| camera.direction(f64::from(site.heading_rad)));
-                (Vec::new(), bracket(&extent, towards.unwrap_or_default()))
+        let (mut outlines, mut berths) = (Vec::new(), Vec::new());
+        for mark in marked {
+            let extent = extent_m(shores, names, *mark).into_iter();
+            let extent: Vec<_> = extent
+                .map(|point_m| camera.to_screen(screen, point_m))
+                .collect();
+            if extent.is_empty() {
+                continue;
             }
-        };
+            match mark {
+                ShoreMark::Shore(_) => outlines.push(extent),
+                ShoreMark::Site(name) => {
+                    let site = site_of(shores, names, *name);
+                    let towards = site.map(|site| camera.direction(f64::from(site.heading_rad)));
+                    berths.push(bracket(&extent, towards.unwrap_or_default()));
+                }
+            }
+        }
         Self {
             numbers,
             sites,
-            outline,
-            berth,
+            outlines,
+            berths,
             labels: covered,
         }
     }
@@ -105,13 +111,14 @@ impl ShoreMarks {
     ) {
         let halo = Stroke::new(6.0, Color32::WHITE);
         let line = Stroke::new(3.0, theme::MARKED);
-        if !self.outline.is_empty() {
-            painter.add(Shape::closed_line(self.outline.clone(), halo));
-            painter.add(Shape::closed_line(self.outline.clone(), line));
-        }
-        if !self.berth.is_empty() {
-            painter.add(Shape::line(self.berth.clone(), halo));
-            painter.add(Shape::line(self.berth.clone(), line));
+        // No halo lies on the line of another.
+        for stroke in [halo, line] {
+            for outline in &self.outlines {
+                painter.add(Shape::closed_line(outline.clone(), stroke));
+            }
+            for berth in &self.berths {
+                painter.add(Shape::line(berth.clone(), stroke));
+            }
         }
         for (_, at, towards) in &self.sites {
             paint_arrow(painter, *at, *towards, ink, paper);
@@ -137,57 +144,94 @@ impl ShoreMarks {
 
 /// What wants a label.
 struct Named {
-    text: String,
-    /// Metres in `odom`.
-    center_m: [f32; 2],
+    mark: ShoreMark,
     /// Where into a docking site leads; of a shore nothing.
     heading_rad: Option<f32>,
-    /// Its place is not known yet.
     label: Label,
 }
 
-/// All of them: docking sites, the best first, then shores, the largest first.
+/// Those of which a label can be seen: docking sites, the best first, then shores, the largest first. How far away the others
+/// are is not asked, for there may be hundreds, in every frame.
 fn labelled(
-    (shores, names): (&Shores, &[SiteName]),
-    marked: Option<ShoreMark>,
+    (shores, names, outlines): Told<'_>,
+    (camera, screen): (&Camera, Rect),
+    marked: &[ShoreMark],
     vehicle_m: Option<[f64; 2]>,
 ) -> Vec<Named> {
-    let label = |kind, text: &str, mark: ShoreMark, away_m: f64| {
-        let character = match kind {
-            Kind::Shore => FIGURE,
-            Kind::Site => LETTER,
-        };
-        Label {
-            kind,
-            at: Pos2::ZERO,
-            size: vec2(text.len() as f32 * character, LINE) + 2.0 * PADDING,
-            away_m,
-            is_marked: marked == Some(mark),
-        }
+    let vehicle = vehicle_m.map(|at_m| camera.to_screen(screen, at_m));
+    let seen = |mark: ShoreMark, center_m: [f32; 2]| {
+        let at = camera.to_screen(screen, center_m.map(f64::from));
+        let place = (at, size(mark));
+        shore_labels::is_in_sight(place, screen, vehicle).then_some(place)
     };
-    let [clusters_m, sites_m] = shore_labels::away_m(shores, vehicle_m);
-    let sites = shores.sites.iter().zip(names).zip(sites_m);
-    let sites = sites.map(|((site, name), away_m)| {
-        let text = name.to_string();
-        Named {
-            label: label(Kind::Site, &text, ShoreMark::Site(*name), away_m),
-            text,
-            center_m: site.center_m,
+    let sites = shores.sites.iter().zip(names);
+    let sites = sites.filter_map(|(site, name)| {
+        let mark = ShoreMark::Site(*name);
+        let (at, size) = seen(mark, site.center_m)?;
+        let label = Label {
+            kind: Kind::Site,
+            at,
+            size,
+            away_m: Away::of_site(site, vehicle_m).key(),
+            is_marked: marked.contains(&mark),
+        };
+        Some(Named {
+            mark,
             heading_rad: Some(site.heading_rad),
-        }
+            label,
+        })
     });
-    let mut clusters: Vec<_> = shores.clusters.iter().zip(clusters_m).collect();
-    clusters.sort_by_key(|(cluster, _)| (Reverse(cluster.voxels), cluster.number));
-    let clusters = clusters.into_iter().map(|(cluster, away_m)| {
-        let text = cluster.number.to_string();
-        Named {
-            label: label(Kind::Shore, &text, ShoreMark::Shore(cluster.number), away_m),
-            text,
-            center_m: cluster.center_m,
+    let clusters = shores.clusters.iter().zip(outlines);
+    let clusters = clusters.filter_map(|(cluster, outline)| {
+        let mark = ShoreMark::Shore(cluster.number);
+        let (at, size) = seen(mark, cluster.center_m)?;
+        let label = Label {
+            kind: Kind::Shore,
+            at,
+            size,
+            away_m: Away::of_shore(outline, vehicle_m).key(),
+            is_marked: marked.contains(&mark),
+        };
+        let named = Named {
+            mark,
             heading_rad: None,
-        }
+            label,
+        };
+        Some(((Reverse(cluster.voxels), cluster.number), named))
     });
+    let mut clusters: Vec<_> = clusters.collect();
+    clusters.sort_by_key(|(size, _)| *size);
+    let clusters = clusters.into_iter().map(|(_, named)| named);
     sites.chain(clusters).collect()
+}
+
+/// What a label says.
+fn text(mark: ShoreMark) -> String {
+    match mark {
+        ShoreMark::Shore(number) => number.to_string(),
+        ShoreMark::Site(name) => name.to_string(),
+    }
+}
+
+/// The size of a label, points: known without its text, which only those that have a place need.
+fn size(mark: ShoreMark) -> Vec2 {
+    let width = match mark {
+        ShoreMark::Shore(number) => figures(number) as f32 * FIGURE,
+        ShoreMark::Site(name) => name.letters() as f32 * LETTER,
+    };
+    vec2(width, LINE) + 2.0 * PADDING
+}
+
+fn figures(number: u32) -> u32 {
+    number.checked_ilog10().unwrap_or_default() + 1
+}
+
+/// Whether the robot tells of it.
+pub(in crate::map_view) fn is_told(shores: &Shores, names: &[SiteName], mark: ShoreMark) -> bool {
+    match mark {
+        ShoreMark::Shore(number) => shores.clusters.iter().any(|shore| shore.number == number),
+        ShoreMark::Site(name) => site_of(shores, names, name).is_some(),
+    }
 }
 
 /// Where what is marked reaches to, metres in `odom`: corners of a shore, ends of a docking site; none where it is

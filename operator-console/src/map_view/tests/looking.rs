@@ -1,6 +1,7 @@
 //! Where the camera goes by itself, and what is said of directions.
 
-use eframe::egui::Shape;
+use eframe::egui::epaint::PathStroke;
+use eframe::egui::{Shape, Stroke};
 use protocol::keys::Topic;
 use protocol::message::{Datum, DockingSite, Pose, ShoreClass, ShoreCluster, Shores, ShoresNews};
 
@@ -74,6 +75,69 @@ fn what_is_chosen_in_the_list_is_seen_whole_and_from_nearby() {
     assert_looks_at(&window, [4.0, 5.0]);
     let after = window.state().view.camera.points_per_m();
     assert_eq!(after.to_bits(), before.to_bits());
+}
+
+/// What stands out: of each whether it is a shore, which has a line all around it, and the corners of its line in `odom`,
+/// whole metres.
+fn standing_out(window: &Harness<'_, Rig>) -> Vec<(bool, Vec<[i32; 2]>)> {
+    let stroke = PathStroke::from(Stroke::new(3.0, theme::MARKED));
+    let view = &window.state().view;
+    let corner_m = |at: &Pos2| {
+        let corner_m = view.camera.to_odom(view.screen, *at);
+        corner_m.map(|metres| metres.round() as i32)
+    };
+    let shapes = window.output().shapes.iter();
+    let lines = shapes.filter_map(|clipped| {
+        if let Shape::Path(path) = &clipped.shape {
+            let corners_m = || path.points.iter().map(corner_m).collect::<Vec<_>>();
+            (path.stroke == stroke).then(|| (path.closed, corners_m()))
+        } else {
+            None
+        }
+    });
+    lines.collect()
+}
+
+#[test]
+fn what_was_clicked_stands_out_until_another_is_or_it_is_gone() {
+    let mut window = window();
+    hears(&mut window, shores(None));
+    let three = ShoreMark::Shore(3);
+    let site = ShoreMark::Site(window.state().model.site_names()[0]);
+    let around_three = (true, vec![[20, 10], [40, 10], [40, 16], [20, 16]]);
+    assert_eq!(standing_out(&window), []);
+    look(&mut window, Look::Hover(Some(three)));
+    assert_eq!(standing_out(&window), std::slice::from_ref(&around_three));
+    // The hand is over what it clicks.
+    look(&mut window, Look::Mark(three, [36.0, 13.0]));
+    assert_eq!(standing_out(&window), std::slice::from_ref(&around_three));
+    look(&mut window, Look::Hover(Some(site)));
+    let both = standing_out(&window);
+    let is_shore: Vec<_> = both.iter().map(|(is_shore, _)| *is_shore).collect();
+    assert_eq!(is_shore, [true, false]);
+    assert_eq!(both[0], around_three);
+    look(&mut window, Look::Hover(None));
+    assert_eq!(standing_out(&window), [around_three]);
+    // It is gone; what has its number then was not clicked.
+    for (revision, shores) in [
+        (2, Shores::gather(0.1, None, Vec::new(), Vec::new())),
+        (3, shores(None)),
+    ] {
+        let news = ShoresNews {
+            revision,
+            shores: Some(shores),
+        };
+        let model = &mut window.state_mut().model;
+        says(model, Topic::Shores, &news, at(2_400));
+        window.run_steps(2);
+        assert_eq!(standing_out(&window), [], "{revision}");
+        assert_eq!(window.state().view.marked(), None, "{revision}");
+    }
+    let site = ShoreMark::Site(window.state().model.site_names()[0]);
+    look(&mut window, Look::Mark(site, [-19.0, -2.5]));
+    let of_site = standing_out(&window);
+    let is_shore: Vec<_> = of_site.iter().map(|(is_shore, _)| *is_shore).collect();
+    assert_eq!(is_shore, [false]);
 }
 
 #[test]

@@ -146,7 +146,11 @@ fn after_z_comes_aa() {
     let sites: Vec<_> = (0..703)
         .map(|at| site(at as f32 * 10.0, 0.0, 4.0))
         .collect();
-    let letters: Vec<_> = names.name(&sites).iter().map(SiteName::to_string).collect();
+    let names = names.name(&sites);
+    let letters: Vec<_> = names.iter().map(SiteName::to_string).collect();
+    for (name, letters) in names.iter().zip(&letters) {
+        assert_eq!(name.letters() as usize, letters.len(), "{letters}");
+    }
     assert_eq!(
         [0, 7, 8, 23, 24, 25, 47, 48, 599, 600].map(|at| &letters[at]),
         ["A", "H", "J", "Z", "AA", "AB", "AZ", "BA", "ZZ", "AAA"]

@@ -1,10 +1,10 @@
 //! How far it is to shores and docking sites, in a straight line. Pure.
 //!
-//! A shore is as near as the nearest edge of its outline, which the map draws while it is marked: its middle may lie
-//! metres behind its first reeds. Outlines are convex. One of a shore that bends around a bay spans the bay: how near
-//! its reeds are to who is within is not told, and no number is made up.
+//! A shore is as near as the nearest edge of its [`Outline`].
 
-use protocol::message::{DockingSite, ShoreCluster, Shores};
+use protocol::message::DockingSite;
+
+use crate::model::Outline;
 
 /// x and y in `odom`, metres.
 type Point = [f64; 2];
@@ -28,7 +28,7 @@ pub(crate) enum Away {
 
 impl Away {
     /// A shore from a vehicle whose middle is there.
-    pub(crate) fn of_shore(outline: &Outline<'_>, vehicle_m: Option<Point>) -> Self {
+    pub(crate) fn of_shore(outline: &Outline, vehicle_m: Option<Point>) -> Self {
         match vehicle_m.map(|at_m| outline.away_m(at_m)) {
             None => Self::Unknown,
             Some(away_m) if away_m > 0.0 => Self::Metres(away_m),
@@ -39,8 +39,8 @@ impl Away {
     /// The middle of a docking site from a vehicle whose middle is there.
     pub(crate) fn of_site(site: &DockingSite, vehicle_m: Option<Point>) -> Self {
         vehicle_m.map_or(Self::Unknown, |at_m| {
-            let [x, y] = way(at_m, site.center_m.map(f64::from));
-            Self::Metres(libm::hypot(x, y))
+            let [x, y] = site.center_m.map(f64::from);
+            Self::Metres(libm::hypot(x - at_m[0], y - at_m[1]))
         })
     }
 
@@ -75,135 +75,31 @@ impl Away {
     }
 }
 
-/// A shore, and where its edges are.
-pub(crate) struct Outline<'a> {
-    /// Whose.
-    pub(super) shore: &'a ShoreCluster,
-    /// Counter-clockwise; of a shore that tells none, its middle alone.
-    corners_m: Vec<Point>,
-    /// Lowest x and y of the corners, and greatest.
-    bounds_m: [Point; 2],
-}
-
-impl<'a> Outline<'a> {
-    /// Those of all shores, in their order.
-    pub(crate) fn all(shores: &'a Shores) -> Vec<Self> {
-        let clusters = shores.clusters.iter();
-        clusters
-            .map(|shore| Self::new(shore, shores.cell_m))
-            .collect()
-    }
-
-    fn new(shore: &'a ShoreCluster, cell_m: f64) -> Self {
-        let mut corners_m: Vec<_> = shore.corners_m(cell_m).collect();
-        if corners_m.is_empty() {
-            corners_m.push(shore.center_m.map(f64::from));
-        }
-        let bound = |pick: fn(f64, f64) -> f64| {
-            let corners = corners_m.iter().copied();
-            let outermost = corners.reduce(|[ax, ay], [bx, by]| [pick(ax, bx), pick(ay, by)]);
-            outermost.unwrap_or_default()
-        };
-        Self {
-            bounds_m: [bound(f64::min), bound(f64::max)],
-            shore,
-            corners_m,
-        }
-    }
-
-    /// From a place to its nearest edge, metres; 0 within it.
-    pub(super) fn away_m(&self, place_m: Point) -> f64 {
-        let count = self.corners_m.len();
-        let edge = |at: usize| [self.corners_m[at], self.corners_m[(at + 1) % count]];
-        if count > 2 && (0..count).all(|at| is_left_of(edge(at), place_m)) {
-            return 0.0;
-        }
-        let edges = (0..count).map(|at| to_edge_m(edge(at), place_m));
-        edges.fold(f64::INFINITY, f64::min)
-    }
-
-    /// It is not nearer to a place than this, metres.
-    fn least_m(&self, place_m: Point) -> f64 {
-        let [low_m, high_m] = self.bounds_m;
-        let [x, y] = [0, 1].map(|axis| {
-            let outside_m = (low_m[axis] - place_m[axis]).max(place_m[axis] - high_m[axis]);
-            outside_m.max(0.0)
-        });
-        libm::hypot(x, y)
-    }
-}
-
-/// The shore that is nearest to a place, and how far its nearest edge is, metres.
-pub(super) fn nearest<'a>(
-    outlines: &[Outline<'a>],
-    place_m: Point,
-) -> Option<(&'a ShoreCluster, f64)> {
-    let mut nearest: Option<(&ShoreCluster, f64)> = None;
-    for outline in outlines {
-        let best_m = nearest.map_or(f64::INFINITY, |(_, away_m)| away_m);
-        // There may be 400 shores for each of 100 docking sites, in every frame: most are out of the question.
-        if outline.least_m(place_m) < best_m {
-            let away_m = outline.away_m(place_m);
-            if away_m < best_m {
-                nearest = Some((outline.shore, away_m));
-            }
-        }
-    }
-    nearest
-}
-
-/// Whether a place is on the left of who goes along an edge, or in front of or behind them.
-fn is_left_of([from_m, to_m]: [Point; 2], place_m: Point) -> bool {
-    let ([along_x, along_y], [x, y]) = (way(from_m, to_m), way(from_m, place_m));
-    along_x * y - along_y * x >= 0.0
-}
-
-/// From a place to the nearest point of an edge, metres.
-fn to_edge_m([from_m, to_m]: [Point; 2], place_m: Point) -> f64 {
-    let ([along_x, along_y], [x, y]) = (way(from_m, to_m), way(from_m, place_m));
-    let length_squared = along_x * along_x + along_y * along_y;
-    // A corner alone is an edge without length.
-    let part = if length_squared > 0.0 {
-        ((x * along_x + y * along_y) / length_squared).clamp(0.0, 1.0)
-    } else {
-        0.0
-    };
-    libm::hypot(x - part * along_x, y - part * along_y)
-}
-
-fn way([from_x, from_y]: Point, [to_x, to_y]: Point) -> Point {
-    [to_x - from_x, to_y - from_y]
-}
-
 #[cfg(test)]
 mod tests {
-    use protocol::message::ShoreClass;
+    use protocol::message::{ShoreClass, ShoreCluster, Shores};
 
     use super::*;
+    use crate::model::ShoreOutlines;
 
-    /// Half a metre a cell: corners `(2, 4)` are 1 m and 2 m.
-    const CELL_M: f64 = 0.5;
-
-    fn shore(number: u32, center_m: [f32; 2], outline: &[(i32, i32)]) -> ShoreCluster {
-        ShoreCluster {
-            number,
+    /// A shore of such corners, half a metre a cell: `(2, 4)` are 1 m and 2 m.
+    fn outlines(center_m: [f32; 2], outline: &[(i32, i32)]) -> ShoreOutlines {
+        let shore = ShoreCluster {
+            number: 1,
             class: ShoreClass::Dense,
             voxels: 10,
             rigid_voxels: 0,
             center_m,
             outline: outline.to_vec(),
-        }
-    }
-
-    /// Reeds between 5 m and 13 m in x, 0 m and 4 m in y.
-    fn reeds() -> ShoreCluster {
-        shore(1, [9.0, 2.0], &[(10, 0), (26, 0), (26, 8), (10, 8)])
+        };
+        ShoreOutlines::of(&Shores::gather(0.5, None, vec![shore], Vec::new()))
     }
 
     #[test]
     fn a_shore_is_as_near_as_its_nearest_edge() {
-        let reeds = reeds();
-        let outline = Outline::new(&reeds, CELL_M);
+        // Reeds between 5 m and 13 m in x, 0 m and 4 m in y.
+        let reeds = outlines([9.0, 2.0], &[(10, 0), (26, 0), (26, 8), (10, 8)]);
+        let outline = &reeds.outlines()[0];
         for (vehicle_m, expected) in [
             ([4.0, 2.0], Away::Metres(1.0)),
             ([15.0, 3.9], Away::Metres(2.0)),
@@ -213,39 +109,19 @@ mod tests {
             ([9.0, 2.0], Away::Around),
             ([5.1, 0.1], Away::Around),
         ] {
-            let found = Away::of_shore(&outline, Some(vehicle_m));
+            let found = Away::of_shore(outline, Some(vehicle_m));
             assert_eq!(found, expected, "{vehicle_m:?}");
         }
-        assert_eq!(Away::of_shore(&outline, None), Away::Unknown);
+        assert_eq!(Away::of_shore(outline, None), Away::Unknown);
     }
 
     #[test]
     fn a_shore_without_an_outline_is_where_its_middle_is() {
-        let point = shore(1, [3.0, 4.0], &[]);
-        let outline = Outline::new(&point, CELL_M);
+        let point = outlines([3.0, 4.0], &[]);
         assert_eq!(
-            Away::of_shore(&outline, Some([0.0, 0.0])),
+            Away::of_shore(&point.outlines()[0], Some([0.0, 0.0])),
             Away::Metres(5.0)
         );
-    }
-
-    #[test]
-    fn the_nearest_shore_is_not_that_of_the_nearest_middle() {
-        let mut bush = shore(2, [4.0, 0.0], &[]);
-        let reeds = reeds();
-        let shores = |bush: &ShoreCluster| {
-            let clusters = vec![reeds.clone(), bush.clone()];
-            Shores::gather(CELL_M, None, clusters, Vec::new())
-        };
-        let found = |bush: &ShoreCluster, place_m| {
-            let shores = shores(bush);
-            nearest(&Outline::all(&shores), place_m).map(|(shore, away_m)| (shore.number, away_m))
-        };
-        // The middle of the reeds is 7 m away, their edge 3 m.
-        assert_eq!(found(&bush, [2.0, 2.0]).map(|(number, _)| number), Some(2));
-        bush.center_m = [2.0, -3.0];
-        assert_eq!(found(&bush, [2.0, 2.0]), Some((1, 3.0)));
-        assert_eq!(nearest(&[], [0.0, 0.0]), None);
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! The lists: a click shows a shore on the map, the hand over a row marks it there, a title sorts.
+//! The lists: a click shows a shore on the map and marks its row, the hand over a row lets it stand out there, too, a title
+//! sorts.
 
 use std::sync::Arc;
 
@@ -11,7 +12,8 @@ use eframe::egui::{
 use super::super::legend::{SWATCH, paint_swatch};
 use super::away::{TO_SHORES, TO_SITES};
 use super::columns::{CLASS, Columns, class, texts};
-use super::{ShoreRow, ShoresData, SortBy, sort};
+use super::order::{arrange, remember};
+use super::{ShoreRow, ShoresData, SortBy};
 use crate::command::Look;
 use crate::map_view::ShoreMark;
 
@@ -66,7 +68,7 @@ struct Asked {
     hovered: Option<ShoreMark>,
 }
 
-/// Draws the panel; where to look when a row was clicked, and what to mark when the hand is over another.
+/// Draws the panel; where to look when a row was clicked, and what stands out, too, when the hand is over another.
 pub fn shores_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
     let has_bar = data.shores.len().max(data.sites.len()) > FEW;
     let least = if has_bar {
@@ -120,9 +122,10 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
         rows: &data.sites,
     };
     let lists = [shores, sites];
-    let (columns, width) = room(ui, &lists);
-    for list in &lists {
-        list_ui(ui, (list, &columns, width), data.marked, &mut asked);
+    let (columns, width, heights) = room(ui, &lists);
+    for (list, height) in lists.iter().zip(heights) {
+        let room = (&columns, width, height);
+        list_ui(ui, (list, room), data.marked, &mut asked);
     }
     let is_other = asked.hovered != data.hovered;
     asked
@@ -130,19 +133,30 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
         .or_else(|| is_other.then_some(Look::Hover(asked.hovered)))
 }
 
-/// Where the columns are, and how wide they are together. A list that scrolls has a bar of its own, which lies beside them.
-fn room(ui: &Ui, lists: &[List<'_>]) -> (Columns, f32) {
+/// Where the columns are, how wide they are together, and how high the rows of each list are, points. A list that scrolls has a
+/// bar of its own, which lies beside them.
+fn room(ui: &Ui, lists: &[List<'_>; 2]) -> (Columns, f32, [f32; 2]) {
     let width = ui.available_width();
-    let whole = columns(ui, lists, width);
-    let scrolls = |list: &List<'_>| {
-        row_height(ui, list, &whole, width) * list.rows.len() as f32 > LIST_HEIGHT
+    let heights = |columns: &Columns, width: f32| {
+        lists
+            .each_ref()
+            .map(|list| row_height(ui, list, columns, width))
     };
-    if !lists.iter().any(scrolls) {
-        return (whole, width);
+    let scrolls = |list: &List<'_>, height: f32| height * list.rows.len() as f32 > LIST_HEIGHT;
+    // No row is lower than its numbers: many scroll whatever stands below these, which is laid out once for them.
+    if !lists.iter().any(|list| scrolls(list, ROW_HEIGHT)) {
+        let whole = columns(ui, lists, width);
+        let heights = heights(&whole, width);
+        let mut rows = lists.iter().zip(heights);
+        if !rows.any(|(list, height)| scrolls(list, height)) {
+            return (whole, width, heights);
+        }
     }
     // With less room its rows are no lower: it scrolls all the same.
     let width = width - BAR;
-    (columns(ui, lists, width), width)
+    let columns = columns(ui, lists, width);
+    let heights = heights(&columns, width);
+    (columns, width, heights)
 }
 
 /// The same for all lists that have something in them.
@@ -159,7 +173,7 @@ fn columns(ui: &Ui, lists: &[List<'_>], width: f32) -> Columns {
 
 fn list_ui(
     ui: &mut Ui,
-    (list, columns, width): (&List<'_>, &Columns, f32),
+    (list, (columns, width, row_height)): (&List<'_>, (&Columns, f32, f32)),
     marked: Option<ShoreMark>,
     asked: &mut Asked,
 ) {
@@ -178,9 +192,9 @@ fn list_ui(
     hint_ui(&heading, list.why);
     titles_ui(ui, list, (columns, width), &mut by);
     ui.data_mut(|data| data.insert_temp(id, by));
-    sort(&mut rows, by);
-    let row_height = row_height(ui, list, columns, width);
-    ui.scope(|ui| {
+    let order = Id::unique(list.name).with("order");
+    arrange(ui, order, &mut rows, by);
+    let drawn = ui.scope(|ui| {
         ui.spacing_mut().item_spacing.y = 0.0;
         ScrollArea::vertical()
             .id_salt(list.name)
@@ -198,8 +212,10 @@ fn list_ui(
                         asked.clicked = Some(Look::Mark(row.mark, row.center_m));
                     }
                 }
-            });
+            })
+            .inner_rect
     });
+    remember(ui, order, &rows, by, drawn.inner);
 }
 
 /// The titles of the columns; those that are numbers sort.

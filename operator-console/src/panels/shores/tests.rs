@@ -1,11 +1,15 @@
+mod pointer;
+
 use eframe::egui::{Rect, Shape, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
-use protocol::message::{ShoreClass, ShoreCluster, Shores};
+use protocol::keys::Topic;
+use protocol::message::{Info, LayerInfo, ShoreClass, Shores, ShoresNews};
 
 use super::*;
 use crate::command::Look;
-use crate::model::SiteNames;
+use crate::model::{RequestId, ShoreOutlines, SiteNames};
+use crate::pretend::{answers, at, says, scout};
 
 fn cluster(number: u32, voxels: u32, center_m: [f32; 2]) -> ShoreCluster {
     ShoreCluster {
@@ -41,10 +45,10 @@ fn data() -> ShoresData {
     let clusters = vec![cluster(1, 40, [30.0, 0.0]), cluster(2, 900, [8.0, 6.0])];
     let shores = Shores::gather(0.3, None, clusters, vec![site()]);
     let vehicle_m = Some([0.0, 0.0]);
-    let outlines = Outline::all(&shores);
-    let rows = outlines.iter();
+    let known = ShoreOutlines::of(&shores);
+    let rows = shores.clusters.iter().zip(known.outlines());
     let best = ShoreRow {
-        reason: Some(reason(&site(), Some(1.6), &outlines)),
+        reason: Some(reason(&site(), Some(1.6), known.neighbours()[0])),
         ..site_row(&site(), (names()[1], 1), vehicle_m)
     };
     let wider = DockingSite {
@@ -86,8 +90,46 @@ fn a_docking_site_says_why_it_fits() {
     let mut bay = cluster(4, 40, [30.0, 0.0]);
     bay.outline = vec![(0, -9), (100, -9), (100, 9), (0, 9)];
     let shores = Shores::gather(0.3, None, vec![bay], vec![site()]);
-    let reason = reason(&site(), None, &Outline::all(&shores));
+    let known = ShoreOutlines::of(&shores);
+    let reason = reason(&site(), None, known.neighbours()[0]);
     assert_eq!(reason, "shore 4, dense, around it");
+}
+
+#[test]
+fn reasons_are_of_the_newest_report_and_of_the_vehicle_as_it_is() {
+    let mut model = scout();
+    let tells_beam = |model: &mut ConsoleModel, beam_m| {
+        let layer = LayerInfo {
+            layer: LayerId::Shore,
+            cell_m: 0.3,
+        };
+        let info = Info {
+            footprint_m: [3.0, beam_m],
+            layers: vec![layer],
+            ..Info::default()
+        };
+        answers(model, RequestId(900), Topic::Info, &info, at(0));
+    };
+    // The revision is the number of the only shore.
+    let tells_of = |model: &mut ConsoleModel, number: u32, center_m| {
+        let clusters = vec![cluster(number, 40, center_m)];
+        let news = ShoresNews {
+            revision: number.into(),
+            shores: Some(Shores::gather(0.3, None, clusters, vec![site()])),
+        };
+        says(model, Topic::Shores, &news, at(0));
+    };
+    let reason = |model: &ConsoleModel| {
+        let data = ShoresData::new(model, &MapView::default()).unwrap();
+        data.sites[0].reason.clone().unwrap()
+    };
+    tells_beam(&mut model, 1.6);
+    tells_of(&mut model, 1, [8.0, 6.0]);
+    assert_eq!(reason(&model), "2.5 × beam; 6 m to shore 1, dense");
+    tells_of(&mut model, 2, [8.0, 9.0]);
+    assert_eq!(reason(&model), "2.5 × beam; 9 m to shore 2, dense");
+    tells_beam(&mut model, 2.0);
+    assert_eq!(reason(&model), "2.0 × beam; 9 m to shore 2, dense");
 }
 
 #[test]
@@ -189,8 +231,8 @@ fn panel_of(width: f32, data: ShoresData) -> Harness<'static> {
 fn data_of(count: u8) -> ShoresData {
     let shore = |number: u8| cluster(number.into(), 40, [3.0 * f32::from(number), 0.0]);
     let shores = Shores::gather(0.3, None, (1..=count).map(shore).collect(), Vec::new());
-    let outlines = Outline::all(&shores);
-    let rows = outlines.iter();
+    let known = ShoreOutlines::of(&shores);
+    let rows = shores.clusters.iter().zip(known.outlines());
     let rows = rows.map(|shore| shore_row(shore, Some([0.0, 0.0])));
     ShoresData {
         shores: rows.collect(),
@@ -233,6 +275,25 @@ fn a_narrow_panel_shows_rows_whole_and_wraps_what_is_below_them() {
     // A panel as wide as it is at first shows its insides so wide: rows of one line.
     assert_eq!(heights[2][0], 24, "{heights:?}");
     assert!(heights[1][0] > 34, "{heights:?}");
+}
+
+#[test]
+fn rows_of_a_list_that_scrolls_are_as_high_as_what_is_left_beside_its_bar_asks_for() {
+    let height = |width: f32, count: u8| {
+        let window = panel_of(width, data_of(count));
+        let row = window.get_by_label_contains("Shore 1, dense").rect();
+        row.height()
+    };
+    // The bar is 12 points wide: the same rows without it are so much narrower.
+    let mut heights = Vec::new();
+    for width in [
+        210.0, 218.0, 226.0, 234.0, 242.0, 250.0, 258.0, 266.0, 274.0,
+    ] {
+        let (many, few) = (height(width, 12), height(width - 12.0, 2));
+        assert!((many - few).abs() < 0.5, "{width}: {many} {few}");
+        heights.push(many);
+    }
+    assert!(heights[0] > heights[8] + 10.0, "{heights:?}");
 }
 
 #[test]

@@ -2,7 +2,7 @@ use eframe::egui::pos2;
 use protocol::message::{ShoreClass, ShoreCluster};
 
 use super::*;
-use crate::model::SiteNames;
+use crate::model::{ShoreOutlines, SiteNames};
 
 fn cluster(number: u32, voxels: u32, center_m: [f32; 2]) -> ShoreCluster {
     ShoreCluster {
@@ -41,15 +41,12 @@ fn labels_are_where_shores_are_and_never_on_one_another() {
     let gone = names.name(&[beside(30.0)])[0];
     let shores = Shores::gather(0.3, None, clusters, vec![site, beside(-60.0)]);
     let named = names.name(&shores.sites);
+    let known = ShoreOutlines::of(&shores);
+    let told = (&shores, &*named, known.outlines());
     let camera = Camera::default();
     let marks_of = |mark| {
-        ShoreMarks::new(
-            (&shores, &named),
-            &camera,
-            screen,
-            Some(ShoreMark::Site(mark)),
-            None,
-        )
+        let mark = ShoreMark::Site(mark);
+        ShoreMarks::new(told, &camera, screen, &[mark], None)
     };
     let marks = marks_of(named[0]);
     let numbers: Vec<_> = marks
@@ -69,16 +66,17 @@ fn labels_are_where_shores_are_and_never_on_one_another() {
     assert_eq!((letter.as_str(), *at), ("B", pos2(160.0, 280.0)));
     assert!((*towards - vec2(0.0, -1.0)).length() < 1e-6, "up is north");
     // 3 m wide, across the way in, which is up: the water is below.
-    let berth = marks.berth.iter().map(|at| at.round());
-    let berth: Vec<_> = berth.collect();
+    let berths = marks.berths.iter().flatten().map(|at| at.round());
+    let berth: Vec<_> = berths.collect();
     let [left, right] = [pos2(100.0, 280.0), pos2(220.0, 280.0)];
     let end = vec2(0.0, END);
     assert_eq!(berth, [left + end, left, right, right + end]);
-    assert_eq!(marks.outline, [], "it is no shore");
-    assert_eq!(marks_of(gone).berth, [], "it is not where another is now");
+    assert!(marks.outlines.is_empty(), "it is no shore");
+    let of_gone = marks_of(gone).berths;
+    assert!(of_gone.is_empty(), "it is not where another is now");
     // What stands out stays where it is, and the larger one moves.
-    let mark = Some(ShoreMark::Shore(1));
-    let marks = ShoreMarks::new((&shores, &named), &camera, screen, mark, None);
+    let mark = ShoreMark::Shore(1);
+    let marks = ShoreMarks::new(told, &camera, screen, &[mark], None);
     let numbers = marks.numbers.iter();
     let numbers: Vec<_> = numbers.map(|(text, at)| (&**text, at.y.round())).collect();
     assert_eq!(numbers, [("2", 138.0), ("3", 120.0), ("1", 160.0)]);
@@ -106,11 +104,12 @@ fn the_nearest_shore_and_the_nearest_site_are_labelled_however_many_there_are() 
     let names: Vec<_> =
         SiteNames::default().name(&[site(0.0, 0.1), site(50.0, 0.1), site(99.0, 0.1)]);
     let shores = Shores::gather(0.3, None, clusters, sites);
+    let known = ShoreOutlines::of(&shores);
     let marks = ShoreMarks::new(
-        (&shores, &names),
+        (&shores, &names, known.outlines()),
         &Camera::default(),
         screen,
-        None,
+        &[],
         Some([0.0, 0.0]),
     );
     let has_number = |wanted: &str| marks.numbers.iter().any(|(text, _)| text == wanted);
@@ -128,10 +127,12 @@ fn the_nearest_shore_and_the_nearest_site_are_labelled_however_many_there_are() 
 fn a_label_stands_beside_the_vehicle_and_nowhere_else_otherwise() {
     let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 400.0));
     let shores = Shores::gather(0.3, None, vec![cluster(1, 10, [1.0, 1.0])], Vec::new());
+    let known = ShoreOutlines::of(&shores);
+    let told = (&shores, &[][..], known.outlines());
     let label_at = |vehicle_at: Pos2| {
         let camera = Camera::default();
         let vehicle_m = Some(camera.to_odom(screen, vehicle_at));
-        let marks = ShoreMarks::new((&shores, &[]), &camera, screen, None, vehicle_m);
+        let marks = ShoreMarks::new(told, &camera, screen, &[], vehicle_m);
         marks.numbers[0].1
     };
     // The label is 18 × 21 points, the vehicle 20 × 20.
@@ -160,8 +161,10 @@ fn what_is_marked_stands_out_whatever_its_rank() {
     let sites = vec![site(3.0, 0.1), site(-3.0, 0.2)];
     let named = names.name(&sites);
     let shores = Shores::gather(0.3, None, Vec::new(), sites);
-    let (named, camera) = ((&shores, &*named), Camera::default());
-    let marks = ShoreMarks::new(named, &camera, screen, Some(marked), None);
+    let known = ShoreOutlines::of(&shores);
+    let told = (&shores, &*named, known.outlines());
+    let camera = Camera::default();
+    let marks = ShoreMarks::new(told, &camera, screen, &[marked], None);
     let labels: Vec<_> = marks
         .sites
         .iter()
@@ -172,6 +175,70 @@ fn what_is_marked_stands_out_whatever_its_rank() {
     // What stands out is placed before the others.
     let covered: Vec<_> = marks.labels.iter().map(Rect::center).collect();
     assert_eq!(covered, [left, right]);
-    let middle = marks.berth[1] + 0.5 * (marks.berth[2] - marks.berth[1]);
+    let berth = &marks.berths[0];
+    let middle = berth[1] + 0.5 * (berth[2] - berth[1]);
     assert!((middle - left).length() < 1e-3, "{middle:?}");
+}
+
+#[test]
+fn what_cannot_be_seen_is_left_out_before_anything_is_made_of_it() {
+    let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 400.0));
+    // 40 points a metre: the middles are at these places in x, and each label of one figure reaches 9 points to either side,
+    // each of two 13.
+    let x_m = |x: f32| (x - 200.0) / 40.0;
+    let at = |number, voxels, x| cluster(number, voxels, [x_m(x), 0.0]);
+    let clusters = vec![
+        at(1, 10, 404.0),
+        at(2, 90, 412.0),
+        at(3, 50, 100.0),
+        at(10, 20, 412.0),
+    ];
+    let site = |x| DockingSite {
+        center_m: [x_m(x), 2.0],
+        heading_rad: 0.0,
+        width_m: 2.0,
+        mean_cost: 0.2,
+    };
+    // A label of one letter reaches 11 points to either side.
+    let sites = vec![site(-13.0), site(-9.0)];
+    let names = SiteNames::default().name(&sites);
+    let shores = Shores::gather(0.3, None, clusters, sites);
+    let known = ShoreOutlines::of(&shores);
+    let told = (&shores, &*names, known.outlines());
+    let camera = Camera::default();
+    let seen = |vehicle_m| {
+        let named = labelled(told, (&camera, screen), &[], vehicle_m);
+        named.iter().map(|named| named.mark).collect::<Vec<_>>()
+    };
+    let (near, [three, ten, one]) = (ShoreMark::Site(names[1]), [3, 10, 1].map(ShoreMark::Shore));
+    assert_eq!(seen(None), [near, three, ten, one]);
+    // The vehicle is at 418, on the label of 2 that would be out of sight: beside it is the screen.
+    let vehicle_m = Some([f64::from(x_m(418.0)), 0.0]);
+    let two = ShoreMark::Shore(2);
+    assert_eq!(seen(vehicle_m), [near, two, three, ten, one]);
+    let marks = ShoreMarks::new(told, &camera, screen, &[], vehicle_m);
+    let numbers: Vec<_> = marks.numbers.iter().map(|(text, _)| &**text).collect();
+    assert!(numbers.contains(&"3"), "{numbers:?}");
+}
+
+#[test]
+fn labels_are_as_wide_as_what_they_say() {
+    for number in [0, 1, 9, 10, 99, 100, 4_000, u32::MAX] {
+        let mark = ShoreMark::Shore(number);
+        let width = text(mark).len() as f32 * FIGURE + 10.0;
+        assert!((size(mark).x - width).abs() < 1e-3, "{number}");
+    }
+    let sites: Vec<_> = (0..30_u8)
+        .map(|n| DockingSite {
+            center_m: [100.0 * f32::from(n), 0.0],
+            heading_rad: 0.0,
+            width_m: 2.0,
+            mean_cost: 0.2,
+        })
+        .collect();
+    for name in SiteNames::default().name(&sites) {
+        let mark = ShoreMark::Site(name);
+        let width = text(mark).len() as f32 * LETTER + 10.0;
+        assert!((size(mark).x - width).abs() < 1e-3, "{name}");
+    }
 }

@@ -1,0 +1,214 @@
+//! Where the edges of the shores are, and which shore is nearest to each docking site. Pure.
+//!
+//! Both follow from what the robot told alone, wherever the vehicle is: they are made once for each report, and the lists
+//! and the map read them in every frame.
+//!
+//! A shore is as near as the nearest edge of its outline, which the map draws while it is marked: its middle may lie
+//! metres behind its first reeds. Outlines are convex. One of a shore that bends around a bay spans the bay: how near
+//! its reeds are to who is within is not told, and no number is made up.
+
+use protocol::message::{ShoreClass, ShoreCluster, Shores};
+
+/// x and y in `odom`, metres.
+type Point = [f64; 2];
+
+/// What is known of the shores of one report, made once for it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ShoreOutlines {
+    outlines: Vec<Outline>,
+    neighbours: Vec<Option<Neighbour>>,
+}
+
+/// Where the edges of a shore are.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outline {
+    /// Counter-clockwise; of a shore that tells none, its middle alone.
+    corners_m: Vec<Point>,
+    /// Lowest x and y of the corners, and greatest.
+    bounds_m: [Point; 2],
+}
+
+/// The shore that is nearest to a docking site.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Neighbour {
+    /// Which shore.
+    pub number: u32,
+    /// What grows there.
+    pub class: ShoreClass,
+    /// From the middle of the site to the nearest edge of the shore, metres; 0 within it.
+    pub away_m: f64,
+}
+
+impl ShoreOutlines {
+    /// Those of a report.
+    pub fn of(shores: &Shores) -> Self {
+        let clusters = shores.clusters.iter();
+        let outlines: Vec<_> = clusters
+            .map(|shore| Outline::new(shore, shores.cell_m))
+            .collect();
+        let sites = shores.sites.iter();
+        let neighbours = sites
+            .map(|site| nearest(&shores.clusters, &outlines, site.center_m.map(f64::from)))
+            .collect();
+        Self {
+            outlines,
+            neighbours,
+        }
+    }
+
+    /// The outline of each shore, in their order.
+    pub fn outlines(&self) -> &[Outline] {
+        &self.outlines
+    }
+
+    /// The nearest shore of each docking site, in their order; `None` where there is no shore.
+    pub fn neighbours(&self) -> &[Option<Neighbour>] {
+        &self.neighbours
+    }
+}
+
+impl Outline {
+    fn new(shore: &ShoreCluster, cell_m: f64) -> Self {
+        let mut corners_m: Vec<_> = shore.corners_m(cell_m).collect();
+        if corners_m.is_empty() {
+            corners_m.push(shore.center_m.map(f64::from));
+        }
+        let bound = |pick: fn(f64, f64) -> f64| {
+            let corners = corners_m.iter().copied();
+            let outermost = corners.reduce(|[ax, ay], [bx, by]| [pick(ax, bx), pick(ay, by)]);
+            outermost.unwrap_or_default()
+        };
+        Self {
+            bounds_m: [bound(f64::min), bound(f64::max)],
+            corners_m,
+        }
+    }
+
+    /// From a place (x and y in `odom`, metres) to its nearest edge, metres; 0 within it.
+    pub fn away_m(&self, place_m: [f64; 2]) -> f64 {
+        let count = self.corners_m.len();
+        let edge = |at: usize| [self.corners_m[at], self.corners_m[(at + 1) % count]];
+        if count > 2 && (0..count).all(|at| is_left_of(edge(at), place_m)) {
+            return 0.0;
+        }
+        let edges = (0..count).map(|at| to_edge_m(edge(at), place_m));
+        edges.fold(f64::INFINITY, f64::min)
+    }
+
+    /// It is not nearer to a place than this, metres.
+    fn least_m(&self, place_m: Point) -> f64 {
+        let [low_m, high_m] = self.bounds_m;
+        let [x, y] = [0, 1].map(|axis| {
+            let outside_m = (low_m[axis] - place_m[axis]).max(place_m[axis] - high_m[axis]);
+            outside_m.max(0.0)
+        });
+        libm::hypot(x, y)
+    }
+}
+
+/// The shore that is nearest to a place.
+fn nearest(shores: &[ShoreCluster], outlines: &[Outline], place_m: Point) -> Option<Neighbour> {
+    let mut nearest: Option<Neighbour> = None;
+    for (shore, outline) in shores.iter().zip(outlines) {
+        let best_m = nearest.map_or(f64::INFINITY, |neighbour| neighbour.away_m);
+        // There may be 400 shores for each of 100 docking sites: most are out of the question.
+        if outline.least_m(place_m) < best_m {
+            let away_m = outline.away_m(place_m);
+            if away_m < best_m {
+                nearest = Some(Neighbour {
+                    number: shore.number,
+                    class: shore.class,
+                    away_m,
+                });
+            }
+        }
+    }
+    nearest
+}
+
+/// Whether a place is on the left of who goes along an edge, or in front of or behind them.
+fn is_left_of([from_m, to_m]: [Point; 2], place_m: Point) -> bool {
+    let ([along_x, along_y], [x, y]) = (way(from_m, to_m), way(from_m, place_m));
+    along_x * y - along_y * x >= 0.0
+}
+
+/// From a place to the nearest point of an edge, metres.
+fn to_edge_m([from_m, to_m]: [Point; 2], place_m: Point) -> f64 {
+    let ([along_x, along_y], [x, y]) = (way(from_m, to_m), way(from_m, place_m));
+    let length_squared = along_x * along_x + along_y * along_y;
+    // A corner alone is an edge without length.
+    let part = if length_squared > 0.0 {
+        ((x * along_x + y * along_y) / length_squared).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    libm::hypot(x - part * along_x, y - part * along_y)
+}
+
+fn way([from_x, from_y]: Point, [to_x, to_y]: Point) -> Point {
+    [to_x - from_x, to_y - from_y]
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::message::DockingSite;
+
+    use super::*;
+
+    /// Half a metre a cell: corners `(2, 4)` are 1 m and 2 m.
+    const CELL_M: f64 = 0.5;
+
+    fn shore(number: u32, center_m: [f32; 2], outline: &[(i32, i32)]) -> ShoreCluster {
+        ShoreCluster {
+            number,
+            class: ShoreClass::Dense,
+            voxels: 10,
+            rigid_voxels: 0,
+            center_m,
+            outline: outline.to_vec(),
+        }
+    }
+
+    fn site(center_m: [f32; 2]) -> DockingSite {
+        DockingSite {
+            center_m,
+            heading_rad: 0.0,
+            width_m: 2.0,
+            mean_cost: 0.2,
+        }
+    }
+
+    /// Between 5 m and 13 m in x, 0 m and 4 m in y.
+    fn reeds() -> ShoreCluster {
+        shore(1, [9.0, 2.0], &[(10, 0), (26, 0), (26, 8), (10, 8)])
+    }
+
+    #[test]
+    fn the_nearest_shore_is_not_that_of_the_nearest_middle() {
+        let found = |bush_m, place_m| {
+            let clusters = vec![reeds(), shore(2, bush_m, &[])];
+            let shores = Shores::gather(CELL_M, None, clusters, vec![site(place_m)]);
+            let neighbour = ShoreOutlines::of(&shores).neighbours()[0].unwrap();
+            (neighbour.number, neighbour.away_m)
+        };
+        // The middle of the reeds is 7 m away, their edge 3 m.
+        assert_eq!(found([4.0, 0.0], [2.0, 2.0]).0, 2);
+        assert_eq!(found([2.0, -3.0], [2.0, 2.0]), (1, 3.0));
+    }
+
+    #[test]
+    fn each_shore_has_its_outline_and_each_site_its_neighbour() {
+        let clusters = vec![reeds(), shore(2, [0.0, -40.0], &[])];
+        let sites = vec![site([0.0, -38.0]), site([9.0, 6.0]), site([9.0, 2.0])];
+        let known = ShoreOutlines::of(&Shores::gather(CELL_M, None, clusters, sites));
+        let to_origin = known.outlines().iter().map(|shore| shore.away_m([0.0; 2]));
+        assert_eq!(to_origin.collect::<Vec<_>>(), [5.0, 40.0]);
+        let neighbours = known.neighbours().iter().flatten();
+        let neighbours: Vec<_> = neighbours.map(|near| (near.number, near.away_m)).collect();
+        assert_eq!(neighbours, [(2, 2.0), (1, 2.0), (1, 0.0)]);
+        // Where nothing grows there is nothing near.
+        let bare = Shores::gather(CELL_M, None, Vec::new(), vec![site([0.0; 2])]);
+        let bare = ShoreOutlines::of(&bare);
+        assert_eq!((bare.outlines(), bare.neighbours()), (&[][..], &[None][..]));
+    }
+}
