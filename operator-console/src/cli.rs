@@ -14,7 +14,8 @@ use robot_edge::replay_control::RATES;
 use crate::link::LOG_FILTER;
 
 const EXIT_CODES: &str = "\
-Exit codes: 0 done; 1 it failed while running; 2 wrong usage or configuration; 130 interrupted.";
+Exit codes: 0 done; 1 it failed while running; 2 wrong usage or configuration;
+3 the recording could not be read; 130 interrupted.";
 
 /// Shows what a robot maps, live.
 ///
@@ -36,7 +37,7 @@ pub struct Cli {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["connect", "robot", "demo"])]
     pub open: Option<PathBuf>,
     /// Times as fast as it was recorded, 0.1 to 20, or `max` (with --open)
-    #[arg(long, value_name = "1|2.5|max", default_value = "1", requires = "open", value_parser = rate)]
+    #[arg(long, value_name = "1|2.5|max", default_value = "1", requires = "open", value_parser = rate, allow_negative_numbers = true)]
     pub rate: Rate,
     /// No window: wait until the map is in step, write the exports, end; or `drive` by a script
     #[arg(long)]

@@ -89,6 +89,6 @@ pub enum Look {
     TakeBack,
     /// Let a shore or docking site stand out, and put its middle (metres in `odom`) in the middle.
     Mark(ShoreMark, [f64; 2]),
-    /// Let it stand out while the hand is over it in a list; `None`: it is no longer.
+    /// Let it stand out, too, while the hand is over it in a list; `None`: it is no longer.
     Hover(Option<ShoreMark>),
 }

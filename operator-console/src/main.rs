@@ -1,6 +1,6 @@
 //! `operator-console`: see `operator-console --help`.
 
-use std::io::{self, Write as _};
+use std::io::{self, IsTerminal as _, Write as _};
 use std::process::ExitCode;
 
 use clap::Parser as _;
@@ -16,6 +16,8 @@ fn main() -> ExitCode {
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(io::stderr)
+        // A file of what was said is to be read too.
+        .with_ansi(io::stderr().is_terminal())
         .init();
 
     let mut out = io::stdout().lock();

@@ -7,7 +7,7 @@ use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
 use super::{Alarm, Alert, Alerts};
-use crate::link::{FleetState, SEEN_LATELY, Sighting};
+use crate::link::{SEEN_LATELY, Sighting};
 use crate::playback::is_recording;
 
 /// Alerts by robot.
@@ -106,10 +106,13 @@ impl FleetAlerts {
         let mut begun = Vec::new();
         for (robot, left) in &mut self.others {
             let mut of_it = sightings.iter().filter(|one| one.found.robot == *robot);
-            let alert = match of_it.next().filter(|one| one.seen > left.since) {
+            let of_it = of_it.next();
+            // It may have said so while it was shown.
+            left.had_ended |= of_it.is_some_and(Sighting::has_ended);
+            let alert = match of_it.filter(|one| one.seen > left.since) {
                 Some(sighting) => {
                     left.since = sighting.seen;
-                    left.had_ended = sighting.state == Some(FleetState::Ended);
+                    left.had_ended = sighting.has_ended();
                     left.alerts.look_from_afar(sighting.state.as_ref(), now)
                 }
                 None if now.since(left.since) > SEEN_LATELY && !left.had_ended => {
@@ -145,7 +148,7 @@ mod tests {
 
     use super::*;
     use crate::alerts::Subject;
-    use crate::link::FoundRobot;
+    use crate::link::{FleetState, FoundRobot};
     use crate::pretend::{at, console, says, standing};
 
     /// The robot that is shown says that an emergency stop is in force, or that none is; how many alerts that begins.
@@ -226,9 +229,9 @@ mod tests {
         alerts.change_to(&boat, at(0));
         alerts.change_to(&scout, at(5_000));
         let none: [&str; 0] = [];
-        let before = sighting(&boat, 4_000, FleetState::EStop);
+        let before = sighting(&boat, 4_000, FleetState::EStop { has_ended: false });
         assert_eq!(alerts.look_around(&[before], at(6_000)), none);
-        let stopped = sighting(&boat, 7_000, FleetState::EStop);
+        let stopped = sighting(&boat, 7_000, FleetState::EStop { has_ended: false });
         let text = "boat: An emergency stop is in force";
         assert_eq!(
             alerts.look_around(slice::from_ref(&stopped), at(7_000)),
@@ -236,9 +239,13 @@ mod tests {
         );
         assert_eq!(alerts.look_around(&[stopped], at(8_000)), none);
         let others = [
-            sighting(&boat, 17_000, FleetState::EStop),
-            sighting(&scout, 17_000, FleetState::EStop),
-            sighting(&"stranger".parse().unwrap(), 17_000, FleetState::Fault),
+            sighting(&boat, 17_000, FleetState::EStop { has_ended: false }),
+            sighting(&scout, 17_000, FleetState::EStop { has_ended: false }),
+            sighting(
+                &"stranger".parse().unwrap(),
+                17_000,
+                FleetState::Fault { has_ended: false },
+            ),
         ];
         assert_eq!(alerts.look_around(&others, at(17_000)), none);
         assert_eq!(counts(&alerts), (1, 1));
@@ -263,7 +270,7 @@ mod tests {
         assert_eq!(alerts.look_around(&[heard], at(44_000)), none);
         assert!(alerts.iter().all(|(_, alert)| !alert.is_active));
         alerts.acknowledge_all();
-        let faulty = sighting(&boat, 45_000, FleetState::Fault);
+        let faulty = sighting(&boat, 45_000, FleetState::Fault { has_ended: false });
         let text = "boat: The vehicle is at fault";
         assert_eq!(alerts.look_around(&[faulty], at(45_000)), [text]);
         // What it says itself is more.
@@ -272,12 +279,12 @@ mod tests {
         assert_eq!(stop(&mut alerts, &boat, true), 1);
         assert_eq!(counts(&alerts), (2, 2));
         alerts.change_to(&scout, at(46_000));
-        let stopped = sighting(&boat, 47_000, FleetState::EStop);
+        let stopped = sighting(&boat, 47_000, FleetState::EStop { has_ended: false });
         assert_eq!(alerts.look_around(&[stopped], at(47_000)), none);
         let first = alerts.iter().map(|(_, alert)| alert.text.as_str()).next();
         assert_eq!(first, Some("Emergency stop 3 is in force"));
         // A fault ends no stop.
-        let faulty = sighting(&boat, 57_000, FleetState::Fault);
+        let faulty = sighting(&boat, 57_000, FleetState::Fault { has_ended: false });
         assert_eq!(alerts.look_around(&[faulty], at(57_000)).len(), 1);
         let active = alerts.iter().filter(|(_, alert)| alert.is_active);
         assert_eq!(active.count(), 2);
@@ -306,7 +313,7 @@ mod tests {
         assert_eq!(look(free(4_000), 6_000), (0, at(5_000)), "older than that");
         assert_eq!(look(free(7_000), 9_000), (0, at(7_000)));
         // Seen before the look that came before, and told of since.
-        let stopped = sighting(&boat, 8_000, FleetState::EStop);
+        let stopped = sighting(&boat, 8_000, FleetState::EStop { has_ended: false });
         assert_eq!(look(stopped.clone(), 9_500), (1, at(8_000)));
         assert_eq!(look(stopped.clone(), 23_000), (0, at(8_000)));
         assert_eq!(look(stopped, 23_001), (1, at(8_000)), "it is missed");
@@ -324,5 +331,23 @@ mod tests {
         assert_eq!(look(sighting(&boat, 6_000, FleetState::Ended), 60_000), 0);
         assert_eq!(look(sighting(&boat, 61_000, FleetState::Free), 62_000), 0);
         assert_eq!(look(sighting(&boat, 61_000, FleetState::Free), 90_000), 1);
+    }
+
+    #[test]
+    fn nor_is_one_that_had_said_so_while_it_was_shown() {
+        let boat: RobotId = "boat".parse().unwrap();
+        let ended = FleetState::EStop { has_ended: true };
+        for (state, begun) in [(FleetState::Ended, 0), (ended, 0), (FleetState::Free, 1)] {
+            let mut alerts = FleetAlerts::default();
+            alerts.change_to(&boat, at(0));
+            alerts.leave(at(5_000));
+            // Its own link was heard last; then it was closed, and answers nobody any more.
+            let heard = [sighting(&boat, 4_000, state.clone())];
+            for now_ms in [6_000, 60_000] {
+                let told = alerts.look_around(&heard, at(now_ms)).len();
+                let expected = if now_ms > 20_000 { begun } else { 0 };
+                assert_eq!(told, expected, "{state:?} {now_ms}");
+            }
+        }
     }
 }

@@ -146,7 +146,7 @@ impl Alerts {
             Alarm::LinkLost => true,
             Alarm::Fault => state.is_some(),
             // A fault comes first in what is said, and ends no stop.
-            Alarm::EStop => state.is_some_and(|state| *state != FleetState::Fault),
+            Alarm::EStop => state.is_some_and(|state| !matches!(state, FleetState::Fault { .. })),
             // Whom nobody drives nobody tells to go.
             Alarm::Stuck => state.is_some_and(|state| !matches!(state, FleetState::DrivenBy(_))),
             Alarm::Sensor(_) | Alarm::Recording | Alarm::PositionJump | Alarm::TooSlow => false,

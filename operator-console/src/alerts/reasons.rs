@@ -52,7 +52,8 @@ pub(super) fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) ->
                 past: format!("The vehicle was at fault: {was}"),
             });
         }
-        if model.is_stuck() {
+        // Who is not heard, or runs anew, may long be told something else.
+        if model.is_stuck() && !is_silent && !model.awaits_status() {
             let [is, was] = stuck(model.is_boat());
             reasons.push(Reason {
                 alarm: Alarm::Stuck,
@@ -126,14 +127,14 @@ fn left() -> Reason {
 /// The same of a robot that is not shown, from what it says of itself to whoever looks for robots.
 pub(super) fn reasons_from_afar(state: &FleetState) -> Option<Reason> {
     let (alarm, [text, past]) = match state {
-        FleetState::EStop => (
+        FleetState::EStop { .. } => (
             Alarm::EStop,
             [
                 "An emergency stop is in force",
                 "An emergency stop was in force",
             ],
         ),
-        FleetState::Fault => (
+        FleetState::Fault { .. } => (
             Alarm::Fault,
             ["The vehicle is at fault", "The vehicle was at fault"],
         ),

@@ -245,6 +245,26 @@ fn a_vehicle_that_sticks_is_an_alert_until_it_goes_or_is_no_longer_told_to() {
 }
 
 #[test]
+fn nobody_is_said_to_be_stuck_now_who_is_not_heard() {
+    let mut model = scout();
+    let mut alerts = Alerts::default();
+    for ms in [0, 3_000] {
+        drives(&mut model, 1.0, 0.0, at(ms));
+        alerts.look(&model, Subject::Robot, &[], at(ms));
+    }
+    let is_stuck_now = |alerts: &Alerts| {
+        let mut all = alerts.iter();
+        all.find(|alert| alert.alarm == Alarm::Stuck)
+            .is_some_and(|alert| alert.is_active)
+    };
+    assert!(is_stuck_now(&alerts));
+    alerts.look(&model, Subject::Robot, &[], at(20_000));
+    assert!(model.is_stuck(), "by what was heard last");
+    assert!(!is_stuck_now(&alerts));
+    assert!(alerts.iter().any(|alert| alert.alarm == Alarm::LinkLost));
+}
+
+#[test]
 fn who_is_driven_by_nobody_is_not_stuck_and_by_another_nobody_here_knows() {
     let mut model = scout();
     let mut alerts = Alerts::default();

@@ -6,7 +6,7 @@ use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
 use super::ConsoleApp;
-use crate::link::{FleetState, SEEN_LATELY};
+use crate::link::SEEN_LATELY;
 use crate::model::{HeardBefore, SLOWLY_SILENT_AFTER};
 
 /// A first link takes several round trips until something comes by it: more by QUIC and TLS, and where it is slow.
@@ -18,7 +18,7 @@ impl ConsoleApp {
         let sightings = self.discovery.sightings();
         let sighting = sightings.iter().find(|one| one.found.robot == *robot)?;
         Some(HeardBefore {
-            had_ended: sighting.state == Some(FleetState::Ended),
+            had_ended: sighting.has_ended(),
             ..before(sighting.seen, self.alerts.knows(robot), now)
         })
     }

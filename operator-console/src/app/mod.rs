@@ -36,7 +36,7 @@ use crate::demo::DemoFailure;
 use crate::event_log::{EventLog, Severity};
 use crate::hands::Hands;
 use crate::identity::Identity;
-use crate::link::{AddressState, Discovery, FoundRobot, RobotSession};
+use crate::link::{Discovery, FoundRobot, RobotSession};
 use crate::model::KeptSiteNames;
 use crate::panels::connection::LinkSight;
 use crate::panels::robots::RobotsData;
@@ -261,8 +261,7 @@ impl eframe::App for ConsoleApp {
         if !self.asked_alone.is_empty() {
             robots.looks_only_at(&self.asked_alone);
         }
-        let asked = self.discovery.asked();
-        robots.is_told_nothing_by(asked.values().filter_map(AddressState::untold));
+        robots.is_told_nothing_by(&self.discovery.untold());
         robots.has_keys = self.credentials.is_some();
         robots.addresses = self.listed_addresses();
         let around = Around {

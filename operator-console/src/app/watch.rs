@@ -1,5 +1,5 @@
 //! What this console notices by itself, once each: the link comes, goes and takes another way; the robot has restarted;
-//! its data has ended; it does not go where it is told to.
+//! its data has ended; the collision guard holds it.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use robot_edge::clock::Monotonic;
 use crate::event_log::Severity;
 use crate::link::Transport;
 use crate::model::{ConsoleModel, LinkState};
-use crate::panels::driving::words::stuck;
+use crate::panels::driving::makes_stand;
 use crate::panels::wording::age;
 
 /// How things were at the last look.
@@ -22,8 +22,12 @@ pub(super) struct Watch {
     run: Option<BootId>,
     transport: Option<Transport>,
     has_ended: bool,
-    is_stuck: bool,
+    /// Since when the collision guard makes it stand that is told to go, and whether that was noted.
+    held: Option<(Monotonic, bool)>,
 }
+
+/// What the guard holds for less is not noted: it looks again with every scan.
+const HELD_FOR: Duration = Duration::from_secs(1);
 
 /// What a restart of the robot means.
 const ANEW: &str = "its map begins anew";
@@ -85,17 +89,30 @@ impl Watch {
             let text = format!("{robot}'s data has ended");
             notes.push((Severity::Note, "data", text));
         }
-        let was_stuck = std::mem::replace(&mut self.is_stuck, model.is_stuck());
-        if self.is_stuck && !was_stuck {
-            let [why, _] = stuck(model.is_boat());
-            let text = format!("{robot} does not move though told to go: {why}");
-            notes.push((Severity::Warning, "driving", text));
+        if self.is_held_anew(model, now) {
+            let text = format!("{robot} is held back by the collision guard");
+            notes.push((Severity::Note, "guard", text));
         }
         if transport.is_some() && self.transport != transport {
             self.transport = transport;
             notes.extend(transport.and_then(transport_note));
         }
         notes
+    }
+
+    /// Whether the collision guard has made the vehicle stand for a while, and that was not noted yet.
+    fn is_held_anew(&mut self, model: &ConsoleModel, now: Monotonic) -> bool {
+        let teleop = model
+            .status()
+            .and_then(|(status, _)| status.teleop.as_ref());
+        if !teleop.is_some_and(makes_stand) {
+            self.held = None;
+            return false;
+        }
+        let (since, is_noted) = self.held.get_or_insert((now, false));
+        let is_anew = !*is_noted && now.since(*since) >= HELD_FOR;
+        *is_noted |= is_anew;
+        is_anew
     }
 
     /// Whether another run of the robot is heard than at the last look.
@@ -125,10 +142,10 @@ fn transport_note(transport: Transport) -> Option<Note> {
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::{Status, TeleopState};
+    use protocol::message::{Clamp, Status, TeleopState};
 
     use super::*;
-    use crate::pretend::{at, resting, says, scout, standing, starts};
+    use crate::pretend::{at, says, scout, standing, starts};
 
     #[test]
     fn the_link_is_noted_when_it_changes_and_not_else() {
@@ -200,33 +217,40 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_that_sticks_is_noted_once_each_time() {
+    fn what_the_guard_holds_back_for_a_while_is_noted_once() {
         let mut model = scout();
         let mut watch = Watch::default();
-        let mut stuck = Vec::new();
+        let mut held = Vec::new();
         for (ms, told_mps) in [
-            (0, 1.0),
-            (3_000, 1.0),
-            (4_000, 1.0),
+            (0, 0.0),
+            (900, 0.0),
+            (950, 0.3),
+            (1_000, 0.0),
+            (2_000, 0.0),
             (5_000, 0.0),
-            (6_000, 1.0),
-            (9_000, 1.0),
+            (5_100, 0.3),
+            (5_200, 0.0),
+            (6_200, 0.0),
         ] {
             let mut teleop = standing();
             teleop.state = TeleopState::Driving;
+            teleop.clamp = Some(Clamp::Guard);
+            teleop.requested.linear_mps = 0.8;
             teleop.applied.linear_mps = told_mps;
             let status = Status {
                 teleop: Some(teleop),
                 ..Status::default()
             };
-            says(&mut model, Topic::Pose, &resting(), at(ms));
             says(&mut model, Topic::Status, &status, at(ms));
             let notes = watch.look(&model, None, at(ms)).into_iter();
-            let of_driving = notes.filter(|(_, kind, _)| *kind == "driving");
-            stuck.extend(of_driving.map(|(severity, _, text)| (ms, severity, text)));
+            held.extend(
+                notes
+                    .filter(|(_, kind, _)| *kind == "guard")
+                    .map(|note| (ms, note)),
+            );
         }
-        let text = "scout does not move though told to go: stuck, or its motors do not obey";
-        let noted = |ms| (ms, Severity::Warning, text.to_owned());
-        assert_eq!(stuck, [noted(3_000), noted(9_000)]);
+        let text = "scout is held back by the collision guard".to_owned();
+        let noted = |ms| (ms, (Severity::Note, "guard", text.clone()));
+        assert_eq!(held, [noted(2_000), noted(6_200)]);
     }
 }

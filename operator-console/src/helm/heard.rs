@@ -91,6 +91,8 @@ pub enum Note {
     LeaseGained(u64),
     /// This console drives no more.
     LeaseLost,
+    /// The same, because whoever drove wanted it so.
+    LeaseGivenBack,
     /// The same, because the emergency stop was reset: who drives next asks for it.
     ResetEndedDriving,
     /// The emergency stop is being sent.

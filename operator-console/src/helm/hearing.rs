@@ -98,6 +98,9 @@ impl Helm {
         {
             self.acknowledge_estop(number, now);
         }
+        if status.estop.is_some() {
+            self.forget_that_no_stop_is_in_force();
+        }
         let before = self.status.as_ref().map(|status| status.state);
         match status.state {
             TeleopState::SafeBoot | TeleopState::EStop | TeleopState::Fault(_) => {
@@ -118,6 +121,13 @@ impl Helm {
         let is_mine = self.lease.held() == Some(status.lease.epoch);
         self.goes_until = goes_until(&status, self.stop_decel, now).filter(|_| is_mine);
         self.status = Some(status);
+    }
+
+    /// What was said of an earlier press is no longer so: another one is on its way, or in force.
+    pub(super) fn forget_that_no_stop_is_in_force(&mut self) {
+        if matches!(self.notice, Some((_, Note::EStopNotInForce))) {
+            self.notice = None;
+        }
     }
 
     /// Why a status tells that this console has no lease any more.
@@ -207,17 +217,22 @@ impl Helm {
     }
 
     pub(super) fn lose_lease(&mut self, now: Monotonic) {
+        self.end_lease(Note::LeaseLost, now);
+    }
+
+    pub(super) fn end_lease(&mut self, why: Note, now: Monotonic) {
         let was_held = self.lease.held().is_some();
         self.lease = Lease::None;
         self.lose(Loss::Lease, now);
         if was_held {
-            self.note(now, Note::LeaseLost);
+            self.note(now, why);
         }
     }
 
     fn acknowledge_estop(&mut self, number: u64, now: Monotonic) {
         self.estop = None;
         self.estop_refused = None;
+        self.forget_that_no_stop_is_in_force();
         self.note(now, Note::EStopAcknowledged(number));
     }
 }

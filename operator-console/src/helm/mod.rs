@@ -221,7 +221,7 @@ impl Helm {
             Intent::Set(setting) => Asked::Set(setting),
             Intent::Lease(request) => {
                 if request == LeaseRequest::Release {
-                    self.lose_lease(now);
+                    self.end_lease(Note::LeaseGivenBack, now);
                 }
                 Asked::Lease(request)
             }
@@ -282,6 +282,7 @@ impl Helm {
         let before = self.status.as_ref().and_then(|status| status.estop);
         let before = before.map(|estop| estop.number);
         self.estop = Some(Pending::new(self.next_press, before, now));
+        self.forget_that_no_stop_is_in_force();
         // An odd step visits every number before it comes back.
         self.next_press = self.next_press.wrapping_add(0x9E37_79B9_7F4A_7C15);
         self.note(now, Note::EStopPressed);

@@ -115,6 +115,13 @@ impl Discovery {
         lock(&self.state.typed).clone()
     }
 
+    /// The robots that surely answer at an address that is asked, and tell this console nothing.
+    pub fn untold(&self) -> BTreeSet<RobotId> {
+        let asked = lock(&self.state.typed);
+        let untold = asked.values().filter_map(AddressState::untold);
+        untold.cloned().collect()
+    }
+
     /// A robot was heard by its own link: it was so then, whatever was found before.
     pub fn tell(&self, robot: &RobotId, state: FleetState, at: Monotonic) {
         lock(&self.state.found).tell(robot, state, at);

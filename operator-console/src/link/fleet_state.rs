@@ -15,9 +15,15 @@ pub enum FleetState {
     /// This operator does.
     DrivenBy(OperatorId),
     /// An emergency stop is in force.
-    EStop,
+    EStop {
+        /// Its data has ended, too.
+        has_ended: bool,
+    },
     /// It does not trust itself.
-    Fault,
+    Fault {
+        /// Its data has ended, too.
+        has_ended: bool,
+    },
 }
 
 impl FleetState {
@@ -30,12 +36,22 @@ impl FleetState {
                 Self::Undriven
             };
         };
+        let has_ended = status.has_ended;
         match (&teleop.state, teleop.estop, &teleop.lease.holder) {
-            (TeleopState::Fault(_), ..) => Self::Fault,
-            (_, Some(_), _) => Self::EStop,
-            (_, None, _) if status.has_ended => Self::Ended,
+            (TeleopState::Fault(_), ..) => Self::Fault { has_ended },
+            (_, Some(_), _) => Self::EStop { has_ended },
+            (_, None, _) if has_ended => Self::Ended,
             (_, None, Some(holder)) => Self::DrivenBy(holder.clone()),
             (_, None, None) => Self::Free,
+        }
+    }
+
+    /// Whether it said that its data has ended: that it is not heard any more is no news then.
+    pub const fn has_ended(&self) -> bool {
+        match self {
+            Self::Ended => true,
+            Self::EStop { has_ended } | Self::Fault { has_ended } => *has_ended,
+            Self::Undriven | Self::Free | Self::DrivenBy(_) => false,
         }
     }
 }
@@ -63,9 +79,10 @@ mod tests {
             number: 3,
             is_stored: true,
         });
-        assert_eq!(state(&teleop), FleetState::EStop);
+        let has_ended = false;
+        assert_eq!(state(&teleop), FleetState::EStop { has_ended });
         teleop.state = TeleopState::Fault(FaultReason::Actuator);
-        assert_eq!(state(&teleop), FleetState::Fault);
+        assert_eq!(state(&teleop), FleetState::Fault { has_ended });
     }
 
     #[test]
@@ -83,7 +100,23 @@ mod tests {
         assert_eq!(state(None, true), FleetState::Ended);
         assert_eq!(state(None, false), FleetState::Undriven);
         teleop.state = TeleopState::Fault(FaultReason::Actuator);
-        let fault = FleetState::Fault;
-        assert_eq!(state(Some(teleop), true), fault, "that matters more");
+        let fault = FleetState::Fault { has_ended: true };
+        assert_eq!(
+            state(Some(teleop.clone()), true),
+            fault,
+            "that matters more"
+        );
+        teleop.state = TeleopState::EStop;
+        teleop.estop = Some(EStopStatus {
+            number: 3,
+            is_stored: true,
+        });
+        // Whoever stops a vehicle and closes it then hears of both.
+        for has_ended in [false, true] {
+            let stopped = state(Some(teleop.clone()), has_ended);
+            assert_eq!(stopped, FleetState::EStop { has_ended });
+            assert_eq!(stopped.has_ended(), has_ended);
+        }
+        assert!(FleetState::Ended.has_ended() && !FleetState::Free.has_ended());
     }
 }

@@ -33,6 +33,13 @@ pub struct Sighting {
     pub state: Option<FleetState>,
 }
 
+impl Sighting {
+    /// Whether it had said that its data has ended.
+    pub fn has_ended(&self) -> bool {
+        self.state.as_ref().is_some_and(FleetState::has_ended)
+    }
+}
+
 /// What one round has found: a robot may answer at several endpoints.
 pub(super) type Round = BTreeMap<FoundRobot, Answer>;
 
@@ -227,16 +234,22 @@ mod tests {
             seen.map(|sighting| (sighting.state.unwrap(), sighting.seen))
                 .collect()
         };
-        robots.tell(&boat, FleetState::EStop, at(1));
+        robots.tell(&boat, FleetState::EStop { has_ended: false }, at(1));
         assert_eq!(states(&robots), [], "nobody could join it");
         robots.take(round(&[("boat", "tcp/b:1")], 5));
-        robots.tell(&boat, FleetState::EStop, at(4));
+        robots.tell(&boat, FleetState::EStop { has_ended: false }, at(4));
         assert_eq!(states(&robots), [(FleetState::Free, at(5))]);
-        robots.tell(&boat, FleetState::EStop, at(7));
-        assert_eq!(states(&robots), [(FleetState::EStop, at(7))]);
+        robots.tell(&boat, FleetState::EStop { has_ended: false }, at(7));
+        assert_eq!(
+            states(&robots),
+            [(FleetState::EStop { has_ended: false }, at(7))]
+        );
         // A round that had begun before.
         assert!(!robots.take(round(&[("boat", "tcp/b:1")], 6)));
-        assert_eq!(states(&robots), [(FleetState::EStop, at(7))]);
+        assert_eq!(
+            states(&robots),
+            [(FleetState::EStop { has_ended: false }, at(7))]
+        );
         assert!(robots.take(round(&[("boat", "tcp/b:1")], 8)));
         assert_eq!(states(&robots), [(FleetState::Free, at(8))]);
     }

@@ -15,6 +15,9 @@ const SHARE: f32 = 0.1;
 /// What lies still may measure so much, m/s: positions that are good to 2 cm, half a second apart, give 0.06 m/s as a
 /// standard deviation. One such measurement is no motion; the mean of some seconds is.
 const NOISE_MPS: f32 = 0.25;
+/// What is faster by so much in the newer half of that time than in the older one speeds up as it is told, m/s: a boat that
+/// still coasted the other way has to come to rest first. Noise makes half of it seldom.
+const SPEEDING_UP_MPS: f32 = 0.125;
 /// What floats or is heavy needs its time to get under way.
 const PATIENCE: Duration = Duration::from_secs(3);
 
@@ -37,7 +40,8 @@ impl Following {
         };
         let goes_mps = pose.speed_mps * told_mps.signum();
         let least_mps = SHARE * told_mps.abs();
-        if goes_mps >= least_mps.max(NOISE_MPS) {
+        // What goes the other way is not where it is stuck, and has to turn about.
+        if goes_mps >= least_mps.max(NOISE_MPS) || goes_mps <= -NOISE_MPS {
             return self.surpluses.clear();
         }
         self.surpluses.add(goes_mps - least_mps, PATIENCE, now);
@@ -45,7 +49,16 @@ impl Following {
 
     /// As heard last: a link that is lost makes nobody stuck.
     fn is_stuck(&self) -> bool {
-        self.surpluses.spans(PATIENCE) && self.surpluses.iter().sum::<f32>() < 0.0
+        self.surpluses.spans(PATIENCE)
+            && self.surpluses.iter().sum::<f32>() < 0.0
+            && !self.speeds_up()
+    }
+
+    fn speeds_up(&self) -> bool {
+        let half = self.surpluses.iter().count() / 2;
+        let newer: f32 = self.surpluses.iter().rev().take(half).sum();
+        let older: f32 = self.surpluses.iter().take(half).sum();
+        newer - older >= SPEEDING_UP_MPS * half as f32
     }
 }
 
@@ -138,6 +151,29 @@ mod tests {
         let aground = [0.0, 0.11, -0.12, 0.08, -0.07, 0.02, -0.05, 0.15, -0.13, 0.3];
         assert_eq!(stuck_at(&aground), [6, 7, 8], "then it is free");
         assert_eq!(stuck_at(&[0.1; 10]), [0; 0], "of 0.6 that is going");
+    }
+
+    #[test]
+    fn a_boat_that_changes_its_direction_is_not_stuck_while_it_speeds_up() {
+        let is_ever_stuck = |told_mps: f32, speeds_mps: &[f32]| {
+            let mut following = Following::default();
+            (0_u64..).zip(speeds_mps).any(|(half_s, speed_mps)| {
+                let status = told(TeleopState::Driving, told_mps);
+                following.hear(&status, Some(&pose(*speed_mps)), at(500 * half_s));
+                following.is_stuck()
+            })
+        };
+        // From ahead to 0.3 m/s astern, at the pace of the simulated boat.
+        let turns_about = [
+            1.2, 0.9, 0.65, 0.45, 0.3, 0.2, 0.1, 0.02, -0.05, -0.11, -0.15, -0.19, -0.22, -0.24,
+        ];
+        assert!(!is_ever_stuck(-0.3, &turns_about));
+        let mirrored = turns_about.map(|speed_mps| -speed_mps);
+        assert!(!is_ever_stuck(0.3, &mirrored));
+        // One that is carried the other way, by a strong current, does not go as it is told either: but is not stuck.
+        assert!(!is_ever_stuck(0.5, &[-0.4; 12]));
+        let run_aground = [-1.0, -0.3, 0.0, 0.02, -0.03, 0.0, 0.01, 0.0, -0.02, 0.0];
+        assert!(is_ever_stuck(0.5, &run_aground));
     }
 
     #[test]

@@ -46,7 +46,7 @@ impl Guardings {
     }
 
     /// What was told within [`LATELY`] of the newest, the oldest first.
-    fn lately(&self) -> impl Iterator<Item = &Guarding> {
+    fn lately(&self) -> impl Iterator<Item = &Guarding> + Clone {
         let newest = self.heard.iter().last().map(|(_, at)| *at);
         let is_late = move |at: Monotonic| newest.is_some_and(|newest| newest.since(at) < LATELY);
         self.heard
@@ -59,7 +59,7 @@ impl Guardings {
 impl ConsoleModel {
     /// What the guard said within 1.5 s before the newest status, and in that; the oldest first. It is there to be
     /// read: nothing that commands anything goes by it.
-    pub fn guard_lately(&self) -> impl Iterator<Item = &Guarding> {
+    pub fn guard_lately(&self) -> impl Iterator<Item = &Guarding> + Clone {
         self.guardings.lately()
     }
 }

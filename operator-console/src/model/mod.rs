@@ -22,6 +22,7 @@ mod refusals;
 mod repeated;
 mod scans;
 mod sending;
+mod shore_outlines;
 mod shores_sync;
 mod sight;
 mod site_names;
@@ -42,7 +43,7 @@ use std::time::Duration;
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
 use protocol::message::{
-    Event, Info, RecordingStatus, SensorInfo, SensorStatus, Shores, Status, StopReason,
+    Event, Info, RecordingStatus, SensorInfo, SensorStatus, Status, StopReason,
 };
 use protocol::tile::BootId;
 use robot_edge::clock::Monotonic;
@@ -57,6 +58,7 @@ pub use map_sync::{LayerStep, MapSync};
 pub use motion::{DRIFTING_MPS, OwnMotion};
 pub use refusals::{Refusal, Refusals};
 pub use scans::LastScan;
+pub use shore_outlines::{Neighbour, Outline, ShoreOutlines};
 pub use site_names::{SiteName, SiteNames};
 pub use trajectory_sync::TrajectoryProgress;
 pub use vehicle::Vehicle;
@@ -211,16 +213,6 @@ impl ConsoleModel {
                 .iter()
                 .any(|layer| layer.layer == LayerId::Shore)
         })
-    }
-
-    /// Shores and docking sites, where the robot has told of them.
-    pub const fn shores(&self) -> Option<&Shores> {
-        self.shores.shores()
-    }
-
-    /// What the docking sites are called, in the order of [`Self::shores`]: the best first.
-    pub fn site_names(&self) -> &[SiteName] {
-        self.shores.site_names()
     }
 
     /// Whether there is more to fetch once the map is in step: a robot whose data has ended waits for that.

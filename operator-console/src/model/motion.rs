@@ -110,7 +110,8 @@ impl ConsoleModel {
         let (_, at) = self.vehicle.pose()?;
         let is_fresh = self.connection.state(now) == LinkState::Live
             && now.since(at) <= SLOWLY_SILENT_AFTER
-            && !self.says_ended();
+            && !self.says_ended()
+            && !self.awaits_status();
         let is_undriven = teleop.state == TeleopState::Idle && !self.brakes(now);
         let speed_mps = self.moves().filter(|_| is_fresh && is_undriven)?;
         if self.floats() {
@@ -134,10 +135,11 @@ impl ConsoleModel {
 mod tests {
     use protocol::keys::Topic;
     use protocol::message::Velocity;
+    use protocol::tile::BootId;
 
     use super::*;
     use crate::model::RequestId;
-    use crate::pretend::{answers, at, resting, says, scout, standing};
+    use crate::pretend::{answers, at, resting, says, scout, standing, starts};
 
     fn robot(is_boat: bool) -> ConsoleModel {
         let mut model = scout();
@@ -231,5 +233,12 @@ mod tests {
         hears(&mut left, 1_000, TeleopState::Driving, [1.0, 1.0]);
         hears(&mut left, 1_500, idle, [0.5, 0.0]);
         assert_eq!(left.own_motion(at(1_500)), None);
+        // It has restarted: what it does now, it has not said.
+        let mut restarted = robot(false);
+        hears(&mut restarted, 1_000, idle, [0.5, 0.0]);
+        assert_eq!(restarted.own_motion(at(1_100)), by_itself);
+        starts(&mut restarted, BootId([9; 16]), at(1_200));
+        assert!(restarted.awaits_status());
+        assert_eq!(restarted.own_motion(at(1_200)), None);
     }
 }

@@ -48,7 +48,7 @@ impl<T> Recent<T> {
     }
 
     /// What was heard, the oldest first.
-    pub(super) fn iter(&self) -> impl Iterator<Item = &T> {
+    pub(super) fn iter(&self) -> impl DoubleEndedIterator<Item = &T> + Clone {
         self.heard.iter().map(|(value, _)| value)
     }
 }

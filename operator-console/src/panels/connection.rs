@@ -172,6 +172,12 @@ fn rows(model: &ConsoleModel, state: LinkState, now: Monotonic) -> Vec<Row> {
     rows
 }
 
+/// Whether all that a robot that is heard, or a recording, has told of its map is here, as the bar says it.
+pub(super) fn is_in_step(map: &MapSync, now: Monotonic) -> bool {
+    let heard = (LinkState::Live, Duration::ZERO);
+    map_state(map, heard, now).2 == IN_STEP
+}
+
 /// Whether the map is the robot's, in a few words and in fewer.
 fn map_state(
     map: &MapSync,

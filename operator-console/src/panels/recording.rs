@@ -239,6 +239,7 @@ fn refusal(note: &Note) -> Option<String> {
         | Note::NotSent(..)
         | Note::LeaseGained(_)
         | Note::LeaseLost
+        | Note::LeaseGivenBack
         | Note::ResetEndedDriving
         | Note::EStopPressed
         | Note::EStopAcknowledged(_)

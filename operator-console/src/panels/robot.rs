@@ -3,6 +3,7 @@
 use eframe::egui::Ui;
 use robot_edge::clock::{Monotonic, utc_label};
 
+use super::connection::is_in_step;
 use super::rows::{Row, row, rows_ui};
 use super::stale::is_position_old;
 use super::wording::{age, capitalised, count, direction, signed, turn};
@@ -37,7 +38,12 @@ impl RobotData {
             if is_recording(model.robot()) {
                 // While it stands still, its map shows the scans that wait for a pose, too: no status counts
                 // them as mapped. Nobody else sees it.
-                rows.push(row("Scans", format!("{came} read")));
+                // Until that is drawn, it is the count of where it was played before.
+                let read = is_in_step(model.map(), now).then(|| format!("{came} read"));
+                rows.push(row(
+                    "Scans",
+                    read.unwrap_or_else(|| "being read".to_owned()),
+                ));
             } else {
                 rows.push(row("Scans", format!("{mapped} of {came} mapped")));
                 rows.push(row("Consoles", status.consoles.to_string()));
@@ -116,9 +122,10 @@ pub fn robot_ui(ui: &mut Ui, data: &RobotData) {
 mod tests {
     use protocol::keys::Topic;
     use protocol::message::{Pose, Status};
+    use protocol::tile_store::TileStore;
 
     use super::*;
-    use crate::pretend::{at, console, says, scout};
+    use crate::pretend::{BOOT, announces, at, console, says, scout};
 
     #[test]
     fn a_recording_counts_no_scan_as_unmapped_that_its_map_shows() {
@@ -127,11 +134,19 @@ mod tests {
             scans_mapped: 1_117,
             ..Status::default()
         };
-        let rows = |robot| {
+        let model = |robot| {
             let mut model = console(robot, &[]);
             says(&mut model, Topic::Status, &status, at(1_000));
+            model
+        };
+        let rows = |robot| {
+            let mut model = model(robot);
+            announces(&mut model, &TileStore::new(BOOT, 10), at(1_000));
             RobotData::new(&model, at(1_100)).rows
         };
+        // It is wound, and what is told is of where it was played before.
+        let drawn = RobotData::new(&model("recording-1"), at(1_100)).rows;
+        assert_eq!(drawn, [row("Scans", "being read")]);
         let read = row("Scans", "1\u{a0}118 read");
         assert_eq!(rows("recording-1"), [read]);
         let mapped = row("Scans", "1\u{a0}117 of 1\u{a0}118 mapped");

@@ -169,13 +169,13 @@ impl RobotsData {
     }
 
     /// Says that these robots answer and tell nothing, where that is why none is shown.
-    pub fn is_told_nothing_by<'a>(&mut self, robots: impl Iterator<Item = &'a RobotId>) {
+    pub fn is_told_nothing_by(&mut self, robots: &BTreeSet<RobotId>) {
         if self.current.is_some() || !self.found.is_empty() || !self.is_up_to_operator {
             return;
         }
-        let robots: BTreeSet<_> = robots.map(RobotId::as_str).collect();
-        if !robots.is_empty() {
-            let names = Vec::from_iter(robots).join(", ");
+        let names: Vec<_> = robots.iter().map(RobotId::as_str).collect();
+        if !names.is_empty() {
+            let names = names.join(", ");
             self.advice = Some(format!(
                 "{names} answers, and tells you nothing: you are not on its list of operators, or were added while it \
                  runs. Then its next start lets you in."
@@ -210,7 +210,7 @@ fn state_words(
     now: Monotonic,
 ) -> (Tone, String) {
     let seen = format!("last seen {} ago", age(now.since(sighting.seen)));
-    let has_ended = sighting.state == Some(FleetState::Ended);
+    let has_ended = sighting.has_ended();
     match link {
         // Its silence is no news.
         Some(LinkState::Silent) if has_ended => return (Tone::Waiting, format!("ended, {seen}")),
@@ -233,8 +233,8 @@ fn state_words(
             Some(OwnMotion::OrAdrift) => (Tone::Warning, "moving or adrift".to_owned()),
         },
         Some(FleetState::DrivenBy(operator)) => (Tone::Waiting, format!("{operator} drives")),
-        Some(FleetState::EStop) => (Tone::Warning, "emergency stop".to_owned()),
-        Some(FleetState::Fault) => (Tone::Warning, "fault".to_owned()),
+        Some(FleetState::EStop { .. }) => (Tone::Warning, "emergency stop".to_owned()),
+        Some(FleetState::Fault { .. }) => (Tone::Warning, "fault".to_owned()),
     }
 }
 

@@ -290,13 +290,18 @@ fn stop_ui(ui: &mut Ui, face: &EStopFace) -> Option<Intent> {
     let size = vec2(96.0, 28.0);
     let [danger, on_danger] = theme::DANGER;
     let [banner, on_banner] = theme::BANNER;
+    let refused;
     let (words, fill, ink, hint) = match face {
-        EStopFace::Ready | EStopFace::Refused(_) => (
+        EStopFace::Ready => (
             "Stop",
             danger,
             on_danger,
             "Emergency stop: stops at once, and stays stopped until it is reset (Space)",
         ),
+        EStopFace::Refused(why) => {
+            refused = format!("The robot does not stop for you: {why}. Press again if you like");
+            ("Refused", banner, on_banner, &*refused)
+        }
         EStopFace::Watching => {
             disabled_ui(ui, "Stop", size);
             return None;

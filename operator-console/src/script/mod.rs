@@ -31,6 +31,8 @@ use crate::teleop_input::InputEvent;
 
 pub use parse::{Action, LANGUAGE, ScriptError, State, Step, parse};
 
+/// The answer to a last request is waited for so long at most; it takes a round trip.
+const LAST_ANSWER: Duration = Duration::from_secs(2);
 /// Between two iterations at most: a queue is looked at no more rarely than commands are sent.
 const PERIOD: Duration = Duration::from_millis(20);
 /// Tiles are not asked for.
@@ -110,6 +112,7 @@ pub fn run(
         started: Monotonic::now(),
         waited: Duration::ZERO,
         awaiting: None,
+        ended: None,
         seen: None,
         greatest_age_ms: 0,
         failures: 0,
@@ -183,6 +186,8 @@ struct Play<'a> {
     /// What was spent waiting: the script's clock stands still then.
     waited: Duration,
     awaiting: Option<(State, Monotonic, Duration, usize)>,
+    /// When nothing was left to do.
+    ended: Option<Monotonic>,
     seen: Option<(TeleopState, bool)>,
     greatest_age_ms: u32,
     failures: u32,
@@ -204,7 +209,11 @@ impl Play<'_> {
                 return Ok(false);
             }
             if self.steps.is_empty() && self.awaiting.is_none() {
-                return Ok(true);
+                // What it asked for at its end is on its way, and sent again if need be.
+                let ended = *self.ended.get_or_insert(now);
+                if !self.cockpit.sight(now).is_asking || now.since(ended) >= LAST_ANSWER {
+                    return Ok(true);
+                }
             }
             let mut next = now + PERIOD;
             next = next.min(self.cockpit.due(now).unwrap_or(next));

@@ -17,7 +17,8 @@ const FRAME: [f32; 2] = [40.0, 70.0];
 #[derive(Debug)]
 pub struct Sheet {
     is_open: bool,
-    /// Whether the operator has moved it since it was opened: till then it is in the middle of the window.
+    /// Whether the operator has moved it since it was opened: till then it is at the left of the window,
+    /// away from the emergency stop.
     is_moved: bool,
 }
 
@@ -54,9 +55,9 @@ impl Sheet {
             .resizable(false)
             // By its title alone, egui 0.37 would leave it where it was.
             .drag_area(WindowDrag::Anywhere)
-            .pivot(Align2::CENTER_CENTER);
+            .pivot(Align2::LEFT_CENTER);
         if !self.is_moved {
-            window = window.current_pos(content.center());
+            window = window.current_pos(content.left_center());
         }
         let shown = window.show(ctx, |ui| contents_ui(ui, room));
         self.is_moved |= shown.is_some_and(|shown| shown.response.dragged());
@@ -272,15 +273,17 @@ mod tests {
     }
 
     #[test]
-    fn it_opens_in_the_middle_and_stays_in_the_window() {
+    fn it_opens_at_the_left_beside_the_driving_panel_and_stays_in_the_window() {
         let mut window = window([700.0, 620.0]);
-        let is_amid = |window: &Harness<'_, Sheet>, size: Vec2| {
+        let is_left = |window: &Harness<'_, Sheet>, size: Vec2| {
             let place = place(window);
-            let off = place.center() - (0.5 * size).to_pos2();
+            let off = place.left_center() - pos2(0.0, 0.5 * size.y);
             assert!(off.length() < 1.5, "{place} in {size}");
             assert!(Rect::from_min_size(Pos2::ZERO, size).contains_rect(place));
+            // Where there is room for it beside that panel, it is not on the stop.
+            assert!(size.x < 1000.0 || place.right() < 1000.0, "{place}");
         };
-        is_amid(&window, vec2(700.0, 620.0));
+        is_left(&window, vec2(700.0, 620.0));
         // Closed, and opened in a window that is larger by now; then that one shrinks.
         window.state_mut().toggle();
         window.run_steps(2);
@@ -290,15 +293,15 @@ mod tests {
                 window.state_mut().toggle();
             }
             window.run_steps(6);
-            is_amid(&window, size);
+            is_left(&window, size);
         }
     }
 
     #[test]
     fn it_stays_where_it_is_moved_until_it_is_opened_again() {
         let mut window = window([1280.0, 800.0]);
-        let amid = place(&window).center();
-        let title = pos2(amid.x - 200.0, place(&window).top() + 12.0);
+        let opened = place(&window).center();
+        let title = pos2(opened.x - 200.0, place(&window).top() + 12.0);
         window.hover_at(title);
         window.run_steps(1);
         window.drag_at(title);
@@ -307,12 +310,12 @@ mod tests {
         window.run_steps(2);
         window.drop_at(title + vec2(60.0, 20.0));
         window.run_steps(4);
-        let by = place(&window).center() - amid;
+        let by = place(&window).center() - opened;
         assert!((by - vec2(60.0, 20.0)).length() < 1.5, "{by}");
         for _time in 0..2 {
             window.state_mut().toggle();
             window.run_steps(4);
         }
-        assert!((place(&window).center() - amid).length() < 1.5);
+        assert!((place(&window).center() - opened).length() < 1.5);
     }
 }

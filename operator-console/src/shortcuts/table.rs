@@ -248,7 +248,7 @@ fn window() -> Vec<Binding> {
             (Action::About, "About Foreshore", &[]),
             (
                 Action::CloseDialog,
-                "Close a dialog",
+                "Close, unpin a reading",
                 &[(PLAIN, Key::Escape)],
             ),
         ],

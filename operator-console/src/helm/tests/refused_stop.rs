@@ -58,6 +58,32 @@ fn a_stop_that_is_not_in_force_is_said_to_be_none() {
 }
 
 #[test]
+fn that_no_stop_is_in_force_is_not_said_of_one_that_is_on_its_way_or_in_force() {
+    let says_none = |rig: &Rig| {
+        let sight = rig.helm.sight(at(rig.ms));
+        sight.notice == Some(Note::EStopNotInForce)
+    };
+    let mut rig = Rig::new();
+    press(&mut rig, Answer::Refused(Refusal::NoEStop));
+    assert!(says_none(&rig));
+    rig.turn(&[InputEvent::EStop]);
+    assert!(!says_none(&rig), "another is on its way");
+    // Somebody else stops the robot.
+    let mut rig = Rig::new();
+    press(&mut rig, Answer::Refused(Refusal::NoEStop));
+    rig.status(|status| status.estop = None);
+    assert!(says_none(&rig), "there is none");
+    rig.status(|status| {
+        status.state = TeleopState::EStop;
+        status.estop = Some(EStopStatus {
+            number: 3,
+            is_stored: true,
+        });
+    });
+    assert!(!says_none(&rig), "there is one");
+}
+
+#[test]
 fn a_refusal_is_over_where_something_shows_that_the_robot_would_stop() {
     for change in [
         |rig: &mut Rig| {

@@ -10,6 +10,7 @@ use super::gauge::{self, Gauge};
 use super::headline::{Body, awaited, ended, gone, heard, lost};
 use super::held_back::held_back;
 use super::notice::notice;
+use super::tightest::tightest;
 use super::{figures, words};
 use crate::helm::{EStopSight, HelmSight, Lease};
 use crate::model::{ConsoleModel, LinkState, Stream};
@@ -128,7 +129,8 @@ impl DrivingData {
             .map(|_| gauge::gauges(teleop, helm.limits, is_driven));
         let gauges = gauges.filter(|_| silence.is_none());
         let shown = gauges.as_ref();
-        let clamp = shown.and_then(|gauges| held_back(teleop, gauges, model.is_stuck()));
+        let tightest = tightest(teleop, model.guard_lately());
+        let clamp = shown.and_then(|gauges| held_back(teleop, tightest, gauges, model.is_stuck()));
         Some(Self {
             tone: headline.tone,
             headline: headline.words,

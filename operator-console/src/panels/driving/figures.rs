@@ -37,11 +37,12 @@ pub(super) fn rows(
         OLD_MS.. => Tone::Warning,
     };
     let (tone, words) = match (teleop.age_ms, teleop.greatest_age_ms) {
-        (Some(now_ms), Some(greatest_ms)) => {
+        // What is older than the oldest that was obeyed is obeyed no more.
+        (Some(now_ms), Some(greatest_ms)) if now_ms <= greatest_ms => {
             let words = format!("{now_ms} ms, at most {greatest_ms} ms");
             (old(greatest_ms.max(now_ms)), words)
         }
-        (Some(now_ms), None) => (old(now_ms), format!("{now_ms} ms")),
+        (Some(now_ms), Some(_) | None) => (old(now_ms), format!("{now_ms} ms")),
         (None, _) => (Tone::Waiting, "none are sent".to_owned()),
     };
     rows.push((tone, row("Command age", words)));

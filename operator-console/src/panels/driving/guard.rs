@@ -2,6 +2,7 @@
 
 use protocol::message::{Clamp, Guard, TeleopState, TeleopStatus, Velocity};
 
+use super::tightest::Tightest;
 use crate::panels::wording::signed;
 use crate::theme::Tone;
 
@@ -17,8 +18,9 @@ pub(super) const HINT: &str = "How fast the collision guard lets the robot go th
                                what its sensors or its map show, and before ground that nobody has seen. Where its \
                                data is late, nothing is driven. It sees too little where nobody has looked yet, or \
                                where the last look is too old: there the robot may only creep, or not move at all. \
-                               That ends by itself where its sensors have looked. Where it changes its mind from \
-                               moment to moment, this is the least of the last 1.5 s.";
+                               That ends by itself where its sensors have looked. What bars the way is among the red \
+                               points of the last scans, which a sonar sees under water, or is fatal on the map. Where \
+                               it changes its mind, this is the least of the last 1.5 s, at times.";
 
 /// How fast it lets a vehicle go and turn the ways of `velocity`, m/s and rad/s; infinite where it sets no limit.
 pub(super) const fn allowed(guard: Guard, velocity: Velocity) -> [f32; 2] {
@@ -40,7 +42,7 @@ pub(super) const fn allowed(guard: Guard, velocity: Velocity) -> [f32; 2] {
 }
 
 /// Whether it lets a vehicle that is driven neither go nor turn.
-pub(super) fn makes_stand(teleop: &TeleopStatus) -> bool {
+pub(crate) fn makes_stand(teleop: &TeleopStatus) -> bool {
     let Velocity {
         linear_mps,
         angular_radps,
@@ -54,11 +56,15 @@ pub(super) fn makes_stand(teleop: &TeleopStatus) -> bool {
 /// What the guard says to a vehicle that goes and turns so fast at most, m/s and rad/s. Where nothing is asked for, it
 /// speaks of what is ahead; where only the turn is bounded, of that; where nothing may move whatever it allows, of no
 /// way.
-pub(super) fn guard(teleop: &TeleopStatus, guard: Guard, greatest: [f32; 2]) -> (Tone, String) {
+pub(super) fn guard(
+    teleop: &TeleopStatus,
+    Tightest { guard, is_looser }: Tightest,
+    greatest: [f32; 2],
+) -> (Tone, String) {
     let with = |word: &str| match teleop.state {
         TeleopState::SafeBoot | TeleopState::EStop | TeleopState::Fault(_) => word.to_owned(),
         TeleopState::Idle | TeleopState::Held | TeleopState::Driving | TeleopState::Stopping(_) => {
-            format!("{word}{}", allows(teleop, guard, greatest))
+            format!("{word}{}", allows(teleop, guard, is_looser, greatest))
         }
     };
     // What nobody drives from afar may move all the same: by its own program, or adrift.
@@ -77,7 +83,12 @@ pub(super) fn guard(teleop: &TeleopStatus, guard: Guard, greatest: [f32; 2]) -> 
     }
 }
 
-fn allows(teleop: &TeleopStatus, guard: Guard, [speed_mps, turn_radps]: [f32; 2]) -> String {
+fn allows(
+    teleop: &TeleopStatus,
+    guard: Guard,
+    is_looser: [bool; 2],
+    [speed_mps, turn_radps]: [f32; 2],
+) -> String {
     let Velocity {
         linear_mps,
         angular_radps,
@@ -109,12 +120,17 @@ fn allows(teleop: &TeleopStatus, guard: Guard, [speed_mps, turn_radps]: [f32; 2]
             }
         };
     }
+    let at_times = if is_looser[usize::from(of_turn)] {
+        " at times"
+    } else {
+        ""
+    };
     if allowed < least {
-        format!(", {way} is blocked")
+        format!(", {way} is blocked{at_times}")
     } else if of_turn {
         let deg = signed(f64::from(allowed.to_degrees()), 0);
-        format!(", {way} ≤ {deg} °/s")
+        format!(", {way} ≤ {deg} °/s{at_times}")
     } else {
-        format!(", {way} ≤ {allowed:.2} m/s")
+        format!(", {way} ≤ {allowed:.2} m/s{at_times}")
     }
 }

@@ -28,7 +28,7 @@ pub(super) fn opposed(helm: &HelmSight) -> Option<String> {
 }
 
 /// How a vehicle comes to turn that the guard makes stand because it is asked to go as well: it holds back both alike,
-/// so that the arc keeps its shape. `None` where the way is not what holds it, or the turn is held too.
+/// so that the arc keeps its shape. `None` where the way is not what holds it.
 pub(super) fn turn_alone(teleop: &TeleopStatus, helm: &HelmSight, is_boat: bool) -> Option<String> {
     let Velocity {
         linear_mps,
@@ -39,7 +39,9 @@ pub(super) fn turn_alone(teleop: &TeleopStatus, helm: &HelmSight, is_boat: bool)
     let is_so_now = helm.wish.forward * linear_mps > 0.0 && helm.wish.left * angular_radps > 0.0;
     let sees = matches!(teleop.guard, Guard::On(_) | Guard::Blind(_));
     let [going, turning] = allowed(teleop.guard, teleop.requested);
-    let is_held_by_way = sees && going < LEAST_MPS && turning >= LEAST_RADPS;
+    // What is asked for at once it holds back alike: whether the turn alone is free it has not said then.
+    let is_held_by_way = sees && going < LEAST_MPS;
+    let is_turn_free = turning >= LEAST_RADPS;
     if !(makes_stand(teleop) && is_asked && is_so_now && is_held_by_way) {
         return None;
     }
@@ -53,7 +55,12 @@ pub(super) fn turn_alone(teleop: &TeleopStatus, helm: &HelmSight, is_boat: bool)
         .collect();
     // A boat drifts meanwhile.
     let turn = if is_boat { "turn" } else { "turn on the spot" };
-    Some(format!("Let go of {} to {turn}", keys.join(" and ")))
+    let keys = keys.join(" and ");
+    Some(if is_turn_free {
+        format!("Let go of {keys} to {turn}")
+    } else {
+        format!("Let go of {keys}: a turn alone may be free")
+    })
 }
 
 /// As the table of keys names it.

@@ -1,9 +1,10 @@
 //! Why other speeds are told than are asked for: what who drives can wait for, or do something about.
 
-use protocol::message::{Clamp, TeleopState, TeleopStatus, Velocity};
+use protocol::message::{Clamp, Guard, TeleopState, TeleopStatus, Velocity};
 
 use super::gauge::Gauge;
 use super::guard::{FREE, allowed};
+use super::tightest::Tightest;
 use super::words;
 use crate::panels::wording::signed;
 
@@ -11,6 +12,7 @@ use crate::panels::wording::signed;
 /// its motors are told.
 pub(super) fn held_back(
     teleop: &TeleopStatus,
+    tightest: Tightest,
     gauges: &[Gauge; 2],
     is_stuck: bool,
 ) -> Option<String> {
@@ -22,11 +24,16 @@ pub(super) fn held_back(
     // The guard brakes no harder than a stop does. Until that is done more is told than it allows: a riddle, however
     // near to what is asked for it is.
     if teleop.state == TeleopState::Driving && exceeds_guard(teleop) {
-        return Some(on_its_way("Slowing down", Clamp::Guard));
+        // One that changes its mind from scan to scan leads nowhere: neither up nor down.
+        return Some(if tightest.is_looser.contains(&true) {
+            by(Clamp::Guard)
+        } else {
+            on_its_way("Slowing down", Clamp::Guard)
+        });
     }
     match clamp? {
         Clamp::Stop => None,
-        Clamp::Ramp => Some(on_the_way_up(teleop)),
+        Clamp::Ramp => Some(on_the_way_up(teleop, tightest.guard)),
         clamp @ (Clamp::Speed | Clamp::Age | Clamp::Guard) => Some(by(clamp)),
     }
 }
@@ -36,16 +43,16 @@ fn by(clamp: Clamp) -> String {
 }
 
 fn on_its_way(how: &str, to: Clamp) -> String {
-    format!("{how} to what {} allows", words::clamp(to))
+    format!("{how} as {} allows", words::clamp(to))
 }
 
 /// The robot names its acceleration wherever it is below all limits. Whether these let it go as it is asked to is
-/// another matter, and the one to do something about.
-fn on_the_way_up(teleop: &TeleopStatus) -> String {
+/// another matter, and the one to do something about: the guard by the tightest that it said lately.
+fn on_the_way_up(teleop: &TeleopStatus, guard: Guard) -> String {
     let (asked, told) = (teleop.requested, teleop.applied);
     let turns_round =
         asked.linear_mps * told.linear_mps < 0.0 || asked.angular_radps * told.angular_radps < 0.0;
-    let Some((clamp, share)) = bound(teleop).filter(|_| !turns_round) else {
+    let Some((clamp, share)) = bound(teleop, guard).filter(|_| !turns_round) else {
         return by(Clamp::Ramp);
     };
     let most = parts(asked).map(|speed| share * speed);
@@ -58,7 +65,7 @@ fn on_the_way_up(teleop: &TeleopStatus) -> String {
 
 /// What bounds the motion that is asked for, and to which share of it, where that is to be seen. The robot bounds going
 /// and turning alike, so that the arc keeps its shape.
-fn bound(teleop: &TeleopStatus) -> Option<(Clamp, f32)> {
+fn bound(teleop: &TeleopStatus, guard: Guard) -> Option<(Clamp, f32)> {
     let share = |speed: f32, allowed: f32| {
         if speed > allowed {
             allowed / speed
@@ -67,7 +74,7 @@ fn bound(teleop: &TeleopStatus) -> Option<(Clamp, f32)> {
         }
     };
     let [goes, turns] = parts(teleop.requested);
-    let [going, turning] = allowed(teleop.guard, teleop.requested);
+    let [going, turning] = allowed(guard, teleop.requested);
     let by_guard = share(goes, going).min(share(turns, turning));
     let by_age = share(goes, teleop.speed_allowed_mps);
     let bound = if by_guard < by_age {

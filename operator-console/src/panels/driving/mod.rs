@@ -24,6 +24,7 @@ use protocol::message::{LeaseRequest, Setting, Settings};
 
 pub use data::{DrivingData, EStopFace, LeaseFace};
 pub use gauge::Gauge;
+pub(crate) use guard::makes_stand;
 pub(crate) use watching::disabled_ui;
 
 use super::rows::{rows_ui, toned_rows_ui};

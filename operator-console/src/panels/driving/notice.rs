@@ -26,6 +26,7 @@ pub(super) fn notice<'a>(
         | Note::NotAnswered(_)
         | Note::NotSent(..)
         | Note::LeaseGained(_)
+        | Note::LeaseGivenBack
         | Note::ResetEndedDriving
         | Note::EStopPressed
         | Note::EStopAcknowledged(_)

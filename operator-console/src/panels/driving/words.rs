@@ -168,6 +168,7 @@ pub fn note(note: &Note) -> (String, bool) {
         }
         Note::LeaseGained(epoch) => (format!("lease held, grant {epoch}"), false),
         Note::LeaseLost => ("lease lost".to_owned(), false),
+        Note::LeaseGivenBack => ("lease given back".to_owned(), false),
         Note::ResetEndedDriving => (
             "the reset ended driving: press Drive anew".to_owned(),
             false,

@@ -31,7 +31,9 @@ pub(super) fn hint(name: &str) -> Option<&'static str> {
         "pose gap" => "Scans of a time at which positions were missing for too long.",
         "pose jump" => "Scans of a time at which the position leapt.",
         "pose too old" => "Scans that are too much newer than the newest position.",
-        "queue full" => "Scans that waited for a position while there was no room for more.",
+        "queue full" => {
+            "Scans that waited for a position while there was no room for more, or for mapping for more than 2 s."
+        }
         "before joining" => {
             "Came before the robot had told which run of it this is. What the map lacks of it is fetched."
         }

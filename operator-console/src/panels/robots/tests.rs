@@ -79,7 +79,7 @@ fn a_robot_that_tells_nothing_is_not_looked_for_in_vain() {
     let boat: RobotId = "boat".parse().unwrap();
     let advice = |seen: &[Seen], told_nothing_by: &[RobotId]| {
         let mut data = RobotsData::new(seen, None, Sought::Any, None, NOW);
-        data.is_told_nothing_by(told_nothing_by.iter());
+        data.is_told_nothing_by(&told_nothing_by.iter().cloned().collect());
         data.advice.unwrap()
     };
     let told = advice(&[], std::slice::from_ref(&boat));
@@ -98,12 +98,14 @@ fn every_robot_says_how_it_is() {
     let mut fleet = [
         seen("a", 3, Some(FleetState::Free)),
         seen("b", 3, Some(anna)),
-        seen("c", 3, Some(FleetState::EStop)),
+        seen("c", 3, Some(FleetState::EStop { has_ended: false })),
         seen("d", 25, Some(FleetState::Free)),
         seen("e", 3, Some(FleetState::Free)),
         seen("f", 3, None),
         seen("g", 3, Some(FleetState::Ended)),
         seen("h", 25, Some(FleetState::Ended)),
+        seen("i", 3, Some(FleetState::EStop { has_ended: true })),
+        seen("j", 25, Some(FleetState::EStop { has_ended: true })),
     ];
     fleet[1].alerts = 1;
     fleet[2].alerts = 2;
@@ -125,6 +127,8 @@ fn every_robot_says_how_it_is() {
             ("silent, last seen 3.0 s ago", Tone::Warning),
             ("there", Tone::Waiting),
             ("ended", Tone::Waiting),
+            ("ended, last seen 25 s ago", Tone::Waiting),
+            ("emergency stop", Tone::Warning),
             ("ended, last seen 25 s ago", Tone::Waiting),
         ]
     );
@@ -150,7 +154,10 @@ fn a_robot_that_moves_by_itself_is_not_called_free() {
     let silent = says("silent, last seen 3.0 s ago", Tone::Warning);
     assert_eq!(told(free(), by_itself, LinkState::Silent), silent);
     let stopped = says("emergency stop", Tone::Warning);
-    assert_eq!(told(FleetState::EStop, by_itself, live), stopped);
+    assert_eq!(
+        told(FleetState::EStop { has_ended: false }, by_itself, live),
+        stopped
+    );
 }
 
 #[test]

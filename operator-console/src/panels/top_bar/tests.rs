@@ -87,6 +87,23 @@ fn who_only_watches_is_told_so_at_a_stop_that_cannot_be_pressed() {
 }
 
 #[test]
+fn a_stop_that_the_robot_refused_does_not_look_as_if_it_would_stop_it() {
+    let why = "the sender's role does not allow it".to_owned();
+    let estop = Some(EStopFace::Refused(why));
+    let mut window = bar(900.0, TopBarData { estop, ..data() }, 0);
+    assert!(window.query_by_label("Stop").is_none());
+    let refused = window.get_by_label("Refused");
+    // It may be pressed, and lies where the stop is.
+    assert!(!refused.accesskit_node().is_disabled());
+    let place = refused.rect();
+    assert_eq!(place, bar(900.0, data(), 0).get_by_label("Stop").rect());
+    window.hover_at(place.center());
+    window.run_steps(60);
+    let told = "The robot does not stop for you: the sender's role does not allow it. Press again if you like";
+    window.get_by_label(told);
+}
+
+#[test]
 fn a_map_that_was_in_step_a_moment_ago_is_in_step() {
     let map = (Tone::Good, "In step 0.5 s ago".to_owned());
     let mut window = bar(900.0, TopBarData { map, ..data() }, 0);

@@ -96,8 +96,13 @@ fn a_vehicle_that_is_held_and_could_turn_says_what_to_let_go_of() {
             "Let go of Down to turn on the spot",
         ),
         (&[], [0.4, 0.4], ahead, "Ask for the turn alone"),
-        // The turn is held as well.
-        (&[W, D], [0.4, -0.4], ahead, stands),
+        // The turn is held as well, or only while it is asked for together with the way.
+        (
+            &[W, D],
+            [0.4, -0.4],
+            ahead,
+            "Let go of W: a turn alone may be free",
+        ),
         // Nothing is to turn.
         (&[W], [0.4, 0.0], ahead, stands),
         // It is not the way that holds it.

@@ -8,7 +8,7 @@ const FREE: GuardLimits = GuardLimits {
     left_radps: 0.2,
     right_radps: 0.2,
 };
-const SLOWS: &str = "Slowing down to what the collision guard allows";
+const SLOWS: &str = "Slowing down as the collision guard allows";
 const BY_GUARD: &str = "Held back by the collision guard";
 
 /// A boat of 3 m/s and 0.2 rad/s, that is asked for and told these, m/s and rad/s.
@@ -65,7 +65,7 @@ fn who_is_told_more_than_the_guard_allows_slows_down_to_that() {
 #[test]
 fn who_speeds_up_to_less_than_is_asked_for_is_told_what_will_hold_it_back() {
     let by_acceleration = "Held back by its acceleration";
-    let speeds_up = "Speeding up to what the collision guard allows";
+    let speeds_up = "Speeding up as the collision guard allows";
     let left = GuardLimits {
         left_radps: 0.15,
         ..FREE
@@ -79,7 +79,7 @@ fn who_speeds_up_to_less_than_is_asked_for_is_told_what_will_hold_it_back() {
             [1.44, 0.1],
             FREE,
             1.5,
-            "Speeding up to what the age of commands allows",
+            "Speeding up as the age of commands allows",
         ),
         // It still goes the other way.
         ([-0.5, 0.0], left, 3.0, by_acceleration),
@@ -113,4 +113,43 @@ fn what_is_stuck_is_held_back_by_the_guard_or_by_nothing_that_is_said() {
 fn says_again(model: &mut ConsoleModel, pose: &Pose, status: &Status) {
     says(model, Topic::Pose, pose, at(4_000));
     says(model, Topic::Status, status, at(4_000));
+}
+
+#[test]
+fn who_creeps_by_a_guard_that_changes_its_mind_neither_speeds_up_nor_slows_down() {
+    let ahead = |forward_mps| {
+        Guard::Blind(GuardLimits {
+            forward_mps,
+            ..FREE
+        })
+    };
+    let ramp = Some(Clamp::Ramp);
+    // Told at each of the last statuses, and what the guard allowed then, m/s.
+    for (told_mps, lately_mps, says) in [
+        (0.08, &[0.05, 0.5, 0.05, 0.5][..], Some(BY_GUARD)),
+        (0.08, &[0.5, 0.05, 0.5, 0.05], Some(BY_GUARD)),
+        (0.01, &[0.0, 0.3], Some(BY_GUARD)),
+        // A wider way is opening.
+        (
+            0.08,
+            &[0.4, 0.5],
+            Some("Speeding up as the collision guard allows"),
+        ),
+        // It comes nearer.
+        (0.5, &[0.8, 0.6, 0.3], Some(SLOWS)),
+    ] {
+        let rig = boat([1.0, 0.0], [told_mps, 0.0], ramp, ahead(3.0));
+        let mut model = rig.model();
+        for allowed_mps in lately_mps {
+            let mut teleop = rig.teleop.clone();
+            teleop.guard = ahead(*allowed_mps);
+            let status = Status {
+                teleop: Some(teleop),
+                ..Status::default()
+            };
+            crate::pretend::says(&mut model, Topic::Status, &status, at(1_050));
+        }
+        let data = DrivingData::new(&model, &rig.helm, rig.now).unwrap();
+        assert_eq!(data.clamp.as_deref(), says, "{told_mps} {lately_mps:?}");
+    }
 }

@@ -51,18 +51,59 @@ fn the_row_of_the_guard_says_the_tightest_of_the_last_while() {
         (
             vec![(GO, Guard::Blind(ahead(0.3))), (GO, Guard::On(FREE))],
             Tone::Warning,
-            "Sees too little, ahead ≤ 0.30 m/s",
+            "Sees too little, ahead ≤ 0.30 m/s at times",
+        ),
+        // Whoever comes nearer is told so plainly.
+        (
+            vec![
+                (GO, Guard::On(ahead(0.7))),
+                (GO, Guard::On(ahead(0.5))),
+                (GO, Guard::On(ahead(0.49))),
+            ],
+            Tone::Good,
+            "On, ahead ≤ 0.49 m/s",
+        ),
+        // By turns: the words do not alternate.
+        (
+            vec![
+                (GO, Guard::On(ahead(0.3))),
+                (GO, Guard::On(ahead(0.7))),
+                (GO, Guard::On(ahead(0.3))),
+            ],
+            Tone::Good,
+            "On, ahead ≤ 0.30 m/s at times",
+        ),
+        // Late data is no looser limit.
+        (
+            vec![
+                (GO, Guard::On(ahead(0.3))),
+                (GO, Guard::Stale),
+                (GO, Guard::On(ahead(0.3))),
+            ],
+            Tone::Good,
+            "On, ahead ≤ 0.30 m/s",
         ),
         (
             vec![(GO, Guard::On(ahead(0.0))), (GO, Guard::Blind(ahead(0.3)))],
             Tone::Warning,
-            "Sees too little, ahead is blocked",
+            "Sees too little, ahead is blocked at times",
+        ),
+        // What is so at times is not so now.
+        (
+            vec![(GO, Guard::On(ahead(0.0))), (GO, Guard::On(ahead(0.4)))],
+            Tone::Good,
+            "On, ahead is blocked at times",
+        ),
+        (
+            vec![(GO, Guard::On(ahead(0.4))), (GO, Guard::On(ahead(0.0)))],
+            Tone::Good,
+            "On, ahead is blocked",
         ),
         // Each limit for itself.
         (
             vec![(ARC, Guard::On(left)), (ARC, Guard::On(ahead(0.85)))],
             Tone::Good,
-            "On, turning left ≤ 6 °/s",
+            "On, turning left ≤ 6 °/s at times",
         ),
         // What was said of another way.
         (
