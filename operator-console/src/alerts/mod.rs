@@ -11,7 +11,7 @@ use robot_edge::clock::Monotonic;
 
 use crate::link::FleetState;
 use crate::model::ConsoleModel;
-use reasons::{Reason, link_lost, reasons, reasons_from_afar};
+use reasons::{Reason, link_lost, reasons, reasons_from_afar, tells_motion};
 
 pub use fleet::FleetAlerts;
 
@@ -115,7 +115,14 @@ impl Alerts {
         let reasons = reasons(model, subject, now);
         // Until the robot speaks, what it said before it was shown again is the newest that is known.
         let is_heard = model.status().is_some();
-        self.end_others(&reasons, |_| is_heard);
+        // Who is not heard may move by now, or not: neither is told.
+        let tells_motion = tells_motion(model, now);
+        self.end_others(&reasons, |alarm| {
+            is_heard && (tells_motion || *alarm != Alarm::Stuck)
+        });
+        if !tells_motion {
+            self.put_in_the_past(&Alarm::Stuck);
+        }
         let mut begun = Vec::new();
         for reason in reasons {
             begun.extend(self.lasts(reason, now));
@@ -175,6 +182,15 @@ impl Alerts {
             let lasts = reasons.iter().any(|reason| reason.alarm == alert.alarm);
             if alert.is_active && !lasts && is_told(&alert.alarm) {
                 alert.is_active = false;
+                alert.text.clone_from(&alert.past);
+            }
+        }
+    }
+
+    /// Nobody knows whether it lasts.
+    fn put_in_the_past(&mut self, alarm: &Alarm) {
+        for alert in &mut self.alerts {
+            if alert.alarm == *alarm {
                 alert.text.clone_from(&alert.past);
             }
         }

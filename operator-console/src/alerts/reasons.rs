@@ -52,8 +52,7 @@ pub(super) fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) ->
                 past: format!("The vehicle was at fault: {was}"),
             });
         }
-        // Who is not heard, or runs anew, may long be told something else.
-        if model.is_stuck() && !is_silent && !model.awaits_status() {
+        if model.is_stuck() && tells_motion(model, now) {
             let [is, was] = stuck(model.is_boat());
             reasons.push(Reason {
                 alarm: Alarm::Stuck,
@@ -91,6 +90,11 @@ pub(super) fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) ->
         });
     }
     reasons
+}
+
+/// Whether what is known of its motion is of now: who is not heard, or runs anew, may long be told something else.
+pub(super) fn tells_motion(model: &ConsoleModel, now: Monotonic) -> bool {
+    model.connection().state(now) != LinkState::Silent && !model.awaits_status()
 }
 
 /// What was wrong with a sensor that is well again.

@@ -252,16 +252,23 @@ fn nobody_is_said_to_be_stuck_now_who_is_not_heard() {
         drives(&mut model, 1.0, 0.0, at(ms));
         alerts.look(&model, Subject::Robot, &[], at(ms));
     }
-    let is_stuck_now = |alerts: &Alerts| {
+    let said = |alerts: &Alerts| {
         let mut all = alerts.iter();
-        all.find(|alert| alert.alarm == Alarm::Stuck)
-            .is_some_and(|alert| alert.is_active)
+        let stuck = all.find(|alert| alert.alarm == Alarm::Stuck).unwrap();
+        let word = stuck.text.split_whitespace().nth(2).unwrap().to_owned();
+        (word, stuck.times, stuck.is_acknowledged)
     };
-    assert!(is_stuck_now(&alerts));
-    alerts.look(&model, Subject::Robot, &[], at(20_000));
+    assert_eq!(said(&alerts), ("does".to_owned(), 1, false));
+    alerts.acknowledge(&Alarm::Stuck);
+    alerts.look(&model, Subject::Robot, &[], at(4_000));
     assert!(model.is_stuck(), "by what was heard last");
-    assert!(!is_stuck_now(&alerts));
+    assert_eq!(said(&alerts), ("did".to_owned(), 1, true));
     assert!(alerts.iter().any(|alert| alert.alarm == Alarm::LinkLost));
+    // The same goes on: nothing has begun.
+    drives(&mut model, 1.0, 0.0, at(4_100));
+    let begun = alerts.look(&model, Subject::Robot, &[], at(4_100));
+    assert_eq!(begun, []);
+    assert_eq!(said(&alerts), ("does".to_owned(), 1, true));
 }
 
 #[test]

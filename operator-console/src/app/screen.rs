@@ -13,7 +13,7 @@ use super::export_job::ExportProgress;
 use super::menus::{Choice, MenuSight, menus_ui};
 use super::surroundings::surroundings;
 use crate::alerts::FleetAlerts;
-use crate::command::Command;
+use crate::command::{Command, Look};
 use crate::event_log::EventLog;
 use crate::helm::HelmSight;
 use crate::map_view::{MapView, Overlay};
@@ -220,6 +220,7 @@ impl Screen {
                 driving: &mut self.driving,
                 filter: &mut self.filter,
                 notice_room: None,
+                draws_shores: false,
             };
             let (actions, commands) = (&mut actions, &mut commands);
             self.workspace.show(
@@ -227,10 +228,14 @@ impl Screen {
                 |panel| scene.why_not(panel, is_tight).is_none(),
                 &mut |ui, panel| panels.draw(ui, panel, scene, actions, commands),
             );
-            panels.notice_room.take()
+            (panels.notice_room.take(), panels.draws_shores)
         });
+        let (on_map, draws_shores) = shown.inner;
+        if !draws_shores && self.map_view.hovered().is_some() {
+            // The list went away from under the hand.
+            commands.push(Command::Look(Look::Hover(None)));
+        }
         if let Some(news) = NoticeData::new(around.log, now) {
-            let on_map = shown.inner;
             let room = on_map.unwrap_or_else(|| NoticeRoom::of_window(ui));
             notice_ui(ui, &news, &room);
         }

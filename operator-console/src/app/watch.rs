@@ -3,6 +3,7 @@
 
 use std::time::Duration;
 
+use protocol::message::Status;
 use protocol::tile::BootId;
 use robot_edge::clock::Monotonic;
 
@@ -89,7 +90,8 @@ impl Watch {
             let text = format!("{robot}'s data has ended");
             notes.push((Severity::Note, "data", text));
         }
-        if self.is_held_anew(model, now) {
+        let is_heard = link == LinkState::Live && !model.awaits_status();
+        if self.is_held_anew(model, is_heard) {
             let text = format!("{robot} is held back by the collision guard");
             notes.push((Severity::Note, "guard", text));
         }
@@ -100,17 +102,16 @@ impl Watch {
         notes
     }
 
-    /// Whether the collision guard has made the vehicle stand for a while, and that was not noted yet.
-    fn is_held_anew(&mut self, model: &ConsoleModel, now: Monotonic) -> bool {
-        let teleop = model
-            .status()
-            .and_then(|(status, _)| status.teleop.as_ref());
-        if !teleop.is_some_and(makes_stand) {
+    /// Whether the collision guard has made the vehicle stand for a while, by what it tells, and that was not noted yet.
+    fn is_held_anew(&mut self, model: &ConsoleModel, is_heard: bool) -> bool {
+        let is_held = |status: &Status| status.teleop.as_ref().is_some_and(makes_stand);
+        let told = model.status().filter(|_| is_heard);
+        let Some((_, told)) = told.filter(|(status, _)| is_held(status)) else {
             self.held = None;
             return false;
-        }
-        let (since, is_noted) = self.held.get_or_insert((now, false));
-        let is_anew = !*is_noted && now.since(*since) >= HELD_FOR;
+        };
+        let (since, is_noted) = self.held.get_or_insert((*told, false));
+        let is_anew = !*is_noted && told.since(*since) >= HELD_FOR;
         *is_noted |= is_anew;
         is_anew
     }
@@ -142,7 +143,7 @@ fn transport_note(transport: Transport) -> Option<Note> {
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::{Clamp, Status, TeleopState};
+    use protocol::message::{Clamp, TeleopState};
 
     use super::*;
     use crate::pretend::{at, says, scout, standing, starts};
@@ -216,6 +217,25 @@ mod tests {
         }
     }
 
+    /// The guard lets a vehicle that is to go do so, m/s.
+    fn is_let(model: &mut ConsoleModel, told_mps: f32, ms: u64) {
+        let mut teleop = standing();
+        teleop.state = TeleopState::Driving;
+        teleop.clamp = Some(Clamp::Guard);
+        teleop.requested.linear_mps = 0.8;
+        teleop.applied.linear_mps = told_mps;
+        let status = Status {
+            teleop: Some(teleop),
+            ..Status::default()
+        };
+        says(model, Topic::Status, &status, at(ms));
+    }
+
+    fn of_guard(notes: Vec<Note>) -> Vec<Note> {
+        let of_guard = notes.into_iter().filter(|(_, kind, _)| *kind == "guard");
+        of_guard.collect()
+    }
+
     #[test]
     fn what_the_guard_holds_back_for_a_while_is_noted_once() {
         let mut model = scout();
@@ -226,31 +246,36 @@ mod tests {
             (900, 0.0),
             (950, 0.3),
             (1_000, 0.0),
+            (1_500, 0.0),
             (2_000, 0.0),
             (5_000, 0.0),
             (5_100, 0.3),
             (5_200, 0.0),
             (6_200, 0.0),
         ] {
-            let mut teleop = standing();
-            teleop.state = TeleopState::Driving;
-            teleop.clamp = Some(Clamp::Guard);
-            teleop.requested.linear_mps = 0.8;
-            teleop.applied.linear_mps = told_mps;
-            let status = Status {
-                teleop: Some(teleop),
-                ..Status::default()
-            };
-            says(&mut model, Topic::Status, &status, at(ms));
-            let notes = watch.look(&model, None, at(ms)).into_iter();
-            held.extend(
-                notes
-                    .filter(|(_, kind, _)| *kind == "guard")
-                    .map(|note| (ms, note)),
-            );
+            is_let(&mut model, told_mps, ms);
+            let notes = watch.look(&model, None, at(ms));
+            held.extend(of_guard(notes).into_iter().map(|note| (ms, note)));
         }
         let text = "scout is held back by the collision guard".to_owned();
         let noted = |ms| (ms, (Severity::Note, "guard", text.clone()));
         assert_eq!(held, [noted(2_000), noted(6_200)]);
+    }
+
+    #[test]
+    fn nobody_is_said_to_be_held_who_is_not_heard() {
+        let mut model = scout();
+        let mut watch = Watch::default();
+        let mut held = Vec::new();
+        is_let(&mut model, 0.0, 0);
+        for ms in [0, 300, 1_100, 5_000] {
+            held.extend(of_guard(watch.look(&model, None, at(ms))));
+        }
+        // What was so before nothing was heard counts no more.
+        is_let(&mut model, 0.0, 5_100);
+        for ms in [5_100, 5_300] {
+            held.extend(of_guard(watch.look(&model, None, at(ms))));
+        }
+        assert_eq!(held, []);
     }
 }

@@ -20,19 +20,19 @@ use robot_edge::link::sessions::Endpoints;
 use robot_edge::link::{random_id, zenoh_config_file};
 
 use crate::cockpit::Cockpit;
-use crate::helm::Intent;
+use crate::helm::{EStopSight, Intent};
 use crate::identity::Identity;
 use crate::link::RobotSession;
 use crate::model::{LinkState, ModelSettings};
 use crate::panels::driving::words::note as note_in_words;
 use crate::role::{WATCHES, only_watches};
 use crate::target::{Inquiry, Target};
-use crate::teleop_input::InputEvent;
+use crate::teleop_input::{DriveKey, InputEvent};
 
 pub use parse::{Action, LANGUAGE, ScriptError, State, Step, parse};
 
-/// The answer to a last request is waited for so long at most; it takes a round trip.
-const LAST_ANSWER: Duration = Duration::from_secs(2);
+/// What was asked for at the end is waited for so long at most: longer than the helm waits for an answer.
+const LAST_ANSWER: Duration = Duration::from_secs(5);
 /// Between two iterations at most: a queue is looked at no more rarely than commands are sent.
 const PERIOD: Duration = Duration::from_millis(20);
 /// Tiles are not asked for.
@@ -209,9 +209,21 @@ impl Play<'_> {
                 return Ok(false);
             }
             if self.steps.is_empty() && self.awaiting.is_none() {
-                // What it asked for at its end is on its way, and sent again if need be.
+                if self.ended.is_none() {
+                    // Nobody's hands are on anything while answers are waited for.
+                    let keys = DriveKey::ALL.map(InputEvent::Release);
+                    for event in keys.into_iter().chain([InputEvent::PadGone]) {
+                        self.cockpit.apply(event);
+                    }
+                }
                 let ended = *self.ended.get_or_insert(now);
-                if !self.cockpit.sight(now).is_asking || now.since(ended) >= LAST_ANSWER {
+                let sight = self.cockpit.sight(now);
+                let is_stopping = matches!(sight.estop, EStopSight::Sending(_));
+                if !sight.is_asking && !is_stopping {
+                    return Ok(true);
+                }
+                if now.since(ended) >= LAST_ANSWER {
+                    self.fail("what was asked for last was not answered")?;
                     return Ok(true);
                 }
             }

@@ -23,7 +23,8 @@ A script has one action a line, behind the second at which it happens; `#` begin
                                 idle, held, driving, stopping, estop, fault,
                                 or `lease`: that this console has it
   6.0 reset                     ends the emergency stop that is in force
-  7.0 budget 128                kbit/s for tiles; guard on|off; recording on|off";
+  7.0 budget 128                kbit/s for tiles; guard on|off; recording on|off
+At its end all keys are let go, and the answer to what was asked for last is waited for (5 s at most).";
 
 /// Longest script, bytes: a day of one action a second.
 const MAX_BYTES: usize = 4 << 20;

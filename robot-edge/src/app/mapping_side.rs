@@ -19,8 +19,11 @@ use crate::replay_control::{Mark, ReplayControl};
 use crate::streaming::publisher::PublishError;
 use crate::streaming::trajectory::SharedTrajectory;
 
-/// A scan that has waited longer for mapping is left out, where the present matters.
+/// A scan that has waited longer for mapping is left out, where the present matters …
 pub(super) const LONGEST_LAG: Duration = Duration::from_secs(2);
+/// … with all behind it, up to the first that has waited no longer than this: else every one that is mapped would have waited
+/// for nearly as long, and the guard never had a map that is of the present.
+pub(super) const CAUGHT_UP: Duration = Duration::from_millis(250);
 
 /// What takes the steps of the placing side.
 pub(super) struct MappingSide {
@@ -32,6 +35,8 @@ pub(super) struct MappingSide {
     pub(super) keeping_up: KeepingUp,
     /// The present matters: where mapping cannot keep up, it maps less and not later.
     pub(super) is_live: bool,
+    /// Scans are left out until one comes that has hardly waited.
+    pub(super) catches_up: bool,
     /// Where a replay can be wound: what happens again is not told again.
     pub(super) marking: Option<Marking>,
     /// For the placing side.
@@ -62,8 +67,8 @@ impl MappingSide {
                 placed: Placed::Scan(_),
                 since,
                 ..
-            } if self.is_live && now.since(since) > LONGEST_LAG => {
-                // To leave out costs nothing: what waits behind it is soon young enough.
+            } if self.is_too_late(now.since(since)) => {
+                // That costs nothing: what waits behind it is soon young enough.
                 self.maps.leave_out(DropReason::QueueFull);
             }
             Step::Placed { placed, taken, .. } => self.map(&placed, taken)?,
@@ -74,6 +79,17 @@ impl MappingSide {
             }
         }
         Ok(())
+    }
+
+    /// Whether a scan that has waited so long for mapping is left out.
+    fn is_too_late(&mut self, waited: Duration) -> bool {
+        let longest = if self.catches_up {
+            CAUGHT_UP
+        } else {
+            LONGEST_LAG
+        };
+        self.catches_up = self.is_live && waited > longest;
+        self.catches_up
     }
 
     fn map(&mut self, placed: &Placed, taken: Monotonic) -> Result<(), PublishError> {
@@ -102,6 +118,13 @@ impl MappingSide {
             }
             Some(Change::Up) => network.tell("keeps_up", "The robot's machine keeps up again"),
             None => {}
+        }
+    }
+
+    /// What is driven is told zero, and nobody drives it any more.
+    pub(super) fn end_driving(&mut self) {
+        if let Some(network) = &mut self.network {
+            network.end_driving();
         }
     }
 

@@ -66,7 +66,7 @@ pub(super) struct Subject<'a> {
 /// A run's link, and what is told over it.
 pub(super) struct Network {
     // Ends before the link: what is driven is told zero first.
-    _driving: Option<Driving>,
+    driving: Option<Driving>,
     _list_watch: Option<ListWatch>,
     robot: RobotId,
     lookout: Option<MapLookout>,
@@ -146,7 +146,7 @@ impl Network {
                     moved: None,
                 };
                 let network = Self {
-                    _driving: driving,
+                    driving,
                     _list_watch: list_watch,
                     robot: plan.robot.clone(),
                     lookout: map_lookout,
@@ -173,14 +173,18 @@ impl Network {
                 if !quiet {
                     writeln!(
                         io::stderr(),
-                        "network: none, nobody can watch: {err}. --listen names another endpoint, --no-network \
-                         does without"
+                        "network: none, nobody can watch: {err}. --no-network does without"
                     )?;
                 }
                 Ok(None)
             }
             Err(err) => Err(err.into()),
         }
+    }
+
+    /// What is driven is told zero, and nobody drives it any more.
+    pub(super) fn end_driving(&mut self) {
+        drop(self.driving.take());
     }
 
     /// The data is wound, and the maps with it: nothing is known of shores any more.

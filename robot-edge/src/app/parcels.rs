@@ -11,9 +11,9 @@ use crate::localization::placer::Placed;
 
 /// Parcels that wait for mapping where all is mapped, however late: who places waits for room. Memory is bounded by …
 const WAITING: usize = 64;
-/// The same where what has waited for `LONGEST_LAG` (2 s) is left out: more than come in that time, even at 100 scans a second,
+/// The same where what has waited for `LONGEST_LAG` (2 s) is left out: more than come in that time, even at 400 scans a second,
 /// so that who places finds room.
-const WAITING_LIVE: usize = 256;
+const WAITING_LIVE: usize = 1024;
 /// … the beams in a parcel, and one scan more.
 const PARCEL_BEAMS: usize = 4096;
 /// Without a scan, mapping tells what it knows this often.
@@ -176,7 +176,7 @@ mod tests {
     /// Who tells the guard does not wait for mapping before mapping leaves something out.
     #[test]
     fn there_is_room_for_what_comes_until_it_is_too_late() {
-        let in_time = usize::try_from(LONGEST_LAG.as_secs()).unwrap() * 100;
+        let in_time = usize::try_from(LONGEST_LAG.as_secs()).unwrap() * 400;
         let (live, _receiver) = parcels(true);
         let sent = (0..in_time).filter(|_| live.sender.try_send(Vec::new()).is_ok());
         assert_eq!(sent.count(), in_time);

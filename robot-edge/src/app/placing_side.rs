@@ -45,6 +45,14 @@ pub(super) struct PlacingSide {
     pub(super) maps: SharedMapFigures,
 }
 
+/// What became of the recording that was asked for, if one was.
+pub(super) struct Recorded {
+    /// How it differs from what came in, in words.
+    pub(super) notes: Vec<String>,
+    /// Why it is not whole.
+    pub(super) result: Result<(), WriteError>,
+}
+
 impl PlacingSide {
     /// Records and places a batch; what is to be mapped is handed over step by step.
     ///
@@ -205,6 +213,17 @@ impl PlacingSide {
         }
         self.not_recorded = Some(error);
         Ok(())
+    }
+
+    /// Nothing more comes: brings what is recorded to its end, on the disk.
+    pub(super) fn end_recordings(&mut self) -> Recorded {
+        drop(self.live.take());
+        let (notes, result) = match (self.not_recorded.take(), self.recorder.take()) {
+            (Some(error), _) => (Vec::new(), Err(error)),
+            (None, Some(recorder)) => (recorder.notes(), recorder.finish()),
+            (None, None) => (Vec::new(), Ok(())),
+        };
+        Recorded { notes, result }
     }
 
     fn tell_newest_pose(&mut self) {

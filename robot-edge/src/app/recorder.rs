@@ -151,9 +151,10 @@ impl Recorder {
     }
 
     pub(super) fn finish(self) -> Result<(), WriteError> {
-        let synced = self.aside.map_or(Ok(()), SyncThread::finish);
-        // Whatever the disk has said: of what is written, all that can be read should be.
-        self.writer.finish().and(synced)
+        // Index and end go to the system before anything waits for the disk again, and whatever that says: of what is written,
+        // all that can be read should be.
+        let finished = self.writer.finish();
+        finished.and(self.aside.map_or(Ok(()), SyncThread::finish))
     }
 
     /// Of two transforms with one stamp only the later one holds, but CARMEN's scans bring their own poses

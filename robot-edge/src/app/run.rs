@@ -17,7 +17,7 @@ use super::mapping_side::MappingSide;
 use super::network::{Network, Subject};
 use super::network_plan::NetworkPlan;
 use super::outputs;
-use super::placing_side::PlacingSide;
+use super::placing_side::{PlacingSide, Recorded};
 use super::recorder::{Recorder, Syncs};
 use super::sides::Sides;
 use super::source::Source;
@@ -89,6 +89,12 @@ impl Run<'_> {
         };
         let finished = sides.finish(end.lost.counts.total());
         let wall_s = sides.placing.started.elapsed().as_secs_f64();
+        if is_set(interrupt) {
+            // Nothing moves any more by poses that are not measured any more, however long the disk takes.
+            sides.mapping.end_driving();
+        }
+        // What cannot be made anew comes first: maps may be served for hours, an export may take long, and both be ended.
+        let recorded = sides.placing.end_recordings();
         let went_well = taken.is_ok() && finished.is_ok() && end.result.is_ok();
         if let Some(network) = &sides.mapping.network
             && went_well
@@ -100,7 +106,8 @@ impl Run<'_> {
         let is_at_its_end = end.is_complete || self.drive.can_drive();
         let stayed = self.network.as_ref().is_some_and(NetworkPlan::stays) && is_at_its_end;
         let interrupted = is_set(interrupt) && !stayed;
-        let left = self.leave_behind(sides, &end, wall_s, interrupted, out);
+        sides.mapping.end_driving();
+        let left = self.leave_behind(sides, recorded, &end, (wall_s, interrupted), out);
         taken?;
         finished?;
         end.result?;
@@ -193,6 +200,7 @@ impl Run<'_> {
                 events: EventLog::default(),
                 keeping_up: KeepingUp::default(),
                 is_live: self.maps_the_present(),
+                catches_up: false,
                 marking: None,
                 figures,
             },
@@ -218,9 +226,9 @@ impl Run<'_> {
     fn leave_behind(
         &self,
         mut sides: Sides,
+        recorded: Recorded,
         end: &SourceEnd,
-        wall_s: f64,
-        interrupted: bool,
+        (wall_s, interrupted): (f64, bool),
         out: &mut dyn Write,
     ) -> anyhow::Result<Summary> {
         let mut summary = outputs::summary(&sides);
@@ -231,17 +239,8 @@ impl Run<'_> {
         let happened = std::mem::take(&mut sides.mapping.events);
         summary.events.extend(happened.into_events());
         summary.add_source_end(end, interrupted);
+        summary.add_recorder_notes(recorded.notes);
 
-        // First what cannot be made anew: an export may take long, and be ended.
-        let Sides { placing, .. } = &mut sides;
-        let recorded = match (placing.not_recorded.take(), placing.recorder.take()) {
-            (Some(error), _) => Err(error),
-            (None, Some(recorder)) => {
-                summary.add_recorder_notes(recorder.notes());
-                recorder.finish()
-            }
-            (None, None) => Ok(()),
-        };
         let exported = self.export.as_ref().map_or(Ok(Vec::new()), |dir| {
             // Consoles may still ask for it.
             let way = sides.mapping.trajectory.lock().poses();
@@ -255,7 +254,7 @@ impl Run<'_> {
         if !self.quiet {
             outputs::tell(&summary, exported.as_deref().unwrap_or_default(), out)?;
         }
-        recorded?;
+        recorded.result?;
         exported?;
         summarised?;
         Ok(summary)

@@ -114,7 +114,6 @@ impl Lookout {
     /// The clock of the data starts anew.
     pub fn reset_clock(&mut self) {
         self.arrivals.clear();
-        self.forget_ground();
         for sensor in &mut self.sensors {
             sensor.last = None;
         }

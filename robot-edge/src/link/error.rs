@@ -89,14 +89,16 @@ fn not_opened(channel: Channel, endpoints: &str, why: &zenoh::Error) -> String {
             .collect();
         let port = match channel {
             Channel::Control => "the port",
-            Channel::Bulk => "the port for tiles, which is the one after that of --listen,",
+            Channel::Bulk => "the port for tiles, which is the one after that for control,",
         };
         return format!(
             "another program has {port} already: {}. End that one, or choose another port with --listen",
             places.join(", ")
         );
     }
-    format!("the {channel:?} session cannot be opened ({endpoints}): {why}")
+    format!(
+        "the {channel:?} session cannot be opened ({endpoints}): {why}. --listen names another endpoint"
+    )
 }
 
 #[cfg(test)]
@@ -116,7 +118,7 @@ mod tests {
         };
         let told = |why| told_of(Channel::Control, why);
         let of_tiles = told_of(Channel::Bulk, "Address already in use (os error 98)");
-        assert!(of_tiles.contains("for tiles, which is the one after that of --listen, already"));
+        assert!(of_tiles.contains("for tiles, which is the one after that for control, already"));
         assert_eq!(
             told(
                 "Can not create a new listener: Address already in use (os error 98) at a.rs:418."

@@ -92,6 +92,8 @@ pub(super) struct Panels<'a> {
     pub(super) filter: &'a mut EventFilter,
     /// Where notices lie on the map, as soon as that is drawn.
     pub(super) notice_room: Option<NoticeRoom>,
+    /// Whether the lists of shores are there.
+    pub(super) draws_shores: bool,
 }
 
 impl Panels<'_> {
@@ -147,6 +149,7 @@ impl Panels<'_> {
                 commands.extend(layers_ui(ui, &layers).map(Command::Layer));
             }
             PanelId::Shores => {
+                self.draws_shores = true;
                 if let Some(shores) = ShoresData::new(model, self.map_view) {
                     commands.extend(shores_ui(ui, &shores).map(Command::Look));
                 }

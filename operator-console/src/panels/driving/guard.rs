@@ -20,7 +20,7 @@ pub(super) const HINT: &str = "How fast the collision guard lets the robot go th
                                where the last look is too old: there the robot may only creep, or not move at all. \
                                That ends by itself where its sensors have looked. What bars the way is among the red \
                                points of the last scans, which a sonar sees under water, or is fatal on the map. Where \
-                               it changes its mind, this is the least of the last 1.5 s, at times.";
+                               it changes its mind by turns, this is the least of the last 1.5 s, at times.";
 
 /// How fast it lets a vehicle go and turn the ways of `velocity`, m/s and rad/s; infinite where it sets no limit.
 pub(super) const fn allowed(guard: Guard, velocity: Velocity) -> [f32; 2] {
@@ -58,13 +58,16 @@ pub(crate) fn makes_stand(teleop: &TeleopStatus) -> bool {
 /// way.
 pub(super) fn guard(
     teleop: &TeleopStatus,
-    Tightest { guard, is_looser }: Tightest,
+    Tightest {
+        guard,
+        comes_and_goes,
+    }: Tightest,
     greatest: [f32; 2],
 ) -> (Tone, String) {
     let with = |word: &str| match teleop.state {
         TeleopState::SafeBoot | TeleopState::EStop | TeleopState::Fault(_) => word.to_owned(),
         TeleopState::Idle | TeleopState::Held | TeleopState::Driving | TeleopState::Stopping(_) => {
-            format!("{word}{}", allows(teleop, guard, is_looser, greatest))
+            format!("{word}{}", allows(teleop, guard, comes_and_goes, greatest))
         }
     };
     // What nobody drives from afar may move all the same: by its own program, or adrift.
@@ -86,7 +89,7 @@ pub(super) fn guard(
 fn allows(
     teleop: &TeleopStatus,
     guard: Guard,
-    is_looser: [bool; 2],
+    comes_and_goes: [bool; 2],
     [speed_mps, turn_radps]: [f32; 2],
 ) -> String {
     let Velocity {
@@ -120,7 +123,7 @@ fn allows(
             }
         };
     }
-    let at_times = if is_looser[usize::from(of_turn)] {
+    let at_times = if comes_and_goes[usize::from(of_turn)] {
         " at times"
     } else {
         ""

@@ -16,10 +16,10 @@ pub(super) fn opposed(helm: &HelmSight) -> Option<String> {
     if !helm.wish.is_neutral() {
         return None;
     }
-    let held = |keys: [DriveKey; 2]| keys.into_iter().find(|key| helm.keys.contains(key));
+    let first = |keys: [DriveKey; 2]| keys.into_iter().find(|key| helm.keys.contains(key));
     let [one, other] = [[FORWARD, BACK], [LEFT, RIGHT]]
         .into_iter()
-        .find_map(|[one, other]| Some([held(one)?, held(other)?]))?;
+        .find_map(|[one, other]| Some([first(one)?, first(other)?]))?;
     Some(format!(
         "{} and {} at once ask for nothing",
         name(one),
@@ -28,7 +28,7 @@ pub(super) fn opposed(helm: &HelmSight) -> Option<String> {
 }
 
 /// How a vehicle comes to turn that the guard makes stand because it is asked to go as well: it holds back both alike,
-/// so that the arc keeps its shape. `None` where the way is not what holds it.
+/// so that the arc keeps its shape. `None` where it lets it go that way.
 pub(super) fn turn_alone(teleop: &TeleopStatus, helm: &HelmSight, is_boat: bool) -> Option<String> {
     let Velocity {
         linear_mps,
@@ -46,21 +46,31 @@ pub(super) fn turn_alone(teleop: &TeleopStatus, helm: &HelmSight, is_boat: bool)
         return None;
     }
     if helm.keys.is_empty() {
-        return Some("Ask for the turn alone".to_owned());
+        return Some(if is_turn_free {
+            "Ask for the turn alone".to_owned()
+        } else {
+            "Ask for the way or the turn alone: one may be free".to_owned()
+        });
     }
-    let going = FORWARD.into_iter().chain(BACK);
-    let keys: Vec<_> = going
-        .filter(|key| helm.keys.contains(key))
-        .map(name)
-        .collect();
     // A boat drifts meanwhile.
     let turn = if is_boat { "turn" } else { "turn on the spot" };
-    let keys = keys.join(" and ");
+    let keys = held(helm, [FORWARD, BACK]);
     Some(if is_turn_free {
         format!("Let go of {keys} to {turn}")
     } else {
-        format!("Let go of {keys}: a turn alone may be free")
+        let turns = held(helm, [LEFT, RIGHT]);
+        format!("Let go of {keys}, or of {turns}: one alone may be free")
     })
+}
+
+/// Those of the keys that are held.
+fn held(helm: &HelmSight, keys: [[DriveKey; 2]; 2]) -> String {
+    let keys = keys.into_iter().flatten();
+    let names: Vec<_> = keys
+        .filter(|key| helm.keys.contains(key))
+        .map(name)
+        .collect();
+    names.join(" and ")
 }
 
 /// As the table of keys names it.

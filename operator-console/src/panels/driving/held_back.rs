@@ -25,7 +25,9 @@ pub(super) fn held_back(
     // near to what is asked for it is.
     if teleop.state == TeleopState::Driving && exceeds_guard(teleop) {
         // One that changes its mind from scan to scan leads nowhere: neither up nor down.
-        return Some(if tightest.is_looser.contains(&true) {
+        let asked = parts(teleop.requested).map(|speed| speed > 0.0);
+        let [going, turning] = tightest.comes_and_goes;
+        return Some(if going && asked[0] || turning && asked[1] {
             by(Clamp::Guard)
         } else {
             on_its_way("Slowing down", Clamp::Guard)
@@ -47,7 +49,7 @@ fn on_its_way(how: &str, to: Clamp) -> String {
 }
 
 /// The robot names its acceleration wherever it is below all limits. Whether these let it go as it is asked to is
-/// another matter, and the one to do something about: the guard by the tightest that it said lately.
+/// another matter, and the one to do something about: of a guard that changes its mind, the tightest of it.
 fn on_the_way_up(teleop: &TeleopStatus, guard: Guard) -> String {
     let (asked, told) = (teleop.requested, teleop.applied);
     let turns_round =

@@ -32,7 +32,8 @@ pub(super) fn hint(name: &str) -> Option<&'static str> {
         "pose jump" => "Scans of a time at which the position leapt.",
         "pose too old" => "Scans that are too much newer than the newest position.",
         "queue full" => {
-            "Scans that waited for a position while there was no room for more, or for mapping for more than 2 s."
+            "Scans that waited for a position while there was no room for more, or for mapping for more than 2 s, and \
+             those behind them until it had caught up."
         }
         "before joining" => {
             "Came before the robot had told which run of it this is. What the map lacks of it is fetched."

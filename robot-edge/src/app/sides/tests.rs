@@ -1,9 +1,11 @@
 use std::net::TcpListener;
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 use clap::Parser as _;
 
+use super::super::live_recording::LiveRecording;
 use super::super::mapping_side::LONGEST_LAG;
 use super::super::outputs;
 use super::super::replay::{look_through, set_up};
@@ -206,6 +208,63 @@ fn what_has_waited_too_long_for_mapping_is_left_out_where_the_present_matters() 
         assert_eq!(scans.mapped + scans.dropped.total(), scans.came_in);
         let events = std::mem::take(&mut sides.mapping.events).into_events();
         assert!(events.iter().any(|event| event.kind == "pose_jump"));
+    }
+}
+
+/// The guard needs a map that is of the present now and then, not one that is always nearly too old.
+#[test]
+fn once_a_scan_came_too_late_all_are_left_out_until_mapping_is_up_to_date() {
+    let command = replay_with(&["--no-network"]);
+    let (survey, config, plan) = look_through(&command).unwrap();
+    let (run, mut source) = set_up(&command, true, &survey, &config, plan).unwrap();
+    let mut sides = run.start().unwrap();
+    sides.mapping.is_live = true;
+    let waits_ms = [1_900, 2_100, 1_900, 300, 200, 1_900, 2_100, 0];
+    let mut mapped = Vec::new();
+    for (step, waited_ms) in steps_of(&mut sides, &mut source, waits_ms.len())
+        .into_iter()
+        .zip(waits_ms)
+    {
+        let Step::Placed { since, .. } = &step else {
+            panic!("a scan");
+        };
+        let now = *since + Duration::from_millis(waited_ms);
+        let before = sides.mapping.maps.report().scans_mapped;
+        sides.mapping.take_at(step, now).unwrap();
+        if sides.mapping.maps.report().scans_mapped > before {
+            mapped.push(waited_ms);
+        }
+    }
+    assert_eq!(mapped, [1_900, 200, 1_900, 0]);
+}
+
+/// Maps that are served, or exported, for long may be ended by force.
+#[test]
+fn what_is_recorded_is_whole_before_the_map_is_served_or_exported() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("r.mcap");
+    let command = replay_with(&["--no-network", "--record", path.to_str().unwrap()]);
+    let (survey, config, plan) = look_through(&command).unwrap();
+    let (run, mut source) = set_up(&command, true, &survey, &config, plan).unwrap();
+    let mut sides = run.start().unwrap();
+    let mut live = LiveRecording::new(&folder.path().join("live"), "scout", "rover").unwrap();
+    live.record(true);
+    // Static transforms, and what else is known before the first scan.
+    let before = Ordered::Measurement(next_measured(&mut source));
+    sides.placing.streams = source.streams_from(0);
+    live.add_streams(&sides.placing.streams);
+    sides.placing.live = Some(live);
+    take(&mut sides, before);
+    steps_of(&mut sides, &mut source, 5);
+    let recorded = sides.placing.end_recordings();
+    recorded.result.unwrap();
+    assert!(sides.placing.recorder.is_none());
+    // MCAP's magic stands at both ends of a file that is whole.
+    let mut live_files = std::fs::read_dir(folder.path().join("live")).unwrap();
+    for file in [path, live_files.next().unwrap().unwrap().path()] {
+        let bytes = std::fs::read(&file).unwrap();
+        assert!(bytes.len() > 1000, "{}", file.display());
+        assert!(bytes.ends_with(b"\x89MCAP0\r\n"), "{}", file.display());
     }
 }
 

@@ -169,18 +169,16 @@ impl<'a> Judgement<'a> {
     /// only noise takes nothing of going but what it is allowed less.
     fn aimed_beside_mps(&self, kept: Part, changing: Part, safe_mps: f64) -> f64 {
         let mut part = changing;
-        for _ in 0..=AIMS {
+        for aim in 0..=AIMS {
             let Some((mixed_mps, allowed_mps)) = self.mixture(kept, part) else {
                 break;
             };
+            let is_beside_little = kept.speed_mps <= AIMED_BESIDE * part.speed_mps;
             if mixed_mps <= allowed_mps {
-                return if part.speed_mps <= safe_mps {
-                    part.speed_mps
-                } else {
-                    0.0
-                };
+                let is_good = part.speed_mps <= safe_mps && (aim == 0 || is_beside_little);
+                return if is_good { part.speed_mps } else { 0.0 };
             }
-            if kept.speed_mps > AIMED_BESIDE * changing.speed_mps {
+            if !is_beside_little {
                 break;
             }
             part.speed_mps *= AIM * allowed_mps / mixed_mps;

@@ -101,7 +101,13 @@ fn a_vehicle_that_is_held_and_could_turn_says_what_to_let_go_of() {
             &[W, D],
             [0.4, -0.4],
             ahead,
-            "Let go of W: a turn alone may be free",
+            "Let go of W, or of D: one alone may be free",
+        ),
+        (
+            &[],
+            [0.4, -0.4],
+            ahead,
+            "Ask for the way or the turn alone: one may be free",
         ),
         // Nothing is to turn.
         (&[W], [0.4, 0.0], ahead, stands),

@@ -128,7 +128,13 @@ fn who_creeps_by_a_guard_that_changes_its_mind_neither_speeds_up_nor_slows_down(
     for (told_mps, lately_mps, says) in [
         (0.08, &[0.05, 0.5, 0.05, 0.5][..], Some(BY_GUARD)),
         (0.08, &[0.5, 0.05, 0.5, 0.05], Some(BY_GUARD)),
-        (0.01, &[0.0, 0.3], Some(BY_GUARD)),
+        (0.01, &[0.0, 0.3, 0.0, 0.3], Some(BY_GUARD)),
+        // Who stood in the way has gone.
+        (
+            0.01,
+            &[0.0, 0.0, 0.3],
+            Some("Speeding up as the collision guard allows"),
+        ),
         // A wider way is opening.
         (
             0.08,
@@ -152,4 +158,28 @@ fn who_creeps_by_a_guard_that_changes_its_mind_neither_speeds_up_nor_slows_down(
         let data = DrivingData::new(&model, &rig.helm, rig.now).unwrap();
         assert_eq!(data.clamp.as_deref(), says, "{told_mps} {lately_mps:?}");
     }
+}
+
+#[test]
+fn what_the_guard_says_of_a_turn_that_nobody_asks_for_is_not_what_holds_back() {
+    let limits = |forward_mps, right_radps| {
+        Guard::On(GuardLimits {
+            forward_mps,
+            right_radps,
+            ..FREE
+        })
+    };
+    let rig = boat([1.0, 0.0], [0.6, 0.0], Some(Clamp::Guard), Guard::Off);
+    let mut model = rig.model();
+    for (forward_mps, right_radps) in [(0.8, 0.05), (0.7, 0.2), (0.6, 0.05), (0.4, 0.2)] {
+        let mut teleop = rig.teleop.clone();
+        teleop.guard = limits(forward_mps, right_radps);
+        let status = Status {
+            teleop: Some(teleop),
+            ..Status::default()
+        };
+        says(&mut model, Topic::Status, &status, at(1_050));
+    }
+    let data = DrivingData::new(&model, &rig.helm, rig.now).unwrap();
+    assert_eq!(data.clamp.as_deref(), Some(SLOWS));
 }

@@ -49,9 +49,41 @@ fn the_row_of_the_guard_says_the_tightest_of_the_last_while() {
     };
     for (told, tone, says) in [
         (
-            vec![(GO, Guard::Blind(ahead(0.3))), (GO, Guard::On(FREE))],
+            vec![
+                (GO, Guard::Blind(ahead(0.3))),
+                (GO, Guard::On(FREE)),
+                (GO, Guard::Blind(ahead(0.3))),
+                (GO, Guard::On(FREE)),
+            ],
             Tone::Warning,
             "Sees too little, ahead ≤ 0.30 m/s at times",
+        ),
+        // What is over is over, and what is new holds.
+        (
+            vec![
+                (GO, Guard::Blind(ahead(0.3))),
+                (GO, Guard::Blind(ahead(0.3))),
+                (GO, Guard::On(FREE)),
+                (GO, Guard::On(FREE)),
+            ],
+            Tone::Good,
+            "On, ahead is free",
+        ),
+        (
+            vec![(GO, Guard::On(ahead(0.0))), (GO, Guard::On(ahead(0.4)))],
+            Tone::Good,
+            "On, ahead ≤ 0.40 m/s",
+        ),
+        // It sees enough by turns only.
+        (
+            vec![
+                (GO, Guard::Blind(ahead(0.3))),
+                (GO, Guard::On(ahead(0.3))),
+                (GO, Guard::Blind(ahead(0.3))),
+                (GO, Guard::On(ahead(0.3))),
+            ],
+            Tone::Warning,
+            "Sees too little, ahead ≤ 0.30 m/s",
         ),
         // Whoever comes nearer is told so plainly.
         (
@@ -84,13 +116,22 @@ fn the_row_of_the_guard_says_the_tightest_of_the_last_while() {
             "On, ahead ≤ 0.30 m/s",
         ),
         (
-            vec![(GO, Guard::On(ahead(0.0))), (GO, Guard::Blind(ahead(0.3)))],
+            vec![
+                (GO, Guard::On(ahead(0.0))),
+                (GO, Guard::Blind(ahead(0.3))),
+                (GO, Guard::On(ahead(0.0))),
+                (GO, Guard::Blind(ahead(0.3))),
+            ],
             Tone::Warning,
             "Sees too little, ahead is blocked at times",
         ),
         // What is so at times is not so now.
         (
-            vec![(GO, Guard::On(ahead(0.0))), (GO, Guard::On(ahead(0.4)))],
+            vec![
+                (GO, Guard::On(ahead(0.4))),
+                (GO, Guard::On(ahead(0.0))),
+                (GO, Guard::On(ahead(0.4))),
+            ],
             Tone::Good,
             "On, ahead is blocked at times",
         ),
@@ -101,7 +142,12 @@ fn the_row_of_the_guard_says_the_tightest_of_the_last_while() {
         ),
         // Each limit for itself.
         (
-            vec![(ARC, Guard::On(left)), (ARC, Guard::On(ahead(0.85)))],
+            vec![
+                (ARC, Guard::On(left)),
+                (ARC, Guard::On(ahead(0.85))),
+                (ARC, Guard::On(left)),
+                (ARC, Guard::On(ahead(0.85))),
+            ],
             Tone::Good,
             "On, turning left ≤ 6 °/s at times",
         ),
