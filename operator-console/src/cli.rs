@@ -7,6 +7,7 @@ use clap::builder::NonEmptyStringValueParser;
 use clap::{ArgAction, Args, Parser, Subcommand};
 use clap_complete::Shell;
 use protocol::keys::{OperatorId, RobotId};
+use robot_edge::cli::VehicleOptions;
 use robot_edge::exit::UsageError;
 use robot_edge::pacer::Rate;
 use robot_edge::replay_control::RATES;
@@ -36,6 +37,9 @@ pub struct Cli {
     /// Open a recording (MCAP, ROS 1 bag or CARMEN log) and map it here
     #[arg(long, value_name = "FILE", conflicts_with_all = ["connect", "robot", "demo"])]
     pub open: Option<PathBuf>,
+    /// Which vehicle recorded it, and what to take of it.
+    #[command(flatten, next_help_heading = "How to map the recording of --open")]
+    pub setup: VehicleOptions,
     /// Times as fast as it was recorded, 0.1 to 20, or `max` (with --open)
     #[arg(long, value_name = "1|2.5|max", default_value = "1", requires = "open", value_parser = rate, allow_negative_numbers = true)]
     pub rate: Rate,
@@ -141,6 +145,11 @@ impl Cli {
                 "--open shows a recording in the window: without one, use `robot-edge replay FILE --export DIR`",
             );
         }
+        if self.open.is_none() && self.setup != VehicleOptions::default() {
+            return wrong(
+                "--vehicle, --set and --topic say how to map the recording of --open: a robot is set up where it runs",
+            );
+        }
         match (&self.task, self.headless, &self.export) {
             (Some(Task::Drive(_)), false, _) => {
                 wrong("`drive` needs --headless: in the window you drive by hand")
@@ -220,6 +229,8 @@ mod tests {
                 "`robot-edge replay FILE --export DIR`",
             ),
             ("drive --script a", "--headless"),
+            ("--demo --set a=1", "recording of --open"),
+            ("--topic laser=/scan", "recording of --open"),
             (
                 "--headless --export b drive --script a",
                 "leave out --export",
@@ -228,7 +239,9 @@ mod tests {
             let error = parse(line).unwrap().check().unwrap_err();
             assert!(error.0.contains(says), "{line}: {error}");
         }
-        for line in ["", "--demo", "--headless --export a"] {
+        let setup =
+            "--open a.bag --vehicle holos --set localization.source=static --topic laser=/b";
+        for line in ["", "--demo", "--headless --export a", setup] {
             assert_eq!(parse(line).unwrap().check(), Ok(()));
         }
     }
@@ -256,7 +269,9 @@ mod tests {
         let help = Cli::command().render_help().to_string();
         let (_, demo) = help.split_once("--demo [").unwrap();
         let (demo, _) = demo.split_once("--").unwrap();
-        assert!(demo.contains("Other robots are not looked for"), "{help}");
+        let demo: Vec<_> = demo.split_whitespace().collect();
+        let says = "Other robots are not looked for";
+        assert!(demo.join(" ").contains(says), "{help}");
     }
 
     #[test]

@@ -166,6 +166,7 @@ pub(crate) fn standing() -> TeleopStatus {
             guard: false,
             recording: false,
         },
+        barrier: None,
     }
 }
 

@@ -15,7 +15,7 @@ use crate::cli::{Cli, Task};
 use crate::demo::Demo;
 use crate::headless::{self, Headless};
 use crate::identity::Identity;
-use crate::playback::in_words;
+use crate::playback::{ToOpen, in_words};
 use crate::script::{self, Drive};
 use crate::settings::{ConfigPath, default_file};
 use crate::window::{self, WindowSettings};
@@ -99,7 +99,11 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         screenshot: cli.screenshot.clone().zip(cli.after),
         controls: cli.controls.clone(),
         title: "Foreshore".to_owned(),
-        open: cli.open.clone().map(|path| (path, cli.rate)),
+        open: cli.open.clone().map(|path| ToOpen {
+            path,
+            setup: cli.setup.clone(),
+            rate: cli.rate,
+        }),
         config: config_path(cli),
         forgets_settings: cli.reset_settings,
     };

@@ -11,7 +11,6 @@ use protocol::keys::RobotId;
 use protocol::tile::BootId;
 use robot_edge::credentials::Credentials;
 use robot_edge::link::random_id;
-use robot_edge::pacer::Rate;
 use winit::event_loop::EventLoop;
 
 use crate::app::{AppSettings, ConsoleApp, Outcome, Screenshot, result_of};
@@ -20,6 +19,7 @@ use crate::demo::DemoFailure;
 use crate::hands::Hands;
 use crate::identity::Identity;
 use crate::input_loop::InputLoop;
+use crate::playback::ToOpen;
 use crate::settings::{self, ConfigPath, Keeper, Read, WindowPlace};
 use crate::theme;
 
@@ -46,8 +46,8 @@ pub struct WindowSettings {
     pub controls: Option<PathBuf>,
     /// On the window.
     pub title: String,
-    /// A recording to show, and how fast.
-    pub open: Option<(PathBuf, Rate)>,
+    /// A recording to show.
+    pub open: Option<ToOpen>,
     /// Where settings are kept, and whether those of the last run are left aside.
     pub config: ConfigPath,
     /// Begin with defaults, whatever was kept.

@@ -19,6 +19,7 @@ use operator_console::model::{ConsoleModel, ModelSettings};
 use operator_console::playback::{Playback, PlaybackCommand};
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
+use robot_edge::cli::VehicleOptions;
 use robot_edge::clock::Monotonic;
 use robot_edge::link::sessions::Endpoints;
 use robot_edge::pacer::Rate;
@@ -44,7 +45,7 @@ struct Rig {
 
 impl Rig {
     fn open(path: &Path, rate: Rate) -> Self {
-        let playback = Playback::open(path, rate).unwrap();
+        let playback = Playback::open(path, &VehicleOptions::default(), rate).unwrap();
         let settings = ModelSettings {
             robot: playback.robot().robot.clone(),
             session: BootId([5; 16]),
@@ -279,7 +280,7 @@ fn a_damaged_recording_is_refused_in_words() {
     let mut bytes = fs::read(rooms()).unwrap();
     bytes[8..].fill(0x5a);
     fs::write(&path, &bytes[..50_000]).unwrap();
-    let mut playback = Playback::open(&path, Rate::Max).unwrap();
+    let mut playback = Playback::open(&path, &VehicleOptions::default(), Rate::Max).unwrap();
     let started = Monotonic::now();
     let why = loop {
         if let Some(why) = playback.failure() {

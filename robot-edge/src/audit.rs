@@ -55,16 +55,28 @@ struct Line {
     /// Seconds since 1970.
     at_s: u64,
     kind: &'static str,
+    /// What was refused, in a word for programs; absent where nothing was.
+    what: Option<&'static str>,
     message: String,
 }
 
 impl Audit {
     /// Writes a line, some time soon: what kind of thing happened, and what in words.
     pub fn write(&self, kind: &'static str, message: impl Into<String>) {
+        self.write_line(kind, None, message.into());
+    }
+
+    /// Writes down that something was refused: `what`, in a word for programs, and what in words.
+    pub fn write_refused(&self, what: &'static str, message: impl Into<String>) {
+        self.write_line("refused", Some(what), message.into());
+    }
+
+    fn write_line(&self, kind: &'static str, what: Option<&'static str>, message: String) {
         self.tell(News::Line(Line {
             at_s: clock::seconds_since_1970(),
             kind,
-            message: message.into(),
+            what,
+            message,
         }));
     }
 
@@ -199,6 +211,7 @@ impl Writer {
             let Line {
                 at_s,
                 kind,
+                what,
                 message,
             } = line;
             let mut fields = json!({
@@ -207,6 +220,9 @@ impl Writer {
                 "kind": kind,
                 "message": message,
             });
+            if let Some(what) = what {
+                fields["what"] = json!(what);
+            }
             let lost = self.lost.swap(0, Ordering::Relaxed);
             at_stake += 1 + lost;
             if lost > 0 {

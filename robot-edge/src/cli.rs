@@ -8,7 +8,9 @@ use clap::{ArgAction, Args, Parser, Subcommand};
 use crate::actuators::MOTOR_GUARD_COMMAND;
 use crate::link::LOG_FILTER;
 
-pub use mapping::{DrivingOptions, MappingOptions, NetworkOptions, Replay, RunLive, Simulate};
+pub use mapping::{
+    DrivingOptions, MappingOptions, NetworkOptions, Replay, RunLive, Simulate, VehicleOptions,
+};
 pub use tools::{Check, Completions, Experiments, Info, Keys, MotorGuard, Recover, Vehicles};
 
 const EXIT_CODES: &str = "\

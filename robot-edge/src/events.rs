@@ -24,6 +24,7 @@ pub fn severity(kind: &str) -> Severity {
         | "involuntary_stop"
         | "guard_off"
         | "operators_unreadable"
+        | "loss"
         | "refused" => Severity::Warning,
         _other => Severity::Info,
     }

@@ -267,6 +267,7 @@ STOP_REASON = Enum(Released=None, Age=None, NotFinite=None, GuardStale=None, Lea
 FAULT_REASON = Enum(SelfTest=None, Actuator=None)
 VELOCITY = Struct(linear_mps=F32, angular_radps=F32)
 GUARD_LIMITS = Struct(forward_mps=F32, reverse_mps=F32, left_radps=F32, right_radps=F32)
+BARRIER = Struct(position_m=Tuple(F32, F32), kind=Enum(Seen=None, Mapped=None, Unseen=None))
 TELEOP_STATUS = Struct(
     state=Enum(
         SafeBoot=None, Idle=None, Held=None, Driving=None, Stopping=STOP_REASON, EStop=None, Fault=FAULT_REASON
@@ -285,6 +286,7 @@ TELEOP_STATUS = Struct(
     estop=Option(Struct(number=U64, is_stored=BOOL)),
     counters=Struct(accepted=U64, involuntary_stops=U64, refused=List(Struct(reason=REFUSAL, count=U64))),
     settings=Struct(budget_kbps=U32, guard=BOOL, recording=BOOL),
+    barrier=Option(BARRIER),
 )
 STATUS = Struct(
     data_time_ns=I64,

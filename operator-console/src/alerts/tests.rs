@@ -3,10 +3,11 @@ use protocol::message::{
     EStopStatus, Info, Pose, SensorFault, SensorStatus, Severity, Status, TeleopState,
     TeleopStatus, Velocity,
 };
+use protocol::tile::BootId;
 
 use super::*;
 use crate::model::RequestId;
-use crate::pretend::{self, answers, at, resting, scout, standing};
+use crate::pretend::{self, answers, at, resting, scout, standing, starts};
 
 fn says(model: &mut ConsoleModel, fault: Option<SensorFault>, estop: Option<u64>, now: Monotonic) {
     let teleop = TeleopStatus {
@@ -247,6 +248,7 @@ fn a_vehicle_that_sticks_is_an_alert_until_it_goes_or_is_no_longer_told_to() {
 #[test]
 fn nobody_is_said_to_be_stuck_now_who_is_not_heard() {
     let mut model = scout();
+    starts(&mut model, BootId([8; 16]), at(0));
     let mut alerts = Alerts::default();
     for ms in [0, 3_000] {
         drives(&mut model, 1.0, 0.0, at(ms));
@@ -260,15 +262,19 @@ fn nobody_is_said_to_be_stuck_now_who_is_not_heard() {
     };
     assert_eq!(said(&alerts), ("does".to_owned(), 1, false));
     alerts.acknowledge(&Alarm::Stuck);
-    alerts.look(&model, Subject::Robot, &[], at(4_000));
+    alerts.look(&model, Subject::Robot, &[], at(5_000));
     assert!(model.is_stuck(), "by what was heard last");
     assert_eq!(said(&alerts), ("did".to_owned(), 1, true));
     assert!(alerts.iter().any(|alert| alert.alarm == Alarm::LinkLost));
     // The same goes on: nothing has begun.
-    drives(&mut model, 1.0, 0.0, at(4_100));
-    let begun = alerts.look(&model, Subject::Robot, &[], at(4_100));
+    drives(&mut model, 1.0, 0.0, at(5_100));
+    let begun = alerts.look(&model, Subject::Robot, &[], at(5_100));
     assert_eq!(begun, []);
     assert_eq!(said(&alerts), ("does".to_owned(), 1, true));
+    // Another run of it has told nothing of that yet.
+    starts(&mut model, BootId([9; 16]), at(5_200));
+    alerts.look(&model, Subject::Robot, &[], at(5_200));
+    assert_eq!(said(&alerts), ("did".to_owned(), 1, true));
 }
 
 #[test]

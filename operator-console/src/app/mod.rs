@@ -28,7 +28,6 @@ use protocol::tile::BootId;
 use robot_edge::clock::{Monotonic, seconds_since_1970};
 use robot_edge::credentials::Credentials;
 use robot_edge::link::endpoints::check_console;
-use robot_edge::pacer::Rate;
 
 use crate::alerts::FleetAlerts;
 use crate::command::Command;
@@ -40,7 +39,7 @@ use crate::link::{Discovery, FoundRobot, RobotSession};
 use crate::model::KeptSiteNames;
 use crate::panels::connection::LinkSight;
 use crate::panels::robots::RobotsData;
-use crate::playback::{OpenDialog, Playback, drop_hint_ui, is_recording};
+use crate::playback::{OpenDialog, Playback, ToOpen, drop_hint_ui, is_recording};
 use crate::settings::{Keeper, Settings};
 use crate::shortcuts::has_space_behind_text;
 use crate::teleop_input::InputEvent;
@@ -83,8 +82,8 @@ pub struct AppSettings {
     pub identity: Identity,
     /// What drives.
     pub hands: Rc<Hands>,
-    /// A recording to show, and how fast.
-    pub open: Option<(PathBuf, Rate)>,
+    /// A recording to show.
+    pub open: Option<ToOpen>,
     /// What was kept of the last run.
     pub settings: Settings,
     /// What keeps it for the next; none where nothing is to be kept.
@@ -127,6 +126,8 @@ pub struct ConsoleApp {
     pictures: Vec<(PathBuf, Outcome)>,
     /// What is shown instead of a robot.
     playback: Option<Playback>,
+    /// What was to be shown from the start on.
+    to_open: Option<ToOpen>,
     open_dialog: OpenDialog,
 }
 
@@ -193,9 +194,10 @@ impl ConsoleApp {
             export: None,
             pictures: Vec::new(),
             playback: None,
+            to_open: settings.open,
             open_dialog: OpenDialog::default(),
         };
-        if let Some((path, rate)) = settings.open {
+        if let Some(ToOpen { path, rate, .. }) = app.to_open.clone() {
             app.open_recording(&path, rate);
         }
         app
@@ -276,6 +278,10 @@ impl eframe::App for ConsoleApp {
                     is_connected: session.is_connected(),
                     problem: session.problem(),
                     recording: self.playback.as_ref().map(Playback::file_name),
+                    failure: self
+                        .playback
+                        .as_mut()
+                        .and_then(|playback| playback.failure().map(str::to_owned)),
                     transport: session.transport(),
                     recordings: self
                         .recordings

@@ -212,13 +212,16 @@ impl ConsoleApp {
     }
 
     pub(super) fn open_recording(&mut self, path: &Path, rate: Rate) {
-        match Playback::open(path, rate) {
+        // What the command line says of a file holds whenever that is opened.
+        let setup = self.to_open.as_ref().filter(|said| said.path == path);
+        let setup = setup.map(|said| said.setup.clone()).unwrap_or_default();
+        match Playback::open(path, &setup, rate) {
             Ok(playback) => {
                 self.open_dialog.close();
                 self.close_recording();
                 self.connect(playback.robot().clone(), Sort::Recording);
                 self.playback = Some(playback);
-                let text = format!("{} is shown", path.display());
+                let text = format!("{} is opened", path.display());
                 self.note(Severity::Note, "recording", text);
             }
             Err(why) => {

@@ -56,6 +56,12 @@ impl ConsoleApp {
             let text = format!("The demo has ended: {why}");
             notes.push((Severity::Alarm, "demo", text));
         }
+        if let Some(playback) = &mut self.playback
+            && let Some(why) = playback.failure_to_tell()
+        {
+            let text = format!("{} cannot be shown: {why}", playback.file_name());
+            notes.push((Severity::Alarm, "recording", text));
+        }
         notes.extend(self.driving_notes());
         if let Some(export) = &mut self.export
             && let Some(end) = export.take_end()

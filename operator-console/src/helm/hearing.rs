@@ -82,10 +82,10 @@ impl Helm {
     fn hear_status(&mut self, status: TeleopStatus, now: Monotonic) {
         self.epoch = self.epoch.max(status.lease.epoch);
         match self.lease.hear(&status.lease, &self.identity.operator, now) {
-            Some(LeaseChange::Gained(epoch)) => self.gain_lease(epoch, now),
+            Some(LeaseChange::Gained(epoch)) => self.gain_lease(epoch, Loss::Lease, now),
             Some(LeaseChange::Lost) => {
                 self.lease = Lease::None;
-                self.lose(Loss::Lease, now);
+                self.lose_with_lease();
                 let note = self.why_lost(&status);
                 self.warn(now, note);
             }
@@ -171,7 +171,13 @@ impl Helm {
                 Answer::Granted(epoch),
             ) => {
                 self.note(now, Note::Answered(asked, answer));
-                self.gain_lease(epoch, now);
+                // Who had it already drove with what is down.
+                let loss = if self.lease.held().is_some() {
+                    Loss::Renewed
+                } else {
+                    Loss::Lease
+                };
+                self.gain_lease(epoch, loss, now);
                 return;
             }
             (Asked::Lease(LeaseRequest::Request | LeaseRequest::TakeOver), Answer::Waiting) => {
@@ -199,8 +205,8 @@ impl Helm {
         }
     }
 
-    /// A new grant: whatever was held down before counts for nothing.
-    fn gain_lease(&mut self, epoch: u64, now: Monotonic) {
+    /// A new grant: whatever was held down before counts for nothing, by this loss.
+    fn gain_lease(&mut self, epoch: u64, loss: Loss, now: Monotonic) {
         self.notice = None;
         self.estop_refused = None;
         self.epoch = self.epoch.max(epoch);
@@ -212,7 +218,7 @@ impl Helm {
         self.pace = Pace::new(now);
         // The loop had no reason to run until now.
         self.last_end = None;
-        self.lose(Loss::Lease, now);
+        self.lose(loss, now);
         self.note(now, Note::LeaseGained(epoch));
     }
 
@@ -223,10 +229,16 @@ impl Helm {
     pub(super) fn end_lease(&mut self, why: Note, now: Monotonic) {
         let was_held = self.lease.held().is_some();
         self.lease = Lease::None;
-        self.lose(Loss::Lease, now);
+        self.lose_with_lease();
         if was_held {
             self.note(now, why);
         }
+    }
+
+    /// Keys drive no more: the note that the lease is over says so.
+    fn lose_with_lease(&mut self) {
+        self.input.lose(Loss::Lease);
+        self.neutral_since = None;
     }
 
     fn acknowledge_estop(&mut self, number: u64, now: Monotonic) {

@@ -11,6 +11,7 @@ use crate::pretend::{BOOT, at, standing};
 use crate::teleop_input::{DriveKey, SpeedStep};
 
 mod change_of_keys;
+mod ended_lease;
 mod refused_stop;
 
 /// What a robot reads of a message.

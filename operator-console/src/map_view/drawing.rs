@@ -250,6 +250,10 @@ impl MapView {
             self.camera.points_per_m(),
         )
         .paint(painter, vehicle);
+        if let Some(barrier) = model.barrier().filter(|_| !is_old) {
+            let position_m = barrier.position_m.map(f64::from);
+            overlays::barrier::paint(painter, position_m, view, theme::STOPPING);
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use protocol::message::{Guard, TeleopStatus, Velocity};
+use protocol::message::{Barrier, Guard, TeleopStatus, Velocity};
 use robot_edge::clock::Monotonic;
 
 use super::ConsoleModel;
@@ -12,6 +12,9 @@ use super::recent::Recent;
 /// Three statuses of a vehicle that nobody drives; words that change more often than this are not read.
 const LATELY: Duration = Duration::from_millis(1500);
 
+/// Where the guard changes its mind with every scan, what it spoke of last is shown on.
+const BARRIER_LATELY: Duration = Duration::from_millis(500);
+
 /// What a status told of the guard.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guarding {
@@ -19,6 +22,8 @@ pub struct Guarding {
     pub guard: Guard,
     /// What was asked for meanwhile: it may speak of that way alone.
     pub requested: Velocity,
+    /// What it was that bounded that, where something did.
+    pub barrier: Option<Barrier>,
 }
 
 /// The same of the last statuses.
@@ -36,6 +41,7 @@ impl Guardings {
         let guarding = Guarding {
             guard: teleop.guard,
             requested: teleop.requested,
+            barrier: teleop.barrier,
         };
         self.heard.add((guarding, now), LATELY, now);
     }
@@ -45,13 +51,13 @@ impl Guardings {
         self.heard.clear();
     }
 
-    /// What was told within [`LATELY`] of the newest, the oldest first.
-    fn lately(&self) -> impl Iterator<Item = &Guarding> + Clone {
+    /// What was told within `span` of the newest, the oldest first.
+    fn within(&self, span: Duration) -> impl DoubleEndedIterator<Item = &Guarding> + Clone {
         let newest = self.heard.iter().last().map(|(_, at)| *at);
-        let is_late = move |at: Monotonic| newest.is_some_and(|newest| newest.since(at) < LATELY);
+        let is_within = move |at: Monotonic| newest.is_some_and(|newest| newest.since(at) < span);
         self.heard
             .iter()
-            .filter(move |(_, at)| is_late(*at))
+            .filter(move |(_, at)| is_within(*at))
             .map(|(guarding, _)| guarding)
     }
 }
@@ -60,14 +66,20 @@ impl ConsoleModel {
     /// What the guard said within 1.5 s before the newest status, and in that; the oldest first. It is there to be
     /// read: nothing that commands anything goes by it.
     pub fn guard_lately(&self) -> impl Iterator<Item = &Guarding> + Clone {
-        self.guardings.lately()
+        self.guardings.within(LATELY)
+    }
+
+    /// What the guard holds the vehicle back for, or did within half a second before the newest status: the last of it.
+    pub fn barrier(&self) -> Option<Barrier> {
+        let lately = self.guardings.within(BARRIER_LATELY);
+        lately.rev().find_map(|told| told.barrier)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::Status;
+    use protocol::message::{BarrierKind, Status};
     use protocol::tile::BootId;
 
     use super::*;
@@ -88,6 +100,32 @@ mod tests {
 
     fn told(model: &ConsoleModel) -> Vec<Guard> {
         model.guard_lately().map(|told| told.guard).collect()
+    }
+
+    #[test]
+    fn what_bounds_the_vehicle_is_known_for_half_a_second() {
+        let barrier = |x_m| Barrier {
+            position_m: [x_m, 0.0],
+            kind: BarrierKind::Mapped,
+        };
+        let mut model = scout();
+        let mut tells = |told: Option<Barrier>, ms| {
+            let teleop = TeleopStatus {
+                barrier: told,
+                ..standing()
+            };
+            let status = Status {
+                teleop: Some(teleop),
+                ..Status::default()
+            };
+            says(&mut model, Topic::Status, &status, at(ms));
+            model.barrier()
+        };
+        assert_eq!(tells(None, 1_000), None);
+        assert_eq!(tells(Some(barrier(1.0)), 1_100), Some(barrier(1.0)));
+        assert_eq!(tells(Some(barrier(2.0)), 1_200), Some(barrier(2.0)));
+        assert_eq!(tells(None, 1_699), Some(barrier(2.0)), "it comes and goes");
+        assert_eq!(tells(None, 1_700), None);
     }
 
     #[test]

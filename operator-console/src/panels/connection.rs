@@ -29,6 +29,8 @@ pub(super) const SHORT_MAPS: [&str; 4] = [IN_STEP, BEHIND, NO_MAP, OLD];
 /// What is said of the map of a recording that plays faster than it is drawn: nothing of it is asked for, or late.
 const DRAWING: &str = "Drawing";
 const ENDED: &str = "Ended";
+/// Of a recording that cannot be shown, or not to its end.
+pub(super) const FAILED: &str = "Failed";
 /// All that the map of a recording may be.
 pub(super) const SHORT_RECORDED: [&str; 3] = [IN_STEP, DRAWING, NO_MAP];
 
@@ -41,6 +43,8 @@ pub struct LinkSight {
     pub problem: Option<String>,
     /// The name of the file, where it is no robot but a recording that is replayed in this program.
     pub recording: Option<String>,
+    /// Why nothing more comes out of it.
+    pub failure: Option<String>,
     /// By what way messages about driving go; none while that is not known.
     pub transport: Option<Transport>,
     /// Where the robot's recordings are, where that is on this machine.
@@ -85,6 +89,7 @@ impl ConnectionData {
         let robot = model.robot();
         let has_ended = model.says_ended();
         let (tone, word, advice) = match state {
+            _ if link.failure.is_some() => (Tone::Warning, FAILED.to_owned(), link.failure.clone()),
             // What comes out of a file is never live.
             LinkState::Live if link.recording.is_some() => {
                 (Tone::Waiting, "Recording".to_owned(), None)
@@ -130,6 +135,8 @@ impl ConnectionData {
         };
         let heard = connection.age(now).unwrap_or_default();
         let (map_tone, map, map_short) = match map_state(model.map(), (state, heard), now) {
+            // Nothing more comes, whatever there is.
+            (_, _, NO_MAP) if link.failure.is_some() => (Tone::Warning, NO_MAP.to_owned(), NO_MAP),
             (tone, _, BEHIND) if link.recording.is_some() => drawing(tone, missing(model.map())),
             (Tone::Warning, text, short) if model.may_fall_silent() => (Tone::Waiting, text, short),
             state => state,
@@ -334,11 +341,20 @@ mod tests {
             transport: None,
             recordings: None,
             recording: Some("rooms.mcap".to_owned()),
+            failure: None,
             problem: Some("nobody answers at tcp/127.0.0.1:9".to_owned()),
             is_connected: false,
         };
         let data = ConnectionData::new(&model, &link, Monotonic::default());
         assert_eq!((data.tone, &*data.state), (Tone::Waiting, "Opening"));
+        let failed = LinkSight {
+            failure: Some("it has no scans".to_owned()),
+            ..link.clone()
+        };
+        let of_failed = ConnectionData::new(&model, &failed, Monotonic::default());
+        let says = (of_failed.tone, &*of_failed.state, &*of_failed.map);
+        assert_eq!(says, (Tone::Warning, "Failed", "No map"));
+        assert_eq!(of_failed.advice, failed.failure);
         let advice = data.advice.unwrap();
         assert!(!advice.contains("nobody"), "{advice}");
         assert_eq!(data.rows, []);

@@ -9,7 +9,7 @@ use eframe::egui::{
 };
 use robot_edge::clock::Monotonic;
 
-use super::connection::{ConnectionData, LinkSight, SHORT_MAPS, SHORT_RECORDED};
+use super::connection::{ConnectionData, FAILED, LinkSight, SHORT_MAPS, SHORT_RECORDED};
 use super::driving::{DrivingData, EStopFace, disabled_ui};
 use super::elide::elided;
 use super::robots::{alerts, swatch_ui};
@@ -29,7 +29,7 @@ const SIZE: f32 = 15.0;
 const LINE: f32 = 6.0;
 /// What the link of a robot may be; what a recording is.
 const LINKS: [&str; 4] = ["Live", "Silent", "Waiting", "Ended"];
-const RECORDINGS: [&str; 2] = ["Recording", "Opening"];
+const RECORDINGS: [&str; 3] = ["Recording", "Opening", FAILED];
 /// Ages of what is not very old are not longer, and where there is little room.
 const AGES: [&str; 2] = ["< 0.2 s ago", "< 0.2 s"];
 /// Bars that are narrower leave out what can be missed, points.

@@ -16,7 +16,7 @@ use std::thread;
 use anyhow::Context as _;
 use clap::Parser as _;
 use protocol::keys::RobotId;
-use robot_edge::cli::{Cli, Command, Replay};
+use robot_edge::cli::{Cli, Command, Replay, VehicleOptions};
 use robot_edge::link::random_id;
 use robot_edge::pacer::Rate;
 use robot_edge::recording::Format;
@@ -35,6 +35,17 @@ const PREFIX: &str = "recording-";
 /// Tiles' share of a link that never leaves this machine, kilobits per second.
 const BUDGET: &str = "streaming.budget_kbps=200000";
 
+/// A recording to show from the start on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ToOpen {
+    /// The file.
+    pub path: PathBuf,
+    /// For which vehicle it is mapped, each time that it is opened.
+    pub setup: VehicleOptions,
+    /// How fast.
+    pub rate: Rate,
+}
+
 /// A recording that is open. Dropping it closes it.
 pub struct Playback {
     path: PathBuf,
@@ -43,21 +54,22 @@ pub struct Playback {
     is_over: Arc<AtomicBool>,
     failed: Receiver<anyhow::Error>,
     failure: Option<String>,
+    is_failure_told: bool,
     /// Where the vehicle was, and the version of that.
     trail: (u64, Vec<[f64; 2]>),
 }
 
 impl Playback {
-    /// Opens a recording and begins to map it, at this rate. What is wrong behind its first bytes is said later, by
+    /// Opens a recording and begins to map it for this vehicle, at this rate. What is wrong behind its first bytes is said later, by
     /// [`Self::failure`].
     ///
     /// # Errors
     /// Where the file cannot be read or is no recording, or no port of this machine is free.
-    pub fn open(path: &Path, rate: Rate) -> anyhow::Result<Self> {
+    pub fn open(path: &Path, setup: &VehicleOptions, rate: Rate) -> anyhow::Result<Self> {
         Format::of(path)?;
         let endpoint = free_endpoint().context("no port is free for the recording")?;
         let robot: RobotId = name(random_id()?).parse()?;
-        let replay = replay(path, &robot, &endpoint)?;
+        let replay = replay(path, setup, &robot, &endpoint)?;
         let control = ReplayControl::new(rate);
         let is_over = Arc::new(AtomicBool::new(false));
         let (sender, failed) = sync_channel(1);
@@ -79,6 +91,7 @@ impl Playback {
             is_over,
             failed,
             failure: None,
+            is_failure_told: false,
             trail: (0, Vec::new()),
         })
     }
@@ -120,15 +133,32 @@ impl Playback {
     /// Why nothing more comes, in words.
     pub fn failure(&mut self) -> Option<&str> {
         if let Ok(why) = self.failed.try_recv() {
-            self.failure = Some(in_words(&why));
+            self.failure = Some(with_what_to_do(in_words(&why)));
         }
         self.failure.as_deref()
+    }
+
+    /// The same, once.
+    pub fn failure_to_tell(&mut self) -> Option<String> {
+        let failure = self.failure().map(str::to_owned);
+        let is_told = std::mem::replace(&mut self.is_failure_told, failure.is_some());
+        failure.filter(|_| !is_told)
     }
 }
 
 impl Drop for Playback {
     fn drop(&mut self) {
         self.is_over.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Where options help, where they go.
+fn with_what_to_do(words: String) -> String {
+    const OPTIONS: [&str; 3] = ["--set ", "--topic ", "--vehicle "];
+    if OPTIONS.iter().any(|option| words.contains(option)) {
+        format!("{words} (beside --open: operator-console --open FILE …)")
+    } else {
+        words
     }
 }
 
@@ -154,23 +184,30 @@ fn name(random: [u8; 16]) -> String {
     format!("{PREFIX}{a:02x}{b:02x}{c:02x}")
 }
 
-fn replay(path: &Path, robot: &RobotId, endpoint: &str) -> anyhow::Result<Replay> {
+fn replay(
+    path: &Path,
+    setup: &VehicleOptions,
+    robot: &RobotId,
+    endpoint: &str,
+) -> anyhow::Result<Replay> {
     let robot = robot.to_string();
     let line = ["robot-edge", "replay", "-", "--robot", &robot];
     let line = line.into_iter().chain(["--listen", endpoint]);
     let cli = Cli::try_parse_from(line.chain(["--set", BUDGET]))?;
-    let Command::Replay(replay) = cli.command else {
+    let Command::Replay(mut replay) = cli.command else {
         return Err(anyhow::anyhow!("this is no replay: {:?}", cli.command));
     };
     // Apart, since no name of a file is an option here.
-    Ok(Replay {
-        recording: path.to_owned(),
-        ..replay
-    })
+    path.clone_into(&mut replay.recording);
+    let budget = std::mem::replace(&mut replay.mapping.setup, setup.clone()).settings;
+    replay.mapping.setup.settings.splice(..0, budget);
+    Ok(replay)
 }
 
 #[cfg(test)]
 mod tests {
+    use robot_edge::config::Override;
+
     use super::*;
 
     #[test]
@@ -183,7 +220,10 @@ mod tests {
             (folder.path(), "this is a folder"),
             (&folder.path().join("gone.mcap"), "gone.mcap"),
         ] {
-            let why = Playback::open(path, Rate::Max).map(drop).unwrap_err();
+            let setup = VehicleOptions::default();
+            let why = Playback::open(path, &setup, Rate::Max)
+                .map(drop)
+                .unwrap_err();
             let words = in_words(&why);
             assert!(words.contains(says), "{words}");
             assert!(words.matches("os error").count() <= 1, "{words}");
@@ -194,10 +234,32 @@ mod tests {
     fn any_file_name_and_a_robot_of_its_own() {
         let robot: RobotId = name([7; 16]).parse().unwrap();
         let endpoint = "tcp/127.0.0.1:7000";
-        let replay = replay(Path::new("--help"), &robot, endpoint).unwrap();
+        let setup = VehicleOptions {
+            settings: vec!["localization.source=static".parse().unwrap()],
+            topics: vec![Override::topic("laser=/rear_scan").unwrap()],
+            ..VehicleOptions::default()
+        };
+        let replay = replay(Path::new("--help"), &setup, &robot, endpoint).unwrap();
         assert!(is_recording(&robot));
         assert_eq!(replay.recording, Path::new("--help"));
         assert_eq!(replay.mapping.robot, Some(robot));
         assert_eq!(replay.mapping.network.listen, [endpoint]);
+        // What the window needs comes first: whoever opens it may say otherwise.
+        let [budget, rest @ ..] = &replay.mapping.setup.overrides()[..] else {
+            panic!("nothing is set");
+        };
+        assert_eq!(*budget, BUDGET.parse().unwrap());
+        assert_eq!(rest, setup.overrides());
+    }
+
+    #[test]
+    fn where_options_help_it_is_said_where_they_go() {
+        let says = "several topics carry scans. Choose one, for example --topic laser=/rear_scan";
+        let words = with_what_to_do(says.to_owned());
+        assert!(
+            words.starts_with(says) && words.contains("operator-console --open FILE"),
+            "{words}"
+        );
+        assert_eq!(with_what_to_do("it is empty".to_owned()), "it is empty");
     }
 }

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use protocol::keys::RobotId;
-use protocol::message::{Info, TeleopState, TeleopStatus};
+use protocol::message::{Info, TeleopStatus};
 use protocol::tile::BootId;
 use robot_edge::clock::{self, Monotonic};
 use robot_edge::credentials::Credentials;
@@ -113,7 +113,7 @@ pub fn run(
         waited: Duration::ZERO,
         awaiting: None,
         ended: None,
-        seen: None,
+        said: words::Said::default(),
         greatest_age_ms: 0,
         failures: 0,
         out,
@@ -188,7 +188,7 @@ struct Play<'a> {
     awaiting: Option<(State, Monotonic, Duration, usize)>,
     /// When nothing was left to do.
     ended: Option<Monotonic>,
-    seen: Option<(TeleopState, bool)>,
+    said: words::Said,
     greatest_age_ms: u32,
     failures: u32,
     out: &'a mut dyn Write,
@@ -275,7 +275,7 @@ impl Play<'_> {
         Ok(None)
     }
 
-    /// Whether nothing is waited for any more.
+    /// Whether nothing is waited for any more. What is awaited in vain ends the script.
     fn is_awaited(&mut self, now: Monotonic) -> io::Result<bool> {
         let Some((state, since, longest, line)) = self.awaiting else {
             return Ok(true);
@@ -295,7 +295,15 @@ impl Play<'_> {
             self.waited += now.since(since);
         }
         if is_late && !is_so {
-            self.fail(&format!("line {line}: waited in vain"))?;
+            // What follows takes the vehicle to be in that state.
+            let rest = if self.steps.is_empty() {
+                ""
+            } else {
+                "; the rest is left out"
+            };
+            self.steps.clear();
+            let state = state.word();
+            self.fail(&format!("line {line}: waited in vain for {state}{rest}"))?;
         }
         Ok(is_so || is_late)
     }
@@ -317,11 +325,8 @@ impl Play<'_> {
             self.greatest_age_ms = self
                 .greatest_age_ms
                 .max(teleop.greatest_age_ms.unwrap_or(0));
-            let moves = teleop.applied.linear_mps != 0.0 || teleop.applied.angular_radps != 0.0;
-            let now = Some((teleop.state, moves));
-            if now != self.seen {
-                self.seen = now;
-                self.say(&words::status(&teleop))?;
+            if let Some(news) = self.said.news(&teleop) {
+                self.say(&news)?;
             }
         }
         Ok(())

@@ -19,11 +19,18 @@ A script has one action a line, behind the second at which it happens; `#` begin
   3.5 focus off                 as if the window lost the keyboard; focus on
   4.0 freeze 1.5                the program stands still for so many seconds
   5.0 estop
-  6.0 await estop 5             waits for a state, at most so many seconds, and shifts what follows:
-                                idle, held, driving, stopping, estop, fault,
-                                or `lease`: that this console has it
+  6.0 await estop 5             waits for a state, at most so many seconds, and shifts what follows;
+                                where it does not come, the script ends there
   6.0 reset                     ends the emergency stop that is in force
   7.0 budget 128                kbit/s for tiles; guard on|off; recording on|off
+States that `await` knows, and what the output says of them:
+  idle                          \"Nobody drives\"
+  held                          \"Standing\": somebody has the lease
+  driving                       \"Driving\", also where it is \"held back by the collision guard\"
+  stopping                      \"Stopping\", and why
+  estop                         \"Emergency stop\"
+  fault                         \"Fault\", and why
+  lease                         \"lease held\": this console has it, whatever the vehicle does
 At its end all keys are let go, and the answer to what was asked for last is waited for (5 s at most).";
 
 /// Longest script, bytes: a day of one action a second.
@@ -54,7 +61,7 @@ pub enum Action {
     Reset,
     /// The program stands still.
     Freeze(Duration),
-    /// Waits for a state.
+    /// Waits for a state; in vain: ends the script.
     Await(State, Duration),
 }
 
@@ -78,6 +85,29 @@ pub enum State {
 }
 
 impl State {
+    const ALL: [Self; 7] = [
+        Self::Idle,
+        Self::Held,
+        Self::Driving,
+        Self::Stopping,
+        Self::EStop,
+        Self::Fault,
+        Self::Lease,
+    ];
+
+    /// What a script calls it.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Idle => "idle",
+            Self::Held => "held",
+            Self::Driving => "driving",
+            Self::Stopping => "stopping",
+            Self::EStop => "estop",
+            Self::Fault => "fault",
+            Self::Lease => "lease",
+        }
+    }
+
     /// Whether the vehicle's is this one.
     pub const fn is(self, state: TeleopState) -> bool {
         matches!(
@@ -241,27 +271,20 @@ fn switch_of(word: &str) -> Result<bool, String> {
 }
 
 fn state_of(word: &str) -> Result<State, String> {
-    Ok(match word {
-        "idle" => State::Idle,
-        "held" => State::Held,
-        "driving" => State::Driving,
-        "stopping" => State::Stopping,
-        "estop" => State::EStop,
-        "fault" => State::Fault,
-        "lease" => State::Lease,
-        other => {
-            return Err(format!(
-                "{other:?} is no state: idle, held, driving, stopping, estop, fault or lease"
-            ));
-        }
+    let mut states = State::ALL.into_iter();
+    states.find(|state| state.word() == word).ok_or_else(|| {
+        format!("{word:?} is no state: idle, held, driving, stopping, estop, fault or lease")
     })
 }
 
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use protocol::message::{FaultReason, StopReason};
 
     use super::*;
+    use crate::helm::Note;
+    use crate::panels::driving::words;
 
     #[test]
     fn what_help_shows_is_a_script() {
@@ -281,6 +304,33 @@ mod tests {
             steps[8].action,
             Action::Await(State::EStop, Duration::from_secs(5))
         );
+    }
+
+    #[test]
+    fn help_tells_what_the_output_says_of_each_state() {
+        let begins = |words: String| {
+            let begin = words.split([':', ',']).next().unwrap_or_default();
+            format!("\"{begin}\"")
+        };
+        let says = |state| begins(words::state(state));
+        let (lease, _) = words::note(&Note::LeaseGained(4));
+        let fault = TeleopState::Fault(FaultReason::Actuator);
+        let stopping = TeleopState::Stopping(StopReason::Released);
+        for (state, says) in [
+            (State::Idle, says(TeleopState::Idle)),
+            (State::Held, says(TeleopState::Held)),
+            (State::Driving, says(TeleopState::Driving)),
+            (State::Stopping, says(stopping)),
+            (State::EStop, says(TeleopState::EStop)),
+            (State::Fault, says(fault)),
+            (State::Lease, begins(lease)),
+        ] {
+            let word = state.word();
+            let begin = format!("  {word} ");
+            let line = LANGUAGE.lines().find(|line| line.starts_with(&begin));
+            assert!(line.unwrap().contains(&says), "{line:?}: {says}");
+            assert_eq!(state_of(word), Ok(state));
+        }
     }
 
     #[test]

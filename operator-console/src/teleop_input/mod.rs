@@ -51,8 +51,10 @@ pub enum Loss {
     Link,
     /// The robot was restarted, or another one is driven.
     Robot,
-    /// Somebody else drives, or nobody does, or this is a new grant.
+    /// Somebody else drives, or nobody does, or it was down before the grant.
     Lease,
+    /// The lease was asked for anew by who had it: this is another grant.
+    Renewed,
     /// The emergency stop.
     EStop,
     /// The robot stopped by itself, and told why.

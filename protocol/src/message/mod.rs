@@ -26,8 +26,9 @@ pub use sensors::{
 };
 pub use shores::{Datum, DockingSite, ShoreClass, ShoreCluster, Shores, ShoresNews, ShoresRequest};
 pub use teleop::{
-    Arming, Clamp, CommandCounters, EStopStatus, FaultReason, Guard, GuardLimits, LeaseEnd,
-    LeaseStatus, RefusedCount, Settings, StopReason, TeleopState, TeleopStatus, Velocity,
+    Arming, Barrier, BarrierKind, Clamp, CommandCounters, EStopStatus, FaultReason, Guard,
+    GuardLimits, LeaseEnd, LeaseStatus, RefusedCount, Settings, StopReason, TeleopState,
+    TeleopStatus, Velocity,
 };
 pub use trajectory::{MAX_TRAJECTORY_POSES, TrajectoryPart, TrajectoryRequest};
 pub use voxels::{MAX_PART_BYTES, VoxelFile, VoxelsPart, VoxelsReply, VoxelsRequest};

@@ -39,6 +39,9 @@ pub struct TeleopStatus {
     pub counters: CommandCounters,
     /// What `set` can change, as it is.
     pub settings: Settings,
+    /// The nearest thing, or ground, that makes the guard bound the motion that is asked for; `None` where it bounds
+    /// nothing, or is not on.
+    pub barrier: Option<Barrier>,
 }
 
 /// What the vehicle is doing. Append-only.
@@ -179,6 +182,26 @@ pub struct GuardLimits {
     pub left_radps: f32,
     /// rad/s.
     pub right_radps: f32,
+}
+
+/// What bounds the motion that is asked for, by the collision guard.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Barrier {
+    /// Where it is, in `odom`, metres.
+    pub position_m: [f32; 2],
+    /// What it is.
+    pub kind: BarrierKind,
+}
+
+/// How the guard knows of what bounds a motion. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum BarrierKind {
+    /// A beam of the last sweeps hit it.
+    Seen,
+    /// An obstacle on the map that no beam hits now.
+    Mapped,
+    /// Ground that nobody has seen, or seen too long ago.
+    Unseen,
 }
 
 /// An emergency stop in force.

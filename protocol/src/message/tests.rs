@@ -345,6 +345,10 @@ fn teleop() -> TeleopStatus {
             guard: false,
             recording: true,
         },
+        barrier: Some(Barrier {
+            position_m: [1.0, -2.0],
+            kind: BarrierKind::Mapped,
+        }),
     }
 }
 
@@ -397,8 +401,16 @@ fn the_bodies_of_driving_are_the_documented_bytes() {
         &[1, 0xAC, 2, 1],       // estop
         &[0xAC, 2, 2, 1, 5, 7], // counters
         &[0x80, 2, 0, 1],       // settings
+        &[1],                   // barrier
+        &[ONE, MINUS_TWO].concat(),
+        &[1],
     ];
     assert_eq!(body(&teleop()), expected.concat());
+    let nothing_in_the_way = TeleopStatus {
+        barrier: None,
+        ..teleop()
+    };
+    assert_eq!(body(&nothing_in_the_way).last(), Some(&0));
 }
 
 /// They are append-only: a number never moves.
@@ -459,6 +471,7 @@ fn variants_have_the_documented_numbers() {
         Guard::Blind(limits),
         Guard::Stale,
     ]);
+    check(&[BarrierKind::Seen, BarrierKind::Mapped, BarrierKind::Unseen]);
     check(&Refusal::ALL);
     check(&SensorKind::ALL);
     check(&SensorFault::ALL);
@@ -520,8 +533,8 @@ fn messages_of_driving_are_small() {
         },
         ..teleop()
     };
-    assert_eq!(body(&teleop()).len(), 74);
-    assert_eq!(body(&full).len(), 534);
+    assert_eq!(body(&teleop()).len(), 84);
+    assert_eq!(body(&full).len(), 544);
 }
 
 proptest! {

@@ -66,7 +66,7 @@ const EXAMPLES: [(&str, Check); 41] = [
 ];
 
 /// What is in messages and is none itself.
-const PARTS: [&str; 37] = [
+const PARTS: [&str; 39] = [
     "LayerInfo",
     "SensorInfo",
     "SensorKind",
@@ -103,6 +103,8 @@ const PARTS: [&str; 37] = [
     "CommandCounters",
     "RefusedCount",
     "Settings",
+    "Barrier",
+    "BarrierKind",
     "Refusal",
 ];
 

@@ -124,9 +124,10 @@ fn salvage(command: &Recover, out: &mut dyn Write) -> anyhow::Result<Exit> {
     if format != Format::Mcap {
         return Err(UsageError(format!(
             "{}: this is a {format}, and recover writes MCAP from MCAP. `robot-edge replay` reads what is \
-             left of it as it is, and with --record {} writes that as MCAP",
+             left of it as it is, and with --record {} writes that as MCAP; add --set localization.source=static \
+             where `robot-edge info` finds nothing that says where the sensor was",
             damaged.display(),
-            saved.display()
+            saved.with_extension("mcap").display()
         ))
         .into());
     }

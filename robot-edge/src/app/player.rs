@@ -70,6 +70,8 @@ struct Player<'a> {
     checkpoints: Checkpoints,
     /// What the source has lost in this round.
     lost: u64,
+    /// How much of that it has put into words.
+    loss_notes: usize,
     /// Taken from the source, and behind the position.
     next: Option<(Item, RobotDuration)>,
     /// Up to here the recording is mapped.
@@ -113,6 +115,7 @@ impl<'a> Player<'a> {
             items: 0,
             checkpoints: Checkpoints::new(),
             lost: 0,
+            loss_notes: 0,
             next: None,
             position: RobotDuration::ZERO,
             newest: RobotDuration::ZERO,
@@ -317,23 +320,34 @@ impl<'a> Player<'a> {
         });
     }
 
-    /// Marks what could not be read since the last item.
+    /// Marks what could not be read since the last item, and tells of it.
     fn mark_losses(&mut self, at: RobotDuration) {
         let lost = self.source.lost_total();
         let more = lost.saturating_sub(self.lost);
+        let notes = self.source.loss_notes();
+        let words = notes.get(self.loss_notes..).unwrap_or_default().join("; ");
+        self.loss_notes = notes.len();
         if more == 0 {
             return;
         }
         self.lost = lost;
-        let message = match more {
-            1 => "a message could not be read".to_owned(),
-            n => format!("{n} messages could not be read"),
+        let message = match (words.is_empty(), more) {
+            (false, _) => words,
+            // Those behind the first are only counted.
+            (true, 1) => "a message could not be read".to_owned(),
+            (true, n) => format!("{n} messages could not be read"),
         };
-        self.control.mark(Mark {
+        let mark = Mark {
             at,
             kind: "loss",
-            message,
-        });
+            message: message.clone(),
+        };
+        let is_new = self.control.mark(mark);
+        if let Some(network) = &self.sides.mapping.network
+            && is_new
+        {
+            network.tell("loss", &message);
+        }
     }
 }
 

@@ -73,13 +73,13 @@ pub fn play(
 pub(super) fn look_through(command: &Replay) -> anyhow::Result<(Survey, Config, Plan)> {
     let options = &command.mapping;
     // What the command line gets wrong should not wait for the recording to be read.
-    if let Some(vehicle) = &options.vehicle {
-        config::load(vehicle, &options.overrides())?;
+    if let Some(vehicle) = &options.setup.vehicle {
+        config::load(vehicle, &options.setup.overrides())?;
     }
     writable::spare(&command.recording, options)?;
     let survey = Survey::of(&command.recording)?;
     nothing_could_be_read(&survey)?;
-    let (vehicle, why) = match (&options.vehicle, &survey.vehicle) {
+    let (vehicle, why) = match (&options.setup.vehicle, &survey.vehicle) {
         (Some(vehicle), _) => (vehicle.as_str(), "as asked for"),
         (None, Some(vehicle)) => (vehicle.as_str(), "named in the recording"),
         (None, None) => (
@@ -87,7 +87,7 @@ pub(super) fn look_through(command: &Replay) -> anyhow::Result<(Survey, Config, 
             "the recording names no vehicle; --vehicle chooses another",
         ),
     };
-    let config = config::load(vehicle, &options.overrides())?;
+    let config = config::load(vehicle, &options.setup.overrides())?;
     range_sensors(&config)?;
     start_is_within(&survey, command.start_s)?;
     let mut plan = plan(&survey, &config)?;

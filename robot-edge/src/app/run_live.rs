@@ -35,14 +35,14 @@ pub(super) fn run_live(
     out: &mut dyn Write,
 ) -> anyhow::Result<Exit> {
     let options = &command.mapping;
-    let (vehicle, why) = match &options.vehicle {
+    let (vehicle, why) = match &options.setup.vehicle {
         Some(vehicle) => (vehicle.as_str(), "as asked for"),
         None => (
             DEFAULT_VEHICLE,
             "nobody says which vehicle it is; --vehicle does",
         ),
     };
-    let config = config::load(vehicle, &options.overrides())?;
+    let config = config::load(vehicle, &options.setup.overrides())?;
     range_sensors(&config)?;
     // What cannot be written should be known before the sensors are there.
     writable::prepare(options.export.as_deref(), options.summary.as_deref())?;

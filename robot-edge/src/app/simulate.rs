@@ -32,10 +32,11 @@ pub(super) fn simulate(
     let options = &command.mapping;
     let world = World::load(&command.world)?;
     let vehicle = options
+        .setup
         .vehicle
         .as_deref()
         .unwrap_or_else(|| world.vehicle());
-    let config = config::load(vehicle, &options.overrides())?;
+    let config = config::load(vehicle, &options.setup.overrides())?;
     let network = NetworkPlan::new(&options.network, options.robot.as_ref(), &config)?;
     let can_be_driven = command.rate.is_real_time() || command.drive_at_any_rate;
     let motors = (network.is_some() && can_be_driven).then(SimulatedMotors::default);

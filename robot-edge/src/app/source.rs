@@ -105,6 +105,11 @@ pub(super) struct Replay {
 }
 
 impl Replayed {
+    /// What this round has lost so far, the first of it in words: where in the file, and what.
+    pub(super) fn loss_notes(&self) -> &[String] {
+        self.reader.loss_notes()
+    }
+
     pub(super) fn new(open: Open, what: Replay) -> Result<Self, RecordingError> {
         Ok(Self {
             reader: open()?,

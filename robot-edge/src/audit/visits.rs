@@ -75,6 +75,7 @@ impl Visits {
         let line = Line {
             at_s,
             kind,
+            what: None,
             message: format!("{who} {verb}, {channel}, from {from}"),
         };
         let host = from.rsplit_once(':').map_or(&*from, |(host, _port)| host);
@@ -169,6 +170,7 @@ impl Visit {
         Some(Line {
             at_s,
             kind: "looks",
+            what: None,
             message: format!(
                 "{who} connected and was soon gone {times} more, {channel}, last from {from}"
             ),

@@ -93,9 +93,9 @@ pub struct DrivingOptions {
     pub recordings: Option<PathBuf>,
 }
 
-/// Options of every command that maps.
-#[derive(Clone, Debug, PartialEq, Args)]
-pub struct MappingOptions {
+/// Which vehicle, and how it is set up.
+#[derive(Clone, Debug, Default, PartialEq, Args)]
+pub struct VehicleOptions {
     /// Vehicle: a preset (see `robot-edge vehicles`) or a configuration file
     #[arg(long, value_name = "NAME|FILE", value_parser = NonEmptyStringValueParser::new())]
     pub vehicle: Option<String>,
@@ -105,6 +105,14 @@ pub struct MappingOptions {
     /// Topic of a sensor, where several fit: `laser=/scan`; may be repeated
     #[arg(long = "topic", value_name = "ROLE=NAME", value_parser = Override::topic)]
     pub topics: Vec<Override>,
+}
+
+/// Options of every command that maps.
+#[derive(Clone, Debug, PartialEq, Args)]
+pub struct MappingOptions {
+    /// Which vehicle.
+    #[command(flatten)]
+    pub setup: VehicleOptions,
     /// Name of this robot: letters, digits, `_` and `-`
     #[arg(long, value_name = "ID")]
     pub robot: Option<RobotId>,
@@ -151,7 +159,7 @@ pub struct NetworkOptions {
     pub stay: bool,
 }
 
-impl MappingOptions {
+impl VehicleOptions {
     /// Everything that overrides the vehicle's configuration, weakest first.
     pub fn overrides(&self) -> Vec<Override> {
         self.settings.iter().chain(&self.topics).cloned().collect()

@@ -36,9 +36,9 @@ fn replay_takes_every_option() {
     assert_eq!(replay.rate, Rate::Times(2.5));
     assert!(replay.repeat && replay.mapping.network.no_network);
     assert_eq!((replay.start_s, replay.duration_s), (1.5, Some(60.0)));
-    assert_eq!(replay.mapping.vehicle.as_deref(), Some("pioneer"));
+    assert_eq!(replay.mapping.setup.vehicle.as_deref(), Some("pioneer"));
     assert_eq!(replay.mapping.robot, Some("scout-1".parse().unwrap()));
-    assert_eq!(replay.mapping.overrides().len(), 3);
+    assert_eq!(replay.mapping.setup.overrides().len(), 3);
     assert_eq!(replay.mapping.summary, Some(PathBuf::from("s.json")));
 }
 
@@ -66,7 +66,7 @@ fn defaults_are_those_of_the_contract() {
     let replay = replay("replay log.clf");
     assert_eq!(replay.rate, Rate::Max);
     assert_eq!((replay.start_s, replay.duration_s), (0.0, None));
-    assert_eq!(replay.mapping.vehicle, None);
+    assert_eq!(replay.mapping.setup.vehicle, None);
 }
 
 #[test]

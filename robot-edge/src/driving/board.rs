@@ -9,7 +9,7 @@ use protocol::message::TeleopStatus;
 
 use super::words;
 use crate::actuators::Fault;
-use crate::teleop::guard::Lack;
+use crate::teleop::guard::{Barrier, Lack};
 use crate::teleop::{AgeToken, Happening, OperatorId, TeleopReport};
 
 /// Notices that wait to be told at most; the oldest goes.
@@ -48,7 +48,8 @@ pub(super) enum Notice {
 #[derive(Debug, Default)]
 pub struct Board {
     token: Mutex<Option<AgeToken>>,
-    report: Mutex<Option<TeleopReport>>,
+    /// With what bounds the motion that is asked for, by the guard.
+    report: Mutex<Option<(TeleopReport, Option<Barrier>)>>,
     notices: Mutex<VecDeque<Notice>>,
     names: Mutex<Vec<OperatorName>>,
     switches: Mutex<words::Switches>,
@@ -67,15 +68,17 @@ impl Board {
     /// Whether somebody holds the lease, or is about to: then tokens go out with every round.
     pub fn is_held(&self) -> bool {
         let report = *read(&self.report);
-        report.is_some_and(|report| report.lease.holder.is_some() || report.lease.next.is_some())
+        report
+            .is_some_and(|(report, _)| report.lease.holder.is_some() || report.lease.next.is_some())
     }
 
     /// How driving is going, for the next status; `None` before the loop's first round.
     pub fn status(&self) -> Option<TeleopStatus> {
-        let report = (*read(&self.report))?;
+        let (report, barrier) = (*read(&self.report))?;
         let mut switches = *read(&self.switches);
         switches.recording = self.is_recording.load(Ordering::Relaxed);
-        Some(words::status(&report, &read(&self.names), switches))
+        let told = (&report, barrier);
+        Some(words::status(told, &read(&self.names), switches))
     }
 
     /// What happened since the last call, in words: kind and message.
@@ -119,8 +122,8 @@ impl Board {
         write(&self.token, |shown| *shown = Some(token));
     }
 
-    pub(super) fn show_report(&self, report: &TeleopReport) {
-        write(&self.report, |shown| *shown = Some(*report));
+    pub(super) fn show_report(&self, report: &TeleopReport, barrier: Option<Barrier>) {
+        write(&self.report, |shown| *shown = Some((*report, barrier)));
     }
 
     pub(super) fn show_switches(&self, switches: words::Switches) {

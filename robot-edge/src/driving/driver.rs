@@ -109,13 +109,13 @@ impl Driver {
     ///
     /// In the order of "Security": size, rate, token, epoch, sequence, signature. A flood buys no signature checks.
     pub(super) fn receive(&mut self, incoming: Incoming, now: Monotonic) {
-        let operator = incoming.operator.clone();
+        let (operator, wish) = (incoming.operator.clone(), incoming.wish());
         let refused = match self.sender(&incoming, now) {
             Ok(sender) => self.serve(&sender, incoming, now),
             Err(refusal) => Err((refusal, incoming.reply)),
         };
         if let Err((refusal, reply)) = refused {
-            self.witness.refused(&operator, refusal, now);
+            self.witness.refused(&operator, wish, refusal, now);
             self.step(now, Event::Rejected(refusal));
             if let Some(reply) = reply {
                 reply(Answer::Refused(words::refusal(refusal)));
@@ -160,7 +160,8 @@ impl Driver {
         if let Some(log) = &mut self.log {
             log.add(now, &report);
         }
-        self.board.show_report(&report);
+        let barrier = self.sight.as_ref().and_then(Sight::barrier);
+        self.board.show_report(&report, barrier);
         self.board.tell(&mut self.notices);
     }
 

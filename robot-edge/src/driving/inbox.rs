@@ -6,7 +6,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use protocol::keys::{OperatorId, OperatorTopic};
-use protocol::message::Answer;
+use protocol::message::{Answer, Drive};
+use protocol::signed::Envelope;
+
+use crate::teleop::Wish;
 
 /// Messages that wait for the loop at most. It takes all of them every 20 ms, or as they come.
 const CAPACITY: usize = 256;
@@ -65,6 +68,26 @@ impl Outlet {
     /// Messages for which there was no room, since the last call.
     pub(super) fn take_overflown(&self) -> u64 {
         self.overflown.swap(0, Ordering::Relaxed)
+    }
+}
+
+impl Incoming {
+    /// What it asks for, as its key says and what it claims: a driving command can carry an emergency stop.
+    pub(super) fn wish(&self) -> Wish {
+        match self.topic {
+            OperatorTopic::Drive if self.carries_estop() => Wish::EStop,
+            OperatorTopic::Drive => Wish::Drive,
+            OperatorTopic::EStop => Wish::EStop,
+            OperatorTopic::Reset => Wish::Reset,
+            OperatorTopic::Lease => Wish::Lease,
+            OperatorTopic::Set => Wish::Setting,
+        }
+    }
+
+    fn carries_estop(&self) -> bool {
+        let claimed =
+            Envelope::parse(&self.bytes).and_then(|envelope| envelope.claimed_command::<Drive>());
+        claimed.is_ok_and(|drive| drive.estop.is_some())
     }
 }
 

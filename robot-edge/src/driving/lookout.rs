@@ -16,7 +16,7 @@ use crate::mapping::posed_scan::PosedScan;
 use crate::pose::{self, Pose};
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::teleop::guard::{
-    CollisionGuard, Copying, GuardInput, GuardRules, GuardSweep, Lack, LocalMap, Odometry,
+    Barrier, CollisionGuard, Copying, GuardInput, GuardRules, GuardSweep, Lack, LocalMap, Odometry,
 };
 use crate::teleop::{GuardVerdict, Velocity};
 
@@ -221,6 +221,11 @@ impl Sight {
     /// What the guard lacked in the last round, where it could not judge then.
     pub(super) const fn lack(&self) -> Option<Lack> {
         self.guard.lack()
+    }
+
+    /// What bounded the motion that was asked for in the last round.
+    pub(super) const fn barrier(&self) -> Option<Barrier> {
+        self.guard.barrier()
     }
 
     /// The guard's word of this round.

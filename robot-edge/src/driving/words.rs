@@ -9,6 +9,7 @@ use protocol::signed::{SignedError, Stamp};
 
 use crate::teleop::arbiter::{FaultReason, StopReason};
 use crate::teleop::arming::Arming;
+use crate::teleop::guard::{Barrier, BarrierKind};
 use crate::teleop::report::Clamp;
 use crate::teleop::{
     self, AgeToken, GuardVerdict, Mode, OperatorId, Refusal, TeleopReport, Velocity,
@@ -94,9 +95,9 @@ pub(super) const fn answer(answer: teleop::Answer) -> Answer {
     }
 }
 
-/// How driving is going, for everybody.
+/// How driving is going, for everybody, and what bounds the motion that is asked for.
 pub(super) fn status(
-    report: &TeleopReport,
+    (report, barrier): (&TeleopReport, Option<Barrier>),
     names: &[OperatorName],
     switches: Switches,
 ) -> TeleopStatus {
@@ -140,6 +141,10 @@ pub(super) fn status(
             guard: switches.guard,
             recording: switches.recording,
         },
+        barrier: match report.guard {
+            Some(GuardVerdict::Limits(_)) => barrier.map(barrier_on_the_wire),
+            None | Some(GuardVerdict::Off | GuardVerdict::Stale) => None,
+        },
     }
 }
 
@@ -174,6 +179,17 @@ fn guard(verdict: Option<GuardVerdict>) -> Guard {
                 Guard::On(shown)
             }
         }
+    }
+}
+
+fn barrier_on_the_wire(barrier: Barrier) -> message::Barrier {
+    message::Barrier {
+        position_m: barrier.position_in_odom.map(|along_m| along_m as f32),
+        kind: match barrier.kind {
+            BarrierKind::Seen => message::BarrierKind::Seen,
+            BarrierKind::Mapped => message::BarrierKind::Mapped,
+            BarrierKind::Unseen => message::BarrierKind::Unseen,
+        },
     }
 }
 

@@ -126,9 +126,8 @@ mod tests {
             "another program has the port already: quic/127.0.0.1:7447, tls/127.0.0.1:7447. End that one, or choose \
              another port with --listen"
         );
-        assert!(
-            told("no such host")
-                .ends_with("mixed_rel=1, tls/127.0.0.1:7447#so_sndbuf=1): no such host")
-        );
+        assert!(told("no such host").ends_with(
+            "mixed_rel=1, tls/127.0.0.1:7447#so_sndbuf=1): no such host. --listen names another endpoint"
+        ));
     }
 }

@@ -4,7 +4,7 @@ use super::arbiter::Mode;
 use super::emergency_stop::{EStopId, EStopSource};
 use super::lease::{How, LeaseEnd};
 use super::operator::{Caller, OperatorId, RequestId};
-use super::refusal::Refusal;
+use super::refusal::{Refusal, Wish};
 use super::token::AgeToken;
 use super::velocity::Velocity;
 
@@ -106,6 +106,8 @@ pub enum Happening {
     },
     /// A request was refused (commands are only counted).
     Refused {
+        /// What was asked for: an emergency stop, a reset or the lease.
+        wish: Wish,
         /// Whose.
         caller: Caller,
         /// Why.

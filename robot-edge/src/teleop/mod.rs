@@ -46,7 +46,7 @@ pub use config::{Rules, TeleopConfig};
 pub use emergency_stop::EStopId;
 pub use event::{Event, LeaseVerb};
 pub use operator::{Caller, OperatorId, RequestId, Role};
-pub use refusal::{Counters, Refusal};
+pub use refusal::{Counters, Refusal, Wish};
 pub use report::TeleopReport;
 pub use token::{AgeToken, TokenFault, TokenRing};
 pub use velocity::Velocity;

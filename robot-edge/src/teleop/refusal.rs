@@ -1,6 +1,32 @@
-//! Why something was refused, and how often.
+//! What was refused, why, and how often.
 
 use super::token::TokenFault;
+
+/// What an operator may ask for, and be refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Wish {
+    /// To drive.
+    Drive,
+    /// To stop and stay stopped.
+    EStop,
+    /// The end of an emergency stop.
+    Reset,
+    /// Another holder of the lease.
+    Lease,
+    /// Another setting.
+    Setting,
+}
+
+impl Wish {
+    /// All of them.
+    pub const ALL: [Self; 5] = [
+        Self::Drive,
+        Self::EStop,
+        Self::Reset,
+        Self::Lease,
+        Self::Setting,
+    ];
+}
 
 /// Why a command or a request had no effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::process::{robot_edge, rooms, run};
+use crate::process::{events, robot_edge, rooms, run, summary_of};
 use crate::shared_data::shared_data;
 
 fn info(path: &Path) -> String {
@@ -58,6 +58,32 @@ can it be mapped?
   transforms lead from laser to odom
   robot-edge replay FILE
 "
+    );
+}
+
+/// The recording has transforms as well, but the vehicle that it names wants others.
+#[test]
+fn the_poses_are_those_that_a_replay_takes() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = folder.path().join("ramp.mcap");
+    let simulate = "simulate ramp --rate max --duration 5 --record";
+    summary_of(robot_edge(simulate).arg(&recording));
+    check(
+        &recording,
+        &[
+            "vehicle: holos",
+            "odom",
+            "laser (static)",
+            "can it be mapped?",
+            "wheels of /joint_states and attitude of /imu/data give poses, as the vehicle holos wants them",
+            "robot-edge replay FILE",
+        ],
+    );
+    let replayed = events(&summary_of(robot_edge("replay").arg(&recording)));
+    let poses = "setup: poses: wheels of /joint_states and attitude of /imu/data, ";
+    assert!(
+        replayed.iter().any(|event| event.starts_with(poses)),
+        "{replayed:?}"
     );
 }
 

@@ -84,8 +84,15 @@ fn what_cannot_be_salvaged_says_why() {
             "recover writes MCAP from MCAP",
             "replay",
             "--record",
+            "--set localization.source=static",
         ],
     );
+    // What it proposes to write is MCAP by its name too.
+    let as_mcap = format!("--record {} writes", place("saved.mcap").display());
+    run(robot_edge("recover")
+        .arg(place("a.bag"))
+        .arg(place("saved.bag")))
+    .refuses(2, &[as_mcap.as_str()]);
     run(robot_edge("recover")
         .arg(rooms())
         .arg(place("no/such/out.mcap")))

@@ -6,7 +6,8 @@ use std::io;
 use protocol::tile_store::RootDigest;
 use robot_edge::app;
 use robot_edge::cli::{
-    Cli, Command, DrivingOptions, MappingOptions, NetworkOptions, Simulate, Verbosity,
+    Cli, Command, DrivingOptions, MappingOptions, NetworkOptions, Simulate, VehicleOptions,
+    Verbosity,
 };
 use robot_edge::exit::Exit;
 use robot_edge::measurement::{Measurement, MeasurementData};
@@ -116,9 +117,10 @@ fn digest_of_simulate(seed: u64, setting: &str) -> String {
             rate: Rate::Max,
             driving: DrivingOptions::default(),
             mapping: MappingOptions {
-                vehicle: None,
-                settings: vec![setting.parse().unwrap()],
-                topics: Vec::new(),
+                setup: VehicleOptions {
+                    settings: vec![setting.parse().unwrap()],
+                    ..VehicleOptions::default()
+                },
                 robot: None,
                 network: NetworkOptions {
                     no_network: true,

@@ -1,6 +1,7 @@
 //! What is drawn on the map: grid, vehicle and where it would stop, where it was, what its sensors see, shores
 //! by number, docking sites by letter, and measures.
 
+pub(super) mod barrier;
 pub(super) mod compass;
 pub(super) mod grid;
 pub(super) mod ruler;

@@ -3,10 +3,13 @@
 use eframe::egui::epaint::PathStroke;
 use eframe::egui::{Shape, Stroke};
 use protocol::keys::Topic;
-use protocol::message::{Datum, DockingSite, Pose, ShoreClass, ShoreCluster, Shores, ShoresNews};
+use protocol::message::{
+    Barrier, BarrierKind, Datum, DockingSite, Pose, ShoreClass, ShoreCluster, Shores, ShoresNews,
+    Status, TeleopStatus,
+};
 
 use super::*;
-use crate::pretend::{resting, says};
+use crate::pretend::{resting, says, standing};
 use crate::theme;
 
 /// A shore of 20 × 6 m around (30, 13) that has most of its voxels in the east, and a docking site.
@@ -273,6 +276,48 @@ fn the_number_of_a_shore_is_drawn_over_the_vehicle() {
     );
     let (vehicle, number) = (vehicle.unwrap(), number.unwrap());
     assert!(number > vehicle, "{number} is below {vehicle}");
+}
+
+#[test]
+fn what_the_guard_holds_the_vehicle_back_for_has_a_ring() {
+    let mut window = window();
+    look(&mut window, Look::At([30.0, 10.0]));
+    let model = &mut window.state_mut().model;
+    says(model, Topic::Pose, &resting(), at(2_400));
+    let rings = |window: &Harness<'_, Rig>| -> Vec<[i32; 2]> {
+        let view = &window.state().view;
+        let shapes = window.output().shapes.iter();
+        let rings = shapes.filter_map(|clipped| match &clipped.shape {
+            Shape::Circle(ring) if ring.stroke.color == theme::STOPPING => {
+                let place_m = view.camera.to_odom(view.screen, ring.center);
+                Some(place_m.map(|metres| metres.round() as i32))
+            }
+            _ => None,
+        });
+        rings.collect()
+    };
+    for (barrier_m, expected) in [
+        (None, vec![]),
+        (Some([32.0, 9.0]), vec![[32, 9]]),
+        // Not on the map's part that is shown.
+        (Some([3_200.0, 9.0]), vec![]),
+    ] {
+        let teleop = TeleopStatus {
+            barrier: barrier_m.map(|position_m| Barrier {
+                position_m,
+                kind: BarrierKind::Unseen,
+            }),
+            ..standing()
+        };
+        let status = Status {
+            teleop: Some(teleop),
+            ..Status::default()
+        };
+        let model = &mut window.state_mut().model;
+        says(model, Topic::Status, &status, at(2_400));
+        window.run_steps(2);
+        assert_eq!(rings(&window), expected, "{barrier_m:?}");
+    }
 }
 
 #[test]

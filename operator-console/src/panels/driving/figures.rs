@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use protocol::message::{Clamp, TeleopStatus};
+use protocol::message::{Barrier, BarrierKind, Clamp, TeleopStatus};
 use robot_edge::clock::Monotonic;
 
 use super::guard::{self, guard};
@@ -20,6 +20,7 @@ const OLD_MS: u32 = 200;
 /// The speed that the age of commands allows.
 const AGE_ALLOWS: &str = "Age allows";
 const GUARD: &str = "Guard";
+const IN_THE_WAY: &str = "In the way";
 
 pub(super) fn rows(
     model: &ConsoleModel,
@@ -55,6 +56,9 @@ pub(super) fn rows(
     rows.push((tone, row(AGE_ALLOWS, allowed)));
     let (tone, words) = guard(teleop, tightest(teleop, model.guard_lately()), helm.limits);
     rows.push((tone, row(GUARD, words)));
+    if helm.lease.held().is_some() {
+        rows.push(row_of_barrier(model.barrier()));
+    }
     let events = model.events().iter().map(|(event, _)| event);
     if let Some((tone, stop)) = last_stop(teleop, model.before_estop(), events) {
         rows.push((tone, row("Last stop", stop)));
@@ -70,6 +74,17 @@ pub(super) fn rows(
     rows
 }
 
+/// What the guard holds the vehicle back for: the map has a ring around it.
+fn row_of_barrier(barrier: Option<Barrier>) -> (Tone, Row) {
+    let (tone, words) = match barrier.map(|barrier| barrier.kind) {
+        None => (Tone::Waiting, "–"),
+        Some(BarrierKind::Seen) => (Tone::Warning, "what is seen at the ring"),
+        Some(BarrierKind::Mapped) => (Tone::Warning, "what is mapped at the ring"),
+        Some(BarrierKind::Unseen) => (Tone::Warning, "unseen ground at the ring"),
+    };
+    (tone, row(IN_THE_WAY, words))
+}
+
 /// What is told of a figure to whoever points at it.
 pub(super) fn hint(name: &str) -> Option<&'static str> {
     match name {
@@ -78,6 +93,11 @@ pub(super) fn hint(name: &str) -> Option<&'static str> {
              news. While none are sent, it reckons with the oldest that it would obey.",
         ),
         GUARD => Some(guard::HINT),
+        IN_THE_WAY => Some(
+            "What the collision guard holds the robot back for on the way that is asked for; an amber ring on the map is \
+             around it. What is seen is hit by a beam of the last scans; what is mapped was hit before; unseen ground has \
+             not been looked at, or too long ago.",
+        ),
         _ => None,
     }
 }

@@ -15,8 +15,8 @@ use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use protocol::keys::Topic;
 use protocol::message::{
-    Answer, Arming, Clamp, EStopStatus, Guard, GuardLimits, Info, Pose, Refusal, RefusedCount,
-    Status, StopReason, TeleopState, TeleopStatus,
+    Answer, Arming, Barrier, BarrierKind, Clamp, EStopStatus, Guard, GuardLimits, Info, Pose,
+    Refusal, RefusedCount, Status, StopReason, TeleopState, TeleopStatus,
 };
 use robot_edge::clock::Monotonic;
 
@@ -424,6 +424,24 @@ fn the_guard_and_the_last_stop_are_always_seen() {
         rig.teleop.state = TeleopState::Idle;
         let says = rig.row("Guard").unwrap().1;
         assert_eq!(says, words.trim_end_matches(": nothing moves"));
+    }
+}
+
+#[test]
+fn who_drives_is_told_what_is_in_the_way() {
+    for (kind, words) in [
+        (BarrierKind::Seen, "what is seen at the ring"),
+        (BarrierKind::Mapped, "what is mapped at the ring"),
+        (BarrierKind::Unseen, "unseen ground at the ring"),
+    ] {
+        let mut rig = Rig::driving();
+        assert_eq!(rig.row("In the way"), Some((Tone::Waiting, "–".to_owned())));
+        let position_m = [3.0, 1.0];
+        rig.teleop.barrier = Some(Barrier { position_m, kind });
+        let expected = Some((Tone::Warning, words.to_owned()));
+        assert_eq!(rig.row("In the way"), expected);
+        rig.helm.lease = Lease::None;
+        assert_eq!(rig.row("In the way"), None, "somebody else drives");
     }
 }
 

@@ -88,6 +88,7 @@ pub fn ignored(why: Loss, last_stop: Option<StopReason>) -> String {
             | Loss::Link
             | Loss::Robot
             | Loss::Lease
+            | Loss::Renewed
             | Loss::EStop
             | Loss::Stopped
             | Loss::Frozen,
@@ -106,6 +107,7 @@ pub const fn loss(loss: Loss) -> &'static str {
         Loss::Link => "the link was lost",
         Loss::Robot => "the robot was restarted",
         Loss::Lease => "they were down before you drove",
+        Loss::Renewed => "the lease was asked for anew",
         Loss::EStop => "emergency stop",
         Loss::Stopped => "the robot stopped by itself",
         Loss::Frozen => "this program stood still",

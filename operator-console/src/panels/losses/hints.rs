@@ -35,6 +35,10 @@ pub(super) fn hint(name: &str) -> Option<&'static str> {
             "Scans that waited for a position while there was no room for more, or for mapping for more than 2 s, and \
              those behind them until it had caught up."
         }
+        "lost by source" => {
+            "Messages that came and cannot be used, or damaged parts of a recording, each of which may hold many scans: \
+             Events and the time line say where."
+        }
         "before joining" => {
             "Came before the robot had told which run of it this is. What the map lacks of it is fetched."
         }

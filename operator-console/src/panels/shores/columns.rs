@@ -6,6 +6,14 @@ use super::super::legend::SWATCH;
 use super::super::wording::capitalised;
 use super::ShoreRow;
 
+pub(super) const RIGID: &str = "Rigid";
+pub(super) const VOXELS: &str = "Voxels";
+/// What stands in these columns.
+pub(super) const TO_RIGID: &str = "share of its voxels in which something rigid stands, a trunk or a stone and no twig. Below 25 % \
+                                   the shore is Sparse, above 68 % Solid, between them Dense; the first two are for docking in \
+                                   an emergency";
+pub(super) const TO_VOXELS: &str = "how many cubes of the voxel map it is made of";
+
 /// Which of the columns is the class, which the share and which the size.
 pub(super) const CLASS: usize = 1;
 const SHARE: usize = 2;

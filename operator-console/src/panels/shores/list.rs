@@ -11,7 +11,7 @@ use eframe::egui::{
 
 use super::super::legend::{SWATCH, paint_swatch};
 use super::away::{TO_SHORES, TO_SITES};
-use super::columns::{CLASS, Columns, class, texts};
+use super::columns::{CLASS, Columns, RIGID, TO_RIGID, TO_VOXELS, VOXELS, class, texts};
 use super::order::{arrange, remember};
 use super::{ShoreRow, ShoresData, SortBy};
 use crate::command::Look;
@@ -101,7 +101,7 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
         why: "The robot numbers its shores, and the map shows the numbers. Numbers change while the robot learns: what \
               has merged keeps the number of the larger part, a part that comes off gets a new number, and no number is \
               given twice.",
-        titles: ["No.", "Class", "Rigid", "Voxels", "Away"],
+        titles: ["No.", "Class", RIGID, VOXELS, "Away"],
         away: TO_SHORES,
         first: "no.",
         usual: SortBy::Distance,
@@ -251,6 +251,13 @@ fn titles_ui(ui: &mut Ui, list: &List<'_>, (columns, width): (&Columns, f32), by
         }
         match sort {
             SortBy::Distance => hint_ui(&response, &format!("{label}: {away}")),
+            // Of docking sites there are other figures in these columns.
+            SortBy::Share if titles[column] == RIGID => {
+                hint_ui(&response, &format!("{label}: {TO_RIGID}"));
+            }
+            SortBy::Size if titles[column] == VOXELS => {
+                hint_ui(&response, &format!("{label}: {TO_VOXELS}"));
+            }
             SortBy::Number | SortBy::Share | SortBy::Size => hint_ui(&response, &label),
         }
         if response.clicked() {

@@ -258,3 +258,29 @@ fn voxels_costs_and_shores_too() {
         assert_eq!(layers, [LayerId::Cost, LayerId::Shore]);
     });
 }
+
+#[test]
+fn damage_is_marked_once_with_where_and_what() {
+    let folder = tempfile::tempdir().unwrap();
+    let damaged = folder.path().join("damaged.mcap");
+    let mut bytes = std::fs::read(rooms()).unwrap();
+    bytes[900_000..900_035].fill(0);
+    std::fs::write(&damaged, bytes).unwrap();
+    with_player(&damaged, |player, control| {
+        let losses = |sight: &ReplaySight| -> Vec<String> {
+            let losses = sight.marks.iter().filter(|mark| mark.kind == "loss");
+            losses.map(|mark| mark.message.clone()).collect()
+        };
+        let told = losses(&settle(player, control));
+        assert_eq!(told.len(), 1, "{told:?}");
+        assert!(
+            told[0].starts_with("byte 796992: a chunk is lost"),
+            "{told:?}"
+        );
+        for to in [0.0, 110.0] {
+            control.pause();
+            control.seek(seconds(to));
+            assert_eq!(losses(&settle(player, control)), told, "{to}");
+        }
+    });
+}

@@ -60,6 +60,7 @@ impl Player<'_> {
         self.items = items;
         self.streams = 0;
         self.lost = self.source.lost_total();
+        self.loss_notes = self.source.loss_notes().len();
         self.position = at;
         self.newest = at;
         self.seeking = None;

@@ -88,7 +88,9 @@ pub(in crate::driving) fn event(notice: &Notice, names: &[OperatorName]) -> (&'s
                 format!("emergency stop {} reset by {by}", id.0),
             )
         }
-        Happening::Refused { caller, refusal } => (
+        Happening::Refused {
+            caller, refusal, ..
+        } => (
             "refused",
             format!("a request of {}: {refusal}", name(caller.operator)),
         ),

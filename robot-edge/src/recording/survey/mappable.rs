@@ -4,9 +4,7 @@ use std::fmt;
 
 use super::Survey;
 use super::range_sensors::WantedSensor;
-use super::scans::ScanSurvey;
-use crate::config::{self, Config, FixesAndAttitude, presets};
-use crate::localization::config::{LocalizationConfig, PoseSource};
+use crate::config::{self, Config, presets};
 use crate::measurement::StreamId;
 
 /// Whether a recording can be mapped.
@@ -18,6 +16,9 @@ pub enum Mappable {
         laser: StreamId,
         /// Where its poses come from, in words.
         pose_source: String,
+        /// Whether a replay takes these poses only with `localization.source=auto`: the vehicle that the recording
+        /// names wants others, and they are not in it.
+        wants_auto: bool,
         /// Whether there are more range sensors, so that one must be named: those of a vehicle that the
         /// recording names and that has them all are mapped together.
         must_be_named: bool,
@@ -31,14 +32,16 @@ pub enum Mappable {
 impl Survey {
     /// Judges what can be mapped; of several range sensors with poses, the one with the most scans.
     pub fn mappable(&self) -> Mappable {
+        let vehicle = self.config_of_vehicle();
         let candidates = self
             .scans
             .iter()
-            .filter_map(|scan| Some((scan, self.pose_source(scan)?)));
-        match candidates.max_by_key(|(scan, _)| scan.stamps.count) {
-            Some((scan, pose_source)) => Mappable::Yes {
+            .filter_map(|scan| Some((scan, self.poses(scan, vehicle.as_ref())?)));
+        match candidates.max_by_key(|(scan, poses)| (!poses.wants_auto, scan.stamps.count)) {
+            Some((scan, poses)) => Mappable::Yes {
                 laser: scan.stream,
-                pose_source,
+                pose_source: poses.words,
+                wants_auto: poses.wants_auto,
                 must_be_named: self.scans.len() > 1 && self.sensors_of_vehicle().is_none(),
             },
             None if self.scans.is_empty() => Mappable::NoRangeSensor,
@@ -87,45 +90,6 @@ impl Survey {
         Ok(())
     }
 
-    fn pose_source(&self, scan: &ScanSurvey) -> Option<String> {
-        if scan.has_own_poses {
-            return Some("every scan brings its pose".to_owned());
-        }
-        if let Some(config) = self.config_of_vehicle()
-            && config.localization.source == PoseSource::Gps
-        {
-            return self.fixes_and_attitudes();
-        }
-        // As a replay decides with its default settings.
-        let base_frame = LocalizationConfig::default().base_frame;
-        for start in [&*scan.frame, &base_frame] {
-            if let Some(fixed_frame) = self.frames.fixed_above(start, &base_frame, None) {
-                return Some(format!("transforms lead from {start} to {fixed_frame}"));
-            }
-        }
-        let Some(odometry) = self.best_odometry() else {
-            return self.fixes_and_attitudes();
-        };
-        let name = &self.stream(odometry.stream)?.stream.name;
-        Some(format!(
-            "{name} gives poses of {} in {}",
-            odometry.child, odometry.parent
-        ))
-    }
-
-    /// What poses are made of where a vehicle that the recording names has a receiver and an attitude sensor.
-    fn fixes_and_attitudes(&self) -> Option<String> {
-        let config = self.config_of_vehicle()?;
-        FixesAndAttitude::of(&config.sensors).ok()?;
-        let fixes = self.fixes.iter().find(|fixes| fixes.fixed > 0)?;
-        let attitudes = self.attitudes.iter().find(|a| a.oriented > 0)?;
-        let name = |stream| Some(&*self.stream(stream)?.stream.name);
-        let (fixes, attitudes) = (name(fixes.stream)?, name(attitudes.stream)?);
-        Some(format!(
-            "satellite fixes of {fixes} and attitude of {attitudes} give poses"
-        ))
-    }
-
     /// The command that maps it, with the range sensor that it must name, where it must, and the others that it could.
     fn write_replay(
         &self,
@@ -154,11 +118,17 @@ impl Survey {
             Mappable::Yes {
                 laser,
                 pose_source,
+                wants_auto,
                 must_be_named,
             } => {
                 writeln!(f, "  {pose_source}")?;
                 self.write_sensors_of_vehicle(f)?;
-                self.write_replay(f, must_be_named.then_some(laser), "")
+                let options = if wants_auto {
+                    " --set localization.source=auto"
+                } else {
+                    ""
+                };
+                self.write_replay(f, must_be_named.then_some(laser), options)
             }
             Mappable::NoPoseSource => {
                 writeln!(

@@ -16,6 +16,7 @@ pub mod fixes;
 pub mod frames;
 pub mod greatest_range;
 mod mappable;
+mod poses;
 pub mod range_sensors;
 mod report;
 pub mod scans;

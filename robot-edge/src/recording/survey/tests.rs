@@ -90,6 +90,7 @@ fn what_cannot_be_mapped_says_why() {
         Mappable::Yes {
             laser: StreamId(0),
             pose_source: "ODOM gives poses of base_link in odom".to_owned(),
+            wants_auto: false,
             must_be_named: false,
         }
     );
@@ -107,15 +108,46 @@ fn of_two_lasers_one_must_be_named() {
     );
 }
 
-/// A boat's recording: each stream's name, type, and what its only message holds.
-struct Boat {
+/// A stream's name, its type, and what its only message holds.
+type Message = (&'static str, &'static str, MeasurementData);
+
+/// A vehicle's recording.
+struct Recorded {
+    vehicle: &'static str,
     streams: Vec<StreamSummary>,
     messages: Vec<MeasurementData>,
     yielded: usize,
     losses: DropCounts,
 }
 
-impl RecordingReader for Boat {
+impl Recorded {
+    fn by(vehicle: &'static str, messages: &[Message]) -> Self {
+        let summary = |(name, type_name, _): &Message| StreamSummary {
+            stream: crate::measurement::Stream {
+                name: (*name).to_owned(),
+                type_name: (*type_name).to_owned(),
+            },
+            understood: true,
+            messages: 1,
+            first: None,
+            last: None,
+        };
+        Self {
+            vehicle,
+            streams: messages.iter().map(summary).collect(),
+            messages: messages.iter().map(|(.., data)| data.clone()).collect(),
+            yielded: 0,
+            losses: DropCounts::default(),
+        }
+    }
+
+    fn page(&mut self) -> String {
+        let survey = Survey::of_reader(Path::new("lake.mcap"), Format::Mcap, self);
+        survey.unwrap().to_string()
+    }
+}
+
+impl RecordingReader for Recorded {
     fn next_measurement(&mut self) -> Result<Option<Measurement>, RecordingError> {
         let index = self.yielded;
         self.yielded += 1;
@@ -147,26 +179,36 @@ impl RecordingReader for Boat {
     }
 
     fn vehicle(&self) -> Option<&str> {
-        Some("riverwatch")
+        Some(self.vehicle)
     }
 }
 
-#[test]
-fn the_sensors_of_a_boat_are_mapped_together() {
-    let scan = || MeasurementData::Scan {
+fn scan() -> MeasurementData {
+    MeasurementData::Scan {
         scan: crate::scan::Scan {
             ranges_m: vec![1.0, 2.0],
             range_max_m: 20.0,
             ..crate::scan::Scan::default()
         },
         own_pose: None,
-    };
-    let joints = vec![("laser_tilt_joint".to_owned(), 0.1)];
-    let attitude = crate::measurement::ImuSample {
+    }
+}
+
+fn attitude() -> MeasurementData {
+    MeasurementData::Imu(crate::measurement::ImuSample {
         orientation_xyzw: Some([0.0, 0.0, 0.0, 1.0]),
         angular_velocity_radps: [0.0; 3],
         linear_acceleration_mps2: [0.0; 3],
-    };
+    })
+}
+
+const SCAN: &str = "sensor_msgs/LaserScan";
+const JOINTS: &str = "sensor_msgs/JointState";
+const IMU: &str = "sensor_msgs/Imu";
+
+#[test]
+fn the_sensors_of_a_boat_are_mapped_together() {
+    let joints = vec![("laser_tilt_joint".to_owned(), 0.1)];
     let fix = crate::measurement::GeodeticFix {
         latitude_deg: 38.51,
         longitude_deg: -9.17,
@@ -174,34 +216,13 @@ fn the_sensors_of_a_boat_are_mapped_together() {
         status: 2,
     };
     let messages = [
-        ("/sonar", "LaserScan", scan()),
-        ("/scan", "LaserScan", scan()),
-        (
-            "/joint_states",
-            "JointState",
-            MeasurementData::Joints(joints),
-        ),
-        ("/imu/data", "Imu", MeasurementData::Imu(attitude)),
-        ("/fix", "NavSatFix", MeasurementData::Fix(fix)),
+        ("/sonar", SCAN, scan()),
+        ("/scan", SCAN, scan()),
+        ("/joint_states", JOINTS, MeasurementData::Joints(joints)),
+        ("/imu/data", IMU, attitude()),
+        ("/fix", "sensor_msgs/NavSatFix", MeasurementData::Fix(fix)),
     ];
-    let summary = |(name, type_name, _): &(&str, &str, MeasurementData)| StreamSummary {
-        stream: crate::measurement::Stream {
-            name: (*name).to_owned(),
-            type_name: format!("sensor_msgs/{type_name}"),
-        },
-        understood: true,
-        messages: 1,
-        first: None,
-        last: None,
-    };
-    let mut boat = Boat {
-        streams: messages.iter().map(summary).collect(),
-        messages: messages.iter().map(|(.., data)| data.clone()).collect(),
-        yielded: 0,
-        losses: DropCounts::default(),
-    };
-    let survey = Survey::of_reader(Path::new("lake.mcap"), Format::Mcap, &mut boat).unwrap();
-    let page = survey.to_string();
+    let page = Recorded::by("riverwatch", &messages).page();
     for lines in [
         "\njoints\n  /joint_states: laser_tilt_joint\n",
         "\nattitudes\n  /imu/data: 1 of 1 give an orientation\n",
@@ -211,11 +232,52 @@ fn the_sensors_of_a_boat_are_mapped_together() {
     }
     assert!(
         page.ends_with(
-            "can it be mapped?\n  satellite fixes of /fix and attitude of /imu/data give poses\n  as riverwatch, \
-             with laser (/scan) and sonar (/sonar)\n  robot-edge replay lake.mcap\n"
+            "can it be mapped?\n  satellite fixes of /fix and attitude of /imu/data give poses, as the vehicle \
+             riverwatch wants them\n  as riverwatch, with laser (/scan) and sonar (/sonar)\n  \
+             robot-edge replay lake.mcap\n"
         ),
         "{page}"
     );
+}
+
+/// Other poses are proposed only where the vehicle leaves it open, or where those that it wants are not there.
+#[test]
+fn poses_are_those_that_the_vehicle_wants() {
+    let wheels = ["left_wheel_joint", "right_wheel_joint"];
+    let angles = wheels.map(|wheel| (wheel.to_owned(), 0.1)).to_vec();
+    let odometry = MeasurementData::Odometry {
+        child: "base_link".into(),
+        odom_from_base: crate::pose::Pose::identity(),
+    };
+    let all = [
+        ("/scan", SCAN, scan()),
+        ("/imu/data", IMU, attitude()),
+        ("/odom", "nav_msgs/Odometry", odometry),
+        ("/joint_states", JOINTS, MeasurementData::Joints(angles)),
+    ];
+    let check = |vehicle: &'static str, messages: &[Message], says: &str, options: &str| {
+        let page = Recorded::by(vehicle, messages).page();
+        let end = format!("can it be mapped?\n  {says}\n  robot-edge replay lake.mcap{options}\n");
+        assert!(page.ends_with(&end), "{page}");
+    };
+    check(
+        "holos",
+        &all,
+        "wheels of /joint_states and attitude of /imu/data give poses, as the vehicle holos wants them",
+        "",
+    );
+    let without_wheels = &all[..3];
+    check(
+        "holos",
+        without_wheels,
+        "/odom gives poses of base_link in sensor; the vehicle holos wants others, which are not in it",
+        " --set localization.source=auto",
+    );
+    // The first leaves it open; of the second nothing is known here.
+    for vehicle in ["pioneer", "somebody's"] {
+        let says = "/odom gives poses of base_link in sensor";
+        check(vehicle, &all, says, "");
+    }
 }
 
 #[test]
@@ -305,6 +367,7 @@ fn mcap_files_are_surveyed() {
         Mappable::Yes {
             laser: intel.scans[0].stream,
             pose_source: "transforms lead from laser to odom".to_owned(),
+            wants_auto: false,
             must_be_named: false,
         }
     );

@@ -6,20 +6,29 @@ use crate::teleop::action::{Answer, Happening};
 use crate::teleop::event::LeaseVerb;
 use crate::teleop::lease::{How, LeaseEnd};
 use crate::teleop::operator::{Caller, OperatorId, Role};
-use crate::teleop::refusal::Refusal;
+use crate::teleop::refusal::{Refusal, Wish};
 use crate::teleop::token::AgeToken;
 
 impl Step<'_> {
     pub(super) fn lease_request(&mut self, caller: Caller, token: AgeToken, verb: LeaseVerb) {
         let answer = self.change_lease(caller, token, verb);
-        self.answer_or_refuse(caller, answer);
+        self.answer_or_refuse(Wish::Lease, caller, answer);
     }
 
     /// Answers a request; a refusal is counted and told.
-    pub(super) fn answer_or_refuse(&mut self, caller: Caller, answer: Result<Answer, Refusal>) {
+    pub(super) fn answer_or_refuse(
+        &mut self,
+        wish: Wish,
+        caller: Caller,
+        answer: Result<Answer, Refusal>,
+    ) {
         if let Err(refusal) = answer {
             self.state.counters.refuse(refusal);
-            self.tell(Happening::Refused { caller, refusal });
+            self.tell(Happening::Refused {
+                wish,
+                caller,
+                refusal,
+            });
         }
         self.answer(caller.request, answer.unwrap_or_else(Answer::Refused));
     }

@@ -5,14 +5,14 @@ use crate::teleop::action::{Action, Answer, Happening};
 use crate::teleop::emergency_stop::{EStop, EStopId, EStopSource, StoredEStop};
 use crate::teleop::lease::{Lease, LeaseEnd};
 use crate::teleop::operator::{Caller, Role};
-use crate::teleop::refusal::Refusal;
+use crate::teleop::refusal::{Refusal, Wish};
 use crate::teleop::token::AgeToken;
 
 impl Step<'_> {
     /// "Any operator may e-stop": without the lease, and with a token of any age.
     pub(super) fn estop_request(&mut self, caller: Caller) {
         if !caller.role.may_drive() {
-            self.answer_or_refuse(caller, Err(Refusal::Role));
+            self.answer_or_refuse(Wish::EStop, caller, Err(Refusal::Role));
             return;
         }
         self.emergency_stop(Some(EStopSource::Operator(caller.operator)));
@@ -74,7 +74,7 @@ impl Step<'_> {
             self.release_estop(Some(caller));
             Answer::Done
         });
-        self.answer_or_refuse(caller, answer);
+        self.answer_or_refuse(Wish::Reset, caller, answer);
     }
 
     fn judge_reset(&self, caller: Caller, token: AgeToken, id: EStopId) -> Result<(), Refusal> {

@@ -15,7 +15,7 @@ use crate::teleop::config::TeleopConfig;
 use crate::teleop::emergency_stop::StoredEStop;
 use crate::teleop::event::LeaseVerb;
 use crate::teleop::operator::{Caller, OperatorId, Role};
-use crate::teleop::refusal::Refusal;
+use crate::teleop::refusal::{Refusal, Wish};
 use crate::teleop::report::TeleopReport;
 use crate::teleop::token::AgeToken;
 

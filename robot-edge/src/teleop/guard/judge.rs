@@ -1,5 +1,6 @@
 //! The guard of one vehicle, round by round.
 
+use super::barrier::Barrier;
 use super::compass::{Compass, Travel};
 use super::config::{GuardRules, OnBlind};
 use super::excess::excess;
@@ -39,6 +40,7 @@ pub struct CollisionGuard {
     told: Told,
     last_round: Option<Monotonic>,
     lack: Option<Lack>,
+    barrier: Option<Barrier>,
 }
 
 impl CollisionGuard {
@@ -51,6 +53,7 @@ impl CollisionGuard {
             told: Told::new(OLDEST + rules.actuator_delay),
             last_round: None,
             lack: None,
+            barrier: None,
         }
     }
 
@@ -64,8 +67,14 @@ impl CollisionGuard {
         self.lack
     }
 
+    /// What bounded the motion that was asked for in the last round; none where nothing did, or where it could not judge.
+    pub const fn barrier(&self) -> Option<Barrier> {
+        self.barrier
+    }
+
     /// Its word of this round. Where the operator asks for no number, it judges as if they asked for nothing.
     pub fn verdict(&mut self, input: &GuardInput<'_>, now: Monotonic) -> GuardVerdict {
+        self.barrier = None;
         if !self.rules.enabled {
             return GuardVerdict::Off;
         }
@@ -104,6 +113,10 @@ impl CollisionGuard {
         };
         let travel = |velocity| Travel::of(velocity, &self.rules);
         judgement.judge_request(travel(requested));
+        self.barrier = judgement.barrier().map(|(kind, point)| Barrier {
+            position_in_odom: vehicle.to_odom(point),
+            kind,
+        });
         for motion in [measured, input.told] {
             judgement.judge_motion(travel(motion));
             judgement.judge_change(travel(motion), travel(requested));

@@ -3,6 +3,7 @@
 //! The arbiter moves each of the two towards what is asked, and brakes each, in its own time. So what is driven is no arc
 //! but a mixture of the two that changes, and each mixture that may come about must be one to stop from.
 
+use super::barrier::BarrierKind;
 use super::compass::{ALL_AROUND, Axis, Compass, Part, STEPS, Travel};
 use super::heading::Heading;
 use super::outlook::{Allowed, Outlook};
@@ -33,6 +34,8 @@ pub(super) struct Judgement<'a> {
     most_mps: [f64; 4],
     /// What is asked is slower for want of sight.
     is_blind: bool,
+    /// Of what is asked, the heading that bounds it most.
+    tightest: Option<Heading>,
 }
 
 impl<'a> Judgement<'a> {
@@ -53,6 +56,7 @@ impl<'a> Judgement<'a> {
                 turning_mps,
             ],
             is_blind: outlook.is_stale,
+            tightest: None,
         };
         for axis in Axis::ALL {
             let (_, allowed) = judgement.allowed(axis.towards(axis, 0));
@@ -70,12 +74,17 @@ impl<'a> Judgement<'a> {
         for step in 0..=STEPS {
             let (heading, allowed) =
                 self.allowed(asked.going.axis.towards(asked.turning.axis, step));
-            share = share.min(self.share(&asked, heading, allowed));
+            share = self.tighten(share, &asked, heading, allowed);
         }
         if let Some((heading, allowed)) = exact {
-            share = share.min(self.share(&asked, heading, allowed));
+            share = self.tighten(share, &asked, heading, allowed);
         }
         self.scale(&asked, share);
+    }
+
+    /// What bounds what is asked, and where, in the base frame; nothing where all of it is allowed.
+    pub(super) fn barrier(&self) -> Option<(BarrierKind, [f64; 2])> {
+        self.outlook.barrier(self.tightest?)
     }
 
     /// Brakes what the vehicle could no longer stop from.
@@ -122,6 +131,15 @@ impl<'a> Judgement<'a> {
             is_blind: self.is_blind,
             excess: Velocity::ZERO,
         }
+    }
+
+    /// The lesser of a share of what is asked and what one heading leaves of it; where that is less, it is the tightest.
+    fn tighten(&mut self, share: f64, asked: &Travel, heading: Heading, allowed: Allowed) -> f64 {
+        let kept = self.share(asked, heading, allowed);
+        if kept < share {
+            self.tightest = Some(heading);
+        }
+        share.min(kept)
     }
 
     /// What may be kept of a motion for the sake of one heading between its axes.

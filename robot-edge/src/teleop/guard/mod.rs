@@ -2,7 +2,8 @@
 //!
 //! `network-and-teleop.md`, section "Collision guard". It knows the posed points of the last sweep of each sensor and the
 //! last map, both as plain data that others hand over, and waits for neither. It says how fast the vehicle may go and turn
-//! and nothing else: what it says can only make the vehicle slower (P9).
+//! and nothing else: what it says can only make the vehicle slower (P9). Beside that it tells what bounds the motion that is
+//! asked for ([`Barrier`]), by which nothing is judged.
 //!
 //! The placing side fills a [`GuardSweep`] with each sweep, the mapping side a [`LocalMap`] now and then, and both hand them
 //! over; the loop asks [`CollisionGuard::verdict`] in each round, after the commands of that round were taken and before its
@@ -30,6 +31,7 @@ pub mod sweep;
 pub mod clearance;
 pub mod heading;
 
+mod barrier;
 mod compass;
 mod coverage;
 mod excess;
@@ -40,6 +42,7 @@ mod outlook;
 mod surroundings;
 mod told;
 
+pub use barrier::{Barrier, BarrierKind};
 pub use config::{GuardConfig, GuardRules, OnBlind};
 pub use judge::{CollisionGuard, GuardInput};
 pub use lack::Lack;

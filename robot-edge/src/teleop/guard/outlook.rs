@@ -26,15 +26,55 @@ pub(super) struct Allowed {
     pub(super) is_blind: bool,
 }
 
+/// What bounds the speed on one heading, metres of travel per second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Bounds {
+    creep_mps: f64,
+    /// By what is known to stand there.
+    clear_mps: f64,
+    /// By ground that nobody has seen.
+    seen_mps: f64,
+    /// On such ground.
+    blind_mps: f64,
+    /// Share of the margins at the sides with which `clear_mps` is what it is.
+    pub(super) side_share: f64,
+}
+
+impl Bounds {
+    fn allowed(self) -> Allowed {
+        Allowed {
+            speed_mps: self.clear_mps.min(self.on_ground_mps()),
+            is_blind: self.seen_mps < self.creep_mps && self.seen_mps < self.clear_mps,
+        }
+    }
+
+    /// Whether what stands there bounds it, rather than ground that nobody has seen.
+    pub(super) fn is_by_things(self) -> bool {
+        self.clear_mps <= self.on_ground_mps()
+    }
+
+    fn on_ground_mps(self) -> f64 {
+        self.seen_mps.max(self.blind_mps)
+    }
+}
+
 impl Outlook<'_> {
     /// The greatest speed of travel on a heading from which the vehicle stops before what is known to stand there, and
     /// before ground that nobody has seen, unless it creeps.
     pub(super) fn allowed(&self, heading: Heading) -> Allowed {
+        self.bounds(heading).allowed()
+    }
+
+    pub(super) fn bounds(&self, heading: Heading) -> Bounds {
         let creep_mps = self.rules.creep_mps / (heading.along.abs() + heading.swing);
-        let mut clear_mps = self.speed_mps(heading, self.clear_m(heading, 1.0));
+        let mut side_share = 1.0;
+        let mut clear_mps = self.speed_mps(heading, self.clear_m(heading, side_share));
         if clear_mps < creep_mps {
             // Beside a wall, too near for anything but to creep along it.
             let beside_mps = self.speed_mps(heading, self.clear_m(heading, CREEPING_SIDE));
+            if beside_mps > clear_mps && beside_mps < creep_mps {
+                side_share = CREEPING_SIDE;
+            }
             clear_mps = clear_mps.max(beside_mps.min(creep_mps));
         }
         let seen_mps = self.speed_mps(heading, self.seen_m(heading));
@@ -42,9 +82,12 @@ impl Outlook<'_> {
             OnBlind::Creep => creep_mps,
             OnBlind::Stop => 0.0,
         };
-        Allowed {
-            speed_mps: clear_mps.min(seen_mps.max(blind_mps)),
-            is_blind: seen_mps < creep_mps && seen_mps < clear_mps,
+        Bounds {
+            creep_mps,
+            clear_mps,
+            seen_mps,
+            blind_mps,
+            side_share,
         }
     }
 
@@ -54,6 +97,13 @@ impl Outlook<'_> {
 
     /// Travel until the vehicle touches what is known, with a share of the margin at its sides.
     fn clear_m(&self, heading: Heading, side_share: f64) -> f64 {
+        let [hits, mapped] = self.clear_margins(side_share);
+        let to_hit_m = self.free_m(hits, heading, &self.around.hits);
+        to_hit_m.min(self.free_m(mapped, heading, &self.around.mapped))
+    }
+
+    /// Margins of what beams hit, and of what is mapped.
+    pub(super) fn clear_margins(&self, side_share: f64) -> [Margins; 2] {
         let Margins { ahead_m, side_m } = self.rules.margins;
         let half_cell_m = 0.5 * self.around.mapped_cell_m;
         let hits = Margins {
@@ -65,8 +115,7 @@ impl Outlook<'_> {
             ahead_m: ahead_m.max(half_cell_m),
             side_m: side_share * side_m.max(half_cell_m),
         };
-        let to_hit_m = self.free_m(hits, heading, &self.around.hits);
-        to_hit_m.min(self.free_m(mapped, heading, &self.around.mapped))
+        [hits, mapped]
     }
 
     /// Travel until the vehicle comes to ground that nobody has seen.
@@ -74,14 +123,17 @@ impl Outlook<'_> {
         if self.is_stale {
             return 0.0;
         }
-        let margins = Margins {
-            ahead_m: 0.5 * self.around.unseen_cell_m,
-            side_m: 0.0,
-        };
-        self.free_m(margins, heading, &self.around.unseen)
+        self.free_m(self.unseen_margins(), heading, &self.around.unseen)
     }
 
-    fn free_m(&self, margins: Margins, heading: Heading, points: &[[f64; 2]]) -> f64 {
+    pub(super) fn unseen_margins(&self) -> Margins {
+        Margins {
+            ahead_m: 0.5 * self.around.unseen_cell_m,
+            side_m: 0.0,
+        }
+    }
+
+    pub(super) fn free_m(&self, margins: Margins, heading: Heading, points: &[[f64; 2]]) -> f64 {
         self.rules.footprint.free_travel_m(margins, heading, points)
     }
 }

@@ -118,6 +118,15 @@ impl Placement {
             self.ahead.x * to.y - self.ahead.y * to.x,
         ]
     }
+
+    /// A point of the base frame in `odom`, metres.
+    pub(super) fn to_odom(self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let (at, ahead) = (self.position_in_odom, self.ahead);
+        [
+            at.x + ahead.x * x - ahead.y * y,
+            at.y + ahead.y * x + ahead.x * y,
+        ]
+    }
 }
 
 #[cfg(test)]
@@ -186,6 +195,28 @@ mod tests {
         let gone = placed.position_in_odom - Point2::new(1.0, 2.0);
         let gone_m = 0.9 * 0.05 + 0.4 * 0.07 - 0.1 * 0.02;
         assert!((gone.norm() - gone_m).abs() < 1e-12, "{gone}");
+    }
+
+    #[test]
+    fn a_point_in_the_base_frame_is_where_it_was_in_odom() {
+        let odometry = Odometry {
+            odom_from_base: planar(1.0, 2.0, std::f64::consts::FRAC_PI_2),
+            ..odometry(0.0, 0.0)
+        };
+        let placed = odometry
+            .placement(&told(&[]), (DELAY, false), at(1000))
+            .unwrap();
+        // It looks along y: 3 m ahead and half a metre to the left.
+        let [x, y] = placed.to_odom([3.0, 0.5]);
+        assert!(
+            (x - 0.5).abs() < 1e-12 && (y - 5.0).abs() < 1e-12,
+            "{x} {y}"
+        );
+        let [x, y] = placed.to_base(Point2::new(x, y));
+        assert!(
+            (x - 3.0).abs() < 1e-12 && (y - 0.5).abs() < 1e-12,
+            "{x} {y}"
+        );
     }
 
     #[test]

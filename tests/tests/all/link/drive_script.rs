@@ -198,10 +198,32 @@ fn operators_hand_over_and_what_is_refused_is_a_failure() {
         "line 1: there is no emergency stop",
         "lease consent bert refused",
         "emergency stop 1 acknowledged",
-        "line 4: waited in vain",
+        "line 4: waited in vain for held",
     ] {
         assert_eq!(lines(&said, words).len(), 1, "{words}: {said}");
     }
+    assert!(!said.contains("left out"), "nothing followed: {said}");
+}
+
+/// What would follow takes the vehicle to be in a state that it is not in.
+#[test]
+fn an_await_in_vain_ends_the_script() {
+    let port = free_port();
+    let _edge = robot(port);
+    let script = "\
+0.0 lease request
+0.0 await lease
+0.4 press left
+0.4 await driving
+0.6 await fault 0.5
+0.6 estop
+0.6 await estop
+";
+    let (code, said) = drives(port, "anna", script);
+    assert_eq!(code, Some(1), "{said}");
+    let in_vain = "line 5: waited in vain for fault; the rest is left out";
+    assert_eq!(lines(&said, in_vain).len(), 1, "{said}");
+    assert_eq!(lines(&said, "emergency stop").len(), 0, "{said}");
 }
 
 /// A script that ends while it drives gives the lease back: the next one need not wait until it runs out.

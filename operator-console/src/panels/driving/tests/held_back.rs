@@ -144,7 +144,7 @@ fn who_creeps_by_a_guard_that_changes_its_mind_neither_speeds_up_nor_slows_down(
         // It comes nearer.
         (0.5, &[0.8, 0.6, 0.3], Some(SLOWS)),
     ] {
-        let rig = boat([1.0, 0.0], [told_mps, 0.0], ramp, ahead(3.0));
+        let rig = boat([1.0, 0.0], [told_mps, 0.0], ramp, ahead(lately_mps[0]));
         let mut model = rig.model();
         for allowed_mps in lately_mps {
             let mut teleop = rig.teleop.clone();

@@ -61,12 +61,18 @@ fn a_command_stops_it_whatever_else_is_wrong_with_it() {
 #[test]
 fn onlookers_do_not_stop_it() {
     let mut vehicle = Vehicle::driving();
-    vehicle.event(Event::EStop(Caller {
+    let onlooker = Caller {
         role: Role::Observer,
         ..caller(BOB)
-    }));
+    };
+    vehicle.event(Event::EStop(onlooker));
     assert_eq!(vehicle.state.mode, Mode::Driving);
     assert_eq!(vehicle.answer(), Some(Answer::Refused(Refusal::Role)));
+    assert!(vehicle.happenings.contains(&Happening::Refused {
+        wish: Wish::EStop,
+        caller: onlooker,
+        refusal: Refusal::Role,
+    }));
 }
 
 #[test]
@@ -106,6 +112,14 @@ fn a_reset_must_be_right_in_everything() {
         vehicle.reset(BOB, FIRST),
         Answer::Refused(Refusal::NotHolder)
     );
+    assert!(matches!(
+        vehicle.happenings.last(),
+        Some(Happening::Refused {
+            wish: Wish::Reset,
+            refusal: Refusal::NotHolder,
+            ..
+        })
+    ));
     assert_eq!(
         vehicle.reset(CAROL, EStopId(0)),
         Answer::Refused(Refusal::OtherEStop)

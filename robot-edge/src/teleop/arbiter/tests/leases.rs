@@ -37,6 +37,7 @@ fn old_requests_and_onlookers_are_refused() {
     assert_eq!(vehicle.state.mode, Mode::Idle);
     let refusal = Refusal::Role;
     assert!(vehicle.happenings.contains(&Happening::Refused {
+        wish: Wish::Lease,
         caller: onlooker,
         refusal
     }));

@@ -1,0 +1,86 @@
+//! What bounds a motion: the place and what it is, for whoever is held back and wants to know why.
+//!
+//! It informs and no more: limits are judged without it.
+
+use super::clearance::Margins;
+use super::heading::Heading;
+use super::outlook::Outlook;
+
+/// What bounds the motion that is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Barrier {
+    /// Metres.
+    pub position_in_odom: [f64; 2],
+    /// How the guard knows of it.
+    pub kind: BarrierKind,
+}
+
+/// How the guard knows of what bounds a motion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BarrierKind {
+    /// A beam of the last sweeps hit it.
+    Seen,
+    /// An obstacle on the map that no beam hits now.
+    Mapped,
+    /// Ground that nobody has seen, or seen too long ago.
+    Unseen,
+}
+
+/// Points to which the travel differs by less are alike, metres: a wall ahead is one, though its points are never quite as far.
+const ALIKE_M: f64 = 0.01;
+
+/// A point that the vehicle would come to.
+struct Touched {
+    travel_m: f64,
+    point: [f64; 2],
+}
+
+impl Outlook<'_> {
+    /// What makes the speed on a heading what it is, and where, in the base frame; nothing where that is free, or where
+    /// no sensor tells what is around.
+    ///
+    /// It looks at every point again: to be asked only where the heading is bounded.
+    pub(super) fn barrier(&self, heading: Heading) -> Option<(BarrierKind, [f64; 2])> {
+        let bounds = self.bounds(heading);
+        if bounds.is_by_things() {
+            let [hits, mapped] = self.clear_margins(bounds.side_share);
+            let hit = self.first_touched(hits, heading, &self.around.hits);
+            let mapped = self.first_touched(mapped, heading, &self.around.mapped);
+            let touched = match (hit, mapped) {
+                (Some(hit), Some(mapped)) if mapped.travel_m < hit.travel_m => {
+                    (BarrierKind::Mapped, mapped.point)
+                }
+                (Some(hit), _) => (BarrierKind::Seen, hit.point),
+                (None, mapped) => (BarrierKind::Mapped, mapped?.point),
+            };
+            return Some(touched);
+        }
+        if self.is_stale {
+            return None;
+        }
+        let unseen = self.first_touched(self.unseen_margins(), heading, &self.around.unseen)?;
+        Some((BarrierKind::Unseen, unseen.point))
+    }
+
+    /// The point that the footprint with its margins touches first; of several that are alike, the one nearest to the
+    /// vehicle's middle.
+    fn first_touched(
+        &self,
+        margins: Margins,
+        heading: Heading,
+        points: &[[f64; 2]],
+    ) -> Option<Touched> {
+        let travel_m = self.free_m(margins, heading, points);
+        if travel_m.is_infinite() {
+            return None;
+        }
+        let from_middle_m2 = |[x, y]: [f64; 2]| x * x + y * y;
+        let is_first = |point: &[f64; 2]| {
+            let alone = std::slice::from_ref(point);
+            self.free_m(margins, heading, alone) <= travel_m + ALIKE_M
+        };
+        let first = points.iter().copied().filter(is_first);
+        let point = first.min_by(|&a, &b| from_middle_m2(a).total_cmp(&from_middle_m2(b)))?;
+        Some(Touched { travel_m, point })
+    }
+}

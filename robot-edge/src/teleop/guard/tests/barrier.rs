@@ -1,0 +1,259 @@
+//! What bounds the motion that is asked for, and where in `odom` that is.
+
+use std::time::Duration;
+
+use nalgebra::Point2;
+
+use super::world::*;
+use crate::clock::Monotonic;
+use crate::config::VehicleConfig;
+use crate::mapping::ground_plane::GroundPlane;
+use crate::mapping::occupancy_config::OccupancyConfig;
+use crate::mapping::occupancy_grid::OccupancyGrid;
+use crate::pose::{Pose, planar};
+use crate::teleop::guard::{
+    Barrier, BarrierKind, CollisionGuard, Copying, GuardInput, GuardRules, GuardSweep, LocalMap,
+    Odometry,
+};
+use crate::teleop::velocity::Velocity;
+use crate::teleop::verdict::{GuardLimits, GuardVerdict};
+
+const TAKEN: Monotonic = Monotonic::from_nanos(1_000_000_000);
+
+/// A laser at the front that sees the half ahead.
+const HALF: Laser = Laser {
+    mount_x_m: 0.35,
+    beams: 361,
+    field_of_view_rad: std::f64::consts::PI,
+    range_max_m: 20.0,
+};
+
+/// Away from the origin, and it looks along y.
+fn pose() -> Pose {
+    planar(3.0, -2.0, std::f64::consts::FRAC_PI_2)
+}
+
+/// A place in `odom`, by how far it is ahead of the vehicle and to its left, metres.
+const fn place([ahead_m, left_m]: [f64; 2]) -> [f64; 2] {
+    [3.0 - left_m, -2.0 + ahead_m]
+}
+
+/// A wall across its way, so far ahead of its middle.
+fn across(ahead_m: f64) -> [Point2<f64>; 2] {
+    wall(place([ahead_m, -9.0]), place([ahead_m, 9.0]))
+}
+
+/// A wall along its way, so far to the left of its middle.
+fn along(left_m: f64) -> [Point2<f64>; 2] {
+    wall(place([-9.0, left_m]), place([9.0, left_m]))
+}
+
+/// Of a vehicle of 0.8 × 0.6 m, at most 1 m/s and 1 rad/s, with margins of 10 cm ahead and 3 cm beside it.
+fn rules() -> GuardRules {
+    let setup = Setup {
+        vehicle: VehicleConfig {
+            length_m: 0.8,
+            width_m: 0.6,
+            ..VehicleConfig::default()
+        },
+        ..Setup::default()
+    };
+    setup.rules()
+}
+
+/// It stands there, and was told what is around.
+struct Scene {
+    guard: CollisionGuard,
+    sweeps: Vec<GuardSweep>,
+    map: Option<LocalMap>,
+    age: Duration,
+}
+
+impl Scene {
+    fn new(laser: Laser, walls: &Walls) -> Self {
+        let mut sweep = GuardSweep::default();
+        let scan = laser.scan(walls, &pose());
+        let times = (TAKEN, Duration::from_millis(40));
+        sweep.read(&scan, &GroundPlane::under(&pose()), &rules(), times);
+        Self {
+            guard: CollisionGuard::new(rules()),
+            sweeps: vec![sweep],
+            map: None,
+            age: Duration::ZERO,
+        }
+    }
+
+    /// With a map of what no beam hits now: a thin pillar.
+    fn with_pillar_on_the_map(self, at: [f64; 2]) -> Self {
+        let mut grid = OccupancyGrid::new(&OccupancyConfig::default());
+        for _ in 0..3 {
+            grid.integrate(&Laser::ALL_AROUND.scan(&pillar(place(at), 0.08), &pose()));
+        }
+        let mut map = LocalMap::default();
+        let copying = Copying {
+            taken: TAKEN,
+            period: Duration::from_millis(200),
+            around: Point2::new(3.0, -2.0),
+            reach_m: rules().window_m(),
+        };
+        map.copy_occupancy(&grid, copying);
+        Self {
+            map: Some(map),
+            ..self
+        }
+    }
+
+    fn judge(&mut self, odometry: Option<Odometry>, requested: Velocity) -> GuardVerdict {
+        let input = GuardInput {
+            sweeps: &self.sweeps,
+            map: self.map.as_ref(),
+            odometry,
+            told: Velocity::ZERO,
+            requested,
+        };
+        self.guard.verdict(&input, TAKEN + self.age)
+    }
+
+    /// This motion is asked for: what is allowed, and what bounds it.
+    fn asked(&mut self, linear_mps: f64, angular_radps: f64) -> (GuardLimits, Option<Barrier>) {
+        let odometry = Odometry {
+            odom_from_base: pose(),
+            measured: Velocity::ZERO,
+            taken: TAKEN + self.age,
+        };
+        let requested = Velocity {
+            linear_mps,
+            angular_radps,
+        };
+        match self.judge(Some(odometry), requested) {
+            GuardVerdict::Limits(limits) => (limits, self.guard.barrier()),
+            verdict @ (GuardVerdict::Off | GuardVerdict::Stale) => panic!("{verdict:?}"),
+        }
+    }
+
+    fn barrier(&mut self, linear_mps: f64, angular_radps: f64) -> Option<Barrier> {
+        self.asked(linear_mps, angular_radps).1
+    }
+}
+
+/// It is this, and within some centimetres there.
+fn is_at(barrier: Option<Barrier>, kind: BarrierKind, at: [f64; 2], within_m: f64) {
+    let barrier = barrier.unwrap();
+    let [x, y] = barrier.position_in_odom;
+    let [place_x, place_y] = place(at);
+    let is_there = (x - place_x).abs() <= within_m && (y - place_y).abs() <= within_m;
+    assert!(barrier.kind == kind && is_there, "{barrier:?}, not {at:?}");
+}
+
+#[test]
+fn a_wall_is_told_where_it_stands_whichever_way_is_asked_for() {
+    let mut scene = Scene::new(Laser::ALL_AROUND, &vec![across(0.9), across(-0.8)]);
+    is_at(
+        scene.barrier(1.0, 0.0),
+        BarrierKind::Seen,
+        [0.9, 0.0],
+        0.005,
+    );
+    is_at(
+        scene.barrier(-1.0, 0.0),
+        BarrierKind::Seen,
+        [-0.8, 0.0],
+        0.005,
+    );
+    // It would stop in time from these; and turns past both.
+    for free in [(0.0, 0.0), (0.7, 0.0), (-0.7, 0.0), (0.0, 1.0)] {
+        assert_eq!(scene.barrier(free.0, free.1), None, "{free:?}");
+    }
+}
+
+#[test]
+fn of_a_motion_that_turns_it_is_what_bounds_the_mixture() {
+    let mut scene = Scene::new(Laser::ALL_AROUND, &vec![along(0.35)]);
+    assert_eq!(scene.barrier(1.0, 0.0), None);
+    let barrier = scene.barrier(1.0, 0.5).unwrap();
+    assert_eq!(barrier.kind, BarrierKind::Seen);
+    assert!(
+        (barrier.position_in_odom[0] - 2.65).abs() < 1e-6,
+        "{barrier:?}"
+    );
+    // Along a wall that is too near for anything but creeping.
+    let mut scene = Scene::new(Laser::ALL_AROUND, &vec![along(0.32)]);
+    let (limits, barrier) = scene.asked(1.0, 0.0);
+    let barrier = barrier.unwrap();
+    assert!((limits.forward_mps - 0.1).abs() < 1e-9, "{limits:?}");
+    assert_eq!(barrier.kind, BarrierKind::Seen);
+    assert!(
+        (barrier.position_in_odom[0] - 2.68).abs() < 1e-6,
+        "{barrier:?}"
+    );
+}
+
+#[test]
+fn what_is_only_on_the_map_is_told_and_the_nearer_of_two_wins() {
+    let at = [0.95, 0.05];
+    let nothing_seen = Scene::new(Laser::ALL_AROUND, &vec![]);
+    let mut scene = nothing_seen.with_pillar_on_the_map(at);
+    is_at(scene.barrier(1.0, 0.0), BarrierKind::Mapped, at, 1e-6);
+    for (ahead_m, kind, nearer) in [
+        (1.2, BarrierKind::Mapped, at),
+        (0.8, BarrierKind::Seen, [0.8, 0.0]),
+    ] {
+        let wall = Scene::new(Laser::ALL_AROUND, &vec![across(ahead_m)]);
+        let mut scene = wall.with_pillar_on_the_map(at);
+        is_at(scene.barrier(1.0, 0.0), kind, nearer, 0.005);
+    }
+}
+
+#[test]
+fn the_edge_of_what_was_seen_is_told_also_where_it_does_not_make_it_creep() {
+    let near_sighted = Laser {
+        range_max_m: 0.8,
+        ..Laser::ALL_AROUND
+    };
+    let (limits, barrier) = Scene::new(near_sighted, &vec![]).asked(1.0, 0.0);
+    assert!(
+        !limits.is_blind && (0.8..0.95).contains(&limits.forward_mps),
+        "{limits:?}"
+    );
+    // The first cell of 5 cm that it has not seen, at a side of its way.
+    let [x, y] = barrier.unwrap().position_in_odom;
+    assert_eq!(barrier.unwrap().kind, BarrierKind::Unseen);
+    assert!((x - 3.0).abs() < 0.3 && (y + 1.175).abs() < 0.03, "{x} {y}");
+    // What stands before that edge comes first.
+    let wall = vec![across(0.75)];
+    let barrier = Scene::new(near_sighted, &wall).barrier(1.0, 0.0);
+    is_at(barrier, BarrierKind::Seen, [0.75, 0.0], 0.005);
+
+    // Behind a vehicle that looks ahead nothing was seen at all.
+    let mut scene = Scene::new(HALF, &vec![across(5.0)]);
+    let (limits, barrier) = scene.asked(-1.0, 0.0);
+    assert!(limits.is_blind, "{limits:?}");
+    is_at(barrier, BarrierKind::Unseen, [-0.45, 0.0], 0.04);
+    assert_eq!(scene.barrier(1.0, 0.0), None);
+}
+
+#[test]
+fn where_nothing_is_known_now_there_is_no_such_place_but_what_was_hit() {
+    for (ahead_m, is_told) in [(0.9, false), (0.48, true)] {
+        let mut scene = Scene::new(Laser::ALL_AROUND, &vec![across(ahead_m)]);
+        scene.age = Duration::from_millis(301);
+        let (limits, barrier) = scene.asked(1.0, 0.0);
+        assert!(limits.is_blind, "{limits:?}");
+        assert_eq!(barrier.is_some(), is_told, "{barrier:?}");
+        if is_told {
+            is_at(barrier, BarrierKind::Seen, [ahead_m, 0.0], 0.005);
+        }
+    }
+}
+
+#[test]
+fn a_guard_that_cannot_judge_tells_none() {
+    let mut scene = Scene::new(Laser::ALL_AROUND, &vec![across(0.9)]);
+    assert!(scene.barrier(1.0, 0.0).is_some());
+    let requested = Velocity {
+        linear_mps: 1.0,
+        angular_radps: 0.0,
+    };
+    assert_eq!(scene.judge(None, requested), GuardVerdict::Stale);
+    assert_eq!(scene.guard.barrier(), None);
+}
