@@ -248,7 +248,7 @@ fn a_vehicle_that_sticks_is_an_alert_until_it_goes_or_is_no_longer_told_to() {
 #[test]
 fn nobody_is_said_to_be_stuck_now_who_is_not_heard() {
     let mut model = scout();
-    starts(&mut model, BootId([8; 16]), at(0));
+    starts(&mut model, BootId([7; 16]), at(0));
     let mut alerts = Alerts::default();
     for ms in [0, 3_000] {
         drives(&mut model, 1.0, 0.0, at(ms));

@@ -20,7 +20,8 @@ fn driving() -> Rig {
 
 #[test]
 fn of_a_lease_that_ends_with_a_key_down_the_end_alone_is_said() {
-    let ends: [(fn(&mut Rig), Note); 3] = [
+    type End = fn(&mut Rig);
+    let ends: [(End, Note); 3] = [
         (|rig| rig.ask(LeaseRequest::Release), Note::LeaseGivenBack),
         (
             |rig| rig.status(|status| status.lease.holder = None),

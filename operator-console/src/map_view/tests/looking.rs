@@ -287,12 +287,13 @@ fn what_the_guard_holds_the_vehicle_back_for_has_a_ring() {
     let rings = |window: &Harness<'_, Rig>| -> Vec<[i32; 2]> {
         let view = &window.state().view;
         let shapes = window.output().shapes.iter();
-        let rings = shapes.filter_map(|clipped| match &clipped.shape {
-            Shape::Circle(ring) if ring.stroke.color == theme::STOPPING => {
-                let place_m = view.camera.to_odom(view.screen, ring.center);
-                Some(place_m.map(|metres| metres.round() as i32))
-            }
-            _ => None,
+        let rings = shapes.filter_map(|clipped| {
+            let Shape::Circle(ring) = &clipped.shape else {
+                return None;
+            };
+            let place_m = view.camera.to_odom(view.screen, ring.center);
+            let is_it = ring.stroke.color == theme::STOPPING;
+            is_it.then(|| place_m.map(|metres| metres.round() as i32))
         });
         rings.collect()
     };

@@ -38,11 +38,12 @@ fn row(told: &[([f32; 2], Guard)]) -> (Tone, String) {
     (tone, says)
 }
 
+const GO: [f32; 2] = [0.8, 0.0];
+const ARC: [f32; 2] = [0.8, 0.5];
+const BACK: [f32; 2] = [-0.8, 0.0];
+
 #[test]
 fn the_row_of_the_guard_says_the_tightest_of_the_last_while() {
-    const GO: [f32; 2] = [0.8, 0.0];
-    const ARC: [f32; 2] = [0.8, 0.5];
-    const BACK: [f32; 2] = [-0.8, 0.0];
     let left = GuardLimits {
         left_radps: 0.1,
         ..ahead(0.9)
@@ -58,22 +59,6 @@ fn the_row_of_the_guard_says_the_tightest_of_the_last_while() {
             Tone::Warning,
             "Sees too little, ahead ≤ 0.30 m/s at times",
         ),
-        // What is over is over, and what is new holds.
-        (
-            vec![
-                (GO, Guard::Blind(ahead(0.3))),
-                (GO, Guard::Blind(ahead(0.3))),
-                (GO, Guard::On(FREE)),
-                (GO, Guard::On(FREE)),
-            ],
-            Tone::Good,
-            "On, ahead is free",
-        ),
-        (
-            vec![(GO, Guard::On(ahead(0.0))), (GO, Guard::On(ahead(0.4)))],
-            Tone::Good,
-            "On, ahead ≤ 0.40 m/s",
-        ),
         // It sees enough by turns only.
         (
             vec![
@@ -84,16 +69,6 @@ fn the_row_of_the_guard_says_the_tightest_of_the_last_while() {
             ],
             Tone::Warning,
             "Sees too little, ahead ≤ 0.30 m/s",
-        ),
-        // Whoever comes nearer is told so plainly.
-        (
-            vec![
-                (GO, Guard::On(ahead(0.7))),
-                (GO, Guard::On(ahead(0.5))),
-                (GO, Guard::On(ahead(0.49))),
-            ],
-            Tone::Good,
-            "On, ahead ≤ 0.49 m/s",
         ),
         // By turns: the words do not alternate.
         (
@@ -151,7 +126,14 @@ fn the_row_of_the_guard_says_the_tightest_of_the_last_while() {
             Tone::Good,
             "On, turning left ≤ 6 °/s at times",
         ),
-        // What was said of another way.
+    ] {
+        assert_eq!(row(&told), (tone, says.to_owned()), "{told:?}");
+    }
+}
+
+#[test]
+fn what_was_said_of_another_way_or_is_no_limit_is_no_tighter() {
+    for (told, tone, says) in [
         (
             vec![(GO, Guard::Blind(ahead(0.0))), (BACK, Guard::On(FREE))],
             Tone::Good,
@@ -177,6 +159,39 @@ fn the_row_of_the_guard_says_the_tightest_of_the_last_while() {
             vec![(GO, Guard::Stale), (GO, Guard::On(FREE))],
             Tone::Good,
             "On, ahead is free",
+        ),
+    ] {
+        assert_eq!(row(&told), (tone, says.to_owned()), "{told:?}");
+    }
+}
+
+#[test]
+fn what_is_over_is_over_and_what_is_new_holds() {
+    for (told, tone, says) in [
+        (
+            vec![
+                (GO, Guard::Blind(ahead(0.3))),
+                (GO, Guard::Blind(ahead(0.3))),
+                (GO, Guard::On(FREE)),
+                (GO, Guard::On(FREE)),
+            ],
+            Tone::Good,
+            "On, ahead is free",
+        ),
+        (
+            vec![(GO, Guard::On(ahead(0.0))), (GO, Guard::On(ahead(0.4)))],
+            Tone::Good,
+            "On, ahead ≤ 0.40 m/s",
+        ),
+        // Whoever comes nearer is told so plainly.
+        (
+            vec![
+                (GO, Guard::On(ahead(0.7))),
+                (GO, Guard::On(ahead(0.5))),
+                (GO, Guard::On(ahead(0.49))),
+            ],
+            Tone::Good,
+            "On, ahead ≤ 0.49 m/s",
         ),
     ] {
         assert_eq!(row(&told), (tone, says.to_owned()), "{told:?}");
