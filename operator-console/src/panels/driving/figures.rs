@@ -78,9 +78,9 @@ pub(super) fn rows(
 fn row_of_barrier(barrier: Option<Barrier>) -> (Tone, Row) {
     let (tone, words) = match barrier.map(|barrier| barrier.kind) {
         None => (Tone::Waiting, "–"),
-        Some(BarrierKind::Seen) => (Tone::Warning, "what is seen at the ring"),
-        Some(BarrierKind::Mapped) => (Tone::Warning, "what is mapped at the ring"),
-        Some(BarrierKind::Unseen) => (Tone::Warning, "unseen ground at the ring"),
+        Some(BarrierKind::Seen) => (Tone::Warning, "seen now (ringed)"),
+        Some(BarrierKind::Mapped) => (Tone::Warning, "on the map (ringed)"),
+        Some(BarrierKind::Unseen) => (Tone::Warning, "unseen ground (ringed)"),
     };
     (tone, row(IN_THE_WAY, words))
 }

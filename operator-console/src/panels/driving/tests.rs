@@ -430,9 +430,9 @@ fn the_guard_and_the_last_stop_are_always_seen() {
 #[test]
 fn who_drives_is_told_what_is_in_the_way() {
     for (kind, words) in [
-        (BarrierKind::Seen, "what is seen at the ring"),
-        (BarrierKind::Mapped, "what is mapped at the ring"),
-        (BarrierKind::Unseen, "unseen ground at the ring"),
+        (BarrierKind::Seen, "seen now (ringed)"),
+        (BarrierKind::Mapped, "on the map (ringed)"),
+        (BarrierKind::Unseen, "unseen ground (ringed)"),
     ] {
         let mut rig = Rig::driving();
         assert_eq!(rig.row("In the way"), Some((Tone::Waiting, "–".to_owned())));
