@@ -37,9 +37,6 @@ pub struct Cli {
     /// Open a recording (MCAP, ROS 1 bag or CARMEN log) and map it here
     #[arg(long, value_name = "FILE", conflicts_with_all = ["connect", "robot", "demo"])]
     pub open: Option<PathBuf>,
-    /// Which vehicle recorded it, and what to take of it.
-    #[command(flatten, next_help_heading = "How to map the recording of --open")]
-    pub setup: VehicleOptions,
     /// Times as fast as it was recorded, 0.1 to 20, or `max` (with --open)
     #[arg(long, value_name = "1|2.5|max", default_value = "1", requires = "open", value_parser = rate, allow_negative_numbers = true)]
     pub rate: Rate,
@@ -91,6 +88,10 @@ pub struct Cli {
     /// Say more; twice, still more (`RUST_LOG` overrides)
     #[arg(long, short, action = ArgAction::Count, conflicts_with = "quiet", global = true)]
     pub verbose: u8,
+    // The last of the options: its heading would be that of all behind it as well.
+    /// Which vehicle recorded what is opened, and what to take of it.
+    #[command(flatten, next_help_heading = "How to map the recording of --open")]
+    pub setup: VehicleOptions,
     /// What to do besides showing a map
     #[command(subcommand)]
     pub task: Option<Task>,
@@ -262,6 +263,33 @@ mod tests {
         let of = |option: &str| help.lines().find(|line| line.contains(option)).unwrap();
         assert!(of("--screenshot <").contains("--after"), "{help}");
         assert!(of("--after <").contains("with --screenshot"), "{help}");
+    }
+
+    #[test]
+    fn only_what_maps_a_recording_is_below_that_heading() {
+        let help = Cli::command().render_long_help().to_string();
+        let line_of = |begin: &str| {
+            let mut lines = help.lines().map(str::trim_start);
+            lines.position(|line| line.starts_with(begin)).unwrap()
+        };
+        let heading = line_of("How to map the recording of --open");
+        for option in ["--keys <", "--headless", "--rate <", "-q, --quiet"] {
+            assert!(line_of(option) < heading, "{option}: {help}");
+        }
+        for option in ["--vehicle <", "--set <", "--topic <"] {
+            assert!(line_of(option) > heading, "{option}: {help}");
+        }
+    }
+
+    #[test]
+    fn help_of_scripts_ends_with_a_whole_command() {
+        let shown = crate::script::LANGUAGE.lines().next_back().unwrap();
+        let (_, line) = shown.split_once(": operator-console ").unwrap();
+        let cli = parse(line).unwrap();
+        assert_eq!(cli.demo.as_deref(), Some("rooms"));
+        assert_eq!(cli.check(), Ok(()));
+        let script = PathBuf::from("FILE");
+        assert_eq!(cli.task, Some(Task::Drive(DriveArgs { script })));
     }
 
     #[test]

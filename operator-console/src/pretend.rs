@@ -174,7 +174,7 @@ pub(crate) fn standing() -> TeleopStatus {
 pub(crate) fn helm_of_anna() -> HelmSight {
     HelmSight {
         operator: "anna".parse().unwrap(),
-        only_watches: false,
+        role: None,
         lease: Lease::None,
         last_grant: None,
         step: SpeedStep::default(),

@@ -4,6 +4,8 @@ use robot_edge::teleop::Role;
 
 /// What is said to who may only watch.
 pub const WATCHES: &str = "You watch: observers neither drive nor stop the vehicle";
+/// What is said to who may drive, and not take over.
+pub const ASKS: &str = "Only supervisors take over: ask to hand over";
 
 /// Whether who shows this role is proven to have no right to drive or to stop: nothing that they sign would be obeyed.
 /// `None`, where nobody has proven a role, is no such proof: whoever may have the right must be able to press the stop.
@@ -11,6 +13,14 @@ pub const fn only_watches(role: Option<Role>) -> bool {
     match role {
         Some(role) => !role.may_drive(),
         None => false,
+    }
+}
+
+/// Whether who shows this role is proven to have no right to take over. `None` is no such proof here either.
+pub const fn never_takes_over(role: Option<Role>) -> bool {
+    match role {
+        Some(Role::Observer | Role::Operator) => true,
+        Some(Role::Supervisor) | None => false,
     }
 }
 
@@ -27,6 +37,18 @@ mod tests {
             (Some(Role::Observer), true),
         ] {
             assert_eq!(only_watches(role), expected, "{role:?}");
+        }
+    }
+
+    #[test]
+    fn only_who_is_proven_to_be_no_supervisor_is_kept_from_taking_over() {
+        for (role, expected) in [
+            (None, false),
+            (Some(Role::Operator), true),
+            (Some(Role::Supervisor), false),
+            (Some(Role::Observer), true),
+        ] {
+            assert_eq!(never_takes_over(role), expected, "{role:?}");
         }
     }
 }

@@ -70,7 +70,7 @@ fn model(recording: RecordingStatus, has_ended: bool) -> ConsoleModel {
 fn helm(token_age: Option<Duration>) -> HelmSight {
     HelmSight {
         operator: "anna".parse().unwrap(),
-        only_watches: false,
+        role: None,
         lease: Lease::None,
         last_grant: None,
         step: SpeedStep::default(),

@@ -24,7 +24,6 @@ pub fn severity(kind: &str) -> Severity {
         | "involuntary_stop"
         | "guard_off"
         | "operators_unreadable"
-        | "loss"
         | "refused" => Severity::Warning,
         _other => Severity::Info,
     }

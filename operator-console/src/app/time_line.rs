@@ -15,6 +15,7 @@ const PLAYBACK_PERIOD: Duration = Duration::from_millis(50);
 pub(super) fn playback_ui(ui: &mut Ui, playback: &mut Playback) -> Option<PlaybackCommand> {
     let name = playback.file_name();
     let sight = playback.sight();
+    playback.look_for_damage(&sight);
     let data = TimelineData::new(&name, &sight, playback.failure());
     if !matches!(sight.state, ReplayState::Paused | ReplayState::Ended) || !sight.is_settled {
         ui.ctx().request_repaint_after(PLAYBACK_PERIOD);

@@ -56,11 +56,19 @@ impl ConsoleApp {
             let text = format!("The demo has ended: {why}");
             notes.push((Severity::Alarm, "demo", text));
         }
-        if let Some(playback) = &mut self.playback
-            && let Some(why) = playback.failure_to_tell()
-        {
-            let text = format!("{} cannot be shown: {why}", playback.file_name());
-            notes.push((Severity::Alarm, "recording", text));
+        if let Some(playback) = &mut self.playback {
+            let name = playback.file_name();
+            for damage in playback.damage_to_tell() {
+                notes.push((
+                    Severity::Warning,
+                    "recording",
+                    format!("{name} is {damage}"),
+                ));
+            }
+            if let Some(why) = playback.failure_to_tell() {
+                let text = format!("{name} cannot be shown: {why}");
+                notes.push((Severity::Alarm, "recording", text));
+            }
         }
         notes.extend(self.driving_notes());
         if let Some(export) = &mut self.export

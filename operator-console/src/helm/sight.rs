@@ -5,8 +5,10 @@ use std::time::Duration;
 use protocol::keys::OperatorId;
 use protocol::message::Refusal;
 use robot_edge::clock::Monotonic;
+use robot_edge::teleop::Role;
 
 use super::{Helm, Lease, Note};
+use crate::role;
 use crate::teleop_input::{DriveKey, Loss, SpeedStep, Wish};
 
 /// How long something that was not expected is shown.
@@ -17,8 +19,8 @@ const NOTICE: Duration = Duration::from_secs(10);
 pub struct HelmSight {
     /// Who drives from this console.
     pub operator: OperatorId,
-    /// Whether they are proven to be an observer.
-    pub only_watches: bool,
+    /// What they are proven to be.
+    pub role: Option<Role>,
     /// Whether they do.
     pub lease: Lease,
     /// The newest grant that was this console's since the robot began: a status that still tells of it may be older than
@@ -59,6 +61,18 @@ pub enum EStopSight {
     Refused(Refusal),
 }
 
+impl HelmSight {
+    /// Whether its operator is proven to be an observer.
+    pub const fn only_watches(&self) -> bool {
+        role::only_watches(self.role)
+    }
+
+    /// Whether its operator is proven to be no supervisor.
+    pub const fn never_takes_over(&self) -> bool {
+        role::never_takes_over(self.role)
+    }
+}
+
 impl Helm {
     /// The helm as it is at `now`.
     pub fn sight(&self, now: Monotonic) -> HelmSight {
@@ -73,7 +87,7 @@ impl Helm {
         let token = self.newest.filter(|newest| newest.token.is_some());
         HelmSight {
             operator: self.identity.operator.clone(),
-            only_watches: self.only_watches(),
+            role: self.identity.role,
             lease: self.lease,
             last_grant: self.last_grant,
             step: self.input.step(),

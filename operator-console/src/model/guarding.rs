@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use protocol::message::{Barrier, Guard, TeleopStatus, Velocity};
+use protocol::message::{Barrier, Guard, SensorKind, TeleopStatus, Velocity};
 use robot_edge::clock::Monotonic;
 
 use super::ConsoleModel;
@@ -12,8 +12,12 @@ use super::recent::Recent;
 /// Three statuses of a vehicle that nobody drives; words that change more often than this are not read.
 const LATELY: Duration = Duration::from_millis(1500);
 
-/// Where the guard changes its mind with every scan, what it spoke of last is shown on.
-const BARRIER_LATELY: Duration = Duration::from_millis(500);
+/// Less is no speed in two decimals, m/s.
+pub const LEAST_MPS: f32 = 0.005;
+/// Less is no turn in whole degrees, rad/s.
+pub const LEAST_RADPS: f32 = 0.0087;
+/// What the guard holds a vehicle back for is of the sensor that hit something so near to it, metres.
+const BESIDE_M: f64 = 0.5;
 
 /// What a status told of the guard.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,25 +69,56 @@ impl Guardings {
 impl ConsoleModel {
     /// What the guard said within 1.5 s before the newest status, and in that; the oldest first. It is there to be
     /// read: nothing that commands anything goes by it.
-    pub fn guard_lately(&self) -> impl Iterator<Item = &Guarding> + Clone {
+    pub fn guard_lately(&self) -> impl DoubleEndedIterator<Item = &Guarding> + Clone {
         self.guardings.within(LATELY)
     }
 
-    /// What the guard holds the vehicle back for, or did within half a second before the newest status: the last of it.
+    /// What the guard holds the vehicle back for on the way that is asked for, or did lately: it may change its mind with
+    /// every scan.
     pub fn barrier(&self) -> Option<Barrier> {
-        let lately = self.guardings.within(BARRIER_LATELY);
-        lately.rev().find_map(|told| told.barrier)
+        let mut lately = self.guard_lately().rev().peekable();
+        let asked = way(lately.peek()?.requested);
+        let mut of_way = lately.filter(|told| way(told.requested) == asked);
+        of_way.find_map(|told| told.barrier)
     }
+
+    /// What kind of sensor has just hit what is at this place, metres in `odom`.
+    pub fn seen_by(&self, place_m: [f64; 2]) -> Option<SensorKind> {
+        let from_place_m =
+            |point_m: &[f64; 2]| libm::hypot(point_m[0] - place_m[0], point_m[1] - place_m[1]);
+        let nearest_m = |points_m: &[[f64; 2]]| {
+            let all_m = points_m.iter().map(from_place_m);
+            all_m.fold(f64::INFINITY, f64::min)
+        };
+        let sweeps = self.scans();
+        let away = sweeps.map(|(sensor, sweep)| (nearest_m(&sweep.points_m), sensor));
+        let (_, sensor) = away
+            .filter(|(away_m, _)| *away_m <= BESIDE_M)
+            .min_by(|(one_m, _), (other_m, _)| one_m.total_cmp(other_m))?;
+        let mut described = self.sensors().iter();
+        let described = described.find(|info| info.name == sensor);
+        described.map(|info| info.kind)
+    }
+}
+
+/// Whither one goes and turns: 1 forwards and to the left, −1 back and to the right, 0 neither.
+pub fn way(asked: Velocity) -> [i8; 2] {
+    let sign = |speed: f32, least: f32| i8::from(speed >= least) - i8::from(speed <= -least);
+    [
+        sign(asked.linear_mps, LEAST_MPS),
+        sign(asked.angular_radps, LEAST_RADPS),
+    ]
 }
 
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::{BarrierKind, Status};
+    use protocol::message::{BarrierKind, Info, Scan, SensorInfo, Status};
     use protocol::tile::BootId;
 
     use super::*;
-    use crate::pretend::{at, says, scout, standing, starts};
+    use crate::model::RequestId;
+    use crate::pretend::{answers, at, says, scout, standing, starts};
 
     /// A status tells this.
     fn tells(model: &mut ConsoleModel, guard: Guard, ms: u64) {
@@ -103,17 +138,18 @@ mod tests {
     }
 
     #[test]
-    fn what_bounds_the_vehicle_is_known_for_half_a_second() {
+    fn what_bounds_the_vehicle_is_known_for_a_second_and_a_half_and_of_one_way() {
         let barrier = |x_m| Barrier {
             position_m: [x_m, 0.0],
             kind: BarrierKind::Mapped,
         };
         let mut model = scout();
-        let mut tells = |told: Option<Barrier>, ms| {
-            let teleop = TeleopStatus {
+        let mut tells = |linear_mps, told: Option<Barrier>, ms| {
+            let mut teleop = TeleopStatus {
                 barrier: told,
                 ..standing()
             };
+            teleop.requested.linear_mps = linear_mps;
             let status = Status {
                 teleop: Some(teleop),
                 ..Status::default()
@@ -121,11 +157,46 @@ mod tests {
             says(&mut model, Topic::Status, &status, at(ms));
             model.barrier()
         };
-        assert_eq!(tells(None, 1_000), None);
-        assert_eq!(tells(Some(barrier(1.0)), 1_100), Some(barrier(1.0)));
-        assert_eq!(tells(Some(barrier(2.0)), 1_200), Some(barrier(2.0)));
-        assert_eq!(tells(None, 1_699), Some(barrier(2.0)), "it comes and goes");
-        assert_eq!(tells(None, 1_700), None);
+        assert_eq!(tells(0.5, None, 1_000), None);
+        assert_eq!(tells(0.5, Some(barrier(1.0)), 1_100), Some(barrier(1.0)));
+        assert_eq!(tells(0.7, Some(barrier(2.0)), 1_200), Some(barrier(2.0)));
+        let comes_and_goes = tells(0.5, None, 2_600);
+        assert_eq!(comes_and_goes, Some(barrier(2.0)));
+        assert_eq!(tells(-0.5, None, 2_650), None, "another way");
+        assert_eq!(tells(0.5, None, 2_700), None);
+    }
+
+    #[test]
+    fn what_a_beam_has_just_hit_is_known_by_its_sensor() {
+        let mut model = scout();
+        let info = |name: &str, kind| SensorInfo {
+            name: name.to_owned(),
+            kind,
+            mount: None,
+            view: None,
+            rate_hz: None,
+        };
+        let sensors = Info {
+            sensors: vec![
+                info("laser", SensorKind::PlanarLaser),
+                info("deep", SensorKind::Sonar),
+            ],
+            ..Info::default()
+        };
+        let told = RequestId(0);
+        answers(&mut model, told, Topic::Info, &sensors, at(1_000));
+        model.want_scan(true);
+        for (name, point_m) in [("laser", [4.0, 0.0]), ("deep", [4.0, 0.6])] {
+            let scan = Scan::of_points(name.to_owned(), [0.0, 0.0], [point_m]);
+            says(&mut model, Topic::Scan, &scan, at(1_000));
+        }
+        for (place_m, kind) in [
+            ([4.0, 0.1], Some(SensorKind::PlanarLaser)),
+            ([4.0, 0.4], Some(SensorKind::Sonar)),
+            ([4.0, 1.2], None),
+        ] {
+            assert_eq!(model.seen_by(place_m), kind, "{place_m:?}");
+        }
     }
 
     #[test]

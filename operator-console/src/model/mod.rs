@@ -50,7 +50,7 @@ use robot_edge::clock::Monotonic;
 
 pub use ages::{AgeOrder, Ages};
 pub use connection::{Connection, HeardBefore, LinkState, SILENT_AFTER, SLOWLY_SILENT_AFTER};
-pub use guarding::Guarding;
+pub use guarding::{Guarding, LEAST_MPS, LEAST_RADPS, way};
 pub use incoming::{Incoming, OpenSessions, Outgoing, RequestId};
 pub use kept_names::KeptSiteNames;
 pub use link_quality::{LinkQuality, LinkSample, Stream};

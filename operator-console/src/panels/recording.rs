@@ -73,7 +73,7 @@ impl RecordingData {
             _ if !is_live => Some("The robot is not heard"),
             _ if status.has_ended => Some("Its data has ended"),
             None => Some("Nobody here is its operator"),
-            Some(helm) if helm.only_watches => {
+            Some(helm) if helm.only_watches() => {
                 Some("You watch: observers start and stop no recording")
             }
             Some(helm) if helm.is_asking => Some("The robot is being asked"),

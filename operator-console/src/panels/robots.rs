@@ -224,7 +224,7 @@ fn state_words(
     }
     match &sighting.state {
         None => (Tone::Waiting, "there".to_owned()),
-        Some(FleetState::Undriven) => (Tone::Waiting, "not to be driven".to_owned()),
+        Some(FleetState::Undriven) => (Tone::Waiting, "cannot be driven".to_owned()),
         Some(FleetState::Ended) => (Tone::Waiting, "ended".to_owned()),
         // The same marks and words as while it is driven.
         Some(FleetState::Free) => match own_motion {

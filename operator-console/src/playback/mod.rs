@@ -3,6 +3,7 @@
 //! The mapping code is the vehicle's own, and so is the way to the screen: a link, over this machine's own network.
 
 mod command;
+mod damage;
 mod drop_hint;
 mod open_dialog;
 mod path_completion;
@@ -25,6 +26,9 @@ use robot_edge::replay_control::{ReplayControl, ReplaySight};
 use crate::demo::free_endpoint;
 use crate::link::FoundRobot;
 use crate::model::ConsoleModel;
+use crate::panels::timeline::clock;
+
+use damage::Damage;
 
 pub use command::{PlaybackCommand, RATES, is_going};
 pub use drop_hint::drop_hint_ui;
@@ -55,6 +59,7 @@ pub struct Playback {
     failed: Receiver<anyhow::Error>,
     failure: Option<String>,
     is_failure_told: bool,
+    damage: Damage,
     /// Where the vehicle was, and the version of that.
     trail: (u64, Vec<[f64; 2]>),
 }
@@ -92,6 +97,7 @@ impl Playback {
             failed,
             failure: None,
             is_failure_told: false,
+            damage: Damage::default(),
             trail: (0, Vec::new()),
         })
     }
@@ -115,6 +121,16 @@ impl Playback {
     /// How it is going.
     pub fn sight(&self) -> ReplaySight {
         self.control.sight()
+    }
+
+    /// Looks for what could not be read, in what it was seen to do.
+    pub fn look_for_damage(&mut self, sight: &ReplaySight) {
+        self.damage.look(&sight.marks);
+    }
+
+    /// What of that nobody was told yet, in words.
+    pub fn damage_to_tell(&mut self) -> Vec<String> {
+        self.damage.take_news(|mark| clock(mark.at))
     }
 
     /// Shows the way of the vehicle in the model of it, which may have heard only now and then where it was.
@@ -156,7 +172,7 @@ impl Drop for Playback {
 fn with_what_to_do(words: String) -> String {
     const OPTIONS: [&str; 3] = ["--set ", "--topic ", "--vehicle "];
     if OPTIONS.iter().any(|option| words.contains(option)) {
-        format!("{words} (beside --open: operator-console --open FILE …)")
+        format!("{words} (beside --open; `robot-edge info FILE` says all that it needs)")
     } else {
         words
     }
@@ -257,7 +273,7 @@ mod tests {
         let says = "several topics carry scans. Choose one, for example --topic laser=/rear_scan";
         let words = with_what_to_do(says.to_owned());
         assert!(
-            words.starts_with(says) && words.contains("operator-console --open FILE"),
+            words.starts_with(says) && words.contains("beside --open; `robot-edge info FILE` says"),
             "{words}"
         );
         assert_eq!(with_what_to_do("it is empty".to_owned()), "it is empty");

@@ -31,7 +31,8 @@ States that `await` knows, and what the output says of them:
   estop                         \"Emergency stop\"
   fault                         \"Fault\", and why
   lease                         \"lease held\": this console has it, whatever the vehicle does
-At its end all keys are let go, and the answer to what was asked for last is waited for (5 s at most).";
+At its end all keys are let go, and the answer to what was asked for last is waited for (5 s at most).
+Options that choose the robot go before it: operator-console --demo rooms --headless drive --script FILE";
 
 /// Longest script, bytes: a day of one action a second.
 const MAX_BYTES: usize = 4 << 20;

@@ -320,7 +320,7 @@ impl<'a> Player<'a> {
         });
     }
 
-    /// Marks what could not be read since the last item, and tells of it.
+    /// Marks what could not be read since the last item.
     fn mark_losses(&mut self, at: RobotDuration) {
         let lost = self.source.lost_total();
         let more = lost.saturating_sub(self.lost);
@@ -337,17 +337,11 @@ impl<'a> Player<'a> {
             (true, 1) => "a message could not be read".to_owned(),
             (true, n) => format!("{n} messages could not be read"),
         };
-        let mark = Mark {
+        self.control.mark(Mark {
             at,
             kind: "loss",
-            message: message.clone(),
-        };
-        let is_new = self.control.mark(mark);
-        if let Some(network) = &self.sides.mapping.network
-            && is_new
-        {
-            network.tell("loss", &message);
-        }
+            message,
+        });
     }
 }
 

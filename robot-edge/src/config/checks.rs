@@ -18,7 +18,7 @@ pub(super) enum Allowed {
 }
 
 impl Allowed {
-    fn contains(self, value: f64) -> bool {
+    pub(super) fn contains(self, value: f64) -> bool {
         match self {
             Self::Within(least, most) => (least..=most).contains(&value),
             Self::PositiveUpTo(most) => value > 0.0 && value <= most,

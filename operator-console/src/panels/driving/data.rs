@@ -43,6 +43,8 @@ pub struct DrivingData {
     pub lease: LeaseFace,
     /// Whether who sits here may only watch.
     pub only_watches: bool,
+    /// Whether who sits here is proven to have no right to take over.
+    pub never_takes_over: bool,
     /// What the operator did not expect, lately.
     pub notice: Option<String>,
     /// Somebody asks the operator to hand over.
@@ -139,7 +141,8 @@ impl DrivingData {
             estop: estop_face(teleop, helm),
             driver: driver(teleop, helm, silence.is_some()),
             lease: lease_face(teleop, helm, silence.is_some() || status.has_ended),
-            only_watches: helm.only_watches,
+            only_watches: helm.only_watches(),
+            never_takes_over: helm.never_takes_over(),
             asks: teleop
                 .lease
                 .waiting
@@ -204,7 +207,7 @@ fn estop_face(teleop: &TeleopStatus, helm: &HelmSight) -> EStopFace {
             number: estop.number,
             is_stored: estop.is_stored,
         },
-        _ if helm.only_watches => EStopFace::Watching,
+        _ if helm.only_watches() => EStopFace::Watching,
         (EStopSight::Refused(why), None) => EStopFace::Refused(words::refusal(why)),
         (EStopSight::Quiet | EStopSight::Sending(_) | EStopSight::Unsendable(_), None) => {
             EStopFace::Ready
@@ -242,7 +245,7 @@ fn lease_face(teleop: &TeleopStatus, helm: &HelmSight, is_lost: bool) -> LeaseFa
     match helm.lease {
         Lease::Held(_) => LeaseFace::Mine,
         Lease::Waiting { .. } => LeaseFace::Waiting,
-        Lease::None if helm.only_watches => LeaseFace::Watching,
+        Lease::None if helm.only_watches() => LeaseFace::Watching,
         Lease::None if is_lost || helm.is_asking || is_own(&teleop.lease, helm) => LeaseFace::Quiet,
         Lease::None if teleop.lease.holder.is_some() => LeaseFace::Others,
         Lease::None => LeaseFace::Free,

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use protocol::message::{Barrier, BarrierKind, Clamp, TeleopStatus};
+use protocol::message::{Barrier, BarrierKind, Clamp, SensorKind, TeleopStatus};
 use robot_edge::clock::Monotonic;
 
 use super::guard::{self, guard};
@@ -57,7 +57,7 @@ pub(super) fn rows(
     let (tone, words) = guard(teleop, tightest(teleop, model.guard_lately()), helm.limits);
     rows.push((tone, row(GUARD, words)));
     if helm.lease.held().is_some() {
-        rows.push(row_of_barrier(model.barrier()));
+        rows.push(row_of_barrier(model));
     }
     let events = model.events().iter().map(|(event, _)| event);
     if let Some((tone, stop)) = last_stop(teleop, model.before_estop(), events) {
@@ -75,9 +75,17 @@ pub(super) fn rows(
 }
 
 /// What the guard holds the vehicle back for: the map has a ring around it.
-fn row_of_barrier(barrier: Option<Barrier>) -> (Tone, Row) {
+fn row_of_barrier(model: &ConsoleModel) -> (Tone, Row) {
+    let barrier = model.barrier();
+    let is_shallow = |barrier: &Barrier| {
+        let place_m = barrier.position_m.map(f64::from);
+        model.seen_by(place_m) == Some(SensorKind::Sonar)
+    };
     let (tone, words) = match barrier.map(|barrier| barrier.kind) {
         None => (Tone::Waiting, "–"),
+        Some(BarrierKind::Seen) if barrier.as_ref().is_some_and(is_shallow) => {
+            (Tone::Warning, "too shallow (ringed)")
+        }
         Some(BarrierKind::Seen) => (Tone::Warning, "seen now (ringed)"),
         Some(BarrierKind::Mapped) => (Tone::Warning, "on the map (ringed)"),
         Some(BarrierKind::Unseen) => (Tone::Warning, "unseen ground (ringed)"),
@@ -95,7 +103,7 @@ pub(super) fn hint(name: &str) -> Option<&'static str> {
         GUARD => Some(guard::HINT),
         IN_THE_WAY => Some(
             "What the collision guard holds the robot back for on the way that is asked for; an amber ring on the map is \
-             around it. What is seen is hit by a beam of the last scans; what is mapped was hit before; unseen ground has \
+             around it. What is seen is hit by a beam of the last scans; what is too shallow, by a sonar's; what is mapped was hit before; unseen ground has \
              not been looked at, or too long ago.",
         ),
         _ => None,

@@ -3,13 +3,10 @@
 use protocol::message::{Clamp, Guard, TeleopState, TeleopStatus, Velocity};
 
 use super::tightest::Tightest;
+use crate::model::{LEAST_MPS, LEAST_RADPS};
 use crate::panels::wording::signed;
 use crate::theme::Tone;
 
-/// Less is no speed in two decimals, m/s.
-pub(super) const LEAST_MPS: f32 = 0.005;
-/// Less is no turn in whole degrees, rad/s.
-pub(super) const LEAST_RADPS: f32 = 0.0087;
 /// What lets through so much of what is asked for does not bound it to be seen.
 pub(super) const FREE: f32 = 0.98;
 

@@ -2,8 +2,9 @@
 
 use protocol::message::{Guard, TeleopStatus, Velocity};
 
-use super::guard::{LEAST_MPS, LEAST_RADPS, allowed, makes_stand};
+use super::guard::{allowed, makes_stand};
 use crate::helm::HelmSight;
+use crate::model::{LEAST_MPS, LEAST_RADPS};
 use crate::teleop_input::DriveKey;
 
 const FORWARD: [DriveKey; 2] = [DriveKey::W, DriveKey::Up];

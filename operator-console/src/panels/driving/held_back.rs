@@ -8,6 +8,16 @@ use super::tightest::Tightest;
 use super::words;
 use crate::panels::wording::signed;
 
+/// What nothing holds back but that nobody is faster at once.
+const SPEEDS_UP: &str = "Speeding up";
+const SLOWS_DOWN: &str = "Slowing down";
+const CHANGES: &str = "Changing direction";
+
+/// Whether such words tell of no limit that holds.
+pub(super) fn is_free(words: &str) -> bool {
+    [SPEEDS_UP, SLOWS_DOWN, CHANGES].contains(&words)
+}
+
 /// In words, where there is something to be seen. What `is_stuck` is held by neither acceleration nor brakes, whatever
 /// its motors are told.
 pub(super) fn held_back(
@@ -54,8 +64,12 @@ fn on_the_way_up(teleop: &TeleopStatus, guard: Guard) -> String {
     let (asked, told) = (teleop.requested, teleop.applied);
     let turns_round =
         asked.linear_mps * told.linear_mps < 0.0 || asked.angular_radps * told.angular_radps < 0.0;
-    let Some((clamp, share)) = bound(teleop, guard).filter(|_| !turns_round) else {
-        return by(Clamp::Ramp);
+    if turns_round {
+        return CHANGES.to_owned();
+    }
+    let Some((clamp, share)) = bound(teleop, guard) else {
+        let speeds_up = is_beyond(parts(asked), parts(told));
+        return if speeds_up { SPEEDS_UP } else { SLOWS_DOWN }.to_owned();
     };
     let most = parts(asked).map(|speed| share * speed);
     if is_beyond(most, parts(told)) {

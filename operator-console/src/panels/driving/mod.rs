@@ -79,7 +79,7 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
     advice_ui(ui, data.advice.as_deref());
     ui.add_space(2.0);
     ui.label(RichText::new(&data.driver).strong());
-    intent = intent.or(lease_ui(ui, data.lease));
+    intent = intent.or(lease_ui(ui, data.lease, data.never_takes_over));
     if let Some(notice) = &data.notice {
         let warning = theme::Tone::Warning.color(ui.visuals());
         ui.add(Label::new(RichText::new(notice).small().color(warning)).wrap());
@@ -94,7 +94,12 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
     }
     let clamp = data.clamp.as_deref().unwrap_or(" ");
     let warning = theme::Tone::Warning.color(ui.visuals());
-    ui.label(RichText::new(clamp).small().color(warning));
+    let color = if held_back::is_free(clamp) {
+        ui.visuals().weak_text_color()
+    } else {
+        warning
+    };
+    ui.label(RichText::new(clamp).small().color(color));
     ui.separator();
     toned_rows_ui(ui, "driving", &data.rows, &figures::hint);
     ui.separator();
@@ -191,7 +196,7 @@ fn estop_ui(ui: &mut Ui, face: &EStopFace, only_watches: bool) -> Option<Intent>
     }
 }
 
-fn lease_ui(ui: &mut Ui, face: LeaseFace) -> Option<Intent> {
+fn lease_ui(ui: &mut Ui, face: LeaseFace, never_takes_over: bool) -> Option<Intent> {
     let buttons: &[(&str, Option<&str>, LeaseRequest)] = match face {
         LeaseFace::Quiet => &[],
         LeaseFace::Free => &[(
@@ -228,6 +233,10 @@ fn lease_ui(ui: &mut Ui, face: LeaseFace) -> Option<Intent> {
         // As high with buttons as without, so that nothing below moves.
         ui.set_min_height(28.0);
         for (label, hint, request) in buttons {
+            if never_takes_over && *request == LeaseRequest::TakeOver {
+                watching::take_over_ui(ui, label);
+                continue;
+            }
             let keys = Action::Lease.keys();
             let mut button = ui.button(*label);
             match hint {

@@ -1,10 +1,10 @@
 //! The tightest of what the collision guard said lately, for its row, where it says now this and now that: words that come
 //! and go with every scan are not read, and the looser ones hide why the vehicle slows down.
 
-use protocol::message::{Guard, GuardLimits, TeleopStatus, Velocity};
+use protocol::message::{Guard, GuardLimits, TeleopStatus};
 
-use super::guard::{LEAST_MPS, LEAST_RADPS, allowed};
-use crate::model::Guarding;
+use super::guard::allowed;
+use crate::model::{Guarding, LEAST_MPS, LEAST_RADPS, way};
 
 /// What allows so many times as much is looser, and not only another measurement.
 const LOOSER: f32 = 1.1;
@@ -71,15 +71,6 @@ const fn limits(guard: Guard) -> Option<(bool, GuardLimits)> {
 fn changes_by_turns(told: impl Iterator<Item = bool> + Clone) -> bool {
     let changes = told.clone().zip(told.skip(1));
     changes.filter(|(one, next)| one != next).count() > 1
-}
-
-/// Whither one goes and turns: 1 forwards and to the left, −1 back and to the right, 0 neither.
-fn way(asked: Velocity) -> [i8; 2] {
-    let sign = |speed: f32, least: f32| i8::from(speed >= least) - i8::from(speed <= -least);
-    [
-        sign(asked.linear_mps, LEAST_MPS),
-        sign(asked.angular_radps, LEAST_RADPS),
-    ]
 }
 
 const fn least(one: GuardLimits, other: GuardLimits) -> GuardLimits {

@@ -1,16 +1,21 @@
-//! What the panel offers who may only watch: nothing to press, and why.
+//! What the panel offers who may only watch, or not take over: nothing to press, and why.
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{Button, Label, Layout, Response, Ui, Vec2, WidgetInfo};
 
-use crate::role::WATCHES;
+use crate::role::{ASKS, WATCHES};
+
+/// A button that observers cannot press.
+pub(crate) fn disabled_ui(ui: &mut Ui, label: &str, size: Vec2) -> Response {
+    disabled_because_ui(ui, label, size, WATCHES)
+}
 
 /// A button that cannot be pressed; who asks for it, or hears it, is told why.
-pub(crate) fn disabled_ui(ui: &mut Ui, label: &str, size: Vec2) -> Response {
+fn disabled_because_ui(ui: &mut Ui, label: &str, size: Vec2, why: &str) -> Response {
     let shown = ui.add_enabled(false, Button::new(label).min_size(size));
-    let name = format!("{label}. {WATCHES}");
+    let name = format!("{label}. {why}");
     shown.widget_info(|| WidgetInfo::labeled(Role::Button, false, &name));
-    shown.on_disabled_hover_text(WATCHES)
+    shown.on_disabled_hover_text(why)
 }
 
 /// The emergency stop, as large as one that can be pressed, and with its words where that has them: in the middle.
@@ -25,6 +30,11 @@ pub(super) fn estop_ui(ui: &mut Ui, size: Vec2) {
 pub(super) fn lease_ui(ui: &mut Ui) {
     disabled_ui(ui, "Drive", Vec2::ZERO);
     ui.add(Label::new(WATCHES).wrap());
+}
+
+/// Where supervisors take over.
+pub(super) fn take_over_ui(ui: &mut Ui, label: &str) {
+    disabled_because_ui(ui, label, Vec2::ZERO, ASKS);
 }
 
 #[cfg(test)]

@@ -153,11 +153,22 @@ pub fn refusal(why: Refusal) -> String {
     }
 }
 
+/// The same of what was asked for.
+fn refusal_of(what: &Asked, why: Refusal) -> String {
+    let is_take_over = matches!(what, Asked::Lease(LeaseRequest::TakeOver));
+    if is_take_over && why == Refusal::Role {
+        // Who reads it may drive, and would look for a fault in their keys.
+        return "only supervisors take over".to_owned();
+    }
+    refusal(why)
+}
+
 /// A note, and whether it says that something was not done.
 pub fn note(note: &Note) -> (String, bool) {
     match note {
         Note::Answered(what, Answer::Refused(why)) => {
-            (format!("{} refused: {}", asked(what), refusal(*why)), true)
+            let why = refusal_of(what, *why);
+            (format!("{} refused: {why}", asked(what)), true)
         }
         Note::Answered(what, answer) => (format!("{}: {}", asked(what), outcome(*answer)), false),
         Note::NotAnswered(what) => (format!("{}: no answer", asked(what)), true),

@@ -5,6 +5,7 @@ use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use protocol::keys::Topic;
 use protocol::message::{Info, Refusal, Status};
+use robot_edge::teleop::Role;
 
 use super::*;
 use crate::model::RequestId;
@@ -164,7 +165,7 @@ fn who_cannot_ask_is_told_why() {
         ..helm_of_anna()
     };
     let watching = HelmSight {
-        only_watches: true,
+        role: Some(Role::Observer),
         ..helm_of_anna()
     };
     assert_eq!(

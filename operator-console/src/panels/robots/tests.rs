@@ -106,6 +106,7 @@ fn every_robot_says_how_it_is() {
         seen("h", 25, Some(FleetState::Ended)),
         seen("i", 3, Some(FleetState::EStop { has_ended: true })),
         seen("j", 25, Some(FleetState::EStop { has_ended: true })),
+        seen("k", 3, Some(FleetState::Undriven)),
     ];
     fleet[1].alerts = 1;
     fleet[2].alerts = 2;
@@ -130,6 +131,7 @@ fn every_robot_says_how_it_is() {
             ("ended, last seen 25 s ago", Tone::Waiting),
             ("emergency stop", Tone::Warning),
             ("ended, last seen 25 s ago", Tone::Waiting),
+            ("cannot be driven", Tone::Waiting),
         ]
     );
 }

@@ -156,7 +156,7 @@ fn times(rate: f64) -> String {
 }
 
 /// Minutes, seconds and tenths, and hours where there are any. What has not passed yet is not said: tenths are cut.
-pub(super) fn clock(time: RobotDuration) -> String {
+pub(crate) fn clock(time: RobotDuration) -> String {
     let tenths = time.as_nanos().max(0) / 100_000_000;
     let (seconds, tenth) = (tenths / 10, tenths % 10);
     let (minutes, second) = (seconds / 60, seconds % 60);

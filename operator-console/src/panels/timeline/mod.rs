@@ -3,13 +3,15 @@
 mod bar;
 mod data;
 
-use eframe::egui::{Align, Button, ComboBox, Layout, RichText, Ui, vec2};
+use eframe::egui::{Align, Button, ComboBox, Layout, RichText, TextStyle, Ui, vec2};
 use robot_edge::robot_time::RobotDuration;
 
+use super::command_line::with_options;
 use crate::playback::{PlaybackCommand, RATES};
 use crate::shortcuts::Action;
 use crate::theme::{Tone, state_ui};
 
+pub(crate) use data::clock;
 pub use data::{TimelineData, TimelineMark};
 
 use bar::bar_ui;
@@ -58,7 +60,8 @@ fn failure_ui(ui: &mut Ui, data: &TimelineData, failure: &str) -> Option<Playbac
     })
     .inner
     .or_else(|| {
-        ui.label(failure);
+        let ink = ui.visuals().text_color();
+        ui.label(with_options(ui, failure, &TextStyle::Body, ink));
         None
     })
 }

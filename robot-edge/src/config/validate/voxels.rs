@@ -4,6 +4,9 @@ use crate::config::checks::{Allowed, Checks};
 use crate::mapping::config::MappingConfig;
 use crate::mapping::cost_config::{MetricsConfig, ShoreConfig};
 
+/// Sides of voxels, metres.
+const CELL_M: Allowed = Allowed::Within(0.01, 10.0);
+
 pub(super) fn voxels(checks: &mut Checks, mapping: &MappingConfig) {
     octree(checks, mapping);
     cost(checks, mapping);
@@ -16,8 +19,7 @@ fn octree(checks: &mut Checks, mapping: &MappingConfig) {
     let octree = &mapping.octree;
     let key = |name: &str| format!("mapping.octree.{name}");
     let cell = "smaller voxels are finer than lasers measure, larger ones than robots move";
-    let allowed = Allowed::Within(0.01, 10.0);
-    checks.number(&key("cell_m"), octree.cell_m, allowed, cell);
+    checks.number(&key("cell_m"), octree.cell_m, CELL_M, cell);
     let free = "a voxel that is seen through becomes free, so its probability falls below 0.5";
     let allowed = Allowed::Within(0.001, 0.499);
     checks.number(&key("p_min"), octree.p_min, allowed, free);
@@ -34,10 +36,14 @@ fn cost(checks: &mut Checks, mapping: &MappingConfig) {
     let mut number = |key: &str, value: f64, allowed, why| {
         checks.number(&format!("mapping.{key}"), value, allowed, why);
     };
-    // 2000 columns along an edge are 4 million of some 60 bytes.
-    let most_m = 2000.0 * mapping.octree.cell_m;
-    let size = "the box holds the vehicle and at most 2000 columns along an edge";
-    number("cost.box_m", cost.box_m, Allowed::Within(1.0, most_m), size);
+    let cell_m = mapping.octree.cell_m;
+    // A cell that is itself not allowed says nothing of the box.
+    if CELL_M.contains(cell_m) {
+        // 2000 columns along an edge are 4 million of some 60 bytes.
+        let allowed = Allowed::Within(1.0, 2000.0 * cell_m);
+        let size = "the box holds the vehicle and at most 2000 columns along an edge";
+        number("cost.box_m", cost.box_m, allowed, size);
+    }
     let reach = "the box must hold the ground under the vehicle and what stands on it";
     number(
         "cost.reach_m",
@@ -181,5 +187,30 @@ fn needs(checks: &mut Checks, mapping: &MappingConfig) {
                 format!("false, or true in mapping.{needed}.enabled, too"),
             );
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_box_is_not_judged_by_a_cell_that_is_not_allowed() {
+        let keys = |cell_m: f64, box_m: f64| -> Vec<String> {
+            let mut mapping = MappingConfig::default();
+            mapping.octree.cell_m = cell_m;
+            mapping.cost.box_m = box_m;
+            let mut checks = Checks::default();
+            octree(&mut checks, &mapping);
+            cost(&mut checks, &mapping);
+            let faults = checks.into_faults().into_iter();
+            faults.map(|fault| fault.key).collect()
+        };
+        let (cell, of_box) = ("mapping.octree.cell_m", "mapping.cost.box_m");
+        for cell_m in [-3.0, 0.0, 0.001, 11.0, f64::NAN] {
+            assert_eq!(keys(cell_m, 40.0), [cell], "{cell_m}");
+        }
+        assert_eq!(keys(0.1, 500.0), [of_box]);
+        assert!(keys(0.1, 40.0).is_empty());
     }
 }

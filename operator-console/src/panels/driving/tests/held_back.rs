@@ -64,14 +64,13 @@ fn who_is_told_more_than_the_guard_allows_slows_down_to_that() {
 
 #[test]
 fn who_speeds_up_to_less_than_is_asked_for_is_told_what_will_hold_it_back() {
-    let by_acceleration = "Held back by its acceleration";
     let speeds_up = "Speeding up as the collision guard allows";
     let left = GuardLimits {
         left_radps: 0.15,
         ..FREE
     };
     for (told, limits, allowed_mps, says) in [
-        ([1.44, 0.2], FREE, 3.0, by_acceleration),
+        ([1.44, 0.2], FREE, 3.0, "Speeding up"),
         // The turn slows the whole arc: to 2.25 m/s.
         ([1.44, 0.05], left, 3.0, speeds_up),
         ([2.25, 0.15], left, 3.0, BY_GUARD),
@@ -82,7 +81,7 @@ fn who_speeds_up_to_less_than_is_asked_for_is_told_what_will_hold_it_back() {
             "Speeding up as the age of commands allows",
         ),
         // It still goes the other way.
-        ([-0.5, 0.0], left, 3.0, by_acceleration),
+        ([-0.5, 0.0], left, 3.0, "Changing direction"),
     ] {
         let mut rig = boat([3.0, 0.2], told, Some(Clamp::Ramp), Guard::On(limits));
         rig.teleop.speed_allowed_mps = allowed_mps;
