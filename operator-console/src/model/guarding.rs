@@ -16,8 +16,9 @@ const LATELY: Duration = Duration::from_millis(1500);
 pub const LEAST_MPS: f32 = 0.005;
 /// Less is no turn in whole degrees, rad/s.
 pub const LEAST_RADPS: f32 = 0.0087;
-/// What the guard holds a vehicle back for is of the sensor that hit something so near to it, metres.
-const BESIDE_M: f64 = 0.5;
+/// What the guard holds a vehicle back for is of the sensor that hit something nearest to it, if so near, metres: sweeps come
+/// here thinned, and now and then.
+const BESIDE_M: f64 = 1.5;
 
 /// What a status told of the guard.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -193,7 +194,7 @@ mod tests {
         for (place_m, kind) in [
             ([4.0, 0.1], Some(SensorKind::PlanarLaser)),
             ([4.0, 0.4], Some(SensorKind::Sonar)),
-            ([4.0, 1.2], None),
+            ([4.0, 2.2], None),
         ] {
             assert_eq!(model.seen_by(place_m), kind, "{place_m:?}");
         }

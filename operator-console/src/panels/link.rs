@@ -56,8 +56,8 @@ impl LinkData {
                 connection: ConnectionData::new(model, link, now),
                 transport: None,
                 note: Some(format!(
-                    "{recording} is mapped in this program: a recording has no link, and so nothing is late or lost. How \
-                     fast it plays is said on the time line."
+                    "{recording} is mapped in this program: a recording has no link. How fast it plays is said on the time \
+                     line, what of it is damaged in Events, too."
                 )),
                 streams: Vec::new(),
                 plots: Vec::new(),
