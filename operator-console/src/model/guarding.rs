@@ -56,13 +56,13 @@ impl Guardings {
         self.heard.clear();
     }
 
-    /// What was told within `span` of the newest, the oldest first.
-    fn within(&self, span: Duration) -> impl DoubleEndedIterator<Item = &Guarding> + Clone {
+    /// What was told within [`LATELY`] of the newest, the oldest first.
+    fn lately(&self) -> impl DoubleEndedIterator<Item = &Guarding> + Clone {
         let newest = self.heard.iter().last().map(|(_, at)| *at);
-        let is_within = move |at: Monotonic| newest.is_some_and(|newest| newest.since(at) < span);
+        let is_late = move |at: Monotonic| newest.is_some_and(|newest| newest.since(at) < LATELY);
         self.heard
             .iter()
-            .filter(move |(_, at)| is_within(*at))
+            .filter(move |(_, at)| is_late(*at))
             .map(|(guarding, _)| guarding)
     }
 }
@@ -71,7 +71,7 @@ impl ConsoleModel {
     /// What the guard said within 1.5 s before the newest status, and in that; the oldest first. It is there to be
     /// read: nothing that commands anything goes by it.
     pub fn guard_lately(&self) -> impl DoubleEndedIterator<Item = &Guarding> + Clone {
-        self.guardings.within(LATELY)
+        self.guardings.lately()
     }
 
     /// What the guard holds the vehicle back for on the way that is asked for, or did lately: it may change its mind with

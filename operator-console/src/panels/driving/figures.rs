@@ -103,8 +103,8 @@ pub(super) fn hint(name: &str) -> Option<&'static str> {
         GUARD => Some(guard::HINT),
         IN_THE_WAY => Some(
             "What the collision guard holds the robot back for on the way that is asked for; an amber ring on the map is \
-             around it. What is seen is hit by a beam of the last scans; what is too shallow, by a sonar's; what is mapped was hit before; unseen ground has \
-             not been looked at, or too long ago.",
+             around it. What is seen is hit by a beam of the last scans; what is too shallow, by a sonar's; what is mapped \
+             was hit before; unseen ground has not been looked at, or too long ago.",
         ),
         _ => None,
     }

@@ -1,0 +1,153 @@
+use protocol::keys::Topic;
+use protocol::layer::LayerId;
+use protocol::message::Status;
+use protocol::tile::{TileCells, TileKey};
+use protocol::tile_store::{LayerGrid, TileStore};
+
+use super::*;
+use crate::pretend::{BOOT, announces, at, console, says, standing};
+
+/// What a robot, or a recording, has announced of a map with one tile, to who wants these layers of it.
+fn announced(robot: &str, wanted: &[LayerId]) -> ConsoleModel {
+    let layer = LayerId::Occupancy;
+    let mut store = TileStore::new(BOOT, 10);
+    store.set_grid(LayerGrid { layer, cell_m: 0.1 }).unwrap();
+    let key = TileKey {
+        layer,
+        tx: 0,
+        ty: 0,
+    };
+    let cells = TileCells::from_fn(|_, _| 251);
+    drop(store.publish(key, cells).unwrap());
+    let mut model = console(robot, wanted);
+    announces(&mut model, &store, at(1_000));
+    model
+}
+
+#[test]
+fn the_handbook_names_what_is_said_of_the_map_as_it_is_said() {
+    let handbook = include_str!("../../../../docs/console.md");
+    let handbook = handbook.split_whitespace().collect::<Vec<_>>().join(" ");
+    let unknown = console("scout", &[]);
+    let equal = announced("scout", &[]);
+    let behind = announced("scout", &[LayerId::Occupancy]);
+    let mut all = vec![drawing(Tone::Waiting, 0)];
+    for model in [unknown, equal, behind] {
+        for link in [LinkState::Live, LinkState::Silent] {
+            let heard = (link, Duration::from_millis(100));
+            all.push(map_state(model.map(), heard, at(1_100)));
+        }
+    }
+    for (_, long, short) in all {
+        for words in [long.as_str(), short] {
+            assert!(handbook.contains(&format!("*{words}*")), "{words}");
+        }
+    }
+}
+
+#[test]
+fn the_map_of_a_recording_is_drawn_and_not_asked_for() {
+    let model = announced("recording-1", &[LayerId::Occupancy]);
+    let told = |link: &LinkSight| {
+        let data = ConnectionData::new(&model, link, at(1_100));
+        (data.map_tone, data.map, data.map_short)
+    };
+    let behind = "Behind, asking what is missing".to_owned();
+    let robot = LinkSight::default();
+    assert_eq!(told(&robot), (Tone::Waiting, behind, "Behind"));
+    let recording = LinkSight {
+        recording: Some("rooms.mcap".to_owned()),
+        ..LinkSight::default()
+    };
+    let drawn = (Tone::Waiting, "Being drawn".to_owned(), "Drawing");
+    assert_eq!(told(&recording), drawn);
+    for (missing, says) in [
+        (1, "Being drawn: 1 tile to come"),
+        (1_200, "Being drawn: 1\u{a0}200 tiles to come"),
+    ] {
+        let expected = (Tone::Waiting, says.to_owned(), "Drawing");
+        assert_eq!(drawing(Tone::Waiting, missing), expected);
+    }
+}
+
+#[test]
+fn a_recording_is_never_called_live() {
+    let model = console("recording-1", &[]);
+    let link = LinkSight {
+        transport: None,
+        recordings: None,
+        recording: Some("rooms.mcap".to_owned()),
+        failure: None,
+        problem: Some("nobody answers at tcp/127.0.0.1:9".to_owned()),
+        is_connected: false,
+    };
+    let data = ConnectionData::new(&model, &link, Monotonic::default());
+    assert_eq!((data.tone, &*data.state), (Tone::Waiting, "Opening"));
+    let failed = LinkSight {
+        failure: Some("it has no scans".to_owned()),
+        ..link.clone()
+    };
+    let of_failed = ConnectionData::new(&model, &failed, Monotonic::default());
+    let says = (of_failed.tone, &*of_failed.state, &*of_failed.map);
+    assert_eq!(says, (Tone::Warning, "Failed", "No map"));
+    assert_eq!(of_failed.advice, failed.failure);
+    let advice = data.advice.unwrap();
+    assert!(!advice.contains("nobody"), "{advice}");
+    assert_eq!(data.rows, []);
+    assert_eq!(link.name_of(model.robot()), "rooms.mcap");
+    let robot = LinkSight::default().name_of(model.robot());
+    assert_eq!(robot, "recording-1");
+}
+
+#[test]
+fn a_live_robot_whose_maps_cannot_come_says_why() {
+    let mut model = console("scout", &[]);
+    says(&mut model, Topic::Status, &Status::default(), at(1_000));
+    let of = |problem: Option<&str>| {
+        let link = LinkSight {
+            is_connected: true,
+            problem: problem.map(str::to_owned),
+            ..LinkSight::default()
+        };
+        let data = ConnectionData::new(&model, &link, at(1_100));
+        (data.tone, data.state, data.advice)
+    };
+    assert_eq!(of(None), (Tone::Good, "Live".to_owned(), None));
+    let why = "nobody answers at tcp/boat:7448, where maps come from; trying again";
+    let told = (Tone::Warning, "Live".to_owned(), Some(why.to_owned()));
+    assert_eq!(of(Some(why)), told);
+}
+
+#[test]
+fn a_robot_whose_data_has_ended_is_not_called_live() {
+    let mut model = console("scout", &[]);
+    let ended = Status {
+        has_ended: true,
+        ..Status::default()
+    };
+    says(&mut model, Topic::Status, &ended, at(1_000));
+    let mut link = LinkSight::default();
+    let data = ConnectionData::new(&model, &link, at(1_100));
+    assert_eq!((data.tone, &*data.state), (Tone::Waiting, "Ended"));
+    assert!(data.rows.contains(&row("Last heard", "0.1 s ago")));
+    let advice = "Its data has ended: nothing new will come.";
+    assert_eq!(data.advice.as_deref(), Some(advice));
+    link.problem = Some("nobody answers at tcp/boat:7448".to_owned());
+    let data = ConnectionData::new(&model, &link, at(1_100));
+    assert_eq!((data.tone, &*data.state), (Tone::Warning, "Ended"));
+    assert_eq!(data.advice, link.problem);
+    let data = ConnectionData::new(&model, &LinkSight::default(), at(9_000));
+    assert_eq!((data.tone, &*data.state), (Tone::Waiting, "Ended"));
+    assert!(data.advice.unwrap().contains("nothing is heard"));
+    assert!(data.rows.contains(&row("Last heard", "8.0 s ago")));
+    // So has a vehicle that said so.
+    let teleop = Some(standing());
+    says(
+        &mut model,
+        Topic::Status,
+        &Status { teleop, ..ended },
+        at(9_100),
+    );
+    let data = ConnectionData::new(&model, &LinkSight::default(), at(19_000));
+    assert_eq!((data.tone, &*data.state), (Tone::Waiting, "Ended"));
+}
