@@ -167,6 +167,7 @@ pub(crate) fn standing() -> TeleopStatus {
             recording: false,
         },
         barrier: None,
+        seen_ms: [None; 4],
     }
 }
 

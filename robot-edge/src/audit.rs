@@ -2,10 +2,13 @@
 //!
 //! A file to which lines of JSON are only ever added. A thread of its own writes it: whoever tells it something never
 //! waits, and where the disk is full, or slow, lines are lost and counted, and driving goes on.
+//!
+//! A log of `FILE_BYTES` is renamed: `audit.jsonl` to `audit.jsonl.1`, that to `audit.jsonl.2` and so on, as `logrotate` does.
+//! `OLD_FILES` are kept; when there is one more, the oldest is deleted, and the new log begins with a line that says so.
 
 mod visits;
 
-use std::fs::{File, OpenOptions};
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -17,6 +20,7 @@ use std::time::Duration;
 use serde_json::json;
 
 use crate::clock::{self, Monotonic};
+use crate::new_file::sync_folder_of;
 
 use visits::Visits;
 
@@ -24,6 +28,10 @@ pub use visits::LinkNews;
 
 /// Lines that wait to be written at most.
 const MAX_WAITING: usize = 1024;
+/// A log that would become larger is renamed: lines are never split.
+const FILE_BYTES: u64 = 16 << 20;
+/// So many renamed ones are kept.
+const OLD_FILES: u32 = 8;
 /// Longest wait before it is asked whether the log closes.
 const NAP: Duration = Duration::from_millis(100);
 
@@ -98,10 +106,11 @@ impl AuditLog {
     /// # Errors
     /// Where the file cannot be opened for adding to it, or the system gives no thread.
     pub fn open(path: &Path, run: String) -> io::Result<Self> {
-        let mut options = OpenOptions::new();
-        options.append(true).create(true);
-        restrict(&mut options);
-        let file = options.open(path)?;
+        Self::with_limit(path, run, FILE_BYTES)
+    }
+
+    fn with_limit(path: &Path, run: String, file_bytes: u64) -> io::Result<Self> {
+        let file = open_to_append(path)?;
         let (news, waiting) = sync_channel(MAX_WAITING);
         let audit = Audit {
             news,
@@ -110,6 +119,7 @@ impl AuditLog {
         let is_closing = Arc::new(AtomicBool::new(false));
         let mut writer = Writer {
             file,
+            file_bytes,
             path: path.to_owned(),
             run,
             lost: Arc::clone(&audit.lost),
@@ -144,6 +154,13 @@ impl Drop for AuditLog {
     }
 }
 
+fn open_to_append(path: &Path) -> io::Result<File> {
+    let mut options = OpenOptions::new();
+    options.append(true).create(true);
+    restrict(&mut options);
+    options.open(path)
+}
+
 #[cfg(unix)]
 fn restrict(options: &mut OpenOptions) {
     use std::os::unix::fs::OpenOptionsExt as _;
@@ -155,6 +172,8 @@ fn restrict(_options: &mut OpenOptions) {}
 
 struct Writer {
     file: File,
+    /// Longer, it is renamed; a device never is.
+    file_bytes: u64,
     path: PathBuf,
     run: String,
     lost: Arc<AtomicU64>,
@@ -205,9 +224,12 @@ impl Writer {
         if lines.is_empty() {
             return;
         }
+        let is_full = self.bytes().is_some_and(|bytes| bytes >= self.file_bytes);
+        let deleted = is_full.then(|| self.rotate()).flatten();
+        let before = self.bytes();
         // What is not written after all, with what its lines would have told of.
         let (mut text, mut at_stake) = (String::new(), 0);
-        for line in lines {
+        for line in deleted.into_iter().chain(lines) {
             let Line {
                 at_s,
                 kind,
@@ -238,6 +260,8 @@ impl Writer {
         match written {
             Ok(()) => self.has_failed = false,
             Err(why) => {
+                // Half a line would make the next one unreadable too.
+                drop(before.map(|bytes| self.file.set_len(bytes)));
                 self.lost.fetch_add(at_stake, Ordering::Relaxed);
                 if !self.has_failed {
                     tracing::error!(%why, path = %self.path.display(), "the audit log cannot be written");
@@ -246,6 +270,52 @@ impl Writer {
             }
         }
     }
+
+    /// How long the file is; `None` of a device.
+    fn bytes(&self) -> Option<u64> {
+        let found = self.file.metadata().ok()?;
+        found.is_file().then_some(found.len())
+    }
+
+    /// Begins a new file; says so in its first line where old lines are deleted for that. Where the system refuses, the log
+    /// goes on in the file that it has.
+    fn rotate(&mut self) -> Option<Line> {
+        let renamed = rename_old(&self.path).and_then(|was_deleted| {
+            self.file = open_to_append(&self.path)?;
+            sync_folder_of(&self.path);
+            Ok(was_deleted)
+        });
+        let was_deleted = renamed.unwrap_or_else(|why| {
+            tracing::error!(%why, path = %self.path.display(), "the audit log cannot be renamed, and grows");
+            self.file_bytes = u64::MAX;
+            false
+        });
+        was_deleted.then(|| Line {
+            at_s: clock::seconds_since_1970(),
+            kind: "log_deleted",
+            what: None,
+            message: format!("the oldest log was deleted: {OLD_FILES} old ones are kept"),
+        })
+    }
+}
+
+/// Makes `path` free: each file takes the next number, up to the first that is free. Says whether none was, and the oldest file
+/// is deleted by that.
+///
+/// A crash in between leaves a number free, and every line in some file.
+fn rename_old(path: &Path) -> io::Result<bool> {
+    let numbered = |number: u32| {
+        let mut name = path.as_os_str().to_owned();
+        if number > 0 {
+            name.push(format!(".{number}"));
+        }
+        PathBuf::from(name)
+    };
+    let free = (1..=OLD_FILES).find(|&number| !numbered(number).exists());
+    for number in (0..free.unwrap_or(OLD_FILES)).rev() {
+        fs::rename(numbered(number), numbered(number + 1))?;
+    }
+    Ok(free.is_none())
 }
 
 #[cfg(test)]
@@ -277,6 +347,75 @@ mod tests {
             );
             assert_eq!(line["time"].as_str().unwrap().len(), 20);
         }
+    }
+
+    /// Through more files than are kept, and over restarts.
+    #[test]
+    fn a_log_that_is_full_is_renamed_and_what_is_deleted_is_said() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("audit.jsonl");
+        let lines = |path: &Path| -> Vec<serde_json::Value> {
+            let text = fs::read_to_string(path).unwrap();
+            assert!(text.ends_with('\n'), "a line was split");
+            let lines = text.lines().map(|line| serde_json::from_str(line).unwrap());
+            lines.collect()
+        };
+        let mut runs = 0;
+        // Each run fills what is left of a file, and begins the next.
+        let mut run = || {
+            runs += 1;
+            let log = AuditLog::with_limit(&path, format!("{runs}"), 1_000).unwrap();
+            for n in 0..4 {
+                log.audit()
+                    .write("refused", format!("{n}{}", " ".repeat(240)));
+            }
+        };
+        for _ in 0..=OLD_FILES {
+            run();
+        }
+        let numbered = |number: u32| PathBuf::from(format!("{}.{number}", path.display()));
+        // The oldest has the highest number, and no line is lost.
+        let mut all = Vec::new();
+        for number in (1..=OLD_FILES).rev() {
+            all.extend(lines(&numbered(number)));
+        }
+        all.extend(lines(&path));
+        let found: Vec<_> = all
+            .iter()
+            .map(|line| {
+                (
+                    line["run"].clone(),
+                    line["message"].as_str().unwrap().trim().to_owned(),
+                )
+            })
+            .collect();
+        let expected = (1..=OLD_FILES + 1)
+            .flat_map(|run| (0..4).map(move |n| (json!(run.to_string()), n.to_string())));
+        assert_eq!(found, expected.collect::<Vec<_>>());
+
+        run();
+        let deleted = lines(&path)
+            .into_iter()
+            .find(|line| line["kind"] == "log_deleted")
+            .unwrap();
+        assert_eq!(
+            deleted["message"],
+            "the oldest log was deleted: 8 old ones are kept"
+        );
+        assert!(!numbered(OLD_FILES + 1).exists());
+        assert_eq!(lines(&numbered(OLD_FILES))[0]["run"], "2");
+
+        // As a crash between two renamings leaves them: that number is taken first, and nothing is deleted.
+        fs::rename(numbered(3), folder.path().join("apart")).unwrap();
+        let kept = fs::read(numbered(4)).unwrap();
+        run();
+        assert_eq!(fs::read(numbered(4)).unwrap(), kept);
+        assert!(numbered(3).exists());
+        assert!(
+            lines(&path)
+                .iter()
+                .all(|line| line["kind"] != "log_deleted")
+        );
     }
 
     #[test]

@@ -11,7 +11,10 @@ use crate::link::LOG_FILTER;
 pub use mapping::{
     DrivingOptions, MappingOptions, NetworkOptions, Replay, RunLive, Simulate, VehicleOptions,
 };
-pub use tools::{Check, Completions, Experiments, Info, Keys, MotorGuard, Recover, Vehicles};
+use tools::INSTALLED_KEYS;
+pub use tools::{
+    Check, Completions, Experiments, Info, InstallKeys, Keys, MotorGuard, Recover, Vehicles,
+};
 
 const EXIT_CODES: &str = "\
 Exit codes: 0 done; 1 it failed while running; 2 wrong usage or configuration;
@@ -84,6 +87,9 @@ pub enum Command {
     Check(Check),
     /// Make a certificate authority, certificates for each role, and signing keys
     Keys(Keys),
+    /// Put a vehicle's keys where it reads them, in the place of those that are there
+    #[command(after_help = INSTALLED_KEYS)]
+    InstallKeys(InstallKeys),
     /// Run the experiments against simulated truth and write a report page with pictures
     Experiments(Experiments),
     /// Print completions for a shell

@@ -14,7 +14,8 @@ pub fn event(kind: &str, message: String) -> Event {
 /// How much an event of this kind matters; one that is not listed is good to know.
 pub fn severity(kind: &str) -> Severity {
     match kind {
-        "estop" | "fault" | "motors" | "recording_stopped" | "sensor_silent" => Severity::Alarm,
+        "estop" | "fault" | "motors" | "recording_stopped" | "sensor_silent"
+        | "operators_missing" => Severity::Alarm,
         "sensor_slow"
         | "sensor_clock"
         | "sensor_invalid"
@@ -23,7 +24,9 @@ pub fn severity(kind: &str) -> Severity {
         | "voxels_evicted"
         | "involuntary_stop"
         | "guard_off"
+        | "drive_log_stopped"
         | "operators_unreadable"
+        | "access_failed"
         | "refused" => Severity::Warning,
         _other => Severity::Info,
     }

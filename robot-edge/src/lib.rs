@@ -26,18 +26,25 @@ pub mod events;
 pub mod exit;
 pub mod experiments;
 pub mod export;
+pub mod free_space;
 pub mod keeping_up;
 pub mod link;
 pub mod localization;
 pub mod mapping;
+pub mod new_file;
 pub mod pipeline;
 pub mod progress;
 pub mod recording;
 pub mod replay_control;
 pub mod ros;
 pub mod sensor_watch;
+pub mod service_manager;
 pub mod simulation;
 pub mod streaming;
 pub mod summary;
 pub mod teleop;
 pub mod vehicle_commands;
+
+#[cfg(test)]
+#[path = "../../tests/tests/all/skip.rs"]
+mod skip;

@@ -9,6 +9,14 @@ use robot_edge::exit::{Exit, Interrupted};
 use tracing_subscriber::EnvFilter;
 
 fn main() -> ExitCode {
+    #[cfg(target_os = "linux")]
+    if std::env::args_os()
+        .nth(1)
+        .is_some_and(|command| command == robot_edge::actuators::MOTOR_GUARD_COMMAND)
+        && robot_edge::actuators::motor_guard::ignore_signals().is_err()
+    {
+        return ExitCode::FAILURE;
+    }
     let cli = Cli::parse();
     let filter = EnvFilter::try_from_default_env()
         .unwrap_or_else(|_unset| EnvFilter::new(cli.verbosity.log_filter()));

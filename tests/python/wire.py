@@ -246,6 +246,7 @@ INFO = Struct(
             rate_hz=Option(F32),
         )
     ),
+    footprint_offset_m=F32,
 )
 PONG = Struct()
 POSE = Struct(
@@ -267,7 +268,7 @@ STOP_REASON = Enum(Released=None, Age=None, NotFinite=None, GuardStale=None, Lea
 FAULT_REASON = Enum(SelfTest=None, Actuator=None)
 VELOCITY = Struct(linear_mps=F32, angular_radps=F32)
 GUARD_LIMITS = Struct(forward_mps=F32, reverse_mps=F32, left_radps=F32, right_radps=F32)
-BARRIER = Struct(position_m=Tuple(F32, F32), kind=Enum(Seen=None, Mapped=None, Unseen=None))
+BARRIER = Struct(position_m=Tuple(F32, F32), kind=Enum(Seen=None, Mapped=None, Unseen=None, Shallow=None, NoEcho=None))
 TELEOP_STATUS = Struct(
     state=Enum(
         SafeBoot=None, Idle=None, Held=None, Driving=None, Stopping=STOP_REASON, EStop=None, Fault=FAULT_REASON
@@ -287,6 +288,7 @@ TELEOP_STATUS = Struct(
     counters=Struct(accepted=U64, involuntary_stops=U64, refused=List(Struct(reason=REFUSAL, count=U64))),
     settings=Struct(budget_kbps=U32, guard=BOOL, recording=BOOL),
     barrier=Option(BARRIER),
+    seen_ms=Tuple(Option(U32), Option(U32), Option(U32), Option(U32)),
 )
 STATUS = Struct(
     data_time_ns=I64,
@@ -307,7 +309,7 @@ STATUS = Struct(
             rate_hz=F32,
             age_ms=Option(U32),
             dropped=U64,
-            fault=Option(Enum(Silent=None, Clock=None, AllInvalid=None, Slow=None)),
+            fault=Option(Enum(Silent=None, Clock=None, AllInvalid=None, Slow=None, Blocked=None)),
         )
     ),
     recording=Option(

@@ -106,6 +106,7 @@ fn past_fault(fault: SensorFault, kind: Option<SensorKind>) -> &'static str {
         SensorFault::Silent => "nothing came from it",
         SensorFault::Clock => "its stamps leapt",
         SensorFault::AllInvalid => "none of its measurements was valid",
+        SensorFault::Blocked => "its window seemed to be blocked",
         SensorFault::Slow => "less than half of its measurements came",
     }
 }

@@ -40,11 +40,10 @@ impl ConsoleApp {
             layers: self.screen.map_view().shown_layers(),
         };
         let endpoints = Endpoints {
-            listen: Vec::new(),
             connect: vec![found.endpoint.clone()],
             zenoh_config: self.zenoh_config.clone(),
             credentials: self.credentials.clone(),
-            audit: None,
+            ..Endpoints::default()
         };
         let stop_is_underway = self.stop_is_underway(&found);
         // A recording's maps are others whenever it is opened.

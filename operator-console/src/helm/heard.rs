@@ -32,7 +32,7 @@ pub enum Heard {
         /// Of which run of the robot.
         boot: BootId,
         /// None where the robot cannot be driven.
-        teleop: Option<TeleopStatus>,
+        teleop: Option<Box<TeleopStatus>>,
     },
     /// A request was answered.
     Answer {

@@ -19,7 +19,7 @@ impl Helm {
             Heard::Status { boot, teleop } => {
                 self.is_of(boot, now);
                 match teleop {
-                    Some(status) => self.hear_status(status, now),
+                    Some(status) => self.hear_status(*status, now),
                     None => self.hear_of_no_driving(now),
                 }
             }

@@ -149,7 +149,7 @@ impl Rig {
         change(&mut status);
         let heard = Heard::Status {
             boot: self.boot,
-            teleop: Some(status),
+            teleop: Some(Box::new(status)),
         };
         self.helm.hear(heard, at(self.ms));
     }

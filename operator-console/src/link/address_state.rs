@@ -58,6 +58,7 @@ impl AddressState {
             | LinkError::Setting { .. }
             | LinkError::Declare { .. }
             | LinkError::NoRandomness(_)
+            | LinkError::Thread(_)
             | LinkError::Encoder(_) => Self::Problem(why.to_string()),
         }
     }
@@ -113,7 +114,7 @@ impl AddressState {
                 };
                 Some(format!(
                     "{robot} answers at {address} but tells you nothing: it does not have you on its list of operators; \
-                     whoever is added while it runs is let in after its next start{tiles}"
+                     whoever is added is let in within two seconds{tiles}"
                 ))
             }
             Self::UnknownName => Some(format!("the name in {address} is not known")),
@@ -222,7 +223,7 @@ mod tests {
         assert_eq!(
             words,
             "scout answers at quic/boat:7447 but tells you nothing: it does not have you on its list of operators; \
-             whoever is added while it runs is let in after its next start"
+             whoever is added is let in within two seconds"
         );
         let words = untold(false).complaint("quic/boat:7448").unwrap();
         assert!(

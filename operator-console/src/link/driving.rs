@@ -87,7 +87,7 @@ impl Tap {
         if let Ok((header, status)) = wire::decode::<Status>(bytes) {
             self.tell(Heard::Status {
                 boot: header.boot,
-                teleop: status.teleop,
+                teleop: status.teleop.map(Box::new),
             });
         }
     }

@@ -132,6 +132,7 @@ fn in_words(why: &LinkError, channel: Channel, asked: &Endpoints) -> String {
             | LinkError::Setting { .. }
             | LinkError::Declare { .. }
             | LinkError::NoRandomness(_)
+            | LinkError::Thread(_)
             | LinkError::Encoder(_),
             Channel::Control | Channel::Bulk,
         ) => why.to_string(),

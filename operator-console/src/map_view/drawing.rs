@@ -230,6 +230,7 @@ impl MapView {
         let [x_m, y_m, _] = pose.position_m;
         let heading_rad = model.vehicle().heading_rad().unwrap_or_default();
         let footprint_m = model.info().map(|info| info.footprint_m);
+        let offset_m = model.info().map_or(0.0, |info| info.footprint_offset_m);
         if let (Some(stopping), Some(footprint_m), false) =
             (self.surroundings.stopping, footprint_m, is_old)
         {
@@ -239,6 +240,7 @@ impl MapView {
                 speed_mps: f64::from(pose.speed_mps),
                 turn_rate_radps: f64::from(pose.turn_rate_radps),
                 footprint_m: footprint_m.map(f64::from),
+                footprint_offset_m: f64::from(offset_m),
             };
             let swept_m = stopping::swept_m(&motion, stopping);
             stopping::paint(painter, &swept_m, view, theme::STOPPING);
@@ -246,7 +248,7 @@ impl MapView {
         VehicleMark::new(
             self.camera.to_screen(self.screen, [x_m, y_m]),
             self.camera.direction(heading_rad),
-            footprint_m,
+            (footprint_m, offset_m),
             self.camera.points_per_m(),
         )
         .paint(painter, vehicle);

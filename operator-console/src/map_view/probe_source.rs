@@ -76,6 +76,7 @@ fn fault_words(status: &SensorStatus, fault: SensorFault, since_told: Duration) 
         (SensorFault::Silent, None) => format!("{name} silent from the start"),
         (SensorFault::Clock, _) => format!("{name}'s clock leapt"),
         (SensorFault::AllInvalid, _) => format!("{name} sees nothing now"),
+        (SensorFault::Blocked, _) => format!("{name} blocked now"),
         (SensorFault::Slow, _) => format!("{name} slow now"),
     }
 }

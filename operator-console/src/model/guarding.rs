@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use protocol::message::{Barrier, Guard, SensorKind, TeleopStatus, Velocity};
+use protocol::message::{Barrier, Guard, TeleopStatus, Velocity};
 use robot_edge::clock::Monotonic;
 
 use super::ConsoleModel;
@@ -16,10 +16,6 @@ const LATELY: Duration = Duration::from_millis(1500);
 pub const LEAST_MPS: f32 = 0.005;
 /// Less is no turn in whole degrees, rad/s.
 pub const LEAST_RADPS: f32 = 0.0087;
-/// What the guard holds a vehicle back for is of the sensor that hit something nearest to it, if so near, metres: sweeps come
-/// here thinned, and now and then.
-const BESIDE_M: f64 = 1.5;
-
 /// What a status told of the guard.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guarding {
@@ -82,24 +78,6 @@ impl ConsoleModel {
         let mut of_way = lately.filter(|told| way(told.requested) == asked);
         of_way.find_map(|told| told.barrier)
     }
-
-    /// What kind of sensor has just hit what is at this place, metres in `odom`.
-    pub fn seen_by(&self, place_m: [f64; 2]) -> Option<SensorKind> {
-        let from_place_m =
-            |point_m: &[f64; 2]| libm::hypot(point_m[0] - place_m[0], point_m[1] - place_m[1]);
-        let nearest_m = |points_m: &[[f64; 2]]| {
-            let all_m = points_m.iter().map(from_place_m);
-            all_m.fold(f64::INFINITY, f64::min)
-        };
-        let sweeps = self.scans();
-        let away = sweeps.map(|(sensor, sweep)| (nearest_m(&sweep.points_m), sensor));
-        let (_, sensor) = away
-            .filter(|(away_m, _)| *away_m <= BESIDE_M)
-            .min_by(|(one_m, _), (other_m, _)| one_m.total_cmp(other_m))?;
-        let mut described = self.sensors().iter();
-        let described = described.find(|info| info.name == sensor);
-        described.map(|info| info.kind)
-    }
 }
 
 /// Whither one goes and turns: 1 forwards and to the left, −1 back and to the right, 0 neither.
@@ -114,12 +92,11 @@ pub fn way(asked: Velocity) -> [i8; 2] {
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::{BarrierKind, Info, Scan, SensorInfo, Status};
+    use protocol::message::{BarrierKind, Status};
     use protocol::tile::BootId;
 
     use super::*;
-    use crate::model::RequestId;
-    use crate::pretend::{answers, at, says, scout, standing, starts};
+    use crate::pretend::{at, says, scout, standing, starts};
 
     /// A status tells this.
     fn tells(model: &mut ConsoleModel, guard: Guard, ms: u64) {
@@ -165,39 +142,6 @@ mod tests {
         assert_eq!(comes_and_goes, Some(barrier(2.0)));
         assert_eq!(tells(-0.5, None, 2_650), None, "another way");
         assert_eq!(tells(0.5, None, 2_700), None);
-    }
-
-    #[test]
-    fn what_a_beam_has_just_hit_is_known_by_its_sensor() {
-        let mut model = scout();
-        let info = |name: &str, kind| SensorInfo {
-            name: name.to_owned(),
-            kind,
-            mount: None,
-            view: None,
-            rate_hz: None,
-        };
-        let sensors = Info {
-            sensors: vec![
-                info("laser", SensorKind::PlanarLaser),
-                info("deep", SensorKind::Sonar),
-            ],
-            ..Info::default()
-        };
-        let told = RequestId(0);
-        answers(&mut model, told, Topic::Info, &sensors, at(1_000));
-        model.want_scan(true);
-        for (name, point_m) in [("laser", [4.0, 0.0]), ("deep", [4.0, 0.6])] {
-            let scan = Scan::of_points(name.to_owned(), [0.0, 0.0], [point_m]);
-            says(&mut model, Topic::Scan, &scan, at(1_000));
-        }
-        for (place_m, kind) in [
-            ([4.0, 0.1], Some(SensorKind::PlanarLaser)),
-            ([4.0, 0.4], Some(SensorKind::Sonar)),
-            ([4.0, 2.2], None),
-        ] {
-            assert_eq!(model.seen_by(place_m), kind, "{place_m:?}");
-        }
     }
 
     #[test]

@@ -83,6 +83,7 @@ fn teleop(teleop: &TeleopStatus) -> TeleopStatus {
         age_ms: None,
         greatest_age_ms: None,
         speed_allowed_mps: 0.0,
+        seen_ms: [None; 4],
         guard: match teleop.guard {
             Guard::On(_) => Guard::On(no_limits),
             Guard::Blind(_) => Guard::Blind(no_limits),

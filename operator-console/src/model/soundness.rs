@@ -3,11 +3,11 @@
 use protocol::message::{Info, MAX_SENSORS, SensorInfo, Status};
 
 pub(super) fn is_info_sound(info: &Info) -> bool {
-    let numbers = info
-        .footprint_m
-        .iter()
-        .chain(&info.limits)
-        .chain([&info.stop_decel_mps2, &info.stop_decel_radps2]);
+    let numbers = info.footprint_m.iter().chain(&info.limits).chain([
+        &info.stop_decel_mps2,
+        &info.stop_decel_radps2,
+        &info.footprint_offset_m,
+    ]);
     info.sensors.len() <= MAX_SENSORS
         && all_finite(numbers)
         && info.sensors.iter().all(is_sensor_sound)

@@ -111,8 +111,8 @@ impl ListedAddress {
                 warning(
                     "tells you nothing".to_owned(),
                     format!(
-                        "{robot} answers, but does not have you on its list of operators. Whoever is added while it \
-                         runs is let in after its next start.{}",
+                        "{robot} answers, but does not have you on its list of operators. Whoever is added is let in \
+                         within two seconds.{}",
                         tiles.unwrap_or_default()
                     ),
                 )

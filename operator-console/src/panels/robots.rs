@@ -177,8 +177,8 @@ impl RobotsData {
         if !names.is_empty() {
             let names = names.join(", ");
             self.advice = Some(format!(
-                "{names} answers, and tells you nothing: you are not on its list of operators, or were added while it \
-                 runs. Then its next start lets you in."
+                "{names} answers, and tells you nothing: you are not on its list of operators. Whoever is added is let \
+                 in within two seconds."
             ));
         }
     }

@@ -169,6 +169,10 @@ pub fn fault_words(
             "Sees nothing",
             "None of its measurements is valid. It is covered, dirty or broken.",
         ),
+        SensorFault::Blocked => (
+            "Blocked",
+            "It has no echo where it had one just now. Look for dirt or a cover on its window.",
+        ),
         SensorFault::Slow => (
             "Slow",
             "Less than half of its measurements come. Look at its driver and the vehicle's load.",

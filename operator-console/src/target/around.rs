@@ -248,7 +248,7 @@ mod tests {
         };
         let there = around(&[], &[("quic/a:1", untold("scout"))]);
         let why = "scout answers at quic/a:1 but tells you nothing: it does not have you on its list of operators; \
-                   whoever is added while it runs is let in after its next start";
+                   whoever is added is let in within two seconds";
         for robot in [None, Some("scout")] {
             let target = target(&["quic/a:1"], robot);
             assert_eq!(there.conclusion(&target), why);

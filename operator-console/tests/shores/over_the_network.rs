@@ -11,6 +11,7 @@ use operator_console::model::ModelSettings;
 use protocol::export::write_shores;
 use protocol::tile::BootId;
 use robot_edge::clock::{self, Monotonic};
+use robot_edge::driving::operators::NewerList;
 use robot_edge::link::edge::{EdgeLink, EdgeSettings};
 use robot_edge::link::sessions::Endpoints;
 use robot_edge::link::shared::Shared;
@@ -58,6 +59,7 @@ fn shores_arrive_and_both_sides_export_the_same() {
             listen: vec![endpoint.clone()],
             ..Endpoints::default()
         },
+        newer_people: NewerList::default(),
         budget_kbps: 256,
         info: info(),
     };

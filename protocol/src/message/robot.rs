@@ -14,7 +14,7 @@ pub struct Info {
     pub vehicle: String,
     /// What it replays or simulates; empty on a real vehicle.
     pub source: String,
-    /// Extent along x and y, metres, centred on `base_link`.
+    /// Extent along x and y, metres; its middle is [`Self::footprint_offset_m`] ahead of `base_link`.
     pub footprint_m: [f32; 2],
     /// Greatest speed, m/s, and turn rate, rad/s.
     pub limits: [f32; 2],
@@ -36,6 +36,8 @@ pub struct Info {
     pub can_record: bool,
     /// What it measures with, at most [`MAX_SENSORS`](super::MAX_SENSORS).
     pub sensors: Vec<SensorInfo>,
+    /// From `base_link`'s origin forward to the middle of the footprint, metres.
+    pub footprint_offset_m: f32,
 }
 
 /// One layer of [`Info`].

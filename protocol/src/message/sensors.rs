@@ -90,6 +90,8 @@ pub enum SensorFault {
     AllInvalid,
     /// Less than half of its rate.
     Slow,
+    /// Beams without an echo point at what had echoes within the last 5 s: its window seems to be blocked.
+    Blocked,
 }
 
 impl SensorKind {
@@ -109,5 +111,11 @@ impl SensorKind {
 
 impl SensorFault {
     /// Every fault, by number.
-    pub const ALL: [Self; 4] = [Self::Silent, Self::Clock, Self::AllInvalid, Self::Slow];
+    pub const ALL: [Self; 5] = [
+        Self::Silent,
+        Self::Clock,
+        Self::AllInvalid,
+        Self::Slow,
+        Self::Blocked,
+    ];
 }

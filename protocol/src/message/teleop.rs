@@ -42,6 +42,9 @@ pub struct TeleopStatus {
     /// The nearest thing, or ground, that makes the guard bound the motion that is asked for; `None` where it bounds
     /// nothing, or is not on.
     pub barrier: Option<Barrier>,
+    /// How long ago the ground just outside of the footprint was looked at last, ms: ahead, to the left, behind, to the
+    /// right; `None` where nobody has looked, or the guard is not on.
+    pub seen_ms: [Option<u32>; 4],
 }
 
 /// What the vehicle is doing. Append-only.
@@ -202,6 +205,10 @@ pub enum BarrierKind {
     Mapped,
     /// Ground that nobody has seen, or seen too long ago.
     Unseen,
+    /// The water is too shallow there, by a beam of the last sweeps.
+    Shallow,
+    /// Ground that only beams without an echo call free.
+    NoEcho,
 }
 
 /// An emergency stop in force.

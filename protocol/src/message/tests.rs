@@ -154,6 +154,7 @@ fn every_message_survives_the_wire() {
         max_command_age_ms: 400,
         can_record: true,
         sensors: vec![sensor_info()],
+        footprint_offset_m: 0.125,
     });
     body(&ShoresNews {
         revision: 3,
@@ -349,6 +350,7 @@ fn teleop() -> TeleopStatus {
             position_m: [1.0, -2.0],
             kind: BarrierKind::Mapped,
         }),
+        seen_ms: [Some(300), None, Some(5), None],
     }
 }
 
@@ -404,13 +406,15 @@ fn the_bodies_of_driving_are_the_documented_bytes() {
         &[1],                   // barrier
         &[ONE, MINUS_TWO].concat(),
         &[1],
+        &[1, 0xAC, 2, 0, 1, 5, 0], // seen_ms
     ];
     assert_eq!(body(&teleop()), expected.concat());
     let nothing_in_the_way = TeleopStatus {
         barrier: None,
+        seen_ms: [None; 4],
         ..teleop()
     };
-    assert_eq!(body(&nothing_in_the_way).last(), Some(&0));
+    assert!(body(&nothing_in_the_way).ends_with(&[0, 1, 0, 0, 0, 0, 0]));
 }
 
 /// They are append-only: a number never moves.
@@ -471,7 +475,13 @@ fn variants_have_the_documented_numbers() {
         Guard::Blind(limits),
         Guard::Stale,
     ]);
-    check(&[BarrierKind::Seen, BarrierKind::Mapped, BarrierKind::Unseen]);
+    check(&[
+        BarrierKind::Seen,
+        BarrierKind::Mapped,
+        BarrierKind::Unseen,
+        BarrierKind::Shallow,
+        BarrierKind::NoEcho,
+    ]);
     check(&Refusal::ALL);
     check(&SensorKind::ALL);
     check(&SensorFault::ALL);
@@ -521,6 +531,7 @@ fn messages_of_driving_are_small() {
             waiting: Some(longest),
         },
         age_ms: Some(u32::MAX),
+        seen_ms: [Some(u32::MAX); 4],
         counters: CommandCounters {
             accepted: u64::MAX,
             involuntary_stops: u64::MAX,
@@ -533,8 +544,8 @@ fn messages_of_driving_are_small() {
         },
         ..teleop()
     };
-    assert_eq!(body(&teleop()).len(), 84);
-    assert_eq!(body(&full).len(), 544);
+    assert_eq!(body(&teleop()).len(), 91);
+    assert_eq!(body(&full).len(), 568);
 }
 
 proptest! {

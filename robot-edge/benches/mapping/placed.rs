@@ -90,6 +90,7 @@ impl Prepared {
             body: BodyBox {
                 length_m: config.vehicle.length_m,
                 width_m: config.vehicle.width_m,
+                offset_m: config.vehicle.footprint_offset_m,
                 lowest_m: config.vehicle.lowest_point_m,
                 highest_m: config.vehicle.lowest_point_m + config.vehicle.height_m,
             },

@@ -182,6 +182,9 @@ pub enum ControllerFault {
     /// Its port cannot be opened.
     #[error("its port cannot be opened ({what})", what = std::io::Error::from_raw_os_error(i32::from(*.0)))]
     Port(u8),
+    /// Its port is locked by this process; 0 where that is not known.
+    #[error("its port is held by {}: end that, or give another port", process(*.0))]
+    Held(u32),
     /// It does not answer.
     #[error("it does not answer: check power, cable, and that nothing else uses the port")]
     Silent,
@@ -205,4 +208,15 @@ pub enum ControllerFault {
              or `require_watchdog = false`"
     )]
     NoWatchdog(u8),
+}
+
+/// A process by its number and command, as far as the system still says it.
+fn process(pid: u32) -> String {
+    let command = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    let command = String::from_utf8_lossy(&command).replace('\0', " ");
+    match (pid, command.trim_end()) {
+        (0, _) => "another process".to_owned(),
+        (pid, "") => format!("process {pid}"),
+        (pid, command) => format!("process {pid} ({command})"),
+    }
 }

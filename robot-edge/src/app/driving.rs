@@ -1,6 +1,6 @@
 //! What is driven in a run, and by which rules.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use protocol::keys::RobotId;
@@ -23,6 +23,8 @@ use crate::driving::{
 use crate::exit::UsageError;
 use crate::link::ros2::RosLink;
 use crate::mapping::ground_plane::GroundTracker;
+use crate::new_file::{self, NewFile};
+use crate::service_manager::ServiceManager;
 use crate::teleop::Rules;
 use crate::teleop::guard::GuardRules;
 
@@ -103,6 +105,24 @@ impl DrivePlan {
         }
     }
 
+    /// Where the drive log is asked for.
+    pub(super) fn log(&self) -> Option<&Path> {
+        self.log.as_deref()
+    }
+
+    /// Creates the drive log's file, where one is asked for.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub(super) fn create_log(&self) -> anyhow::Result<Option<NewFile>> {
+        let path = self.log.as_ref().filter(|_| self.can_drive());
+        let file = path.map(|path| {
+            new_file::create(path)
+                .with_context(|| format!("{}: cannot write the drive log", path.display()))
+        });
+        file.transpose()
+    }
+
     /// Whether operators can start and stop recordings.
     pub(super) const fn can_record(&self) -> bool {
         self.recordings.is_some() && self.can_drive()
@@ -125,7 +145,7 @@ impl DrivePlan {
         recording.transpose()
     }
 
-    /// Starts the loop that drives, where there is anything to drive.
+    /// Starts the loop that drives, where there is anything to drive. What consoles should know of its log goes to `tell`.
     ///
     /// # Errors
     /// Where the configuration makes no rules, or a file or thread cannot be had.
@@ -134,6 +154,10 @@ impl DrivePlan {
         (robot, boot): (&RobotId, BootId),
         (operators, audit): (Operators, Option<Audit>),
         config: &Config,
+        (log, tell): (
+            Option<NewFile>,
+            impl FnOnce(&'static str, String) + Send + 'static,
+        ),
     ) -> anyhow::Result<Option<(Driving, Option<Lookouts>)>> {
         if !self.can_drive() {
             return Ok(None);
@@ -158,9 +182,9 @@ impl DrivePlan {
                 .and_then(Keeper::start)
                 .with_context(|| format!("{}: cannot keep an emergency stop here", dir.display()))
         });
-        let log = self.log.as_ref().map(|path| {
-            DriveLog::create(path)
-                .with_context(|| format!("{}: cannot write the drive log", path.display()))
+        let log = log.map(|file| {
+            DriveLog::start(file, move |why| tell("drive_log_stopped", why))
+                .context("no thread can be had to write the drive log")
         });
         let driving = Driving::start(DrivingSettings {
             robot: robot.clone(),
@@ -175,6 +199,7 @@ impl DrivePlan {
             keeper: keeper.transpose()?,
             can_record: self.recordings.is_some(),
             log: log.transpose()?,
+            service_manager: ServiceManager::of_environment(),
         });
         let driving = driving.context("no thread can be had to drive with")?;
         Ok(Some((driving, lookouts)))

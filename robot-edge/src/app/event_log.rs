@@ -14,6 +14,14 @@ pub(super) struct EventLog {
 }
 
 impl EventLog {
+    /// A log of these and what is to come.
+    pub(super) const fn beginning_with(events: Vec<Event>) -> Self {
+        Self {
+            events,
+            left_out: 0,
+        }
+    }
+
     pub(super) fn add(&mut self, happening: Happening) {
         if self.events.len() < MAX_EVENTS {
             self.events.push(Event {

@@ -1,10 +1,10 @@
-//! `robot-edge keys`.
+//! `robot-edge keys` and `robot-edge install-keys`.
 
 use std::collections::BTreeMap;
 use std::io::Write;
 
-use crate::cli::Keys;
-use crate::credentials::{IssueRequest, issue};
+use crate::cli::{InstallKeys, Keys};
+use crate::credentials::{Installed, IssueRequest, install, issue};
 use crate::exit::{Exit, UsageError};
 use crate::teleop::Role;
 
@@ -36,6 +36,23 @@ pub(super) fn keys(command: &Keys, out: &mut dyn Write) -> anyhow::Result<Exit> 
     }
     for line in done {
         writeln!(out, "{line}")?;
+    }
+    Ok(Exit::Done)
+}
+
+pub(super) fn install_keys(command: &InstallKeys, out: &mut dyn Write) -> anyhow::Result<Exit> {
+    let Installed {
+        robot,
+        people,
+        complaint,
+    } = install(&command.from, &command.to)?;
+    let to = command.to.display();
+    writeln!(
+        out,
+        "{to}: the keys of {robot}, with {people} people on its list"
+    )?;
+    if let Some(complaint) = complaint {
+        writeln!(out, "{complaint}")?;
     }
     Ok(Exit::Done)
 }

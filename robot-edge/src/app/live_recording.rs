@@ -1,12 +1,13 @@
 //! Recordings that operators start and stop while the vehicle is driven, by a thread of their own.
 //!
 //! "Recording durability": files of a minute, on the disk every second; where the disk is nearly full recording ends, with
-//! an alarm, and driving goes on.
+//! an alarm, and driving goes on. What was recorded when the program crashed, or was killed, goes on with the next run;
+//! whoever ends the program in an orderly way ends the recording.
 
+mod marker;
 mod state;
 
 use std::collections::{BTreeMap, VecDeque};
-use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
@@ -16,9 +17,11 @@ use std::time::Duration;
 
 pub(super) use state::{Problem, RecordingState};
 
-use super::free_space::{Space, space_of};
+use marker::Marker;
+
 use super::recorder::{Recorder, Syncs};
 use crate::clock::{self, Monotonic};
+use crate::free_space::{Space, SpaceOf, space_of};
 use crate::measurement::{Measurement, MeasurementData, Stream};
 use crate::recording::writer::WriteError;
 
@@ -38,11 +41,10 @@ pub(super) struct LiveRecording {
     waiting: VecDeque<Order>,
     state: Arc<Mutex<RecordingState>>,
     is_wanted: bool,
+    /// It has started by itself.
+    is_resumed: bool,
     thread: Option<JoinHandle<()>>,
 }
-
-/// Says how much room there is where a folder is.
-type SpaceOf = fn(&Path) -> io::Result<Space>;
 
 enum Order {
     Streams(Vec<Stream>),
@@ -52,7 +54,7 @@ enum Order {
 }
 
 impl LiveRecording {
-    /// Records into `folder`, which is made, once somebody wants it.
+    /// Records into `folder`, which is made, once somebody wants it; at once where the run before was cut off as it recorded.
     ///
     /// # Errors
     /// Where the folder cannot be made or the system gives no thread.
@@ -64,9 +66,12 @@ impl LiveRecording {
         std::fs::create_dir_all(folder)?;
         let (orders, ordered) = sync_channel(CAPACITY);
         let state = Arc::new(Mutex::new(RecordingState::default()));
+        let marker = Marker::of(folder, robot);
+        let is_resumed = marker.is_set();
         let writer = Writer {
             space_of,
             folder: folder.to_owned(),
+            marker,
             robot: robot.to_owned(),
             vehicle: vehicle.to_owned(),
             streams: Vec::new(),
@@ -78,13 +83,18 @@ impl LiveRecording {
         let thread = thread::Builder::new()
             .name("recording".to_owned())
             .spawn(move || writer.run(&ordered))?;
-        Ok(Self {
+        let mut live = Self {
             orders: Some(orders),
             waiting: VecDeque::new(),
             state,
             is_wanted: false,
+            is_resumed,
             thread: Some(thread),
-        })
+        };
+        if is_resumed {
+            live.record(true);
+        }
+        Ok(live)
     }
 
     /// Streams met since the last call, whose numbers measurements carry.
@@ -110,6 +120,20 @@ impl LiveRecording {
     pub(super) fn record(&mut self, is_wanted: bool) {
         self.is_wanted = is_wanted;
         self.order(Order::Record(is_wanted));
+    }
+
+    /// Whether it has started by itself, where the run before was cut off.
+    pub(super) const fn is_resumed(&self) -> bool {
+        self.is_resumed
+    }
+
+    /// The run ends in an orderly way, and recording with it.
+    pub(super) fn end(mut self) {
+        if let Some(orders) = self.orders.take()
+            && orders.send(Order::Record(false)).is_err()
+        {
+            tracing::error!("the thread that records has ended");
+        }
     }
 
     /// How it is going.
@@ -157,6 +181,7 @@ fn lock(state: &Mutex<RecordingState>) -> MutexGuard<'_, RecordingState> {
 struct Writer {
     space_of: SpaceOf,
     folder: PathBuf,
+    marker: Marker,
     robot: String,
     vehicle: String,
     streams: Vec<Stream>,
@@ -224,10 +249,14 @@ impl Writer {
                         ..RecordingState::default()
                     };
                     drop(state);
-                    return self.open();
+                    self.open()?;
+                    self.marker.set(self.file.is_some());
                 }
             }
-            Order::Record(false) => return self.close(),
+            Order::Record(false) => {
+                self.marker.set(false);
+                return self.close();
+            }
             Order::Measured(measurement) => {
                 self.remember(&measurement);
                 let stream = self.streams.get(usize::from(measurement.stream.0));
@@ -283,8 +312,13 @@ impl Writer {
             self.end_with(scarce(&space), true);
             return Ok(());
         }
-        let path = self.next_path();
+        let path = self.folder.join(format!(
+            "{}-{}.mcap",
+            self.robot,
+            clock::wall_clock_label().replace(':', "")
+        ));
         let mut recorder = Recorder::create(&path, &self.vehicle, Syncs::WhenAsked, None)?;
+        let path = recorder.path();
         for measurement in self.timeless.values() {
             if let Some(stream) = self.streams.get(usize::from(measurement.stream.0)) {
                 recorder.write(stream, measurement)?;
@@ -295,10 +329,6 @@ impl Writer {
             path: path.clone(),
             since: Monotonic::now(),
         });
-        // Or a power cut leaves a file that no folder knows.
-        if let Err(error) = File::open(&self.folder).and_then(|folder| folder.sync_all()) {
-            tracing::warn!(%error, "the folder of recordings cannot be synced");
-        }
         let mut state = lock(&self.state);
         state.is_running = true;
         state.file = Some(path);
@@ -336,21 +366,6 @@ impl Writer {
         }
     }
 
-    /// `scout-2026-03-01T123456Z.mcap`; a number follows where there is such a file.
-    fn next_path(&self) -> PathBuf {
-        let name = format!(
-            "{}-{}",
-            self.robot,
-            clock::wall_clock_label().replace(':', "")
-        );
-        let first = self.folder.join(format!("{name}.mcap"));
-        let others = (2..).map(|n: u32| self.folder.join(format!("{name}-{n}.mcap")));
-        std::iter::once(first)
-            .chain(others)
-            .find(|path| !path.exists())
-            .unwrap_or_else(|| self.folder.join("recording.mcap"))
-    }
-
     fn close(&mut self) -> Result<(), WriteError> {
         lock(&self.state).is_running = false;
         let Some(Open {
@@ -371,6 +386,7 @@ impl Writer {
 
     fn end_with(&mut self, what: String, is_disk_low: bool) {
         self.file = None;
+        self.marker.set(false);
         tracing::error!(problem = what, "recording ended");
         let mut state = lock(&self.state);
         state.is_running = false;
@@ -379,11 +395,7 @@ impl Writer {
 }
 
 fn scarce(space: &Space) -> String {
-    format!(
-        "the disk is nearly full: {:.1} of {:.1} GB are free",
-        space.free_bytes as f64 / 1e9,
-        space.total_bytes as f64 / 1e9
-    )
+    format!("the disk is nearly full: {space}")
 }
 
 #[cfg(test)]

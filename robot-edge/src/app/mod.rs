@@ -7,7 +7,6 @@ mod driving;
 mod event_log;
 mod experiments;
 mod feed;
-mod free_space;
 mod keys;
 mod live;
 mod live_recording;
@@ -67,6 +66,7 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         | Command::Vehicles(_)
         | Command::Check(_)
         | Command::Keys(_)
+        | Command::InstallKeys(_)
         | Command::Completions(_)
         | Command::MotorGuard(_) => run_until(cli, &AtomicBool::new(false), out),
     }
@@ -96,6 +96,7 @@ pub fn run_until(cli: &Cli, interrupt: &AtomicBool, out: &mut dyn Write) -> anyh
         }
         Command::Check(command) => Ok(vehicle_commands::check(&command.config, out)?),
         Command::Keys(command) => keys::keys(command, out),
+        Command::InstallKeys(command) => keys::install_keys(command, out),
         Command::Experiments(command) => experiments::experiments(command, quiet, interrupt, out),
         Command::Completions(command) => {
             command.print(out)?;

@@ -24,6 +24,7 @@ use super::told::info;
 use crate::audit::AuditLog;
 use crate::clock::Monotonic;
 use crate::config::Config;
+use crate::driving::operators::NewerList;
 use crate::driving::speedometer::Speedometer;
 use crate::driving::{Driving, ListWatch, MapLookout, Operators};
 use crate::events::event;
@@ -36,6 +37,7 @@ use crate::localization::placer::PlacerSettings;
 use crate::mapping::Mapper;
 use crate::mapping::octree::Octree;
 use crate::mapping::posed_scan::PosedScan;
+use crate::new_file::NewFile;
 use crate::pipeline::{Maps, Standstill};
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::sensor_watch::{SensorWatch, listed};
@@ -87,7 +89,7 @@ impl Network {
         subject: &Subject<'_>,
         boot: BootId,
         maps: &Maps,
-        drive: &DrivePlan,
+        (drive, log): (&DrivePlan, Option<NewFile>),
         quiet: bool,
     ) -> anyhow::Result<Option<(Self, Herald)>> {
         let store = maps.publisher().shared_store();
@@ -97,6 +99,7 @@ impl Network {
             .as_deref()
             .map(|path| people::open_audit_log(path, &plan.robot, config, boot))
             .transpose()?;
+        let newer_people = NewerList::default();
         let audit = audit_log.as_ref().map(AuditLog::audit);
         let operators = plan
             .people
@@ -108,12 +111,17 @@ impl Network {
             .as_ref()
             .zip(plan.people.clone())
             .map(|(credentials, list)| {
-                people::watch_list(credentials, list, operators.newer(), &shared, audit.clone())
+                let newer = vec![operators.newer(), newer_people.clone()];
+                people::watch_list(credentials, list, newer, &shared, audit.clone())
             })
             .transpose()?;
         let who = (&plan.robot, boot);
+        let of_log = Arc::clone(&shared);
+        let tell = move |kind, message| {
+            of_log.tell_when_watched(event(kind, message), Monotonic::now());
+        };
         let (driving, lookouts) = drive
-            .start(who, (operators, audit.clone()), config)?
+            .start(who, (operators, audit.clone()), config, (log, tell))?
             .unzip();
         let settings = EdgeSettings {
             robot: plan.robot.clone(),
@@ -122,6 +130,7 @@ impl Network {
                 audit,
                 ..plan.endpoints.clone()
             },
+            newer_people,
             budget_kbps: config.streaming.budget_kbps,
             info: info(config, subject, maps),
             driving: driving.as_ref().map(Driving::handles),
@@ -180,6 +189,11 @@ impl Network {
             }
             Err(err) => Err(err.into()),
         }
+    }
+
+    /// Whether a loop drives.
+    pub(super) const fn is_driven(&self) -> bool {
+        self.driving.is_some()
     }
 
     /// What is driven is told zero, and nobody drives it any more.
@@ -266,6 +280,12 @@ impl Network {
         let shared = self.link.shared();
         shared.tiles_changed(maps.take_changed_tiles());
         self.serve_voxels(maps, false);
+    }
+
+    /// Something happened that the next console should know where none is there yet.
+    pub(super) fn tell_when_watched(&self, kind: &str, message: String) {
+        let shared = self.link.shared();
+        shared.tell_when_watched(event(kind, message), Monotonic::now());
     }
 
     /// Something happened that consoles should know.

@@ -80,6 +80,7 @@ impl NetworkPlan {
                 connect,
                 zenoh_config: zenoh_config_file(options.zenoh_config.clone()),
                 credentials,
+                people: people.clone().unwrap_or_default(),
                 audit: None,
             },
             people,

@@ -113,6 +113,7 @@ mod tests {
                 stamp: RobotTime::from_nanos(0),
                 sensor: SensorId(0),
                 beam_step_rad: 0.01,
+                own_body_hits: 0,
                 odom_from_base: planar(0.0, 0.0, 0.0),
                 beams: vec![beam; beams],
             }),

@@ -70,7 +70,7 @@ pub(super) fn open_audit_log(
 pub(super) fn watch_list(
     credentials: &Credentials,
     list: OperatorList,
-    newer: NewerList,
+    newer: Vec<NewerList>,
     shared: &Arc<Shared>,
     audit: Option<Audit>,
 ) -> anyhow::Result<ListWatch> {

@@ -149,6 +149,7 @@ pub fn placer_settings(config: &Config, placing: &Placing) -> PlacerSettings {
         body: BodyBox {
             length_m: vehicle.length_m,
             width_m: vehicle.width_m,
+            offset_m: vehicle.footprint_offset_m,
             lowest_m: vehicle.lowest_point_m,
             highest_m: vehicle.lowest_point_m + vehicle.height_m,
         },

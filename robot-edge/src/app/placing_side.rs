@@ -215,9 +215,14 @@ impl PlacingSide {
         Ok(())
     }
 
-    /// Nothing more comes: brings what is recorded to its end, on the disk.
-    pub(super) fn end_recordings(&mut self) -> Recorded {
-        drop(self.live.take());
+    /// Nothing more comes: brings what is recorded to its end, on the disk. Where the run did not go well, what an operator
+    /// records goes on with the next one.
+    pub(super) fn end_recordings(&mut self, went_well: bool) -> Recorded {
+        if let Some(live) = self.live.take()
+            && went_well
+        {
+            live.end();
+        }
         let (notes, result) = match (self.not_recorded.take(), self.recorder.take()) {
             (Some(error), _) => (Vec::new(), Err(error)),
             (None, Some(recorder)) => (recorder.notes(), recorder.finish()),

@@ -1,19 +1,21 @@
 //! `--record`: everything that came in, as ROS 2 messages.
 
-use std::path::Path;
+use std::fs;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::sync_thread::SyncThread;
 use crate::clock::Monotonic;
+use crate::free_space::{SpaceOf, space_of};
 use crate::measurement::{Measurement, MeasurementData, OwnPose, Stream};
-use crate::recording::writer::{McapWriter, WriteError};
+use crate::recording::writer::{McapWriter, OnDisk, WriteError};
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::scan::Scan;
 
 /// A crash of a live run loses no more than this.
 const FLUSH_PERIOD: Duration = Duration::from_secs(1);
 
-/// Who puts on the disk, every [`FLUSH_PERIOD`], what was recorded.
+/// Who puts on the disk, every [`FLUSH_PERIOD`], what was recorded, and ends recording where the disk is nearly full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Syncs {
     /// Who asks for it: by itself, a recorder gives the same file every time.
@@ -30,6 +32,7 @@ pub(super) struct Recorder {
     /// Only runs in real time are flushed by the clock, so that others give the same file every time.
     flushed_at: Option<Monotonic>,
     aside: Option<SyncThread>,
+    space_of: SpaceOf,
     /// Added to all stamps; decided by the earliest where a survey knows it, else by the first.
     later: Option<RobotDuration>,
     /// Stamp of the last scan that brought its own pose.
@@ -47,12 +50,30 @@ impl Recorder {
         syncs: Syncs,
         earliest: Option<RobotTime>,
     ) -> Result<Self, WriteError> {
+        Self::on_disk(space_of, (path, vehicle), syncs, earliest)
+    }
+
+    fn on_disk(
+        space_of: SpaceOf,
+        (path, vehicle): (&Path, &str),
+        syncs: Syncs,
+        earliest: Option<RobotTime>,
+    ) -> Result<Self, WriteError> {
         let writer = McapWriter::create(path, Some(vehicle))?;
+        if syncs != Syncs::WhenAsked
+            && let Err(low) = writer.on_disk().check_space(space_of)
+        {
+            let path = writer.path().to_owned();
+            drop(writer);
+            // Nothing is in it; and what cannot be removed does no harm.
+            drop(fs::remove_file(path));
+            return Err(low);
+        }
         let aside = match syncs {
             Syncs::WhenAsked | Syncs::AsItWrites => None,
             Syncs::Aside => {
-                let on_disk = writer.on_disk()?;
-                let started = SyncThread::start(move || on_disk.sync());
+                let on_disk = writer.on_disk();
+                let started = SyncThread::start(move || put_on_disk(&on_disk, space_of));
                 Some(started.map_err(|why| writer.failed(why))?)
             }
         };
@@ -60,6 +81,7 @@ impl Recorder {
             writer,
             flushed_at: (syncs != Syncs::WhenAsked).then(Monotonic::now),
             aside,
+            space_of,
             later: earliest.map(up_to_1970),
             own_pose_at: None,
             set_apart: 0,
@@ -80,16 +102,20 @@ impl Recorder {
         if let Some(at) = self.flushed_at
             && at.elapsed() >= FLUSH_PERIOD
         {
-            match &self.aside {
-                Some(aside) => {
-                    self.writer.hand_over()?;
-                    aside.ask()?;
-                }
-                None => self.writer.flush()?,
+            self.writer.hand_over()?;
+            if let Some(aside) = &self.aside {
+                aside.ask()?;
+            } else {
+                put_on_disk(&self.writer.on_disk(), self.space_of)?;
             }
             self.flushed_at = Some(Monotonic::now());
         }
         Ok(())
+    }
+
+    /// Its file, which may have a numbered name.
+    pub(super) fn path(&self) -> PathBuf {
+        self.writer.path().to_owned()
     }
 
     /// Hands all of it to the disk.
@@ -212,6 +238,11 @@ impl Recorder {
     }
 }
 
+fn put_on_disk(on_disk: &OnDisk, space_of: SpaceOf) -> Result<(), WriteError> {
+    on_disk.sync()?;
+    on_disk.check_space(space_of)
+}
+
 /// What is added to a first stamp before 1970: whole seconds, so that fractions stay readable.
 fn up_to_1970(first: RobotTime) -> RobotDuration {
     const SECOND: u64 = 1_000_000_000;
@@ -237,8 +268,63 @@ fn ros_stream(stream: &Stream) -> Stream {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicU64, Ordering};
+
     use super::*;
     use crate::app::recorded::{stamps, stream, transform};
+    use crate::free_space::Space;
+
+    #[test]
+    #[cfg_attr(
+        not(target_os = "linux"),
+        ignore = "the clock begins with the program: nothing is due yet"
+    )]
+    fn it_ends_where_the_disk_is_nearly_full_and_what_came_before_is_whole() {
+        const GB: u64 = 1_000_000_000;
+        static FREE_BYTES: AtomicU64 = AtomicU64::new(0);
+        let space_of: SpaceOf = |_| {
+            Ok(Space {
+                free_bytes: FREE_BYTES.load(Ordering::Relaxed),
+                total_bytes: 10 * GB,
+            })
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("drive.mcap");
+        let create = |syncs| Recorder::on_disk(space_of, (&path, "pioneer"), syncs, None);
+        let low = create(Syncs::Aside).err().unwrap().to_string();
+        let says = "drive.mcap: recording ends: the disk is nearly full: 0.0 of 10.0 GB are free";
+        assert!(low.ends_with(says), "{low}");
+        assert!(!path.exists(), "nothing is in it");
+
+        for (syncs, number) in [(Syncs::AsItWrites, 1), (Syncs::Aside, 2)] {
+            FREE_BYTES.store(2 * GB, Ordering::Relaxed);
+            let mut recorder = create(syncs).unwrap();
+            let mut nanos = 0;
+            let mut write = |recorder: &mut Recorder| {
+                recorder.flushed_at = Some(Monotonic::from_nanos(0));
+                nanos += 1;
+                recorder.write(&stream(), &transform(nanos, "base_link", false))
+            };
+            write(&mut recorder).unwrap();
+            FREE_BYTES.store(GB - 1, Ordering::Relaxed);
+            // A thread of its own says so when it has looked.
+            let low = loop {
+                if let Err(low) = write(&mut recorder) {
+                    break low;
+                }
+            };
+            assert!(matches!(low, WriteError::DiskLow { .. }), "{low}");
+            let path = recorder.path();
+            drop(recorder);
+            assert_eq!(path.ends_with("drive.mcap"), number == 1);
+            assert_eq!(stamps(&path), (1..=nanos).collect::<Vec<_>>());
+        }
+        FREE_BYTES.store(0, Ordering::Relaxed);
+        assert!(
+            create(Syncs::WhenAsked).is_ok(),
+            "what is as long as its source"
+        );
+    }
 
     /// As a crash of the program would leave it: what it handed to the system is there.
     #[test]

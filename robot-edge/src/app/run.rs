@@ -12,11 +12,12 @@ use super::driving::DrivePlan;
 use super::event_log::EventLog;
 use super::feed::{Batch, SourceEnd, feed};
 use super::is_set;
+use super::live_recording::LiveRecording;
 use super::map_figures::SharedMapFigures;
 use super::mapping_side::MappingSide;
 use super::network::{Network, Subject};
 use super::network_plan::NetworkPlan;
-use super::outputs;
+use super::outputs::{self, SETUP};
 use super::placing_side::{PlacingSide, Recorded};
 use super::recorder::{Recorder, Syncs};
 use super::sides::Sides;
@@ -28,10 +29,13 @@ use crate::exit::{Exit, Interrupted};
 use crate::keeping_up::KeepingUp;
 use crate::link::random_id;
 use crate::localization::placer::{BeamPlacer, PlacerSettings};
+use crate::new_file::{self, NewFile};
 use crate::pacer::Rate;
 use crate::pipeline::Maps;
 use crate::progress::Progress;
+use crate::recording::writer::WriteError;
 use crate::robot_time::RobotTime;
+use crate::service_manager::ServiceManager;
 use crate::summary::{Event, StageTimer, Summary};
 
 /// What a run is made of.
@@ -57,6 +61,16 @@ pub(super) struct Run<'a> {
     pub(super) earliest: Option<RobotTime>,
     /// What was decided before the run.
     pub(super) events: Vec<Event>,
+}
+
+/// What a run writes into while it lasts.
+struct Files {
+    recorder: Option<Recorder>,
+    /// Why nothing is recorded although it was asked for.
+    not_recorded: Option<WriteError>,
+    log: Option<NewFile>,
+    /// Names that differ from those asked for.
+    notes: Vec<Event>,
 }
 
 impl Run<'_> {
@@ -94,8 +108,8 @@ impl Run<'_> {
             sides.mapping.end_driving();
         }
         // What cannot be made anew comes first: maps may be served for hours, an export may take long, and both be ended.
-        let recorded = sides.placing.end_recordings();
         let went_well = taken.is_ok() && finished.is_ok() && end.result.is_ok();
+        let recorded = sides.placing.end_recordings(went_well);
         if let Some(network) = &sides.mapping.network
             && went_well
         {
@@ -124,14 +138,14 @@ impl Run<'_> {
     /// What cannot be written should be known before an hour of mapping, and so should what was decided.
     pub(super) fn start(&self) -> anyhow::Result<Sides> {
         writable::prepare(self.export.as_deref(), self.summary.as_deref())?;
-        let vehicle = &self.config.vehicle.name;
-        let recorder = self
-            .record
-            .as_ref()
-            .map(|path| Recorder::create(path, vehicle, self.syncs(), self.earliest))
-            .transpose()?;
+        let Files {
+            recorder,
+            not_recorded,
+            log,
+            notes,
+        } = self.open_files()?;
         if !self.quiet {
-            for event in &self.events {
+            for event in self.events.iter().chain(&notes) {
                 writeln!(io::stderr(), "{}: {}", event.kind, event.message)?;
             }
         }
@@ -153,13 +167,16 @@ impl Run<'_> {
                     &subject,
                     boot,
                     &maps,
-                    &self.drive,
+                    (&self.drive, log),
                     self.quiet,
                 )?
             }
             None => None,
         };
         let (network, herald) = opened.unzip();
+        if !network.as_ref().is_some_and(Network::is_driven) {
+            ServiceManager::of_environment().ready_without_watchdog();
+        }
         let trajectory = network
             .as_ref()
             .map(Network::trajectory)
@@ -170,10 +187,12 @@ impl Run<'_> {
                 .recording(network.robot(), &self.config.vehicle.name)?,
             None => None,
         };
-        for event in &self.events {
-            if let Some(network) = &network {
-                network.tell(&event.kind, &event.message);
-            }
+        if let Some(network) = &network {
+            let is_resumed = live.as_ref().is_some_and(LiveRecording::is_resumed);
+            self.tell_start(network, &notes, not_recorded.as_ref(), is_resumed);
+        }
+        if let Some(why) = &not_recorded {
+            tracing::error!(%why, "nothing is recorded; driving goes on");
         }
         let figures = SharedMapFigures::default();
         Ok(Sides {
@@ -185,7 +204,7 @@ impl Run<'_> {
                 recorder,
                 live,
                 told_problem: None,
-                not_recorded: None,
+                not_recorded,
                 is_driven: self.drive.can_drive(),
                 progress: Progress::new(self.quiet),
                 clock: DataClock::default(),
@@ -197,7 +216,7 @@ impl Run<'_> {
                 maps,
                 network,
                 trajectory,
-                events: EventLog::default(),
+                events: EventLog::beginning_with(notes),
                 keeping_up: KeepingUp::default(),
                 is_live: self.maps_the_present(),
                 catches_up: false,
@@ -205,6 +224,68 @@ impl Run<'_> {
                 figures,
             },
         })
+    }
+
+    /// Opens what the run writes into while it lasts; what an earlier run has written stays.
+    fn open_files(&self) -> anyhow::Result<Files> {
+        let vehicle = &self.config.vehicle.name;
+        let recorder = self
+            .record
+            .as_ref()
+            .map(|path| Recorder::create(path, vehicle, self.syncs(), self.earliest))
+            .transpose();
+        let (recorder, not_recorded) = match recorder {
+            Ok(recorder) => (recorder, None),
+            // What is driven is not held up by what records it.
+            Err(low @ WriteError::DiskLow { .. }) if self.drive.can_drive() => (None, Some(low)),
+            Err(error) => return Err(error.into()),
+        };
+        let log = self.drive.create_log()?;
+        let recording = recorder.as_ref().map(Recorder::path);
+        let logged = log.as_ref().map(|log| log.path.clone());
+        let opened = [
+            ("--record", self.record.as_deref(), recording),
+            ("--drive-log", self.drive.log(), logged),
+        ];
+        let notes = opened
+            .into_iter()
+            .filter_map(|(option, asked, path)| new_file::note(option, asked?, &path?))
+            .map(|message| Event {
+                stamp_s: None,
+                kind: SETUP.to_owned(),
+                message,
+            })
+            .collect();
+        Ok(Files {
+            recorder,
+            not_recorded,
+            log,
+            notes,
+        })
+    }
+
+    /// Tells consoles what was decided at the start; what matters, the first that comes.
+    fn tell_start(
+        &self,
+        network: &Network,
+        notes: &[Event],
+        not_recorded: Option<&WriteError>,
+        is_resumed: bool,
+    ) {
+        for event in &self.events {
+            network.tell(&event.kind, &event.message);
+        }
+        for note in notes {
+            network.tell_when_watched(&note.kind, note.message.clone());
+        }
+        if let Some(why) = not_recorded {
+            network.tell_when_watched("recording_stopped", why.to_string());
+        }
+        if is_resumed {
+            let message =
+                "recording goes on: the run before was cut off while an operator recorded";
+            network.tell_when_watched("recording", message.to_owned());
+        }
     }
 
     /// Who syncs what is recorded.

@@ -37,6 +37,7 @@ pub(super) fn info(config: &Config, subject: &Subject<'_>, maps: &Maps) -> Info 
         can_record: subject.can_record,
         // As far as they are known: the link adds them.
         sensors: Vec::new(),
+        footprint_offset_m: vehicle.footprint_offset_m as f32,
     }
 }
 

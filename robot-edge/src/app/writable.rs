@@ -22,7 +22,7 @@ pub(super) fn spare(recording: &Path, options: &MappingOptions) -> Result<(), Us
             && is_same_file(recording, output)
         {
             return Err(UsageError(format!(
-                "{}: {option} would write over the recording that is replayed: name another file",
+                "{}: {option} names the recording that is replayed: name another file",
                 output.display()
             )));
         }

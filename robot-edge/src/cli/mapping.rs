@@ -81,14 +81,15 @@ pub struct Simulate {
 /// How the vehicle is driven.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 pub struct DrivingOptions {
-    /// Log every round of the loop that drives: what was asked, what the motors were told, and why
+    /// Log every round of the loop that drives: what was asked, what the motors were told, and why; where there is such a file,
+    /// in `FILE-2.csv`, `FILE-3.csv` …
     #[arg(long, value_name = "FILE.csv", conflicts_with = "no_network")]
     pub drive_log: Option<PathBuf>,
     /// Keep an emergency stop here, so that it outlives this program [default: of `run`, `$STATE_DIRECTORY`, or
     /// `foreshore/ROBOT` in `$XDG_STATE_HOME` or `~/.local/state`; `simulate` forgets it at the end]
     #[arg(long, value_name = "DIR", conflicts_with = "no_network")]
     pub state: Option<PathBuf>,
-    /// Let operators start and stop recordings, which go here in files of a minute
+    /// Let operators start and stop recordings, which go here in files of a minute, and go on after a crash
     #[arg(long, value_name = "DIR", conflicts_with = "no_network")]
     pub recordings: Option<PathBuf>,
 }
@@ -119,7 +120,7 @@ pub struct MappingOptions {
     /// How consoles reach it.
     #[command(flatten)]
     pub network: NetworkOptions,
-    /// Write everything that comes in to a recording
+    /// Write everything that comes in to a recording; where there is such a file, to `FILE-2.mcap`, `FILE-3.mcap` …
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
     /// Write the maps at the end; with `--stay`, when it is stopped

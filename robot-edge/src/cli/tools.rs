@@ -21,14 +21,27 @@ What is where in DIR, and where it goes:
 Files that end in .key.pem, and router.json5, are secrets of who uses them.
 
 Run it again to add vehicles and people. Nothing that is there is changed, but router.json5 is
-written anew. Lists and router.json5 that have changed must be copied to where they are used;
-a vehicle or router that runs lets people who are new connect when it is started again.
+written anew. Folders and router.json5 that have changed must be brought to where they are used:
+`robot-edge install-keys` puts a vehicle's in its place. A vehicle that runs lets people who are
+new connect within two seconds; a router does when it is started again.
 
-To take somebody's leave to drive, remove their entry from operators.toml on each vehicle: within
-a second they drive no more. They may watch until the vehicle is started again.
+To take somebody's leave, remove their entry from operators.toml here, and on each vehicle: within a
+second they drive no more, within two they see nothing of it. Behind a router they see it until the
+router is started again with the router.json5 that this then writes.
 
 For a new certificate, since they expire, remove link.pem and run this again; for new keys,
 remove the whole folder and the entries on the lists.";
+
+pub(super) const INSTALLED_KEYS: &str = "\
+FROM is checked first: keys that could not be used change nothing. TO is replaced as a whole, in one
+step, and can be replaced again and again; a run that is cut off leaves the old keys or the new ones.
+A TO that holds anything else, or the keys of another vehicle, is refused.
+
+By root, the files are root's, and the group of the folder above TO may read them: let that be the
+group by which robot-edge runs. By anybody else, only they can read them.
+
+A vehicle that runs obeys the new list within two seconds. It shows a new certificate from its next
+start on, or from the next time that people are added or taken off.";
 
 /// `info`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -89,6 +102,15 @@ pub struct Keys {
     /// How long new certificates are good for
     #[arg(long, value_name = "N", default_value_t = 365, value_parser = clap::value_parser!(u32).range(1..=3650))]
     pub days: u32,
+}
+
+/// `install-keys`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct InstallKeys {
+    /// The vehicle's folder of `robot-edge keys`, or a copy of it
+    pub from: PathBuf,
+    /// The folder that `--keys` names on the vehicle; made where there is none
+    pub to: PathBuf,
 }
 
 /// `experiments`.

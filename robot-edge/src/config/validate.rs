@@ -90,6 +90,17 @@ fn vehicle(checks: &mut Checks, vehicle: &VehicleConfig) {
         Allowed::Within(-10.0, 10.0),
         "it is the height of the vehicle's lowest part above its base frame",
     );
+    // Not a number is not within either.
+    if vehicle.length_m > 0.0
+        && !(-vehicle.length_m..=vehicle.length_m).contains(&vehicle.footprint_offset_m)
+    {
+        checks.fault(
+            "vehicle.footprint_offset_m",
+            as_toml(vehicle.footprint_offset_m),
+            "the base frame is at the vehicle",
+            format!("-{0} to {0}, length_m", vehicle.length_m),
+        );
+    }
     if let Some(wheelbase_m) = vehicle.wheelbase_m
         && !(wheelbase_m > 0.0 && wheelbase_m <= vehicle.length_m)
     {

@@ -10,10 +10,13 @@ use crate::mapping::vehicle_shape::VehicleShape;
 pub struct VehicleConfig {
     /// Name in summaries and messages.
     pub name: String,
-    /// Extent along x, metres, centred on the base frame.
+    /// Extent along x, metres.
     pub length_m: f64,
     /// Extent along y, metres, centred on the base frame.
     pub width_m: f64,
+    /// From the base frame's origin forward to the middle of the footprint, metres: positive for a base frame at the rear
+    /// axle.
+    pub footprint_offset_m: f64,
     /// Extent along z from the ground up, metres.
     pub height_m: f64,
     /// Height of its lowest part above the base frame, metres: negative for a hull.
@@ -33,6 +36,7 @@ impl Default for VehicleConfig {
             name: "generic2d".to_owned(),
             length_m: 0.5,
             width_m: 0.5,
+            footprint_offset_m: 0.0,
             height_m: 0.5,
             lowest_point_m: 0.0,
             wheelbase_m: None,

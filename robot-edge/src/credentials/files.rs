@@ -36,7 +36,7 @@ pub(super) fn read(path: &Path) -> Result<String, CredentialsError> {
     Ok(text)
 }
 
-/// The text of a file that only its owner may read.
+/// The text of a file that only its owner may read; one of root's, its group too, which then cannot write it.
 pub(super) fn read_secret(path: &Path) -> Result<String, CredentialsError> {
     refuse_exposed(path)?;
     read(path)
@@ -44,14 +44,14 @@ pub(super) fn read_secret(path: &Path) -> Result<String, CredentialsError> {
 
 #[cfg(unix)]
 fn refuse_exposed(path: &Path) -> Result<(), CredentialsError> {
-    use std::os::unix::fs::PermissionsExt as _;
+    use std::os::unix::fs::MetadataExt as _;
     let metadata = fs::metadata(path).map_err(|why| CredentialsError::Read {
         path: path.to_owned(),
         why,
     })?;
-    let mode = metadata.permissions().mode() & 0o777;
-    let others = mode & 0o077;
-    if others == 0 {
+    let mode = metadata.mode() & 0o777;
+    let others = if metadata.uid() == 0 { 0o037 } else { 0o077 };
+    if mode & others == 0 {
         Ok(())
     } else {
         Err(CredentialsError::Exposed {
@@ -71,6 +71,16 @@ pub(super) fn make_folder(path: &Path, readers: Readers) -> Result<(), Credentia
     let mut builder = fs::DirBuilder::new();
     builder.recursive(true);
     restrict_folder(&mut builder, readers);
+    builder.create(path).map_err(|why| CredentialsError::Write {
+        path: path.to_owned(),
+        why,
+    })
+}
+
+/// Makes a folder that is not there yet, for its owner alone.
+pub(super) fn make_new_folder(path: &Path) -> Result<(), CredentialsError> {
+    let mut builder = fs::DirBuilder::new();
+    restrict_folder(&mut builder, Readers::Owner);
     builder.create(path).map_err(|why| CredentialsError::Write {
         path: path.to_owned(),
         why,
@@ -148,7 +158,7 @@ fn restrict_file(_options: &mut OpenOptions, _readers: Readers) {}
 
 #[cfg(all(test, unix))]
 mod tests {
-    use std::os::unix::fs::PermissionsExt as _;
+    use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
 
     use super::*;
 
@@ -162,9 +172,18 @@ mod tests {
         let error = create(&path, "two", Readers::Owner).unwrap_err();
         assert!(error.to_string().contains("exists"), "{error}");
         assert_eq!(read(&path).unwrap(), "one");
-        fs::set_permissions(&path, fs::Permissions::from_mode(0o640)).unwrap();
-        let error = read_secret(&path).unwrap_err().to_string();
-        assert!(error.contains("640") && error.contains("chmod"), "{error}");
+        let is_roots = fs::metadata(&path).unwrap().uid() == 0;
+        for (mode, is_good) in [(0o640, is_roots), (0o660, false), (0o604, false)] {
+            fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
+            match read_secret(&path) {
+                Ok(_) => assert!(is_good, "{mode:o}"),
+                Err(why) => {
+                    let error = why.to_string();
+                    let says = error.contains(&format!("{mode:o}")) && error.contains("chmod");
+                    assert!(!is_good && says, "{error}");
+                }
+            }
+        }
         replace(&path, "three", Readers::Owner).unwrap();
         assert_eq!(
             (read_secret(&path).unwrap(), mode()),

@@ -148,7 +148,7 @@ impl Fleet {
         OperatorList::parse(&text).map_err(|why| CredentialsError::content(&path, why))?;
         files::replace(&path, &text, Readers::All)?;
         self.done.push(format!(
-            "{}: lists {}; copy it to the vehicle, which lets them in after its next start",
+            "{}: lists {}; the vehicle lets them in once it has this, by `robot-edge install-keys`",
             path.display(),
             person.identity()
         ));

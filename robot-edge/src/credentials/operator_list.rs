@@ -1,7 +1,7 @@
 //! The list of those who may watch or drive one vehicle.
 //!
 //! It lies beside the vehicle's certificate, is edited by hand, and is read again while the vehicle runs: who is taken off
-//! it no longer drives.
+//! it neither drives nor watches any more, who is put on it does.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -96,9 +96,10 @@ impl OperatorList {
     pub(super) fn empty_text(robot: &str) -> String {
         format!(
             "# Who may watch or drive {robot}. While the vehicle runs it reads this file again within a second:\n\
-             # whoever is taken off it, or is made an observer, drives no more from then on, and may watch until\n\
-             # its next start. Whoever is added while it runs is let in after its next start. People are added by\n\
-             # `robot-edge keys`, which makes their keys too.\n\
+             # whoever is taken off it drives no more from then on, and sees nothing of it another second later;\n\
+             # whoever is added is let in. All links are closed for a moment then, and a vehicle that is driven stops.\n\
+             # A role is one with a certificate: for another role somebody needs new keys. Without this file nobody\n\
+             # may drive or watch after 10 s. People are added by `robot-edge keys`, which makes their keys too.\n\
              version = {VERSION}\n"
         )
     }
@@ -198,17 +199,6 @@ mod tests {
             OperatorList::parse(&text(&[])).unwrap(),
             OperatorList::default()
         );
-    }
-
-    #[test]
-    fn the_file_says_what_waits_for_the_next_start() {
-        let head = OperatorList::empty_text("scout").replace("\n# ", " ");
-        for says in [
-            "taken off it, or is made an observer, drives no more from then on, and may watch until its next start.",
-            "Whoever is added while it runs is let in after its next start.",
-        ] {
-            assert!(head.contains(says), "{head}");
-        }
     }
 
     #[test]

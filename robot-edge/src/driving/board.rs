@@ -7,9 +7,10 @@ use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 use protocol::keys::OperatorId as OperatorName;
 use protocol::message::TeleopStatus;
 
-use super::words;
+use super::loop_watch::LoopFailure;
+use super::words::{self, GuardDetail};
 use crate::actuators::Fault;
-use crate::teleop::guard::{Barrier, Lack};
+use crate::teleop::guard::Lack;
 use crate::teleop::{AgeToken, Happening, OperatorId, TeleopReport};
 
 /// Notices that wait to be told at most; the oldest goes.
@@ -27,6 +28,8 @@ pub(super) enum Notice {
     },
     /// Motors that cannot be driven any more.
     Motors(Fault),
+    /// The loop does not drive any more.
+    LoopFailed(LoopFailure),
     /// Somebody started or stopped a recording.
     Recording {
         /// Started.
@@ -41,6 +44,19 @@ pub(super) enum Notice {
         /// Who.
         by: OperatorId,
     },
+    /// The collision guard was off, and is on again.
+    GuardAgain(GuardAgain),
+}
+
+/// What switches the collision guard on again: it was off for one driver and one drive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum GuardAgain {
+    /// This operator has been granted the lease.
+    Granted(OperatorId),
+    /// An emergency stop.
+    EStopped,
+    /// A reset of an emergency stop or of a fault.
+    Reset,
 }
 
 /// The latest of everything. The loop writes without ever waiting: where a reader holds a part, it keeps it for the
@@ -48,8 +64,8 @@ pub(super) enum Notice {
 #[derive(Debug, Default)]
 pub struct Board {
     token: Mutex<Option<AgeToken>>,
-    /// With what bounds the motion that is asked for, by the guard.
-    report: Mutex<Option<(TeleopReport, Option<Barrier>)>>,
+    /// With what the guard knows beside its limits.
+    report: Mutex<Option<(TeleopReport, GuardDetail)>>,
     notices: Mutex<VecDeque<Notice>>,
     names: Mutex<Vec<OperatorName>>,
     switches: Mutex<words::Switches>,
@@ -74,10 +90,10 @@ impl Board {
 
     /// How driving is going, for the next status; `None` before the loop's first round.
     pub fn status(&self) -> Option<TeleopStatus> {
-        let (report, barrier) = (*read(&self.report))?;
+        let (report, detail) = (*read(&self.report))?;
         let mut switches = *read(&self.switches);
         switches.recording = self.is_recording.load(Ordering::Relaxed);
-        let told = (&report, barrier);
+        let told = (&report, detail);
         Some(words::status(told, &read(&self.names), switches))
     }
 
@@ -122,8 +138,8 @@ impl Board {
         write(&self.token, |shown| *shown = Some(token));
     }
 
-    pub(super) fn show_report(&self, report: &TeleopReport, barrier: Option<Barrier>) {
-        write(&self.report, |shown| *shown = Some((*report, barrier)));
+    pub(super) fn show_report(&self, report: &TeleopReport, detail: GuardDetail) {
+        write(&self.report, |shown| *shown = Some((*report, detail)));
     }
 
     pub(super) fn show_switches(&self, switches: words::Switches) {

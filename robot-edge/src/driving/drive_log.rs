@@ -1,18 +1,24 @@
 //! A log of every round of the loop, for whoever wants to know afterwards what the vehicle was told, and why.
 
 use std::fmt;
-use std::fs::File;
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
+use std::time::Duration;
 
 use crate::clock::Monotonic;
+use crate::free_space::{SpaceOf, space_of};
+use crate::new_file::{self, NewFile};
 use crate::teleop::report::Clamp;
 use crate::teleop::{GuardVerdict, Mode, TeleopReport};
 
 /// Rounds that wait for the disk at most: 80 s of them.
 const CAPACITY: usize = 4096;
+/// A file ends at this size, some four hours, and the next one begins.
+const FILE_BYTES: u64 = 64 << 20;
+/// The file is put on the disk this often, and the disk is looked at.
+const SYNC_PERIOD: Duration = Duration::from_secs(1);
 
 const HEADER: &str = "t_ns,mode,requested_linear_mps,requested_angular_radps,output_linear_mps,output_angular_radps,\
                       age_ms,epoch,seq,clamp,guard";
@@ -36,20 +42,22 @@ struct Round {
 }
 
 impl DriveLog {
-    /// Begins a log; a file that is there is overwritten.
+    /// Begins a log in `file`, and goes on in others of its name, each of which begins with the header. Where it cannot be
+    /// written any more or the disk is nearly full, `ended` is told why, once.
     ///
     /// # Errors
-    /// Where the file cannot be written or the system gives no thread.
-    pub fn create(path: &Path) -> io::Result<Self> {
-        let mut file = BufWriter::new(File::create(path)?);
-        writeln!(file, "{HEADER}")?;
-        file.flush()?;
+    /// Where the system gives no thread.
+    pub fn start(file: NewFile, ended: impl FnOnce(String) + Send + 'static) -> io::Result<Self> {
         let (rounds, to_write) = sync_channel(CAPACITY);
         let writer = thread::Builder::new()
             .name("drive-log".to_owned())
             .spawn(move || {
-                if let Err(error) = write_all(&to_write, &mut file) {
-                    tracing::error!(%error, "the drive log cannot be written any more; driving goes on");
+                let path = file.path.clone();
+                let written = Writer::new(file, FILE_BYTES, space_of)
+                    .and_then(|mut writer| writer.write_all(&to_write));
+                if let Err(error) = written {
+                    tracing::error!(path = %path.display(), %error, "the drive log ended; driving goes on");
+                    ended(format!("the drive log ended, driving goes on: {error}"));
                 }
             })?;
         Ok(Self {
@@ -87,15 +95,80 @@ impl Drop for DriveLog {
     }
 }
 
-fn write_all(rounds: &Receiver<Round>, file: &mut impl Write) -> io::Result<()> {
-    while let Ok(first) = rounds.recv() {
-        write_round(&first, file)?;
-        for round in rounds.try_iter() {
-            write_round(&round, file)?;
-        }
-        file.flush()?;
+/// The thread's own.
+struct Writer {
+    /// The file that is written, and its number of bytes.
+    file: NewFile,
+    out: BufWriter<std::fs::File>,
+    bytes: u64,
+    /// Where the log began: the next file is of the same name.
+    first: PathBuf,
+    file_bytes: u64,
+    space_of: SpaceOf,
+    synced_at: Monotonic,
+    line: Vec<u8>,
+}
+
+impl Writer {
+    fn new(file: NewFile, file_bytes: u64, space_of: SpaceOf) -> io::Result<Self> {
+        let mut writer = Self {
+            out: BufWriter::new(file.file.try_clone()?),
+            first: file.path.clone(),
+            file,
+            bytes: 0,
+            file_bytes,
+            space_of,
+            synced_at: Monotonic::now(),
+            line: Vec::new(),
+        };
+        writer.begin()?;
+        Ok(writer)
     }
-    Ok(())
+
+    fn write_all(&mut self, rounds: &Receiver<Round>) -> io::Result<()> {
+        while let Ok(first) = rounds.recv() {
+            for round in std::iter::once(first).chain(rounds.try_iter()) {
+                self.write(&round)?;
+            }
+            self.out.flush()?;
+            if self.synced_at.elapsed() >= SYNC_PERIOD {
+                self.sync()?;
+            }
+        }
+        self.file.sync()
+    }
+
+    fn write(&mut self, round: &Round) -> io::Result<()> {
+        if self.bytes >= self.file_bytes && self.file.is_regular {
+            self.out.flush()?;
+            self.file.sync()?;
+            self.file = new_file::create(&self.first)?;
+            self.out = BufWriter::new(self.file.file.try_clone()?);
+            self.bytes = 0;
+            self.begin()?;
+        }
+        self.line.clear();
+        write_round(round, &mut self.line)?;
+        self.bytes += self.line.len() as u64;
+        self.out.write_all(&self.line)
+    }
+
+    fn begin(&mut self) -> io::Result<()> {
+        writeln!(self.out, "{HEADER}")?;
+        self.out.flush()?;
+        self.sync()
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        self.synced_at = Monotonic::now();
+        self.file.sync()?;
+        self.file
+            .scarce_space(self.space_of)
+            .map_or(Ok(()), |space| {
+                let what = format!("the disk is nearly full: {space}");
+                Err(io::Error::new(io::ErrorKind::StorageFull, what))
+            })
+    }
 }
 
 fn write_round(round: &Round, file: &mut impl Write) -> io::Result<()> {
@@ -167,36 +240,110 @@ const fn guard(verdict: Option<GuardVerdict>) -> &'static str {
 mod tests {
     use super::*;
     use crate::config::VehicleConfig;
+    use crate::free_space::Space;
     use crate::teleop::{ArbiterState, Rules, TeleopConfig};
+
+    fn report() -> TeleopReport {
+        let rules = Rules::new(&TeleopConfig::default(), &VehicleConfig::default()).unwrap();
+        ArbiterState::new(1).report(&rules, AT)
+    }
+
+    const AT: Monotonic = Monotonic::from_nanos(7_000_000_000);
+    const LINE: &str = "7000000000,safe_boot,0.0000,0.0000,0.000000,0.000000,,0,,,silent";
 
     #[test]
     fn every_round_is_a_line_and_what_is_missing_is_said() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("drive.csv");
-        let rules = Rules::new(&TeleopConfig::default(), &VehicleConfig::default()).unwrap();
-        let now = Monotonic::from_nanos(7_000_000_000);
-        let report = ArbiterState::new(1).report(&rules, now);
-        let mut log = DriveLog::create(&path).unwrap();
-        log.add(now, &report);
+        let file = new_file::create(&path).unwrap();
+        let mut log = DriveLog::start(file, |why| panic!("{why}")).unwrap();
+        log.add(AT, &report());
         log.missed = 3;
-        log.add(now, &report);
+        log.add(AT, &report());
         drop(log);
         let text = std::fs::read_to_string(&path).unwrap();
-        let line = "7000000000,safe_boot,0.0000,0.0000,0.000000,0.000000,,0,,,silent";
         assert_eq!(
             text.lines().collect::<Vec<_>>(),
             [
                 HEADER,
-                line,
+                LINE,
                 "# 3 rounds are missing: the disk did not follow",
-                line
+                LINE
             ]
         );
     }
 
+    fn rounds(count: usize) -> Receiver<Round> {
+        let (rounds, to_write) = sync_channel(count);
+        for _ in 0..count {
+            let round = Round {
+                at: AT,
+                report: report(),
+                missed: 0,
+            };
+            rounds.send(round).unwrap();
+        }
+        to_write
+    }
+
     #[test]
-    fn a_file_that_cannot_be_made_is_an_error() {
+    fn a_file_that_is_full_is_followed_by_another_with_a_header_of_its_own() {
+        let roomy: SpaceOf = |_| {
+            Ok(Space {
+                free_bytes: 90_000_000_000,
+                total_bytes: 100_000_000_000,
+            })
+        };
         let dir = tempfile::tempdir().unwrap();
-        assert!(DriveLog::create(&dir.path().join("none/drive.csv")).is_err());
+        let path = dir.path().join("drive.csv");
+        let two_lines = 2 * (LINE.len() + 1) as u64;
+        let file = new_file::create(&path).unwrap();
+        // What an earlier run left is between them.
+        std::fs::write(dir.path().join("drive-2.csv"), "kept").unwrap();
+        let mut writer = Writer::new(file, two_lines, roomy).unwrap();
+        writer.write_all(&rounds(5)).unwrap();
+        let lines = |name: &str| {
+            let text = std::fs::read_to_string(dir.path().join(name)).unwrap();
+            assert!(text.ends_with('\n'), "{name}: a line was split");
+            let lines: Vec<_> = text.lines().map(str::to_owned).collect();
+            assert_eq!(lines[0], HEADER, "{name}");
+            assert!(lines[1..].iter().all(|line| line == LINE), "{name}");
+            lines.len() - 1
+        };
+        let names = ["drive.csv", "drive-3.csv", "drive-4.csv"];
+        assert_eq!(names.map(lines), [2, 2, 1]);
+        let kept = std::fs::read_to_string(dir.path().join("drive-2.csv")).unwrap();
+        assert_eq!(kept, "kept");
+    }
+
+    #[test]
+    fn it_ends_where_the_disk_is_nearly_full() {
+        let scarce: SpaceOf = |_| {
+            Ok(Space {
+                free_bytes: 900_000_000,
+                total_bytes: 10_000_000_000,
+            })
+        };
+        let dir = tempfile::tempdir().unwrap();
+        let file = new_file::create(&dir.path().join("drive.csv")).unwrap();
+        let ended = Writer::new(file, FILE_BYTES, scarce).err().unwrap();
+        let why = "the disk is nearly full: 0.9 of 10.0 GB are free";
+        assert_eq!(ended.to_string(), why);
+    }
+
+    /// The loop goes on, and one event says why nothing is logged.
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_disk_that_is_full_is_said_once() {
+        let (says, said) = sync_channel(9);
+        let file = new_file::create("/dev/full".as_ref()).unwrap();
+        let mut log = DriveLog::start(file, move |why| says.send(why).unwrap()).unwrap();
+        let why = said.recv().unwrap();
+        assert!(why.contains("driving goes on: No space left"), "{why}");
+        while log.rounds.is_some() {
+            log.add(AT, &report());
+        }
+        drop(log);
+        assert!(said.recv().is_err(), "said once");
     }
 }

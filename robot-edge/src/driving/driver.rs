@@ -9,7 +9,7 @@ use protocol::message::{Answer, Drive};
 use protocol::signed::{Envelope, Route};
 use protocol::tile::BootId;
 
-use super::board::{Board, Notice};
+use super::board::{Board, GuardAgain, Notice};
 use super::drive_log::DriveLog;
 use super::inbox::{Incoming, Reply};
 use super::keeper::Keeper;
@@ -20,7 +20,7 @@ use super::operators::{MAX_OPERATORS, Operators};
 use super::presses::Presses;
 use super::rate::Rate;
 use super::witness::Witness;
-use super::words::{self, Switches};
+use super::words::{self, GuardDetail, Switches};
 use crate::actuators::Fault;
 use crate::clock::Monotonic;
 use crate::teleop::arbiter::StopReason;
@@ -160,8 +160,16 @@ impl Driver {
         if let Some(log) = &mut self.log {
             log.add(now, &report);
         }
-        let barrier = self.sight.as_ref().and_then(Sight::barrier);
-        self.board.show_report(&report, barrier);
+        let detail = self
+            .sight
+            .as_ref()
+            .map_or_else(GuardDetail::default, |sight| GuardDetail {
+                barrier: sight.barrier(),
+                side_ages: sight.side_ages(),
+            });
+        self.board.show_report(&report, detail);
+        // Again, where somebody was reading when they changed.
+        self.board.show_switches(self.switches);
         self.board.tell(&mut self.notices);
     }
 
@@ -270,6 +278,19 @@ impl Driver {
             }
         }
         self.notice(Notice::Arbiter(happening), now);
+        if let Some(why) = guard_again(&happening) {
+            self.switch_guard_on(why, now);
+        }
+    }
+
+    /// Off is for one driver and one drive. A stop by age alone ends neither: the holder keeps the lease, and the guard
+    /// as they left it.
+    fn switch_guard_on(&mut self, why: GuardAgain, now: Monotonic) {
+        if self.sight.is_some() && !self.switches.guard {
+            self.switches.guard = true;
+            self.board.show_switches(self.switches);
+            self.notice(Notice::GuardAgain(why), now);
+        }
     }
 
     /// Something that people and the audit log should know.
@@ -387,6 +408,23 @@ impl Driver {
             robot: &self.robot,
             operator: &sender.name,
         }
+    }
+}
+
+/// Why the collision guard is on from now on, if it was off.
+const fn guard_again(happening: &Happening) -> Option<GuardAgain> {
+    match *happening {
+        Happening::LeaseGranted { to, .. } => Some(GuardAgain::Granted(to)),
+        Happening::EStopped { .. } => Some(GuardAgain::EStopped),
+        Happening::Reset { .. }
+        | Happening::Mode {
+            from: Mode::Fault(_),
+            to: Mode::SafeBoot,
+        } => Some(GuardAgain::Reset),
+        Happening::Mode { .. }
+        | Happening::LeaseRequested { .. }
+        | Happening::LeaseEnded { .. }
+        | Happening::Refused { .. } => None,
     }
 }
 

@@ -3,6 +3,7 @@
 //! Two ends tell it: whoever places scans, at once, of poses and sweeps; whoever maps, later, of the map. Each has buffers of
 //! its own and nobody waits: the loop sees the newest of what was handed over (triple buffers).
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use nalgebra::{Point2, UnitQuaternion};
@@ -12,11 +13,12 @@ use super::arrivals::Arrivals;
 use crate::clock::Monotonic;
 use crate::mapping::Mapper;
 use crate::mapping::ground_plane::{GroundPlane, GroundTracker};
-use crate::mapping::posed_scan::PosedScan;
+use crate::mapping::posed_scan::{PosedScan, SensorId};
 use crate::pose::{self, Pose};
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::teleop::guard::{
-    Barrier, CollisionGuard, Copying, GuardInput, GuardRules, GuardSweep, Lack, LocalMap, Odometry,
+    Barrier, BlockageDetector, CollisionGuard, Copying, GuardInput, GuardRules, GuardSweep, Lack,
+    LocalMap, Odometry,
 };
 use crate::teleop::{GuardVerdict, Velocity};
 
@@ -28,6 +30,8 @@ const MAP_DUE: RobotDuration = RobotDuration::from_millis(100);
 const MAP_PERIOD: Duration = Duration::from_millis(200);
 /// Time from sweep to sweep until two have come.
 const UNKNOWN_PERIOD: Duration = Duration::from_millis(100);
+/// Of so many times from sweep to sweep the one in the middle counts.
+const GAPS: usize = 9;
 
 /// The end of whoever places scans: what cannot wait for the map.
 #[derive(Debug)]
@@ -52,8 +56,10 @@ pub struct MapLookout {
 #[derive(Debug)]
 struct Sensor {
     sweeps: Input<GuardSweep>,
+    blockage: BlockageDetector,
     last: Option<RobotTime>,
-    period: Option<Duration>,
+    /// The newest times from sweep to sweep.
+    gaps: VecDeque<Duration>,
 }
 
 /// The loop's end: the guard, and the newest of all that it was told.
@@ -80,8 +86,9 @@ pub fn lookout(
     let (odometry_input, odometry) = triple_buffer(&None);
     let sensor = |sweeps| Sensor {
         sweeps,
+        blockage: BlockageDetector::default(),
         last: None,
-        period: None,
+        gaps: VecDeque::new(),
     };
     let lookout = Lookout {
         rules,
@@ -116,6 +123,7 @@ impl Lookout {
         self.arrivals.clear();
         for sensor in &mut self.sensors {
             sensor.last = None;
+            sensor.blockage.clear();
         }
     }
 
@@ -142,11 +150,26 @@ impl Lookout {
         let plane = self.plane_below(scan);
         if let Some(sensor) = self.sensors.get_mut(usize::from(scan.sensor.0)) {
             let period = sensor.period_at(scan.stamp);
+            sensor.blockage.update(scan, taken);
             let sweep = sensor.sweeps.input_buffer_mut();
-            sweep.read(scan, &plane, &self.rules, (taken, period));
+            let times = (taken, period);
+            sweep.read(scan, &plane, &self.rules, &sensor.blockage, times);
             sensor.sweeps.publish();
         }
         taken
+    }
+
+    /// Whether the window of a sensor seems to be blocked.
+    pub fn is_blocked(&self, sensor: SensorId) -> bool {
+        let sensor = self.sensors.get(usize::from(sensor.0));
+        sensor.is_some_and(|sensor| sensor.blockage.is_blocked())
+    }
+
+    /// The poses jumped: what was seen before cannot be compared with what is seen now.
+    pub fn jumped(&mut self) {
+        for sensor in &mut self.sensors {
+            sensor.blockage.clear();
+        }
     }
 
     /// The plane that the heights of the next scan refer to; `None` before the first one, and where heights are not mapped.
@@ -204,16 +227,20 @@ impl MapLookout {
 }
 
 impl Sensor {
-    /// Time from sweep to sweep: the shortest seen, so that a sensor that skips some is not waited for longer.
+    /// Time from sweep to sweep: the median of the newest, so that neither a sweep that came late nor two that came at once
+    /// change it.
     fn period_at(&mut self, stamp: RobotTime) -> Duration {
         let last = self.last.replace(stamp);
-        let since = last
-            .filter(|&last| last < stamp)
-            .map(|last| Duration::from_secs_f64(stamp.since(last).as_secs_f64()));
-        if let Some(since) = since {
-            self.period = Some(self.period.map_or(since, |period| period.min(since)));
+        if let Some(last) = last.filter(|&last| last < stamp) {
+            let gap = Duration::from_secs_f64(stamp.since(last).as_secs_f64());
+            self.gaps.push_back(gap);
+            if self.gaps.len() > GAPS {
+                self.gaps.pop_front();
+            }
         }
-        self.period.unwrap_or(UNKNOWN_PERIOD)
+        let mut gaps: Vec<_> = self.gaps.iter().copied().collect();
+        gaps.sort_unstable();
+        gaps.get(gaps.len() / 2).copied().unwrap_or(UNKNOWN_PERIOD)
     }
 }
 
@@ -226,6 +253,11 @@ impl Sight {
     /// What bounded the motion that was asked for in the last round.
     pub(super) const fn barrier(&self) -> Option<Barrier> {
         self.guard.barrier()
+    }
+
+    /// How long ago the ground on each side of the vehicle was looked at last.
+    pub(super) const fn side_ages(&self) -> [Option<Duration>; 4] {
+        self.guard.side_ages()
     }
 
     /// The guard's word of this round.

@@ -3,7 +3,7 @@
 //! The rules are [`crate::teleop`], pure. Here they get a clock, motors, a network and a disk. The loop has a thread of
 //! its own, wakes when a command comes or after 20 ms, waits for nobody, and shares no lock with mapping; with the link it
 //! shares a [`board::Board`] which it never waits for. Whatever else of the program hangs, it tells the motors zero;
-//! where it hangs itself, the motors' own guard does.
+//! where it hangs itself, the motors' own guard does, and `loop_watch` ends the process.
 
 pub mod board;
 pub mod drive_log;
@@ -19,6 +19,7 @@ pub mod speedometer;
 
 mod arrivals;
 mod driver;
+mod loop_watch;
 mod newer_list;
 mod presses;
 mod rate;

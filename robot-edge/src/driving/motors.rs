@@ -1,6 +1,7 @@
 //! What the loop tells its velocities.
 
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use crate::actuators::Fault;
 #[cfg(target_os = "linux")]
@@ -10,6 +11,9 @@ use crate::actuators::published_velocity::PublishedVelocity;
 use crate::actuators::report::Readiness;
 use crate::clock::Monotonic;
 use crate::teleop::Velocity;
+
+/// How long a velocity holds for simulated motors, from its decision on. As for motors behind a guard.
+const WATCHDOG: Duration = Duration::from_millis(200);
 
 /// The motors of a vehicle.
 #[derive(Debug)]
@@ -58,6 +62,8 @@ pub struct Told {
     pub is_taken_over: bool,
     /// What the motors are told.
     pub velocity: Velocity,
+    /// When that was decided.
+    pub decided_at: Monotonic,
     /// How fast the vehicle is.
     pub measured: Option<Velocity>,
 }
@@ -70,14 +76,10 @@ impl Motors {
                 readiness: MotorReadiness::Absent,
                 measured: None,
             },
-            Self::Simulated(motors) => {
-                let mut told = motors.told();
-                told.velocity = velocity;
-                MotorState {
-                    readiness: MotorReadiness::Ready,
-                    measured: told.measured,
-                }
-            }
+            Self::Simulated(motors) => MotorState {
+                readiness: MotorReadiness::Ready,
+                measured: motors.command(velocity, now),
+            },
             Self::Published(motors) => MotorState {
                 readiness: if motors.apply(velocity, now) {
                     MotorReadiness::Ready
@@ -111,6 +113,16 @@ impl Motors {
         }
     }
 
+    /// Those of a simulated vehicle, where they are these.
+    pub(super) fn simulated(&self) -> Option<SimulatedMotors> {
+        match self {
+            Self::Simulated(motors) => Some(motors.clone()),
+            Self::None | Self::Published(_) => None,
+            #[cfg(target_os = "linux")]
+            Self::Guarded(_) => None,
+        }
+    }
+
     /// Whether there are any.
     pub const fn can_drive(&self) -> bool {
         match self {
@@ -123,14 +135,52 @@ impl Motors {
 }
 
 impl SimulatedMotors {
-    /// Says how fast the vehicle is, and what the motors are told.
+    /// Tells them a velocity that was decided at `now`; returns how fast the vehicle is, as far as they know.
+    pub(super) fn command(&self, velocity: Velocity, now: Monotonic) -> Option<Velocity> {
+        let mut told = self.told();
+        told.velocity = velocity;
+        told.decided_at = now;
+        told.measured
+    }
+
+    /// Says how fast the vehicle is, and what the motors are told: zero, where nothing was decided lately.
     pub fn exchange(&self, measured: Velocity) -> Told {
         let mut told = self.told();
         told.measured = Some(measured);
+        if told.decided_at.elapsed() >= WATCHDOG {
+            told.velocity = Velocity::ZERO;
+        }
         *told
     }
 
     fn told(&self) -> std::sync::MutexGuard<'_, Told> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn simulated_motors_go_to_zero_when_nothing_is_decided_any_more() {
+        let simulated = SimulatedMotors::default();
+        let mut motors = Motors::Simulated(simulated.clone());
+        let ahead = Velocity {
+            linear_mps: 1.0,
+            angular_radps: 0.0,
+        };
+        let decided = Monotonic::now();
+        motors.apply(ahead, decided);
+        let told = simulated.exchange(ahead).velocity;
+        assert!(told == ahead || decided.elapsed() >= WATCHDOG);
+        crate::clock::sleep_until(decided + WATCHDOG, || false);
+        assert_eq!(simulated.exchange(ahead).velocity, Velocity::ZERO);
+        motors.apply(ahead, decided);
+        assert_eq!(
+            simulated.exchange(ahead).velocity,
+            Velocity::ZERO,
+            "too old"
+        );
     }
 }

@@ -21,18 +21,18 @@ pub struct Operators {
     newer: NewerList,
 }
 
-/// Where a list is left that is newer than the loop's; the last one counts.
+/// Where a list is left that is newer than the one in force; the last one counts.
 #[derive(Clone, Debug, Default)]
 pub struct NewerList(Arc<Mutex<Option<OperatorList>>>);
 
 impl NewerList {
-    /// Leaves a list for the loop, which takes it within 20 ms.
+    /// Leaves a list for whoever takes it.
     pub fn leave(&self, list: OperatorList) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(list);
     }
 
     /// Takes what was left; whoever is leaving one just now is not waited for.
-    fn take(&self) -> Option<OperatorList> {
+    pub(crate) fn take(&self) -> Option<OperatorList> {
         match self.0.try_lock() {
             Ok(mut newer) => newer.take(),
             Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner().take(),

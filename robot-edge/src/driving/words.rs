@@ -1,5 +1,7 @@
 //! Between the arbiter's terms and those of the protocol.
 
+use std::time::Duration;
+
 use protocol::keys::OperatorId as OperatorName;
 use protocol::message::{
     self, Answer, CommandCounters, Drive, EStopStatus, Guard, LeaseStatus, RefusedCount, Settings,
@@ -95,15 +97,28 @@ pub(super) const fn answer(answer: teleop::Answer) -> Answer {
     }
 }
 
-/// How driving is going, for everybody, and what bounds the motion that is asked for.
+/// What the collision guard knows beside its limits.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct GuardDetail {
+    /// What bounds the motion that is asked for.
+    pub barrier: Option<Barrier>,
+    /// How long ago the ground on each side was looked at last: ahead, to the left, behind, to the right.
+    pub side_ages: [Option<Duration>; 4],
+}
+
+/// How driving is going, for everybody.
 pub(super) fn status(
-    (report, barrier): (&TeleopReport, Option<Barrier>),
+    (report, detail): (&TeleopReport, GuardDetail),
     names: &[OperatorName],
     switches: Switches,
 ) -> TeleopStatus {
     let name = |id: OperatorId| names.get(id.0 as usize).cloned();
     let lease = report.lease;
-    let ms = |age: std::time::Duration| u32::try_from(age.as_millis()).unwrap_or(u32::MAX);
+    let detail = match report.guard {
+        Some(GuardVerdict::Limits(_)) => detail,
+        None | Some(GuardVerdict::Off | GuardVerdict::Stale) => GuardDetail::default(),
+    };
+    let ms = |age: Duration| u32::try_from(age.as_millis()).unwrap_or(u32::MAX);
     TeleopStatus {
         state: state(report.mode),
         last_stop: switches.last_stop.map(stop_reason),
@@ -141,10 +156,8 @@ pub(super) fn status(
             guard: switches.guard,
             recording: switches.recording,
         },
-        barrier: match report.guard {
-            Some(GuardVerdict::Limits(_)) => barrier.map(barrier_on_the_wire),
-            None | Some(GuardVerdict::Off | GuardVerdict::Stale) => None,
-        },
+        barrier: detail.barrier.map(barrier_on_the_wire),
+        seen_ms: detail.side_ages.map(|age| age.map(ms)),
     }
 }
 
@@ -189,6 +202,8 @@ fn barrier_on_the_wire(barrier: Barrier) -> message::Barrier {
             BarrierKind::Seen => message::BarrierKind::Seen,
             BarrierKind::Mapped => message::BarrierKind::Mapped,
             BarrierKind::Unseen => message::BarrierKind::Unseen,
+            BarrierKind::Shallow => message::BarrierKind::Shallow,
+            BarrierKind::NoEcho => message::BarrierKind::NoEcho,
         },
     }
 }

@@ -11,7 +11,7 @@ use zenoh::bytes::ZBytes;
 use zenoh::query::Query;
 
 use super::LinkError;
-use super::edge::Context;
+use super::open_sessions::Context;
 use super::outgoing::Outgoing;
 use crate::driving::{Inbox, Incoming, Reply};
 
@@ -77,7 +77,7 @@ pub(super) fn take_commands(
 
 /// Sends the answers of the loop until the link closes.
 pub(super) fn send_answers(context: &Context, out: &Outgoing, answered: &Receiver<Answered>) {
-    while !context.shared.is_closing() {
+    while !context.is_closing() {
         let (query, answer) = match answered.recv_timeout(NAP) {
             Ok(answered) => answered,
             Err(RecvTimeoutError::Timeout) => continue,

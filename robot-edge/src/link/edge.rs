@@ -1,32 +1,42 @@
-//! The vehicle's side of the link: what it declares, and the threads that serve it.
+//! The vehicle's side of the link: it opens the sessions, and opens them anew where other people may connect.
+//!
+//! Zenoh's access control is fixed when a session opens, and it has no way to close a single link (1.10: `update_config` of
+//! its tables is private, and nothing calls it). So whoever is taken off the list, or put on it, takes both sessions to be
+//! opened anew; what is above them, and the loop that drives, goes on.
 
-use std::borrow::Cow;
-use std::sync::mpsc::{SyncSender, sync_channel};
+use std::collections::BTreeSet;
+use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
+use std::time::Duration;
 
-use protocol::keys::{RobotId, Topic};
-use protocol::layer::LayerId;
+use protocol::keys::RobotId;
 use protocol::message::Info;
 use protocol::tile::BootId;
-use protocol::tile::codec::Encoder;
 use protocol::tile_store::TileStore;
-use protocol::wire;
-use zenoh::bytes::ZBytes;
-use zenoh::liveliness::LivelinessToken;
-use zenoh::query::Query;
-use zenoh::{Session, Wait};
 
-use super::endpoints::Channel;
+use super::LinkError;
+use super::open_sessions::OpenSessions;
 use super::outgoing::Outgoing;
-use super::sessions::{self, Endpoints, Side};
+use super::sessions::Endpoints;
 use super::shared::Shared;
-use super::streams::{self, StatePublishers};
-use super::{LinkError, commands, queries, views};
+use crate::clock::{self, Monotonic};
+use crate::credentials::OperatorList;
+use crate::driving::operators::NewerList;
 use crate::driving::{Board, Inbox};
+use crate::events::event;
 
-/// Questions that wait for an answer at most; whoever asks beyond that asks again.
-const MAX_QUERIES: usize = 64;
+/// Between two looks whether there is a newer list.
+const LIST_PERIOD: Duration = Duration::from_millis(100);
+/// Sessions that are to end are waited for so long.
+const ENDING: Duration = Duration::from_millis(300);
+/// Between two attempts to open the sessions anew: the system may not have freed their ports yet. After [`PATIENCE`], ten
+/// times as long.
+const RETRY_PERIOD: Duration = Duration::from_millis(50);
+/// Attempts that fail for so long are said to.
+const PATIENCE: Duration = Duration::from_secs(1);
+/// And then this often.
+const REMINDER: Duration = Duration::from_secs(10);
 
 /// What a robot is called and how it is reached.
 #[derive(Clone, Debug)]
@@ -35,8 +45,10 @@ pub struct EdgeSettings {
     pub robot: RobotId,
     /// This run.
     pub boot: BootId,
-    /// Where.
+    /// Where, and by whom.
     pub endpoints: Endpoints,
+    /// Where a newer list of those who may connect is left.
+    pub newer_people: NewerList,
     /// Tiles' share of the link, kilobits (10³ bits) per second.
     pub budget_kbps: u32,
     /// Who it is.
@@ -45,25 +57,18 @@ pub struct EdgeSettings {
     pub driving: Option<(Inbox, Arc<Board>)>,
 }
 
+/// What is there as long as the link, whichever sessions it has.
+pub(super) struct Lasting {
+    pub(super) settings: EdgeSettings,
+    pub(super) store: Arc<Mutex<TileStore>>,
+    pub(super) shared: Arc<Shared>,
+    pub(super) out: Outgoing,
+}
+
 /// An open link. Dropping it closes it.
 pub struct EdgeLink {
     shared: Arc<Shared>,
-    threads: Vec<JoinHandle<()>>,
-    control: Session,
-    bulk: Session,
-    // Presence ends with the token.
-    _alive: LivelinessToken,
-}
-
-/// What every thread of the link holds.
-pub(super) struct Context {
-    pub(super) robot: RobotId,
-    pub(super) control: Session,
-    pub(super) bulk: Session,
-    pub(super) shared: Arc<Shared>,
-    pub(super) store: Arc<Mutex<TileStore>>,
-    pub(super) budget_kbps: u32,
-    pub(super) board: Option<Arc<Board>>,
+    thread: Option<JoinHandle<()>>,
 }
 
 impl EdgeLink {
@@ -76,86 +81,20 @@ impl EdgeLink {
         store: Arc<Mutex<TileStore>>,
         shared: Arc<Shared>,
     ) -> Result<Self, LinkError> {
-        let control = sessions::open(Side::Edge, Channel::Control, &settings.endpoints)?;
-        let bulk = sessions::open(Side::Edge, Channel::Bulk, &settings.endpoints)?;
-        let context = Arc::new(Context {
-            robot: settings.robot,
-            control: control.clone(),
-            bulk: bulk.clone(),
-            shared: Arc::clone(&shared),
+        let lasting = Lasting {
+            out: Outgoing::new(settings.boot),
+            settings,
             store,
-            budget_kbps: settings.budget_kbps,
-            board: settings
-                .driving
-                .as_ref()
-                .map(|(_, board)| Arc::clone(board)),
-        });
-
-        // Apart, so that whoever is slow to take tiles holds up no answer to `ping`.
-        let (small_questions, small_waiting) = sync_channel(MAX_QUERIES);
-        let (questions, waiting) = sync_channel(MAX_QUERIES);
-        for topic in [Topic::Info, Topic::Ping] {
-            take_questions(
-                &control,
-                &topic.key(&context.robot),
-                &small_questions,
-                &shared,
-            )?;
-        }
-        // Layers that the robot does not map too: their answer is an empty list, and not silence.
-        for layer in LayerId::ALL {
-            for topic in [Topic::Tiles(layer), Topic::Digests(layer)] {
-                take_questions(&bulk, &topic.key(&context.robot), &questions, &shared)?;
-            }
-        }
-        for topic in [Topic::Shores, Topic::Voxels, Topic::Trajectory] {
-            take_questions(&bulk, &topic.key(&context.robot), &questions, &shared)?;
-        }
-        views::watch(&context)?;
-        let inbox = settings.driving.map(|(inbox, _)| inbox);
-        let answered = inbox
-            .map(|inbox| commands::take_commands(&context, &inbox))
-            .transpose()?;
-        let publishers = StatePublishers::declare(&context)?;
-        let key = Topic::Alive.key(&context.robot);
-        let alive = control
-            .liveliness()
-            .declare_token(key.clone())
-            .wait()
-            .map_err(|why| LinkError::Declare { what: key, why })?;
-
-        let out = Outgoing::new(settings.boot);
-        let encoder = || Encoder::new().map_err(LinkError::Encoder);
-        let (answering, answering_small, pushing) = (encoder()?, encoder()?, encoder()?);
-        let info = Arc::new(settings.info);
-        let mut threads = Vec::new();
-        if let Some(answered) = answered {
-            let (context, out) = (Arc::clone(&context), out.clone());
-            threads.push(thread::spawn(move || {
-                commands::send_answers(&context, &out, &answered);
-            }));
-        }
-        threads.extend([
-            thread::spawn({
-                let (context, out, info) = (Arc::clone(&context), out.clone(), Arc::clone(&info));
-                move || queries::serve(&context, &out, &info, answering_small, &small_waiting)
-            }),
-            thread::spawn({
-                let (context, out) = (Arc::clone(&context), out.clone());
-                move || queries::serve(&context, &out, &info, answering, &waiting)
-            }),
-            thread::spawn({
-                let (context, out) = (Arc::clone(&context), out.clone());
-                move || streams::send_state(&context, &out, &publishers)
-            }),
-            thread::spawn(move || streams::send_tiles(&context, &out, pushing)),
-        ]);
+            shared: Arc::clone(&shared),
+        };
+        let sessions = OpenSessions::open(&lasting)?;
+        let thread = thread::Builder::new()
+            .name("link".to_owned())
+            .spawn(move || lasting.serve(sessions))
+            .map_err(LinkError::Thread)?;
         Ok(Self {
             shared,
-            threads,
-            control,
-            bulk,
-            _alive: alive,
+            thread: Some(thread),
         })
     }
 
@@ -168,49 +107,98 @@ impl EdgeLink {
 impl Drop for EdgeLink {
     fn drop(&mut self) {
         self.shared.close();
-        for thread in self.threads.drain(..) {
-            if thread.join().is_err() {
-                tracing::error!("a thread of the link failed");
-            }
-        }
-        for session in [&self.control, &self.bulk] {
-            if let Err(why) = session.close().wait() {
-                tracing::warn!(%why, "a session did not close");
-            }
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the thread of the link failed");
         }
     }
 }
 
-/// Lets questions for `key` through to the thread that answers them: Zenoh's own threads must not wait.
-fn take_questions(
-    session: &Session,
-    key: &str,
-    questions: &SyncSender<Query>,
-    shared: &Arc<Shared>,
-) -> Result<(), LinkError> {
-    let (questions, shared) = (questions.clone(), Arc::clone(shared));
-    session
-        .declare_queryable(key.to_owned())
-        .complete(true)
-        .callback(move |query| {
-            // What waits must not be large.
-            let is_small = |bytes: &ZBytes| bytes.len() <= wire::MAX_MESSAGE_BYTES;
-            let is_fit = query.payload().is_none_or(is_small) && query.attachment().is_none();
-            // What finds no room gets no reply, which means "ask again".
-            let is_taken = is_fit && questions.try_send(query).is_ok();
-            if !is_taken {
-                shared.refuse();
+impl Lasting {
+    /// Keeps sessions open until the link closes: those who may connect are always those of the newest list.
+    fn serve(mut self, sessions: OpenSessions) {
+        let mut sessions = Some(sessions);
+        while clock::sleep_until(Monotonic::now() + LIST_PERIOD, || self.shared.is_closing()) {
+            let Some(newer) = self.settings.newer_people.take() else {
+                continue;
+            };
+            let endpoints = &mut self.settings.endpoints;
+            let is_same = identities(&newer) == identities(&endpoints.people);
+            endpoints.people = newer;
+            // Where nobody connects to the vehicle itself, a router decides who hears of it, by rules of its own.
+            if is_same || endpoints.listen.is_empty() {
+                continue;
             }
-        })
-        .background()
-        .wait()
-        .map_err(|why| LinkError::Declare {
-            what: key.to_owned(),
-            why,
-        })
+            let began = Monotonic::now();
+            let message =
+                "all links are closed, and opened anew for those on the newer list of operators";
+            self.tell("access", message.to_owned());
+            // Those of before end first: at no moment there are listeners with both rules.
+            if let Some(before) = sessions.take() {
+                end(before);
+            }
+            sessions = self.open_again();
+            if sessions.is_some() {
+                let took_ms = began.elapsed().as_millis();
+                let message =
+                    format!("links are open by the newer list of operators, after {took_ms} ms");
+                self.tell("access", message);
+            }
+        }
+    }
+
+    /// Opens the sessions, however often it takes; `None` where the link closes meanwhile.
+    fn open_again(&self) -> Option<OpenSessions> {
+        let began = Monotonic::now();
+        let mut complaint_due = began + PATIENCE;
+        while !self.shared.is_closing() {
+            match OpenSessions::open(self) {
+                Ok(sessions) => return Some(sessions),
+                Err(why) => {
+                    let now = Monotonic::now();
+                    if now >= complaint_due {
+                        complaint_due = now + REMINDER;
+                        tracing::error!(%why, "the links cannot be opened anew");
+                        self.tell(
+                            "access_failed",
+                            format!("the links cannot be opened anew, which is tried again: {why}"),
+                        );
+                    }
+                }
+            }
+            let pause = if began.elapsed() < PATIENCE {
+                RETRY_PERIOD
+            } else {
+                10 * RETRY_PERIOD
+            };
+            clock::sleep_until(Monotonic::now() + pause, || self.shared.is_closing());
+        }
+        None
+    }
+
+    fn tell(&self, kind: &'static str, message: String) {
+        if let Some(audit) = &self.settings.endpoints.audit {
+            audit.write(kind, message.clone());
+        }
+        self.shared.tell(event(kind, message));
+    }
 }
 
-/// The bytes of a message, if they are not too many to be one.
-pub(super) fn payload(bytes: &ZBytes) -> Option<Cow<'_, [u8]>> {
-    (bytes.len() <= wire::MAX_MESSAGE_BYTES).then(|| bytes.to_bytes())
+/// Ends sessions, and does not wait long for somebody who takes nothing any more. Their listeners end first, and until they
+/// have ended their ports are taken.
+fn end(sessions: OpenSessions) {
+    let (ended, has_ended) = sync_channel(1);
+    thread::spawn(move || {
+        drop(sessions);
+        // Nobody waits for it any more where it took too long.
+        let _is_waited_for = ended.send(());
+    });
+    let _has_ended = has_ended.recv_timeout(ENDING);
+}
+
+/// Whose certificates the rules of access control name.
+fn identities(people: &OperatorList) -> BTreeSet<String> {
+    let people = people.people().iter();
+    people.map(|listed| listed.identity().to_string()).collect()
 }

@@ -71,6 +71,9 @@ pub enum LinkError {
     /// No identity can be made.
     #[error("the operating system gives no random numbers: {0}")]
     NoRandomness(getrandom::Error),
+    /// The system gives no thread.
+    #[error("no thread can be had for the link: {0}")]
+    Thread(std::io::Error),
     /// zstd refused.
     #[error("tiles cannot be encoded: {0}")]
     Encoder(std::io::Error),

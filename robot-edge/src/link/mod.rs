@@ -1,7 +1,7 @@
 //! The vehicle on the network: Zenoh sessions on one side, the tile store and plain state on the other.
 //!
-//! Zenoh brings its own runtime; the link itself is four blocking threads (state, tiles, small answers, tiles asked for), none of
-//! which mapping ever waits for.
+//! Zenoh brings its own runtime; the link itself is blocking threads, none of which mapping ever waits for: state, tiles,
+//! small answers, tiles asked for, and one that opens the sessions anew where other people may connect.
 
 use std::path::PathBuf;
 
@@ -15,6 +15,7 @@ pub mod security;
 pub mod sessions;
 pub mod shared;
 
+mod open_sessions;
 mod outgoing;
 mod queries;
 mod scan_push;

@@ -12,7 +12,7 @@ use serde::de::DeserializeOwned;
 use zenoh::Wait;
 use zenoh::query::Query;
 
-use super::edge::{Context, payload};
+use super::open_sessions::{Context, payload};
 use super::outgoing::Outgoing;
 use crate::clock::Monotonic;
 use crate::streaming::answers;
@@ -28,7 +28,7 @@ pub(super) fn serve(
     mut encoder: Encoder,
     waiting: &Receiver<Query>,
 ) {
-    while !context.shared.is_closing() {
+    while !context.is_closing() {
         let query = match waiting.recv_timeout(NAP) {
             Ok(query) => query,
             Err(RecvTimeoutError::Timeout) => continue,

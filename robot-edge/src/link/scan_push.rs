@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use protocol::keys::Topic;
 
-use super::edge::Context;
+use super::open_sessions::Context;
 use super::outgoing::Outgoing;
 use super::streams::{cell_m, put_bulk};
 use crate::clock::Monotonic;

@@ -15,7 +15,7 @@ use super::LinkError;
 use super::endpoints::{Channel, attempts, listeners};
 use super::security::{self, SettingsOfTls};
 use crate::audit::Audit;
-use crate::credentials::Credentials;
+use crate::credentials::{Credentials, OperatorList};
 
 /// How to reach others.
 #[derive(Clone, Debug, Default)]
@@ -28,6 +28,8 @@ pub struct Endpoints {
     pub zenoh_config: Option<PathBuf>,
     /// Who this program is: with them the link is mutual TLS, without them it is open to whoever reaches it.
     pub credentials: Option<Credentials>,
+    /// Who may connect to a vehicle with credentials: nobody but these, and routers.
+    pub people: OperatorList,
     /// Where it is written down who connects.
     pub audit: Option<Audit>,
 }
@@ -63,7 +65,7 @@ pub fn open(side: Side, channel: Channel, endpoints: &Endpoints) -> Result<Sessi
     let mut ways = attempts(channel, &endpoints.connect, credentials.is_some())?;
     let security = match (credentials, side) {
         (None, _) => SettingsOfTls::new(),
-        (Some(credentials), Side::Edge) => security::edge_settings(credentials)?,
+        (Some(credentials), Side::Edge) => security::edge_settings(credentials, &endpoints.people),
         (Some(credentials), Side::Console) => security::console_settings(credentials),
     };
     if side == Side::Edge {

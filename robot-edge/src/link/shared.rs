@@ -31,6 +31,8 @@ pub struct Shared {
     pose: Mutex<Option<(RobotTime, Pose)>>,
     status: Mutex<Status>,
     events: Mutex<VecDeque<Event>>,
+    /// Events for the next console that comes.
+    waiting_events: Mutex<Vec<Event>>,
     shores: Mutex<ShoresState>,
     voxels: Mutex<VoxelSnapshots>,
     trajectory: SharedTrajectory,
@@ -211,6 +213,16 @@ impl Shared {
         events.push_back(event);
     }
 
+    /// The same, and where no console is there now, the next one that comes gets it: what happens at the start, mostly, few.
+    pub fn tell_when_watched(&self, event: Event, now: Monotonic) {
+        let views = lock(&self.views);
+        if views.values().any(|(_, at)| now.since(*at) < VIEW_LIFETIME) {
+            self.tell(event);
+        } else {
+            lock(&self.waiting_events).push(event);
+        }
+    }
+
     /// The events that were not told yet.
     pub fn take_events(&self) -> Vec<Event> {
         lock(&self.events).drain(..).collect()
@@ -236,6 +248,9 @@ impl Shared {
                 return self.refuse();
             }
             self.is_called.store(true, Ordering::Relaxed);
+            for event in lock(&self.waiting_events).drain(..) {
+                self.tell(event);
+            }
         }
         views.insert(session, (view, now));
     }
@@ -247,6 +262,11 @@ impl Shared {
             .values()
             .filter(|(_, at)| now.since(*at) < VIEW_LIFETIME);
         fresh.map(|(view, _)| view.clone()).collect()
+    }
+
+    /// Status and head are wanted at once.
+    pub fn call(&self) {
+        self.is_called.store(true, Ordering::Relaxed);
     }
 
     /// Whether status and head are wanted at once, since the last call.

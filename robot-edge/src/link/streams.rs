@@ -13,7 +13,7 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 
 use super::LinkError;
-use super::edge::Context;
+use super::open_sessions::Context;
 use super::outgoing::Outgoing;
 use super::scan_push::ScanPush;
 use crate::clock::{self, Monotonic};
@@ -84,7 +84,7 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &StatePu
         };
         // What a suspended machine missed is not made up for.
         next = (next + period).max(Monotonic::now());
-        let goes_on = clock::sleep_until(next, || context.shared.is_closing());
+        let goes_on = clock::sleep_until(next, || context.is_closing());
         // Somebody new should know at once, and the last word is a head behind a status that says so. It is said also
         // where the link closes at once: an end would be taken for a link that is lost.
         let is_asked_for = context.shared.take_call();
@@ -166,7 +166,7 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder
     let mut scans = ScanPush::new(context.budget_kbps, next);
     loop {
         next = (next + TILES_PERIOD).max(Monotonic::now());
-        if !clock::sleep_until(next, || context.shared.is_closing()) {
+        if !clock::sleep_until(next, || context.is_closing()) {
             return;
         }
         let now = Monotonic::now();

@@ -8,7 +8,7 @@ use protocol::wire;
 use zenoh::Wait;
 
 use super::LinkError;
-use super::edge::{Context, payload};
+use super::open_sessions::{Context, payload};
 use crate::clock::Monotonic;
 
 /// A view is small; what is longer is none.

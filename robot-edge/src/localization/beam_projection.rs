@@ -27,13 +27,15 @@ pub struct SensorSettings {
     pub base_from_sensor: Pose,
 }
 
-/// The box that the vehicle fills, centred on its frame in x and y: hits inside it are the vehicle itself.
+/// The box that the vehicle fills, centred on its frame in y: hits inside it are the vehicle itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyBox {
     /// Along x, metres.
     pub length_m: f64,
     /// Along y, metres.
     pub width_m: f64,
+    /// Its middle ahead of the vehicle's frame, metres.
+    pub offset_m: f64,
     /// Its lowest part above the vehicle's frame, metres: negative for a hull.
     pub lowest_m: f64,
     /// Its highest part above the vehicle's frame, metres.
@@ -55,7 +57,7 @@ impl BodyBox {
     }
 
     fn contains(&self, point_in_base: &Point3<f64>) -> bool {
-        point_in_base.x.abs() < 0.5 * self.length_m
+        (point_in_base.x - self.offset_m).abs() < 0.5 * self.length_m
             && point_in_base.y.abs() < 0.5 * self.width_m
             && (self.lowest_m..=self.highest_m).contains(&point_in_base.z)
     }
@@ -68,7 +70,7 @@ impl BodyBox {
             0.5 * self.width_m,
             0.5 * (self.highest_m - self.lowest_m),
         );
-        (point_in_base - Point3::new(0.0, 0.0, middle_m)).norm() + half.norm()
+        (point_in_base - Point3::new(self.offset_m, 0.0, middle_m)).norm() + half.norm()
     }
 }
 
@@ -160,6 +162,7 @@ impl BeamProjector {
             stamp: first_beam,
             sensor: self.sensor.id,
             beam_step_rad: f64::from(scan.angle_increment_rad.abs()),
+            own_body_hits: own_body as u32,
             odom_from_base,
             beams,
         })

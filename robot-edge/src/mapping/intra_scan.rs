@@ -132,6 +132,7 @@ pub(super) mod tests {
             stamp: RobotTime::from_secs_f64(stamp_s).unwrap(),
             sensor: SensorId(0),
             beam_step_rad: 0.25_f64.to_radians(),
+            own_body_hits: 0,
             odom_from_base: Pose::identity(),
             beams: beams.collect(),
         }

@@ -44,6 +44,8 @@ pub struct PosedScan {
     pub beam_step_rad: f64,
     /// Where the vehicle was at that time.
     pub odom_from_base: Pose,
+    /// Beams that hit the vehicle itself; they are left out of `beams`.
+    pub own_body_hits: u32,
     /// Hits and misses; invalid beams are left out (and counted where they were left out).
     pub beams: Vec<PosedBeam>,
 }

@@ -141,7 +141,7 @@ fn peak_memory() -> String {
 
 #[test]
 #[ignore = "minutes: thousands of damaged files"]
-fn damaged_logs_are_survived() {
+fn damaged_logs_are_survived_in_release() {
     damage("carmen/intel-corrected.log", 1000);
     damage("carmen/aces-corrected.log", 1000);
     damage("carmen/csail-corrected.log", 1000);
@@ -153,7 +153,7 @@ fn damaged_logs_are_survived() {
 
 #[test]
 #[ignore = "minutes: thousands of damaged files"]
-fn damaged_bags_are_survived() {
+fn damaged_bags_are_survived_in_release() {
     damage("rosbag1/urg04lx_handheld.bag", 1000);
     damage("rosbag1/two_lasers.bag", 1000);
     damage("rosbag1/lms1xx_with_tf.bag", 1000);
@@ -162,14 +162,14 @@ fn damaged_bags_are_survived() {
 
 #[test]
 #[ignore = "minutes: thousands of damaged files"]
-fn damaged_mcaps_are_survived() {
+fn damaged_mcaps_are_survived_in_release() {
     damage("mcap/intel_corrected.mcap", 1000);
     damage("mcap/turtlebot_tf_odom.mcap", 1000);
 }
 
 #[test]
 #[ignore = "minutes: thousands of damaged files"]
-fn the_damaged_clip_is_survived() {
+fn the_damaged_clip_is_survived_in_release() {
     damage(
         concat!(env!("CARGO_MANIFEST_DIR"), "/../recordings/rooms.mcap"),
         1000,

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::skip::skip;
+
 /// The folder `part` of the shared data; `None`, said aloud, where it is not on this machine.
 pub(crate) fn shared_data(part: &str) -> Option<PathBuf> {
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
@@ -10,6 +12,9 @@ pub(crate) fn shared_data(part: &str) -> Option<PathBuf> {
     if folder.is_dir() {
         return Some(folder);
     }
-    println!("skipped: no recordings at {}", folder.display());
+    skip(
+        &format!("there are no recordings at {}", folder.display()),
+        "FORESHORE_DATA says where they are",
+    );
     None
 }

@@ -4,12 +4,15 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
 
 use super::mcap::{METADATA_NAME, VEHICLE_KEY};
+use crate::free_space::{Space, SpaceOf};
 use crate::measurement::{Measurement, Stream};
+use crate::new_file::{self, NewFile};
 use crate::ros::{self, MessageType};
 
 /// Uncompressed size at which a chunk is closed: what a cut-off file can lose at most is one chunk.
@@ -34,14 +37,19 @@ pub enum WriteError {
         /// The stamp.
         stamp: crate::robot_time::RobotTime,
     },
+    /// Other things need what is left of the disk.
+    #[error("{path}: recording ends: the disk is nearly full: {space}", path = path.display())]
+    DiskLow {
+        /// Which file.
+        path: PathBuf,
+        /// What is left.
+        space: Space,
+    },
 }
 
 /// A recording's file, to have it synced by whoever may wait for that.
-#[derive(Debug)]
-pub struct OnDisk {
-    path: PathBuf,
-    file: File,
-}
+#[derive(Clone, Debug)]
+pub struct OnDisk(Arc<NewFile>);
 
 /// Writes one file: chunks with checksums, an index at the end. The same input gives the same bytes.
 pub struct McapWriter {
@@ -54,7 +62,8 @@ pub struct McapWriter {
 }
 
 impl McapWriter {
-    /// Creates the file. `vehicle` goes into its metadata, so that a replay needs no `--vehicle`.
+    /// Creates the file, under a numbered name where there is such a file ([`new_file::create`]). `vehicle` goes into its
+    /// metadata, so that a replay needs no `--vehicle`.
     ///
     /// # Errors
     /// Where the file cannot be created.
@@ -63,8 +72,9 @@ impl McapWriter {
             path: path.to_owned(),
             source,
         };
-        let file = File::create(path).map_err(|source| error(source.into()))?;
-        let same = file.try_clone().map_err(|source| error(source.into()))?;
+        let same = new_file::create(path).map_err(|source| error(source.into()))?;
+        let file = same.file.try_clone();
+        let file = file.map_err(|source| error(source.into()))?;
         let options = WriteOptions::new()
             .profile("ros2")
             .library(concat!("foreshore ", env!("CARGO_PKG_VERSION")))
@@ -82,10 +92,7 @@ impl McapWriter {
         }
         Ok(Self {
             writer,
-            on_disk: OnDisk {
-                path: path.to_owned(),
-                file: same,
-            },
+            on_disk: OnDisk(Arc::new(same)),
             channels: BTreeMap::new(),
             not_written: 0,
         })
@@ -102,10 +109,10 @@ impl McapWriter {
         };
         let stamp = measurement.stamp;
         let time = u64::try_from(stamp.as_nanos()).map_err(|_negative| WriteError::Stamp {
-            path: self.on_disk.path.clone(),
+            path: self.path().to_owned(),
             stamp,
         })?;
-        let path = &self.on_disk.path;
+        let path = &self.on_disk.0.path;
         let error = |source| WriteError::Mcap {
             path: path.clone(),
             source,
@@ -139,21 +146,19 @@ impl McapWriter {
     /// Where the system refuses.
     pub fn hand_over(&mut self) -> Result<(), WriteError> {
         self.writer.flush().map_err(|source| WriteError::Mcap {
-            path: self.on_disk.path.clone(),
+            path: self.path().to_owned(),
             source,
         })
     }
 
     /// The file, for another thread to sync.
-    ///
-    /// # Errors
-    /// Where the system refuses.
-    pub fn on_disk(&self) -> Result<OnDisk, WriteError> {
-        let file = self.on_disk.file.try_clone();
-        Ok(OnDisk {
-            path: self.on_disk.path.clone(),
-            file: file.map_err(|why| self.failed(why))?,
-        })
+    pub fn on_disk(&self) -> OnDisk {
+        self.on_disk.clone()
+    }
+
+    /// The file's name, which may be numbered.
+    pub fn path(&self) -> &Path {
+        &self.on_disk.0.path
     }
 
     /// It cannot be written, for this reason.
@@ -172,16 +177,13 @@ impl McapWriter {
     /// Where the disk fails.
     pub fn finish(mut self) -> Result<(), WriteError> {
         let error = |source| WriteError::Mcap {
-            path: self.on_disk.path.clone(),
+            path: self.on_disk.0.path.clone(),
             source,
         };
         self.writer.finish().map_err(error)?;
-        let file = self
-            .writer
-            .into_inner()
-            .into_inner()
-            .map_err(|err| error(err.into_error().into()))?;
-        file.sync_data().map_err(|source| error(source.into()))
+        let written = self.writer.into_inner().into_inner();
+        written.map_err(|err| error(err.into_error().into()))?;
+        self.on_disk.sync()
     }
 }
 
@@ -191,12 +193,25 @@ impl OnDisk {
     /// # Errors
     /// Where the disk fails.
     pub fn sync(&self) -> Result<(), WriteError> {
-        self.file.sync_data().map_err(|why| self.failed(why))
+        self.0.sync().map_err(|why| self.failed(why))
+    }
+
+    /// Whether recording may go on.
+    ///
+    /// # Errors
+    /// Where the disk is nearly full.
+    pub fn check_space(&self, space_of: SpaceOf) -> Result<(), WriteError> {
+        self.0.scarce_space(space_of).map_or(Ok(()), |space| {
+            Err(WriteError::DiskLow {
+                path: self.0.path.clone(),
+                space,
+            })
+        })
     }
 
     fn failed(&self, why: io::Error) -> WriteError {
         WriteError::Mcap {
-            path: self.path.clone(),
+            path: self.0.path.clone(),
             source: why.into(),
         }
     }

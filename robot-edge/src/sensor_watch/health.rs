@@ -44,6 +44,7 @@ pub(super) struct Health {
     leapt: Option<Duration>,
     /// The newest gaps between messages.
     gaps: VecDeque<Duration>,
+    is_blocked: bool,
 }
 
 impl Health {
@@ -59,7 +60,13 @@ impl Health {
             stamp: None,
             leapt: None,
             gaps: VecDeque::new(),
+            is_blocked: false,
         }
+    }
+
+    /// Whether its window seems to be blocked.
+    pub(super) const fn set_blocked(&mut self, is_blocked: bool) {
+        self.is_blocked = is_blocked;
     }
 
     pub(super) fn take(&mut self, stamp: RobotTime, is_valid: bool, at: Duration) {
@@ -162,7 +169,10 @@ impl Health {
         let is_slow = self
             .nominal_hz
             .is_some_and(|nominal_hz| self.rate_hz(now) < SLOW_SHARE * nominal_hz);
-        (is_known && is_slow).then_some(SensorFault::Slow)
+        if is_known && is_slow {
+            return Some(SensorFault::Slow);
+        }
+        self.is_blocked.then_some(SensorFault::Blocked)
     }
 
     /// The gap in the middle of the newest; nothing before there is one.

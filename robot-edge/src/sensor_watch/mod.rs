@@ -99,12 +99,14 @@ impl SensorWatch {
         }
     }
 
-    /// The beams of a scan were placed.
-    pub fn placed(&mut self, scan: &PosedScan) {
+    /// The beams of a scan were placed; by them the sensor's window `is_blocked` or is not.
+    pub fn placed(&mut self, scan: &PosedScan, is_blocked: bool) {
         for sensor in &mut self.sensors {
-            if sensor.range_sensor == Some(scan.sensor)
-                && sensor.sight.placed(scan, &mut sensor.info)
-            {
+            if sensor.range_sensor != Some(scan.sensor) {
+                continue;
+            }
+            sensor.health.set_blocked(is_blocked);
+            if sensor.sight.placed(scan, &mut sensor.info) {
                 self.revision += 1;
             }
         }
@@ -246,6 +248,9 @@ impl Watched {
                 | Own::Transforms { .. }
                 | Own::Tilt { .. } => "measures nothing: covered or broken".to_owned(),
             },
+            SensorFault::Blocked => {
+                "its window seems to be blocked: no echo where there was one".to_owned()
+            }
             SensorFault::Slow => format!(
                 "{:.1} instead of {:.1} messages a second",
                 self.health.rate_hz(now),

@@ -163,11 +163,12 @@ fn what_the_configuration_does_not_know_the_first_scan_shows() {
             stamp: RobotTime::from_nanos(0),
             sensor: SensorId(0),
             beam_step_rad: 0.5,
+            own_body_hits: 0,
             odom_from_base: Pose::translation(9.5, 1.0, 0.25),
             beams: [1, 2, 3].map(beam).into(),
         };
-        watch.placed(&scan);
-        watch.placed(&scan);
+        watch.placed(&scan, false);
+        watch.placed(&scan, false);
         let (revision, infos) = watch.infos();
         assert_eq!(revision, 2, "once is enough");
         let mount = infos[0].mount.unwrap();

@@ -117,8 +117,8 @@ impl PlanarLaser {
     }
 
     /// SICK LD-LRS2100 as the boat of that document sets it up [HYB §2.2]: 1440 beams over 360°, beginning
-    /// astern, every 200 ms, to 250 m. Least range (2.5 m) and divergence (3.5 mrad) are assumed: the document
-    /// does not give them.
+    /// astern, every 200 ms, to 250 m. Least range (0.5 m, as the preset has it) and divergence (3.5 mrad) are
+    /// not the document's.
     pub fn ld_lrs2100() -> Self {
         let step_rad = 0.25_f64.to_radians();
         Self {
@@ -127,7 +127,7 @@ impl PlanarLaser {
             angle_increment_rad: step_rad as f32,
             time_increment_s: (0.2_f64 / 1440.0) as f32,
             rate_hz: 5.0,
-            range_min_m: 2.5,
+            range_min_m: 0.5,
             range_max_m: 250.0,
             beam_divergence_rad: 0.0035,
         }
@@ -206,13 +206,13 @@ impl PlanarLaser {
     }
 
     /// Unit vector of a beam in the laser's frame.
-    fn direction(&self, beam: u32) -> Vector3<f64> {
+    pub(super) fn direction(&self, beam: u32) -> Vector3<f64> {
         let angle_rad =
             f64::from(self.angle_min_rad) + f64::from(beam) * f64::from(self.angle_increment_rad);
         Vector3::new(libm::cos(angle_rad), libm::sin(angle_rad), 0.0)
     }
 
-    fn reading(&self, range_m: f64) -> f32 {
+    pub(super) fn reading(&self, range_m: f64) -> f32 {
         let range_m = range_m as f32;
         if range_m < self.range_min_m {
             f32::NEG_INFINITY

@@ -68,6 +68,7 @@ mod tests {
             stamp: RobotTime::from_nanos(0),
             sensor: SensorId(0),
             beam_step_rad: 1e-3,
+            own_body_hits: 0,
             odom_from_base: Pose::identity(),
             beams: (0..beams).map(beam).collect(),
         }

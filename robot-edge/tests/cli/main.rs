@@ -17,7 +17,10 @@ mod process;
 mod record;
 mod recordings_of_others;
 mod recover;
+#[path = "../../src/recording/shared_data.rs"]
 mod shared_data;
+#[path = "../../../tests/tests/all/skip.rs"]
+mod skip;
 mod terrain;
 mod usage;
 mod voxels;

@@ -77,6 +77,8 @@ fn senseless_settings_of_elevation_are_refused() {
         ("mapping.obstacle.h_pos_m=0", "above 0, up to 10"),
         ("mapping.elevation.enabled=false", "nothing would be mapped"),
         ("vehicle.wheelbase_m=2", "up to length_m = 0.9"),
+        ("vehicle.footprint_offset_m=0.91", "-0.9 to 0.9, length_m"),
+        ("vehicle.footprint_offset_m=nan", "-0.9 to 0.9, length_m"),
         (
             "mapping.obstacle.rule=median",
             "one of \"mean\", \"points\"",

@@ -1,24 +1,35 @@
-//! An operator, or a router, as a process of its own: to be stopped, killed, or put into a namespace by tests.
+//! An operator, a router or a stranger as a process of its own: to be stopped, killed, or put into a namespace by tests.
 //!
 //! ```text
 //! drive-by-wire operate ENDPOINT ROBOT NAME JOURNAL.csv INPUT ...
 //! drive-by-wire operate-with-keys ENDPOINT ROBOT FOLDER JOURNAL.csv INPUT ...
 //! drive-by-wire route ENDPOINT
+//! drive-by-wire connect ENDPOINT FOLDER
+//! drive-by-wire knock FROM TO PORT KNOCKS_PER_S SECONDS PACKETS
 //! ```
 //!
 //! An INPUT is `LINEAR_MPS,ANGULAR_RADPS,SECONDS`. They are held one after the other, over and over, until somebody ends
 //! the process. `operate` says `holds the lease` as soon as it does, `route` says `routes`.
+//!
+//! `connect` opens a control session with the keys of that folder and says how long it took, `N ms PROTOCOL`. `knock` is a
+//! stranger: it begins connections from the address FROM, QUIC by the files of the folder PACKETS and TCP.
 
 #![allow(
     clippy::unwrap_used,
     reason = "a part of tests: what fails here fails the test, with its reason"
 )]
 
+use std::fs;
 use std::io::{self, Write};
+use std::net::{IpAddr, TcpStream, UdpSocket};
 use std::path::Path;
 use std::time::Duration;
 
 use foreshore_tests::operator::{Input, Operator};
+use robot_edge::clock::{Monotonic, sleep_until};
+use robot_edge::credentials::Credentials;
+use robot_edge::link::endpoints::Channel;
+use robot_edge::link::sessions::{self, Endpoints, Side};
 use zenoh::{Config, Wait as _};
 
 fn main() {
@@ -41,10 +52,15 @@ fn main() {
             inputs,
         ),
         ["route", endpoint] => route(endpoint),
-        _ => panic!(
-            "operate ENDPOINT ROBOT NAME JOURNAL.csv INPUT ... | operate-with-keys ENDPOINT ROBOT FOLDER JOURNAL.csv \
-             INPUT ... | route ENDPOINT"
+        ["connect", endpoint, folder] => connect(endpoint, Path::new(folder)),
+        ["knock", from, to, port, knocks_per_s, seconds, packets] => knock(
+            from.parse().unwrap(),
+            (to.parse().unwrap(), port.parse().unwrap()),
+            knocks_per_s.parse().unwrap(),
+            Duration::from_secs(seconds.parse().unwrap()),
+            Path::new(packets),
         ),
+        _ => panic!("{arguments:?} is none of what the head of drive-by-wire.rs says"),
     }
 }
 
@@ -75,6 +91,56 @@ fn route(endpoint: &str) -> ! {
     loop {
         std::thread::park();
     }
+}
+
+fn connect(endpoint: &str, folder: &Path) {
+    let endpoints = Endpoints {
+        connect: vec![endpoint.to_owned()],
+        credentials: Some(Credentials::open(folder).unwrap()),
+        ..Endpoints::default()
+    };
+    let started = Monotonic::now();
+    let session = sessions::open(Side::Console, Channel::Control, &endpoints);
+    let taken_ms = started.elapsed().as_millis();
+    let session = match session {
+        Ok(session) => session,
+        Err(err) => return say(&format!("{taken_ms} ms {err}")),
+    };
+    let link = session.info().links().wait().next().unwrap();
+    say(&format!("{taken_ms} ms {}", link.dst().protocol()));
+    session.close().wait().unwrap();
+}
+
+fn knock(
+    from: IpAddr,
+    (to, port): (IpAddr, u16),
+    knocks_per_s: u32,
+    time: Duration,
+    packets: &Path,
+) {
+    let files = fs::read_dir(packets).unwrap();
+    let packets: Vec<_> = files
+        .map(|file| fs::read(file.unwrap().path()).unwrap())
+        .collect();
+    let started = Monotonic::now();
+    let (mut open, mut knocks) = (Vec::new(), 0_u32);
+    while started.elapsed() < time {
+        let due = started + Duration::from_secs(1) * knocks / knocks_per_s;
+        sleep_until(due, || false);
+        // From another port each time, so that it is another connection.
+        for _ in 0..2 {
+            let socket = UdpSocket::bind((from, 0)).unwrap();
+            let packet = &packets[knocks as usize % packets.len()];
+            socket.send_to(packet, (to, port)).unwrap();
+        }
+        for port in [port, port + 1] {
+            let knocked = TcpStream::connect_timeout(&(to, port).into(), Duration::from_millis(2));
+            open.extend(knocked.ok());
+        }
+        open.drain(..open.len().saturating_sub(500));
+        knocks += 1;
+    }
+    say(&format!("{knocks} knocks"));
 }
 
 fn parse(input: &str) -> Option<(Input, Duration)> {

@@ -21,7 +21,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use protocol::keys::{OperatorId, OperatorTopic, RobotId, operator_key};
-use protocol::message::{Drive, Pose, TeleopStatus};
+use protocol::message::{Drive, Pose, SensorStatus, TeleopStatus};
 use protocol::signed::{Command, Route, SecretKey, Stamp, sign};
 use robot_edge::clock::{Monotonic, sleep_until};
 use robot_edge::credentials::{Credentials, Identity};
@@ -175,6 +175,16 @@ impl Operator {
     /// How driving goes, as last heard.
     pub fn teleop(&self) -> Option<TeleopStatus> {
         self.heard().status.as_ref()?.teleop.clone()
+    }
+
+    /// How the sensors are doing, as last heard.
+    pub fn sensors(&self) -> Vec<SensorStatus> {
+        let heard = self.heard();
+        heard
+            .status
+            .as_ref()
+            .map(|status| status.sensors.clone())
+            .unwrap_or_default()
     }
 
     /// Where the robot is, by the last pose that came.

@@ -63,7 +63,7 @@ impl Operator {
                 | Answer::Waiting
                 | Answer::EStopped(_)
                 | Answer::Refused(_)) => {
-                    panic!("{answer:?}")
+                    panic!("{answer:?}: {:?}", self.teleop())
                 }
             }
         }

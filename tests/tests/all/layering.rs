@@ -95,6 +95,10 @@ fn one_file_reads_clocks() {
     assert_eq!(lines_with("robot-edge/src", &words, &["clock.rs"]), [""; 0]);
     assert_eq!(lines_with("protocol/src", &words, &[]), [""; 0]);
     assert_eq!(lines_with("operator-console/src", &words, &[]), [""; 0]);
+    // And what it is for ages: a clock that nobody sets, and that runs on while the machine sleeps.
+    let clocks = lines_with("robot-edge/src", &["ClockId::"], &[]);
+    assert_eq!(clocks.len(), 1, "{clocks:?}");
+    assert!(clocks[0].contains("ClockId::Boottime"), "{clocks:?}");
 }
 
 #[test]

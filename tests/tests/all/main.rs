@@ -21,8 +21,10 @@ mod determinism;
 mod eviction;
 mod experiments;
 mod fleet;
+mod killed_run;
 mod link;
 mod security;
+mod skip;
 
 #[cfg(target_os = "linux")]
 mod live;

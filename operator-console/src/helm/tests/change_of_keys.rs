@@ -265,7 +265,7 @@ impl Shore {
                 });
             }
             Told::Status(status) => {
-                let (boot, teleop) = (BOOT, Some(*status));
+                let (boot, teleop) = (BOOT, Some(status));
                 self.helm.hear(Heard::Status { boot, teleop }, now);
             }
         }

@@ -22,8 +22,9 @@ pub(in crate::map_view) struct Motion {
     /// Along the vehicle's x, and about its z.
     pub(in crate::map_view) speed_mps: f64,
     pub(in crate::map_view) turn_rate_radps: f64,
-    /// Extent along and across.
+    /// Extent along and across, and how far ahead of the position its middle is.
     pub(in crate::map_view) footprint_m: [f64; 2],
+    pub(in crate::map_view) footprint_offset_m: f64,
 }
 
 /// How far it still goes, metres: on as commanded while the stop is on its way, then braking.
@@ -58,7 +59,8 @@ pub(in crate::map_view) fn swept_m(motion: &Motion, stopping: Stopping) -> Vec<[
     let step_m = towards * way_m / STEPS as f64;
     let edges = |x: f64, y: f64, heading_rad: f64| {
         let (sin, cos) = libm::sincos(heading_rad);
-        let (ahead, side) = (towards * 0.5 * length_m, 0.5 * width_m);
+        let ahead = motion.footprint_offset_m + towards * 0.5 * length_m;
+        let side = 0.5 * width_m;
         let (front_x, front_y) = (x + ahead * cos, y + ahead * sin);
         [
             [front_x - side * sin, front_y + side * cos],
@@ -119,6 +121,7 @@ mod tests {
             speed_mps,
             turn_rate_radps,
             footprint_m: [2.0, 1.0],
+            footprint_offset_m: 0.0,
         }
     }
 
@@ -150,6 +153,18 @@ mod tests {
         let back = swept_m(&motion(-1.0, 0.0), STOPPING);
         assert!((back.last().unwrap()[0][0] - 7.8).abs() < 1e-9);
         assert!(swept_m(&motion(0.001, 1.0), STOPPING).is_empty());
+    }
+
+    #[test]
+    fn what_is_swept_begins_at_the_end_of_a_footprint_that_is_not_centred() {
+        for (speed_mps, end_m) in [(1.0, 11.75), (-1.0, 9.75)] {
+            let rear_axle = Motion {
+                footprint_offset_m: 0.75,
+                ..motion(speed_mps, 0.0)
+            };
+            let swept = swept_m(&rear_axle, STOPPING);
+            assert_eq!(swept[0], [[end_m, 0.5], [end_m, -0.5]]);
+        }
     }
 
     #[test]

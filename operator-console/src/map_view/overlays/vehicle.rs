@@ -17,15 +17,17 @@ pub(in crate::map_view) struct VehicleMark {
 }
 
 impl VehicleMark {
-    /// `footprint_m`: extent along and across; `ahead`: where it heads on the screen, a unit vector.
+    /// `footprint_m`: extent along and across, whose middle is `offset_m` ahead of `at`; `ahead`: where it heads on the screen,
+    /// a unit vector.
     pub(in crate::map_view) fn new(
         at: Pos2,
         ahead: Vec2,
-        footprint_m: Option<[f32; 2]>,
+        (footprint_m, offset_m): (Option<[f32; 2]>, f32),
         points_per_m: f64,
     ) -> Self {
         let right = vec2(-ahead.y, ahead.x);
-        let place = |offset: Vec2| at + ahead * offset.x + right * offset.y;
+        let middle = at + ahead * (offset_m * points_per_m as f32);
+        let place = |offset: Vec2| middle + ahead * offset.x + right * offset.y;
         let extent = footprint_m
             .map(|extent_m| extent_m.map(|side_m| side_m * points_per_m as f32))
             .filter(|extent| extent.iter().all(|side| side.is_finite() && *side > 0.0))
@@ -75,13 +77,17 @@ mod tests {
     #[test]
     fn the_footprint_is_to_scale_and_turned() {
         let at = pos2(100.0, 200.0);
-        let east = VehicleMark::new(at, vec2(1.0, 0.0), Some([1.0, 0.5]), 100.0);
+        let east = VehicleMark::new(at, vec2(1.0, 0.0), (Some([1.0, 0.5]), 0.0), 100.0);
         assert_near(east.footprint[0], pos2(150.0, 175.0));
         assert_near(east.footprint[2], pos2(50.0, 225.0));
-        let north = VehicleMark::new(at, vec2(0.0, -1.0), Some([1.0, 0.5]), 100.0);
+        let north = VehicleMark::new(at, vec2(0.0, -1.0), (Some([1.0, 0.5]), 0.0), 100.0);
         assert_near(north.footprint[0], pos2(75.0, 150.0));
         assert_near(north.footprint[1], pos2(125.0, 150.0));
         assert!(north.arrow[0].y < north.arrow[2].y, "the tip is ahead");
+        // The base frame at the rear axle: the front is 0.8 m ahead, the rear 0.2 m behind.
+        let rear_axle = VehicleMark::new(at, vec2(0.0, -1.0), (Some([1.0, 0.5]), 0.3), 100.0);
+        assert_near(rear_axle.footprint[0], pos2(75.0, 120.0));
+        assert_near(rear_axle.footprint[2], pos2(125.0, 220.0));
     }
 
     #[test]
@@ -92,7 +98,7 @@ mod tests {
             Some([0.0, 0.0]),
             Some([f32::NAN, 1.0]),
         ] {
-            let mark = VehicleMark::new(pos2(0.0, 0.0), vec2(1.0, 0.0), footprint_m, 10.0);
+            let mark = VehicleMark::new(pos2(0.0, 0.0), vec2(1.0, 0.0), (footprint_m, 0.0), 10.0);
             assert_eq!(mark.footprint, []);
             assert_near(mark.arrow[0], pos2(0.5 * ARROW, 0.0));
         }

@@ -95,7 +95,7 @@ fn what_is_in_the_way_is_said_with_what_to_look_at() {
             Tone::Warning,
             "tells you nothing",
             "scout answers, but does not have you on its list of operators. \
-             Whoever is added while it runs is let in after its next start.",
+             Whoever is added is let in within two seconds.",
         ),
         (
             untold(false),
@@ -103,7 +103,7 @@ fn what_is_in_the_way_is_said_with_what_to_look_at() {
             Tone::Warning,
             "tells you nothing",
             "scout answers, but does not have you on its list of operators. \
-             Whoever is added while it runs is let in after its next start. \
+             Whoever is added is let in within two seconds. \
              Or this is its port for tiles: try boat:7449",
         ),
         (

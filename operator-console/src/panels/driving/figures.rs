@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use protocol::message::{Barrier, BarrierKind, Clamp, SensorKind, TeleopStatus};
+use protocol::message::{BarrierKind, Clamp, Guard, TeleopStatus};
 use robot_edge::clock::Monotonic;
 
 use super::guard::{self, guard};
@@ -21,6 +21,7 @@ const OLD_MS: u32 = 200;
 const AGE_ALLOWS: &str = "Age allows";
 const GUARD: &str = "Guard";
 const IN_THE_WAY: &str = "In the way";
+const LAST_LOOK: &str = "Last looked at";
 
 pub(super) fn rows(
     model: &ConsoleModel,
@@ -57,7 +58,11 @@ pub(super) fn rows(
     let (tone, words) = guard(teleop, tightest(teleop, model.guard_lately()), helm.limits);
     rows.push((tone, row(GUARD, words)));
     if helm.lease.held().is_some() {
-        rows.push(row_of_barrier(model));
+        let (tone, barrier) = row_of_barrier(model);
+        rows.push((tone, barrier));
+        if matches!(teleop.guard, Guard::On(_) | Guard::Blind(_)) {
+            rows.push((Tone::Good, row_of_sides(teleop)));
+        }
     }
     let events = model.events().iter().map(|(event, _)| event);
     if let Some((tone, stop)) = last_stop(teleop, model.before_estop(), events) {
@@ -76,21 +81,29 @@ pub(super) fn rows(
 
 /// What the guard holds the vehicle back for: the map has a ring around it.
 fn row_of_barrier(model: &ConsoleModel) -> (Tone, Row) {
-    let barrier = model.barrier();
-    let is_shallow = |barrier: &Barrier| {
-        let place_m = barrier.position_m.map(f64::from);
-        model.seen_by(place_m) == Some(SensorKind::Sonar)
-    };
-    let (tone, words) = match barrier.map(|barrier| barrier.kind) {
+    let (tone, words) = match model.barrier().map(|barrier| barrier.kind) {
         None => (Tone::Waiting, "–"),
-        Some(BarrierKind::Seen) if barrier.as_ref().is_some_and(is_shallow) => {
-            (Tone::Warning, "too shallow (ringed)")
-        }
         Some(BarrierKind::Seen) => (Tone::Warning, "seen now (ringed)"),
+        Some(BarrierKind::Shallow) => (Tone::Warning, "too shallow (ringed)"),
         Some(BarrierKind::Mapped) => (Tone::Warning, "on the map (ringed)"),
         Some(BarrierKind::Unseen) => (Tone::Warning, "unseen ground (ringed)"),
+        Some(BarrierKind::NoEcho) => (Tone::Warning, "no echo from there (ringed)"),
     };
     (tone, row(IN_THE_WAY, words))
+}
+
+/// How long ago the ground on each side of the vehicle was looked at.
+fn row_of_sides(teleop: &TeleopStatus) -> Row {
+    let words: Vec<_> = ["ahead", "left", "behind", "right"]
+        .into_iter()
+        .zip(teleop.seen_ms)
+        .map(|(side, seen_ms)| match seen_ms {
+            None => format!("{side} never"),
+            Some(..1000) => format!("{side} now"),
+            Some(ms) => format!("{side} {} s", ms / 1000),
+        })
+        .collect();
+    row(LAST_LOOK, words.join(", "))
 }
 
 /// What is told of a figure to whoever points at it.
@@ -104,7 +117,12 @@ pub(super) fn hint(name: &str) -> Option<&'static str> {
         IN_THE_WAY => Some(
             "What the collision guard holds the robot back for on the way that is asked for; an amber ring on the map is \
              around it. What is seen is hit by a beam of the last scans; what is too shallow, by a sonar's; what is mapped \
-             was hit before; unseen ground has not been looked at, or too long ago.",
+             was hit before; unseen ground has not been looked at, or too long ago; from where there is no echo, only beams \
+             without one say that the way is free.",
+        ),
+        LAST_LOOK => Some(
+            "How long ago a sensor looked at the ground beside the robot, where that is longest ago. The guard lets the robot \
+             only creep towards what was looked at too long ago.",
         ),
         _ => None,
     }

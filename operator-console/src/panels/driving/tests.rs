@@ -433,6 +433,8 @@ fn who_drives_is_told_what_is_in_the_way() {
         (BarrierKind::Seen, "seen now (ringed)"),
         (BarrierKind::Mapped, "on the map (ringed)"),
         (BarrierKind::Unseen, "unseen ground (ringed)"),
+        (BarrierKind::Shallow, "too shallow (ringed)"),
+        (BarrierKind::NoEcho, "no echo from there (ringed)"),
     ] {
         let mut rig = Rig::driving();
         assert_eq!(rig.row("In the way"), Some((Tone::Waiting, "–".to_owned())));
@@ -442,6 +444,26 @@ fn who_drives_is_told_what_is_in_the_way() {
         assert_eq!(rig.row("In the way"), expected);
         rig.helm.lease = Lease::None;
         assert_eq!(rig.row("In the way"), None, "somebody else drives");
+    }
+}
+
+#[test]
+fn who_drives_is_told_when_each_side_was_looked_at() {
+    let mut rig = Rig::driving();
+    rig.teleop.seen_ms = [Some(40), Some(2_900), Some(61_000), None];
+    let words = "ahead now, left 2 s, behind 61 s, right never".to_owned();
+    let limits = GuardLimits {
+        forward_mps: 1.0,
+        reverse_mps: 1.0,
+        left_radps: 1.0,
+        right_radps: 1.0,
+    };
+    for (guard, row) in [
+        (Guard::Off, None),
+        (Guard::Blind(limits), Some((Tone::Good, words))),
+    ] {
+        rig.teleop.guard = guard;
+        assert_eq!(rig.row("Last looked at"), row, "{guard:?}");
     }
 }
 

@@ -13,7 +13,7 @@
 //! | 36 | crc | 52 | battery, f64 V |
 //! | | | 60 | which of the three are known: bits 0 to 2 |
 //! | | | 61 | readiness, fault, detail of the fault, controller's flags, its watchdog: 5 × u8 |
-//! | | | 66 | 2 × 0 |
+//! | | | 66 | the detail's second and third byte |
 //! | | | 68 | lapses, stale, garbage, reconnects: 4 × u32 |
 //! | | | 84 | crc |
 

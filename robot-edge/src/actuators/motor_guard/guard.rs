@@ -3,11 +3,13 @@
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags};
 use rustix::io::Errno;
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2};
 
 use super::TELLS_EVERY;
 use super::frame::{ASKED_BYTES, Decoder, Found, Frame as _};
@@ -25,6 +27,20 @@ use crate::teleop::Velocity;
 /// Longest that the guard waits at its end for the motors to acknowledge zero.
 const FAREWELL: Duration = Duration::from_millis(600);
 
+/// Ignores what is meant for the edge: `kill -USR2` sent to all of a service's processes, or the end of a terminal. The
+/// kernel, too, sends SIGHUP, before SIGCONT, to a guard that is stopped when its edge dies. Before anything else in the
+/// process: until then they end it.
+///
+/// # Errors
+/// The system refuses.
+pub fn ignore_signals() -> io::Result<()> {
+    for signal in [SIGUSR1, SIGUSR2, SIGHUP] {
+        // A handler that nobody asks; the standard library ignores SIGPIPE.
+        signal_hook::flag::register(signal, Arc::new(AtomicBool::new(false)))?;
+    }
+    Ok(())
+}
+
 /// Owns the motors until `asked` closes or somebody ends the process, and always ends with the motors standing, as far
 /// as they can be reached.
 ///
@@ -34,6 +50,7 @@ const FAREWELL: Duration = Duration::from_millis(600);
 /// # Errors
 /// It could not begin: there is nothing to hear signals with, or `asked` or `told` cannot be made not to block.
 pub fn run(asked: impl AsFd, told: impl AsFd, config: &RoboteqConfig) -> io::Result<()> {
+    ignore_signals()?;
     Guard::new(asked.as_fd(), told.as_fd(), config)?.run();
     Ok(())
 }
@@ -41,7 +58,7 @@ pub fn run(asked: impl AsFd, told: impl AsFd, config: &RoboteqConfig) -> io::Res
 struct Guard<'a> {
     asked: BorrowedFd<'a>,
     told: BorrowedFd<'a>,
-    /// Readable after SIGTERM or SIGINT.
+    /// Readable after SIGTERM, SIGINT or SIGQUIT.
     signalled: UnixStream,
     decoder: Decoder<ASKED_BYTES>,
     gate: Gate,
@@ -59,7 +76,7 @@ impl<'a> Guard<'a> {
     ) -> io::Result<Self> {
         let (signalled, on_signal) = UnixStream::pair()?;
         signalled.set_nonblocking(true)?;
-        for signal in [SIGTERM, SIGINT] {
+        for signal in [SIGTERM, SIGINT, SIGQUIT] {
             signal_hook::low_level::pipe::register(signal, on_signal.try_clone()?)?;
         }
         rustix::io::ioctl_fionbio(asked, true)?;

@@ -7,11 +7,14 @@
 //! - when nothing valid has come for [`WATCHDOG`], counted from the decision: also where the edge is stopped and what it
 //!   sent before lies in the pipe;
 //! - when the pipe closes: the edge is gone;
-//! - when garbage comes, and at SIGTERM and SIGINT.
+//! - when garbage comes, and at SIGTERM, SIGINT and SIGQUIT. SIGUSR1, SIGUSR2 and SIGHUP it ignores.
 //!
 //! After each of these the motors stand until zero has been asked for. The other way round, where the child is
 //! gone or does not answer, [`GuardedMotors`] ends it, opens the port itself, tells the motors zero, and reports a fault
-//! for good.
+//! for good. Before that, as soon as the child has missed two reports, it tells the motors zero once.
+//!
+//! The child outlives an edge that is killed by as long as the motors take to acknowledge zero. The next edge's child waits
+//! for it to let go of the port, and ends it where it does not.
 //!
 //! Edge and guard run on one machine and read one clock, `CLOCK_BOOTTIME`, so that an age is a difference of two
 //! readings. What neither can do is act on a machine that stands still: for that there is the controller's own watchdog.
@@ -34,7 +37,7 @@ mod wait;
 #[cfg(test)]
 mod tests;
 
-pub use guard::run;
+pub use guard::{ignore_signals, run};
 pub use parent::{GuardCommand, GuardedMotors};
 
 /// How long a velocity holds, from the edge's decision on.

@@ -20,12 +20,17 @@ use crate::actuators::report::{Fault, Report, Rescue};
 use crate::actuators::roboteq::RoboteqConfig;
 use crate::actuators::roboteq::driver::State;
 use crate::actuators::roboteq::line::Line;
-use crate::actuators::roboteq::port::Sharing;
+use crate::actuators::roboteq::port::{Port, Sharing};
 use crate::clock::Monotonic;
+use crate::service_manager;
 use crate::teleop::Velocity;
 
 /// At least this often it looks at everything.
 const TURN: Duration = Duration::from_millis(50);
+
+/// A guard that has told nothing for this long, though it does so every 50 ms, may have been stopped: the motors are told
+/// zero once. If it was only slow, it goes on.
+const MISSED: Duration = Duration::from_millis(120);
 
 /// Until a guard must have told something for the first time: its program must be loaded.
 const START: Duration = Duration::from_secs(5);
@@ -55,6 +60,8 @@ struct Guard {
     decoder: Decoder<TOLD_BYTES>,
     /// When it is lost, unless it tells something.
     lost: Monotonic,
+    /// When the motors are told zero past it, unless it tells something; absent before the first time, and after that.
+    missed: Option<Monotonic>,
 }
 
 impl Supervisor {
@@ -98,6 +105,8 @@ impl Supervisor {
     fn spawn(&self) -> io::Result<Guard> {
         let mut child = Command::new(&self.command.program)
             .args(&self.command.arguments)
+            // The service manager is notified by the edge alone.
+            .env_remove(service_manager::SOCKET)
             .envs(self.command.environment.iter().cloned())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -117,6 +126,7 @@ impl Supervisor {
             tells,
             decoder: Decoder::new(),
             lost: Monotonic::now() + self.silence.max(START),
+            missed: None,
         })
     }
 
@@ -126,12 +136,18 @@ impl Supervisor {
             self.ask(guard)?;
             self.listen(guard)?;
             let now = Monotonic::now();
+            if guard.missed.take_if(|missed| now >= *missed).is_some() {
+                // What cannot be told now is told when it is lost.
+                drop(Port::stop_blindly(&self.config.port));
+            }
             if now >= guard.lost {
                 return Err(io::ErrorKind::TimedOut.into());
             }
             // What the guard told last still holds; what has gone wrong shows in `lost`.
             self.still_here(now);
-            self.wait(Some(guard.tells.as_fd()), now + TURN);
+            let turn = now + TURN;
+            let until = guard.missed.map_or(turn, |missed| turn.min(missed));
+            self.wait(Some(guard.tells.as_fd()), until);
         }
         Ok(())
     }
@@ -172,6 +188,7 @@ impl Supervisor {
         if let Some(told) = newest {
             let now = Monotonic::now();
             guard.lost = now + self.silence;
+            guard.missed = Some(now + MISSED);
             let fault = told.fault.map(Fault::Controller);
             self.account(fault.map_or(Ok(told.report), Err), now);
         }

@@ -1,5 +1,5 @@
 //! Real processes, real pipes, a real terminal; only the controller is emulated. The test binary is edge and guard
-//! itself: [`guard_process`] and [`edge_process`] are what they run.
+//! itself: [`guard_as_helper_process`] and [`edge_as_helper_process`] are what they run.
 //!
 //! Nothing here must be fast. Where motors must stop, they must do so at some time, and then never move again.
 
@@ -69,7 +69,7 @@ fn this_test_as(name: &str, variable: &str, config: &RoboteqConfig) -> GuardComm
 }
 
 fn guard_command(config: &RoboteqConfig) -> GuardCommand {
-    this_test_as("guard_process", GUARD, config)
+    this_test_as("guard_as_helper_process", GUARD, config)
 }
 
 fn configured_by(variable: &str) -> Option<RoboteqConfig> {
@@ -79,7 +79,7 @@ fn configured_by(variable: &str) -> Option<RoboteqConfig> {
 
 /// Not a test: the guard's process.
 #[test]
-fn guard_process() {
+fn guard_as_helper_process() {
     if let Some(config) = configured_by(GUARD) {
         run(std::io::stdin(), std::io::stdout(), &config).unwrap();
         // Before the test harness says more on standard output, which is the pipe.
@@ -89,7 +89,7 @@ fn guard_process() {
 
 /// Not a test: an edge that drives ahead, then faster, and never stops asking for that while its test lives.
 #[test]
-fn edge_process() {
+fn edge_as_helper_process() {
     if let Some(config) = configured_by(EDGE) {
         let mut motors = start(&config);
         drive(&mut motors);
@@ -282,7 +282,7 @@ impl Edge {
     }
 
     fn start(controller: &EmulatorOnTerminal) -> Self {
-        let command = this_test_as("edge_process", EDGE, &config(controller.path()));
+        let command = this_test_as("edge_as_helper_process", EDGE, &config(controller.path()));
         let edge = Command::new(command.program)
             .args(command.arguments)
             .envs(command.environment)
@@ -368,6 +368,76 @@ fn a_guard_that_is_stopped_is_replaced_by_zero_and_a_fault() {
 fn a_guard_that_is_asked_to_end_stops_the_motors_first() {
     lose_guard_by(Signal::TERM);
     lose_guard_by(Signal::INT);
+    lose_guard_by(Signal::QUIT);
+}
+
+#[test]
+fn signals_that_are_meant_for_the_edge_leave_the_guard_as_it_is() {
+    let controller = EmulatorOnTerminal::start(|_| {});
+    let mut motors = start(&config(controller.path()));
+    drive(&mut motors);
+    let pid = motors.guard_pid().unwrap();
+    for meant_for_the_edge in [Signal::USR1, Signal::USR2, Signal::HUP] {
+        signal(pid, meant_for_the_edge);
+        press(&mut motors, 20);
+        assert_eq!(motors.guard_pid(), Some(pid), "{meant_for_the_edge:?}");
+        drive(&mut motors);
+    }
+}
+
+/// A real line, and a controller whose watchdog acts at the start alone: what stops these motors is not the watchdog.
+fn on_a_real_line() -> EmulatorOnTerminal {
+    EmulatorOnTerminal::start(|emulator| {
+        emulator.has_line_timing = true;
+        emulator.watchdog_after = Duration::from_hours(1);
+        emulator.watchdog_trial_after = Some(Duration::from_millis(100));
+    })
+}
+
+#[test]
+fn motors_whose_guard_is_stopped_stand_within_a_quarter_of_a_second_and_go_on_with_it() {
+    let controller = on_a_real_line();
+    let mut motors = start(&config(controller.path()));
+    let mut took = Vec::new();
+    for _ in 0..5 {
+        apply_until(&mut motors, Velocity::ZERO, "at rest", |known| {
+            known.is_ok_and(|report| report.applied == Some(Velocity::ZERO))
+        });
+        drive(&mut motors);
+        let pid = motors.guard_pid().unwrap();
+        let stopped = Monotonic::now();
+        signal(pid, Signal::STOP);
+        apply_until(&mut motors, AHEAD, "zero", |_| {
+            controller.with(|emulator| emulator.motors()) == [0, 0]
+        });
+        took.push(controller.outputs().last().unwrap().at.since(stopped));
+        signal(pid, Signal::CONT);
+        assert_eq!(motors.guard_pid(), Some(pid), "it was not lost");
+    }
+    took.sort();
+    println!("both motors at zero after {took:?}");
+    // The middle one: a busy computer may be late now and then.
+    assert!(took[2] < Duration::from_millis(250), "{took:?}");
+}
+
+#[test]
+fn a_guard_that_is_killed_right_after_its_edge_has_stopped_both_motors_or_neither() {
+    let mut stopped = 0;
+    for _ in 0..5 {
+        let controller = on_a_real_line();
+        let mut guard = BareGuard::start(&config(controller.path()));
+        guard.drive(&controller, 1);
+        drop(guard.child.stdin.take());
+        // A tenth of what telling one motor after the other takes.
+        std::thread::sleep(Duration::from_millis(4));
+        guard.child.kill().unwrap();
+        std::thread::sleep(Duration::from_millis(150));
+        let motors = controller.with(|emulator| emulator.motors());
+        assert_eq!(motors[0] == 0, motors[1] == 0, "one side turns: {motors:?}");
+        stopped += usize::from(motors == [0, 0]);
+    }
+    println!("{stopped} of 5 stand");
+    assert!(stopped >= 3, "{stopped} of 5");
 }
 
 #[test]
@@ -423,10 +493,25 @@ fn a_second_owner_is_refused() {
     let mut first = start(&config);
     wait_until_obeying(&mut first);
     let mut second = start(&config);
+    let holder = first.guard_pid().unwrap();
+    let refusal = Fault::Controller(ControllerFault::Held(holder));
     apply_until(&mut second, AHEAD, "refused", |known| {
-        known == Err(Fault::Controller(ControllerFault::Port(11)))
+        assert!(
+            known == Err(refusal)
+                || known.is_ok_and(|report| report.readiness == Readiness::Starting)
+        );
+        known.is_err()
     });
     assert_eq!(controller.outputs().len(), 1);
+    let said = refusal.to_string();
+    let command = format!(
+        "held by process {holder} ({}",
+        std::env::current_exe().unwrap().display()
+    );
+    assert!(said.contains(&command), "{said}");
+    // As soon as the first has let go, it is the second's.
+    drop(first);
+    drive(&mut second);
 }
 
 #[test]

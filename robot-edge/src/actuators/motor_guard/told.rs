@@ -31,15 +31,17 @@ impl Frame<TOLD_BYTES> for Told {
             | u8::from(report.measured.is_some()) << 1
             | u8::from(report.battery_v.is_some()) << 2;
         let (fault, detail) = fault_code(self.fault);
+        // No process has a number of more than 22 bits.
+        let [low, middle, high, _] = detail.to_le_bytes();
         body.put(&[
             known,
             readiness_code(report.readiness),
             fault,
-            detail,
+            low,
             report.controller.0,
             watchdog_code(report.watchdog),
-            0,
-            0,
+            middle,
+            high,
         ]);
         let Counters {
             lapses,
@@ -58,7 +60,8 @@ impl Frame<TOLD_BYTES> for Told {
         let applied = body.take_velocity()?;
         let measured = body.take_velocity()?;
         let battery_v = body.take_f64()?;
-        let [known, readiness, fault, detail, flags, watchdog, _, _] = body.take()?;
+        let [known, readiness, fault, low, flags, watchdog, middle, high] = body.take()?;
+        let detail = u32::from_le_bytes([low, middle, high, 0]);
         let mut counter = || body.take().map(u32::from_le_bytes);
         let counters = Counters {
             lapses: counter()?,
@@ -126,16 +129,17 @@ const fn watchdog_of(code: u8) -> Option<ControllerWatchdog> {
     })
 }
 
-const fn fault_code(fault: Option<ControllerFault>) -> (u8, u8) {
+const fn fault_code(fault: Option<ControllerFault>) -> (u8, u32) {
     match fault {
         None => (0, 0),
-        Some(ControllerFault::Port(errno)) => (1, errno),
+        Some(ControllerFault::Port(errno)) => (1, errno as u32),
         Some(ControllerFault::Silent) => (2, 0),
         Some(ControllerFault::GarbledLine) => (3, 0),
         Some(ControllerFault::Refusing) => (4, 0),
         Some(ControllerFault::Unreadable) => (5, 0),
-        Some(ControllerFault::MotorMode(mode)) => (6, mode),
-        Some(ControllerFault::NoWatchdog(mode)) => (7, mode),
+        Some(ControllerFault::MotorMode(mode)) => (6, mode as u32),
+        Some(ControllerFault::NoWatchdog(mode)) => (7, mode as u32),
+        Some(ControllerFault::Held(pid)) => (8, pid),
     }
 }
 
@@ -144,21 +148,23 @@ const fn fault_code(fault: Option<ControllerFault>) -> (u8, u8) {
     clippy::option_option,
     reason = "no fault is not the same as no such code"
 )]
-const fn fault_of(code: u8, detail: u8) -> Option<Option<ControllerFault>> {
+const fn fault_of(code: u8, detail: u32) -> Option<Option<ControllerFault>> {
+    let [low, ..] = detail.to_le_bytes();
     Some(match code {
         0 => None,
-        1 => Some(ControllerFault::Port(detail)),
+        1 => Some(ControllerFault::Port(low)),
         2 => Some(ControllerFault::Silent),
         3 => Some(ControllerFault::GarbledLine),
         4 => Some(ControllerFault::Refusing),
         5 => Some(ControllerFault::Unreadable),
-        6 => Some(ControllerFault::MotorMode(detail)),
-        7 => Some(ControllerFault::NoWatchdog(detail)),
+        6 => Some(ControllerFault::MotorMode(low)),
+        7 => Some(ControllerFault::NoWatchdog(low)),
+        8 => Some(ControllerFault::Held(detail)),
         _ => return None,
     })
 }
 
 #[cfg(test)]
-pub(super) fn every_fault(detail: u8) -> impl Iterator<Item = Option<ControllerFault>> {
+pub(super) fn every_fault(detail: u32) -> impl Iterator<Item = Option<ControllerFault>> {
     (0..=u8::MAX).filter_map(move |code| fault_of(code, detail))
 }

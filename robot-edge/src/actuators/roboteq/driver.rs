@@ -2,6 +2,7 @@
 //!
 //! Bytes go in ([`Driver::receive`]) and out ([`Driver::transmit`]), the time is an argument, and nothing waits. One
 //! command at a time is on its way: what the port's buffer holds could not be taken back, and would be an old command.
+//! Only a stop goes out at once, for both motors in one write ([`Command::StopBoth`]), behind whatever is on its way.
 //!
 //! The start takes some 3 s, during which the motors stand: both are told zero blindly; ten carriage returns end R/C
 //! mode; zero must be acknowledged; the parameters that decide what a command would do are read; then nothing is said
@@ -87,6 +88,10 @@ pub struct Driver {
     wanted: [Power; 2],
     acknowledged: [Option<(Power, Monotonic)>; 2],
     routine: Routine,
+    /// The controller has acknowledged [`Command::StopBoth`] when it was found.
+    takes_pairs: bool,
+    /// It has not acknowledged one since: the motors are told zero one by one until both have acknowledged that.
+    stops_singly: bool,
     input_mode: Option<u8>,
     encoders: Option<([Power; 2], Monotonic)>,
     battery_v: Option<f64>,
@@ -99,6 +104,8 @@ pub struct Driver {
 enum Phase {
     StopBlindly,
     Wake,
+    ZeroBoth,
+    /// Where the controller does not take both at once.
     Zero(Channel),
     Check(Parameter),
     /// Nothing is said.
@@ -121,6 +128,8 @@ impl Driver {
             wanted: [Power::ZERO; 2],
             acknowledged: [None; 2],
             routine: Routine::new(has_encoders, now),
+            takes_pairs: false,
+            stops_singly: false,
             input_mode: None,
             encoders: None,
             battery_v: None,
@@ -148,14 +157,16 @@ impl Driver {
 
     /// What is to be sent now; ask until there is nothing more, and again at [`Self::deadline`] or when bytes came in.
     pub fn transmit(&mut self, now: Monotonic) -> Option<Transmission> {
-        if let Some(exchange) = self.exchange {
-            if now < exchange.deadline() {
-                return None;
-            }
+        if let Some(exchange) = self.exchange.filter(|exchange| now >= exchange.deadline()) {
             self.exchange = None;
-            self.fail(ControllerFault::Silent, now);
+            self.fail(exchange.command, ControllerFault::Silent, now);
         }
-        if now < self.due {
+        if self.must_stop() {
+            let interrupted = self.exchange.take();
+            self.routine.stop_both(now);
+            return Some(self.send(Exchange::stop_both(interrupted, now)));
+        }
+        if self.exchange.is_some() || now < self.due {
             return None;
         }
         match self.phase {
@@ -168,12 +179,13 @@ impl Driver {
                 })
             }
             Phase::Wake => {
-                self.enter(Phase::Zero(Channel::One), now + WAKE_PAUSE);
+                self.enter(Phase::ZeroBoth, now + WAKE_PAUSE);
                 Some(Transmission {
                     bytes: wire::wake(),
                     flush: false,
                 })
             }
+            Phase::ZeroBoth => Some(self.say(Command::StopBoth, now)),
             Phase::Zero(channel) => Some(self.say(Command::Run(channel, Power::ZERO), now)),
             Phase::Check(parameter) => Some(self.say(Command::Read(parameter), now)),
             Phase::AwaitWatchdog => {
@@ -229,11 +241,31 @@ impl Driver {
     }
 
     fn say(&mut self, command: Command, now: Monotonic) -> Transmission {
-        self.exchange = Some(Exchange::new(command, now));
+        self.send(Exchange::new(command, now))
+    }
+
+    fn send(&mut self, exchange: Exchange) -> Transmission {
+        self.exchange = Some(exchange);
         Transmission {
-            bytes: command.bytes(),
+            bytes: exchange.command.bytes(),
             flush: false,
         }
+    }
+
+    /// Whether zero is wanted of motors that run, or may as soon as a command on its way is done.
+    fn must_stop(&self) -> bool {
+        let is_zero =
+            |last: &Option<(Power, Monotonic)>| last.is_some_and(|(power, _)| power == Power::ZERO);
+        let may_run = match self.exchange.map(|exchange| exchange.command) {
+            Some(Command::StopBoth) => return false,
+            Some(Command::Run(_, power)) => power != Power::ZERO,
+            Some(Command::Read(_) | Command::Voltages | Command::EncoderSpeeds) | None => false,
+        };
+        self.phase == Phase::Ready
+            && self.wanted == [Power::ZERO; 2]
+            && self.takes_pairs
+            && !self.stops_singly
+            && (may_run || !self.acknowledged.iter().all(is_zero))
     }
 
     fn command_of(&self, task: Task) -> Command {
@@ -272,7 +304,7 @@ impl Driver {
         match outcome {
             Outcome::Waiting => {}
             Outcome::Done(values) => self.done(&said, values, now),
-            Outcome::Garbled => self.fail(ControllerFault::GarbledLine, now),
+            Outcome::Garbled => self.fail(said.command, ControllerFault::GarbledLine, now),
             Outcome::Refused => self.refused(said.command, now),
         }
     }
@@ -280,8 +312,18 @@ impl Driver {
     fn done(&mut self, said: &Exchange, values: [u8; 2], now: Monotonic) {
         self.failures = 0;
         match said.command {
+            Command::StopBoth => {
+                self.acknowledged = [Some((Power::ZERO, said.sent())); 2];
+                if self.phase == Phase::ZeroBoth {
+                    self.takes_pairs = true;
+                    self.enter(Phase::Check(Parameter::InputControlMode), now);
+                }
+            }
             Command::Run(channel, power) => {
                 self.acknowledged[channel as usize] = Some((power, said.sent()));
+                let are_zero = self.acknowledged.map(|last| last.map(|(power, _)| power))
+                    == [Some(Power::ZERO); 2];
+                self.stops_singly &= !are_zero;
                 match self.phase {
                     Phase::Zero(Channel::One) => self.enter(Phase::Zero(Channel::Two), now),
                     Phase::Zero(Channel::Two) => {
@@ -289,6 +331,7 @@ impl Driver {
                     }
                     Phase::StopBlindly
                     | Phase::Wake
+                    | Phase::ZeroBoth
                     | Phase::Check(_)
                     | Phase::AwaitWatchdog
                     | Phase::Ready
@@ -308,7 +351,9 @@ impl Driver {
 
     fn refused(&mut self, command: Command, now: Monotonic) {
         match command {
-            Command::Run(..) => self.fail(ControllerFault::Refusing, now),
+            Command::Run(..) | Command::StopBoth => {
+                self.fail(command, ControllerFault::Refusing, now);
+            }
             // What a motor command means would be guessed.
             Command::Read(Parameter::MotorControlMode) => {
                 self.enter(Phase::Refused(ControllerFault::Unreadable), now);
@@ -322,7 +367,11 @@ impl Driver {
     }
 
     /// One exchange went wrong.
-    fn fail(&mut self, fault: ControllerFault, now: Monotonic) {
+    fn fail(&mut self, command: Command, fault: ControllerFault, now: Monotonic) {
+        if self.phase == Phase::ZeroBoth {
+            return self.enter(Phase::Zero(Channel::One), now);
+        }
+        self.stops_singly |= command == Command::StopBoth;
         self.failures = self.failures.saturating_add(1);
         self.routine.repeat(now);
         let is_looking = matches!(self.phase, Phase::Zero(_));
@@ -339,6 +388,8 @@ impl Driver {
         self.exchange = None;
         self.wanted = [Power::ZERO; 2];
         self.acknowledged = [None; 2];
+        self.takes_pairs = false;
+        self.stops_singly = false;
         self.encoders = None;
         let pause = if was_found {
             Duration::ZERO

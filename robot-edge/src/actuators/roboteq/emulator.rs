@@ -5,12 +5,15 @@ use std::time::Duration;
 use crate::clock::Monotonic;
 
 // The end-to-end tests borrow this file, for which the path is said.
+#[path = "emulator/line_timing.rs"]
+pub(crate) mod line_timing;
 #[cfg(target_os = "linux")]
 #[path = "emulator/on_terminal.rs"]
 pub(crate) mod on_terminal;
 
 /// The controller, and everything that can be wrong with it.
 #[derive(Clone, Debug)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a state of its own")]
 pub(crate) struct Emulator {
     pub(crate) is_in_rc_mode: bool,
     /// Parameter 00; 2 means that the watchdog is on.
@@ -23,12 +26,18 @@ pub(crate) struct Emulator {
     /// As measured; absent: there is no encoder module.
     pub(crate) encoders: Option<[i8; 2]>,
     pub(crate) watchdog_after: Duration,
+    /// Where it acts sooner when it is tried at the start, right after parameters were read: tests need not wait, and what
+    /// stops the motors later is not the watchdog.
+    pub(crate) watchdog_trial_after: Option<Duration>,
+    /// On a terminal, characters and commands take the time that they take on a real line.
+    pub(crate) has_line_timing: bool,
     pub(crate) trouble: Trouble,
     /// What the motors got, each time that it changed.
     pub(crate) outputs: Vec<Output>,
     /// Motor commands that were obeyed.
     pub(crate) obeyed: usize,
     watchdog_is_on: bool,
+    is_watchdog_tried: bool,
     heard: Monotonic,
     returns_in_a_row: u8,
     line: Vec<u8>,
@@ -46,6 +55,8 @@ pub(crate) enum Trouble {
     Mishears(u8, u8),
     /// Motor commands, all of them.
     Refuses,
+    /// What comes right behind a command is lost.
+    OneAtATime,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,6 +83,8 @@ impl Emulator {
             battery: 0x78,
             encoders: None,
             watchdog_after: Duration::from_secs(1),
+            watchdog_trial_after: None,
+            has_line_timing: false,
             trouble: Trouble::None,
             outputs: vec![Output {
                 at: now,
@@ -79,6 +92,7 @@ impl Emulator {
             }],
             obeyed: 0,
             watchdog_is_on: true,
+            is_watchdog_tried: false,
             heard: now,
             returns_in_a_row: 0,
             line: Vec::new(),
@@ -116,7 +130,8 @@ impl Emulator {
                 | Trouble::Deaf
                 | Trouble::Mute
                 | Trouble::Mishears(..)
-                | Trouble::Refuses => byte,
+                | Trouble::Refuses
+                | Trouble::OneAtATime => byte,
             };
             if self.is_in_rc_mode {
                 self.hear_in_rc_mode(byte, &mut says);
@@ -126,6 +141,9 @@ impl Emulator {
             if byte == b'\r' {
                 let line = std::mem::take(&mut self.line);
                 says.extend(self.obey(&line, now));
+                if self.trouble == Trouble::OneAtATime && !line.is_empty() {
+                    break;
+                }
             } else {
                 self.line.push(byte);
             }
@@ -140,7 +158,8 @@ impl Emulator {
     /// What it says by itself.
     pub(crate) fn pass_time(&mut self, now: Monotonic) -> Vec<u8> {
         let is_watching = self.watchdog_is_on && !self.is_in_rc_mode;
-        if !is_watching || now.since(self.heard) < self.watchdog_after {
+        let trial = self.watchdog_trial_after.filter(|_| self.is_watchdog_tried);
+        if !is_watching || now.since(self.heard) < trial.unwrap_or(self.watchdog_after) {
             return Vec::new();
         }
         self.heard = now;
@@ -169,6 +188,7 @@ impl Emulator {
     fn obey(&mut self, line: &[u8], now: Monotonic) -> Vec<u8> {
         let value = |value: u8| format!("{value:02X}\r").into_bytes();
         let values = |of: [u8; 2]| [value(of[0]), value(of[1])].concat();
+        self.is_watchdog_tried = line == b"^01";
         match line {
             [] => Vec::new(),
             [b'!', letter @ (b'A' | b'a' | b'B' | b'b'), high, low]

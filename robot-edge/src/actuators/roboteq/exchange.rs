@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::wire::{Answer, Command, Reply};
+use super::wire::{Answer, Channel, Command, Line, Power, Reply};
 use crate::clock::Monotonic;
 
 /// Longest wait for the end of an answer. The longest exchange (`?E`) is 3 + 9 characters of 1.04 ms, the controller looks
@@ -14,7 +14,12 @@ pub(super) const PATIENCE: Duration = Duration::from_millis(100);
 pub(super) struct Exchange {
     pub(super) command: Command,
     sent: Monotonic,
-    is_echoed: bool,
+    /// The command that it interrupted, until its echo has come.
+    late_echo: Option<Command>,
+    /// That command's acknowledgement may still come.
+    has_late_answer: bool,
+    echoes: usize,
+    acknowledged: usize,
     values: [u8; 2],
     count: usize,
 }
@@ -37,9 +42,24 @@ impl Exchange {
         Self {
             command,
             sent: now,
-            is_echoed: false,
+            late_echo: None,
+            has_late_answer: false,
+            echoes: 0,
+            acknowledged: 0,
             values: [0; 2],
             count: 0,
+        }
+    }
+
+    /// Both motors are told zero, whatever still waits for its answer: that comes first, and counts for nothing.
+    pub(super) fn stop_both(interrupted: Option<Self>, now: Monotonic) -> Self {
+        Self {
+            late_echo: interrupted
+                .filter(|last| last.echoes == 0)
+                .map(|last| last.command),
+            has_late_answer: interrupted
+                .is_some_and(|last| last.command.answer() == Answer::Acknowledgement),
+            ..Self::new(Command::StopBoth, now)
         }
     }
 
@@ -55,23 +75,58 @@ impl Exchange {
     /// Only what follows the command's own echo is its answer: a late answer to another one is not.
     pub(super) fn take(&mut self, reply: Reply) -> Outcome {
         match reply {
-            Reply::Echo(line) if line == self.command.line() => {
-                self.is_echoed = true;
+            Reply::Echo(line) => self.take_echo(line),
+            Reply::Acknowledged | Reply::Refused if self.has_late_answer => {
+                self.has_late_answer = false;
                 Outcome::Waiting
             }
-            Reply::Echo(_) => Outcome::Garbled,
-            Reply::Refused if self.is_echoed => Outcome::Refused,
-            Reply::Acknowledged if self.is_echoed => match self.command.answer() {
-                Answer::Acknowledgement => Outcome::Done(self.values),
+            Reply::Refused if self.echoes > self.acknowledged => Outcome::Refused,
+            Reply::Acknowledged if self.echoes > self.acknowledged => match self.command.answer() {
+                Answer::Acknowledgement => {
+                    self.acknowledged += 1;
+                    if self.acknowledged < self.lines() {
+                        Outcome::Waiting
+                    } else {
+                        Outcome::Done(self.values)
+                    }
+                }
                 Answer::Values(_) => Outcome::Waiting,
             },
-            Reply::Value(value) if self.is_echoed => self.take_value(value),
+            Reply::Value(value) if self.echoes > 0 => self.take_value(value),
             Reply::Refused
             | Reply::Acknowledged
             | Reply::Value(_)
             | Reply::WatchdogTripped
             | Reply::Prompt
             | Reply::Noise => Outcome::Waiting,
+        }
+    }
+
+    fn take_echo(&mut self, line: Line) -> Outcome {
+        if self
+            .late_echo
+            .take()
+            .is_some_and(|late| late.line() == line)
+        {
+            return Outcome::Waiting;
+        }
+        let own = match (self.command, self.echoes) {
+            (Command::StopBoth, 0) => Command::Run(Channel::One, Power::ZERO),
+            (Command::StopBoth, _) => Command::Run(Channel::Two, Power::ZERO),
+            (command, _) => command,
+        };
+        if line != own.line() {
+            return Outcome::Garbled;
+        }
+        self.echoes = self.lines().min(self.echoes + 1);
+        Outcome::Waiting
+    }
+
+    /// Lines that it is sent in, each of which has an echo and an acknowledgement of its own.
+    const fn lines(&self) -> usize {
+        match self.command {
+            Command::StopBoth => 2,
+            Command::Run(..) | Command::Read(_) | Command::Voltages | Command::EncoderSpeeds => 1,
         }
     }
 
@@ -93,13 +148,16 @@ impl Exchange {
 
 #[cfg(test)]
 mod tests {
-    use super::super::wire::{Channel, Parameter, Power, ReplyParser};
+    use super::super::wire::{Parameter, ReplyParser};
     use super::*;
 
     const RUN: Command = Command::Run(Channel::One, Power::ZERO);
 
     fn hear(command: Command, bytes: &[u8]) -> Outcome {
-        let mut exchange = Exchange::new(command, Monotonic::from_nanos(0));
+        outcome(Exchange::new(command, Monotonic::from_nanos(0)), bytes)
+    }
+
+    fn outcome(mut exchange: Exchange, bytes: &[u8]) -> Outcome {
         let mut parser = ReplyParser::default();
         bytes
             .iter()
@@ -130,5 +188,47 @@ mod tests {
             hear(Command::Voltages, b"11\r?E\r8A\rW6B\r"),
             Outcome::Done([0x8A, 0x6B])
         );
+    }
+
+    #[test]
+    fn both_motors_must_acknowledge() {
+        let stop = Command::StopBoth;
+        for done in [
+            &b"!A00\r+\r!B00\r+\r"[..],
+            b"!A00\r!B0+0\r+",
+            b"!A00\r!B00\r++",
+        ] {
+            assert_eq!(hear(stop, done), Outcome::Done([0; 2]));
+        }
+        assert_eq!(hear(stop, b"!A00\r+\r!B00\r"), Outcome::Waiting);
+        assert_eq!(hear(stop, b"!A00\r+\r+\r"), Outcome::Waiting);
+        assert_eq!(hear(stop, b"!A00\r+\r!B00\r-"), Outcome::Refused);
+        assert_eq!(hear(stop, b"!B00\r+"), Outcome::Garbled);
+        assert_eq!(hear(stop, b"!A00\r+!A00\r+"), Outcome::Garbled);
+    }
+
+    #[test]
+    fn the_answer_to_what_a_stop_interrupted_is_not_its_own() {
+        let interrupting = |command| {
+            let last = Exchange::new(command, Monotonic::from_nanos(0));
+            Exchange::stop_both(Some(last), Monotonic::from_nanos(1))
+        };
+        let drive = Command::Run(Channel::Two, Power::of_fraction(1.0));
+        for late in [drive, RUN] {
+            let echo = [late.bytes().as_bytes(), b"+"].concat();
+            let both = [&echo[..], b"!A00\r+!B00\r"].concat();
+            assert_eq!(outcome(interrupting(late), &both), Outcome::Waiting);
+            let done = [&both[..], b"+"].concat();
+            assert_eq!(outcome(interrupting(late), &done), Outcome::Done([0; 2]));
+        }
+        // Its acknowledgement comes behind the stop's first echo.
+        let late = b"!B7F\r!A00\r+!B00\r+";
+        assert_eq!(outcome(interrupting(drive), late), Outcome::Waiting);
+        let query = interrupting(Command::Voltages);
+        assert_eq!(
+            outcome(query, b"?E\r8A\r!A00\r6B\r+!B00\r+"),
+            Outcome::Done([0; 2])
+        );
+        assert_eq!(outcome(query, b"?Z\r"), Outcome::Garbled);
     }
 }

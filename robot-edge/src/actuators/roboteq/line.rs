@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use super::config::RoboteqConfig;
 use super::driver::{Driver, State, Status};
+use super::holder::Holder;
 use super::port::{Port, PortError, Sharing};
 use crate::actuators::report::{ControllerFault, ControllerFlags, ControllerWatchdog};
 use crate::clock::Monotonic;
@@ -12,6 +13,15 @@ use crate::teleop::Velocity;
 
 /// Between two attempts to open the port.
 const REOPEN: Duration = Duration::from_millis(200);
+
+/// Between two attempts to open a port that another process has locked.
+const LOCKED_RETRY: Duration = Duration::from_millis(50);
+
+/// A guard whose edge has gone ends by itself within 600 ms. After this it never does, and is ended: it was stopped.
+const TAKE_OVER_AFTER: Duration = Duration::from_secs(2);
+
+/// Well before that the motors that it has left behind are told zero.
+const STOP_AFTER: Duration = Duration::from_millis(150);
 
 /// Most reads in one step: more than a line of 960 characters a second can bring, and a bound for one that never ends.
 const READS: usize = 16;
@@ -24,12 +34,28 @@ pub struct Line {
     end: End,
     /// Times that a port was lost that was open, and what its drivers lost before.
     reconnects: u32,
+    locked: Option<Locked>,
+}
+
+/// Another process has locked the port.
+#[derive(Clone, Copy, Debug)]
+struct Locked {
+    since: Monotonic,
+    /// The motors that it has left behind were told zero.
+    was_stopped: bool,
 }
 
 #[derive(Debug)]
 enum End {
-    Closed { retry: Monotonic, errno: u8 },
-    Open { port: Port, driver: Box<Driver> },
+    Closed {
+        retry: Monotonic,
+        /// Absent where it was not tried yet, or may be open soon.
+        fault: Option<ControllerFault>,
+    },
+    Open {
+        port: Port,
+        driver: Box<Driver>,
+    },
 }
 
 impl Line {
@@ -40,9 +66,10 @@ impl Line {
             sharing,
             end: End::Closed {
                 retry: now,
-                errno: 0,
+                fault: None,
             },
             reconnects: 0,
+            locked: None,
         }
     }
 
@@ -56,7 +83,7 @@ impl Line {
             }
             self.end = End::Closed {
                 retry: now + REOPEN,
-                errno: lost.errno(),
+                fault: Some(lost.fault()),
             };
         }
     }
@@ -66,7 +93,13 @@ impl Line {
             if now < retry {
                 return Ok(());
             }
-            let port = Port::open(&self.config.port, self.sharing)?;
+            let opened = Port::open(&self.config.port, self.sharing);
+            if opened.as_ref().is_err_and(PortError::is_locked) {
+                self.wait_for_holder(now);
+                return Ok(());
+            }
+            self.locked = None;
+            let port = opened?;
             let has_encoders = self.config.encoder_full_speed_mps.is_some();
             let driver = Driver::new(has_encoders, self.config.require_watchdog, now);
             self.end = End::Open {
@@ -96,6 +129,35 @@ impl Line {
         Ok(())
     }
 
+    /// The port is locked: by the guard of an edge that was killed just now, as a rule.
+    fn wait_for_holder(&mut self, now: Monotonic) {
+        let new = Locked {
+            since: now,
+            was_stopped: false,
+        };
+        let locked = self.locked.get_or_insert(new);
+        let waited = now.since(locked.since);
+        let holder = Holder::of(&self.config.port);
+        let orphan = holder.filter(|holder| holder.is_orphaned_guard());
+        if orphan.is_some() && waited >= STOP_AFTER && !locked.was_stopped {
+            locked.was_stopped = true;
+            // What cannot be told now is told as soon as the port is open.
+            drop(Port::stop_blindly(&self.config.port));
+        }
+        let is_ended =
+            |orphan: Holder| waited < 2 * TAKE_OVER_AFTER && orphan.kill_orphaned_guard();
+        let (retry, fault) = if waited < TAKE_OVER_AFTER || orphan.is_some_and(is_ended) {
+            (LOCKED_RETRY, None)
+        } else {
+            let pid = holder.map_or(0, |holder| holder.pid);
+            (REOPEN, Some(ControllerFault::Held(pid)))
+        };
+        self.end = End::Closed {
+            retry: now + retry,
+            fault,
+        };
+    }
+
     /// When to step at the latest.
     pub fn deadline(&self) -> Monotonic {
         match &self.end {
@@ -115,11 +177,8 @@ impl Line {
     /// What is known of the controller.
     pub fn status(&self, now: Monotonic) -> Status {
         match &self.end {
-            End::Closed { errno, .. } => Status {
-                state: match errno {
-                    0 => State::Starting,
-                    _ => State::Faulty(ControllerFault::Port(*errno)),
-                },
+            End::Closed { fault, .. } => Status {
+                state: fault.map_or(State::Starting, State::Faulty),
                 acknowledged: None,
                 encoders: None,
                 battery_v: None,

@@ -14,6 +14,8 @@ mod routine;
 pub mod driver;
 
 #[cfg(target_os = "linux")]
+mod holder;
+#[cfg(target_os = "linux")]
 pub mod line;
 #[cfg(target_os = "linux")]
 pub mod port;

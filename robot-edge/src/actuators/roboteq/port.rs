@@ -9,6 +9,8 @@ use rustix::fs::{FlockOperation, Mode, OFlags};
 use rustix::termios::{self, ControlModes, InputModes, OptionalActions, QueueSelector};
 
 use super::driver::Transmission;
+use super::wire;
+use crate::actuators::report::ControllerFault;
 
 /// Why a port could not be opened.
 #[derive(Debug, thiserror::Error)]
@@ -30,13 +32,21 @@ pub enum PortError {
 }
 
 impl PortError {
-    /// The system's number for it, `EINVAL` for settings that the port cannot do.
-    pub fn errno(&self) -> u8 {
+    /// By the system's number for it, `EINVAL` for settings that the port cannot do.
+    pub fn fault(&self) -> ControllerFault {
         let number = match self {
             Self::Io { source, .. } => source.raw_os_error().unwrap_or(0),
             Self::Settings { .. } => rustix::io::Errno::INVAL.raw_os_error(),
         };
-        u8::try_from(number).unwrap_or(u8::MAX)
+        ControllerFault::Port(u8::try_from(number).unwrap_or(u8::MAX))
+    }
+
+    /// Whether another process holds the port's lock.
+    pub fn is_locked(&self) -> bool {
+        match self {
+            Self::Io { source, .. } => source.kind() == io::ErrorKind::WouldBlock,
+            Self::Settings { .. } => false,
+        }
     }
 }
 
@@ -76,6 +86,19 @@ impl Port {
                 path: path.to_owned(),
             })
         }
+    }
+
+    /// Tells the motors at `path` zero once, whoever holds the port, without waiting for an answer.
+    pub fn stop_blindly(path: &Path) -> Result<(), PortError> {
+        let stop = Transmission {
+            bytes: wire::stop_blindly(),
+            flush: true,
+        };
+        let sent = Self::open(path, Sharing::Anybody)?.send(&stop);
+        sent.map_err(|source| PortError::Io {
+            path: path.to_owned(),
+            source,
+        })
     }
 
     /// Sends without waiting. What does not fit into the port's buffer is lost: the controller will not answer, and the

@@ -103,6 +103,14 @@ impl Routine {
         Some(Task::RunOne)
     }
 
+    /// Both motors are told zero, whatever was to be said next.
+    pub(super) fn stop_both(&mut self, now: Monotonic) {
+        self.is_half = false;
+        self.may_ask = true;
+        self.must_repeat = false;
+        self.pair_at = now;
+    }
+
     /// What was said last went wrong: both motors are told anew.
     pub(super) fn repeat(&mut self, now: Monotonic) {
         self.is_half = false;

@@ -71,6 +71,9 @@ impl Power {
 pub enum Command {
     /// `!Ann`, `!ann`, `!Bnn`, `!bnn`: run a motor (p. 143). In mixed mode it would mean something else.
     Run(Channel, Power),
+    /// `!A00` and `!B00` in one write: whoever has written it need not live on until both motors stand. Whether the
+    /// controller takes two commands back to back the manual does not say: it is tried at the start.
+    StopBoth,
     /// `^mm`: read a parameter (p. 147).
     Read(Parameter),
     /// `?e`: battery and internal voltage (p. 146).
@@ -101,7 +104,7 @@ pub enum Answer {
 }
 
 impl Command {
-    /// What is sent, without the carriage return; the echo must be the same.
+    /// What is sent, without the last carriage return; the echo must be the same.
     pub fn line(self) -> Line {
         let mut line = Line::EMPTY;
         match self {
@@ -115,6 +118,7 @@ impl Command {
                 line.extend(&[b'!', letter]);
                 line.extend(&hex(power.0.unsigned_abs()));
             }
+            Self::StopBoth => line.extend(b"!A00\r!B00"),
             Self::Read(parameter) => {
                 line.extend(b"^");
                 line.extend(&hex(parameter as u8));
@@ -135,7 +139,7 @@ impl Command {
     /// What ends the answer.
     pub const fn answer(self) -> Answer {
         match self {
-            Self::Run(..) => Answer::Acknowledgement,
+            Self::Run(..) | Self::StopBoth => Answer::Acknowledgement,
             Self::Read(_) => Answer::Values(1),
             Self::Voltages | Self::EncoderSpeeds => Answer::Values(2),
         }

@@ -117,6 +117,7 @@ fn orders_wait_where_measurements_are_lost() {
         waiting: VecDeque::new(),
         state: Arc::default(),
         is_wanted: true,
+        is_resumed: false,
         thread: None,
     };
     live.add(&transform(1, "base_link", false));
@@ -135,4 +136,68 @@ fn orders_wait_where_measurements_are_lost() {
         live.reset_clock();
     }
     assert_eq!(taken, [101, 0, 1]);
+}
+
+/// A run that records, and is cut off: what it leaves behind is what a crash would leave.
+#[test]
+fn what_was_recorded_when_a_run_was_cut_off_goes_on_with_the_next() {
+    let folder = tempfile::tempdir().unwrap();
+    let begin = |space_of: SpaceOf| {
+        let mut live = LiveRecording::on_disk(space_of, folder.path(), "scout", "pioneer").unwrap();
+        live.add_streams(&[stream()]);
+        live
+    };
+    let mut live = begin(roomy);
+    assert!(!live.is_resumed(), "nothing was recorded before");
+    live.record(true);
+    live.add(&transform(1, "base_link", false));
+    drop(live);
+    // Twice: what goes on by itself is cut off too.
+    for nanos in [2, 3] {
+        let mut live = begin(roomy);
+        live.add(&transform(nanos, "base_link", false));
+        assert!(live.is_resumed());
+        drop(live);
+    }
+    let recorded = |folder: &Path| {
+        let files = files(folder).into_iter();
+        let files = files.filter(|file| file.extension().is_some_and(|is| is == "mcap"));
+        let mut found: Vec<_> = files.map(|file| stamps(&file)).collect();
+        found.sort();
+        found
+    };
+    assert_eq!(recorded(folder.path()), [[1], [2], [3]]);
+    // Another robot's recordings may be in the same folder.
+    let other = LiveRecording::on_disk(roomy, folder.path(), "barge", "pioneer").unwrap();
+    assert!(!other.is_resumed());
+    drop(other);
+
+    for does_stop in [true, false] {
+        let mut live = begin(roomy);
+        assert!(live.is_resumed());
+        if does_stop {
+            live.record(false);
+            drop(live);
+        } else {
+            live.end();
+        }
+        let mut live = begin(roomy);
+        assert!(!live.is_resumed(), "it was stopped: {does_stop}");
+        live.record(true);
+        drop(live);
+    }
+
+    let scarce = |_folder: &Path| {
+        Ok(Space {
+            free_bytes: 900_000_000,
+            total_bytes: 10_000_000_000,
+        })
+    };
+    let live = begin(scarce);
+    assert!(live.is_resumed());
+    let state = Arc::clone(&live.state);
+    drop(live);
+    assert!(lock(&state).problem.is_some());
+    let live = begin(roomy);
+    assert!(!live.is_resumed(), "the disk has ended it");
 }

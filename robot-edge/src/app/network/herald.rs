@@ -81,9 +81,11 @@ impl Herald {
 
     /// The poses jumped between the scans before and those to come. Nothing was measured with that: the oldest moment there is.
     pub(in crate::app) fn jumped(&mut self) -> Monotonic {
-        match (self.on_jump, &mut self.lookout) {
-            (OnJump::Reset, Some(lookout)) => lookout.forget_ground(),
-            (OnJump::Reset, None) | (OnJump::Keep, _) => {}
+        if let Some(lookout) = &mut self.lookout {
+            lookout.jumped();
+            if self.on_jump == OnJump::Reset {
+                lookout.forget_ground();
+            }
         }
         Monotonic::default()
     }
@@ -97,7 +99,9 @@ impl Herald {
             Some(lookout) => lookout.see(scan, now),
             None => now,
         };
-        self.sensors.placed(scan);
+        let is_blocked = |lookout: &Lookout| lookout.is_blocked(scan.sensor);
+        let is_blocked = self.lookout.as_ref().is_some_and(is_blocked);
+        self.sensors.placed(scan, is_blocked);
         if self.shared.wants_scan()
             && let Some(name) = self.sensors.name(scan.sensor)
             && let Some(shown) = last_scan(name, scan)

@@ -61,5 +61,6 @@ const fn fault_kind(fault: SensorFault) -> &'static str {
         SensorFault::Clock => "sensor_clock",
         SensorFault::AllInvalid => "sensor_invalid",
         SensorFault::Slow => "sensor_slow",
+        SensorFault::Blocked => "sensor_blocked",
     }
 }

@@ -256,7 +256,7 @@ fn what_is_recorded_is_whole_before_the_map_is_served_or_exported() {
     sides.placing.live = Some(live);
     take(&mut sides, before);
     steps_of(&mut sides, &mut source, 5);
-    let recorded = sides.placing.end_recordings();
+    let recorded = sides.placing.end_recordings(true);
     recorded.result.unwrap();
     assert!(sides.placing.recorder.is_none());
     // MCAP's magic stands at both ends of a file that is whole.

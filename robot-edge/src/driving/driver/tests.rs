@@ -92,6 +92,7 @@ fn scan_of_a_wall() -> PosedScan {
         stamp: RobotTime::from_nanos(0),
         sensor: SensorId(0),
         beam_step_rad: std::f64::consts::TAU / 720.0,
+        own_body_hits: 0,
         odom_from_base: planar(2.0, 1.0, 0.0),
         beams: beams.collect(),
     }
@@ -219,3 +220,5 @@ fn a_press_of_whoever_may_not_stop_the_vehicle_is_refused_for_that_by_whichever_
         }
     }
 }
+
+mod guard_again;

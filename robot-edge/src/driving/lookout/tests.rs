@@ -44,6 +44,7 @@ fn scan((sensor, millis): (u8, i64), odom_from_base: Pose, end_in_base: [f64; 3]
         stamp: RobotTime::from_nanos(1_000_000 * millis),
         sensor: SensorId(sensor),
         beam_step_rad: 0.01,
+        own_body_hits: 0,
         odom_from_base,
         beams: vec![beam],
     }
@@ -209,4 +210,24 @@ fn a_boat_is_judged_by_the_water_whatever_its_ground() {
         assert!((points[0][0] - 1.2).abs() < 1e-9, "{points:?}");
     }
     assert_eq!(lookout.ground_plane(), None);
+}
+
+/// One gap that is too short, and one that is too long, change nothing.
+#[test]
+fn the_period_of_a_sensor_is_the_median_of_its_gaps() {
+    let (mut lookout, _, _) = lookout(rules(false), 1, None);
+    let sensor = &mut lookout.sensors[0];
+    let mut stamp_ms = 0;
+    let mut period_ms = |gap_ms: i64| {
+        stamp_ms += gap_ms;
+        let stamp = RobotTime::from_nanos(1_000_000 * stamp_ms);
+        sensor.period_at(stamp).as_millis()
+    };
+    assert_eq!(period_ms(0), 100, "nothing is known yet");
+    for gap_ms in [200, 200, 200, 5, 195, 200, 2000, 200] {
+        assert_eq!(period_ms(gap_ms), 200, "{gap_ms}");
+    }
+    // Another rate is known by its fifth gap.
+    let slower = [500; 5].map(&mut period_ms);
+    assert_eq!((slower[0], slower[4]), (200, 500));
 }

@@ -3,7 +3,7 @@
 use protocol::keys::OperatorId as OperatorName;
 
 use super::reasons::{why_ended, why_stopped};
-use crate::driving::board::Notice;
+use crate::driving::board::{GuardAgain, Notice};
 use crate::teleop::arbiter::FaultReason;
 use crate::teleop::emergency_stop::EStopSource;
 use crate::teleop::lease::How;
@@ -25,6 +25,7 @@ pub(in crate::driving) fn event(notice: &Notice, names: &[OperatorName]) -> (&'s
             );
         }
         Notice::Motors(fault) => return ("motors", fault.to_string()),
+        Notice::LoopFailed(failure) => return ("fault", failure.to_string()),
         Notice::Recording { is_on, by } => {
             let done = if is_on { "started" } else { "stopped" };
             return (
@@ -42,6 +43,14 @@ pub(in crate::driving) fn event(notice: &Notice, names: &[OperatorName]) -> (&'s
                 kind,
                 format!("the collision guard was switched {to} by {}", name(by)),
             );
+        }
+        Notice::GuardAgain(why) => {
+            let why = match why {
+                GuardAgain::Granted(to) => format!("{} has the lease from now on", name(to)),
+                GuardAgain::EStopped => "an emergency stop".to_owned(),
+                GuardAgain::Reset => "a reset".to_owned(),
+            };
+            return ("guard", format!("the collision guard is on again: {why}"));
         }
     };
     match happening {

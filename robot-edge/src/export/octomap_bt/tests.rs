@@ -7,6 +7,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::mapping::octree::BrickStates;
 use crate::recording::shared_data::shared_data;
+use crate::skip::skip;
 
 const fn at(x: i32, y: i32, z: i32) -> VoxelIndex {
     VoxelIndex { x, y, z }
@@ -325,7 +326,7 @@ fn octomaps_own_tools_read_what_was_written() {
     ];
     fs::write(&path, written(cubes)).unwrap();
     let Ok(output) = Command::new("bt2vrml").arg(&path).output() else {
-        println!("skipped: octomap-tools are not installed");
+        skip("there is no program bt2vrml", "package octomap-tools");
         return;
     };
     let said = String::from_utf8_lossy(&output.stdout);

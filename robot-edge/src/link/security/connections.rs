@@ -1,6 +1,7 @@
 //! Who connects to a vehicle, for the audit log.
 
 use zenoh::sample::SampleKind;
+use zenoh::session::Link;
 use zenoh::{Session, Wait};
 
 use crate::audit::{Audit, LinkNews};
@@ -13,28 +14,12 @@ pub(in crate::link) fn write_down_links(
     channel: Channel,
     audit: Audit,
 ) -> Result<(), LinkError> {
-    let channel = match channel {
-        Channel::Control => "control",
-        Channel::Bulk => "tiles",
-    };
     session
         .info()
         .link_events_listener()
         .callback(move |event| {
-            let link = event.link();
-            // Of a connection that carries datagrams too, one line is enough.
-            if !link.is_streamed() {
-                return;
-            }
-            let who = link
-                .auth_identifier()
-                .unwrap_or("somebody without a certificate");
-            audit.write_link(LinkNews {
-                who: who.to_owned(),
-                channel,
-                from: link.dst().to_string(),
-                is_up: event.kind() == SampleKind::Put,
-            });
+            let is_up = event.kind() == SampleKind::Put;
+            write_down(event.link(), channel, is_up, &audit);
         })
         .background()
         .wait()
@@ -42,4 +27,30 @@ pub(in crate::link) fn write_down_links(
             what: "the watch over links".to_owned(),
             why,
         })
+}
+
+/// Writes down that the links of a session end, which is about to be closed: it reports none of these ends itself.
+pub(in crate::link) fn write_down_ends(session: &Session, channel: Channel, audit: &Audit) {
+    for link in session.info().links().wait() {
+        write_down(&link, channel, false, audit);
+    }
+}
+
+fn write_down(link: &Link, channel: Channel, is_up: bool, audit: &Audit) {
+    // Of a connection that carries datagrams too, one line is enough.
+    if !link.is_streamed() {
+        return;
+    }
+    let who = link
+        .auth_identifier()
+        .unwrap_or("somebody without a certificate");
+    audit.write_link(LinkNews {
+        who: who.to_owned(),
+        channel: match channel {
+            Channel::Control => "control",
+            Channel::Bulk => "tiles",
+        },
+        from: link.dst().to_string(),
+        is_up,
+    });
 }

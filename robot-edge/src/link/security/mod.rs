@@ -11,6 +11,6 @@ mod tls;
 
 pub use router::RouterConfig;
 
-pub(super) use connections::write_down_links;
+pub(super) use connections::{write_down_ends, write_down_links};
 pub(super) use strangers::refuse_strangers;
 pub(super) use tls::{SettingsOfTls, console_settings, edge_settings};

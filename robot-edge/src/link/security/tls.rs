@@ -5,7 +5,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use super::access::vehicle_access;
-use crate::credentials::{Credentials, CredentialsError, Identity, OperatorList};
+use crate::credentials::{Credentials, Identity, OperatorList};
 
 /// Sessions that a vehicle or a router holds at once: as many as it tells people apart.
 const MAX_SESSIONS: usize = 64;
@@ -50,16 +50,16 @@ fn with_files(credentials: &Credentials) -> SettingsOfTls {
     settings
 }
 
-/// Settings of a vehicle's sessions. The list of operators is read anew: it may have changed since the last session.
+/// Settings of a vehicle's sessions, to which `people` may connect.
 pub(in crate::link) fn edge_settings(
     credentials: &Credentials,
-) -> Result<SettingsOfTls, CredentialsError> {
+    people: &OperatorList,
+) -> SettingsOfTls {
     let mut settings = with_files(credentials);
     if let Identity::Vehicle(robot) = credentials.identity() {
-        let people = OperatorList::read(&credentials.operator_list())?;
-        settings.push(("access_control", vehicle_access(robot, &people)));
+        settings.push(("access_control", vehicle_access(robot, people)));
     }
-    Ok(settings)
+    settings
 }
 
 /// Settings of a console's sessions.

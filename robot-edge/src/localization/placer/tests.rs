@@ -50,6 +50,7 @@ fn settings(origin: PoseOrigin) -> PlacerSettings {
         body: BodyBox {
             length_m: 0.4,
             width_m: 0.4,
+            offset_m: 0.0,
             lowest_m: 0.0,
             highest_m: 0.5,
         },

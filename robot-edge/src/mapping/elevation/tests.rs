@@ -29,6 +29,7 @@ fn scan(time_s: f64, x_m: f64, points: &[[f64; 3]]) -> PosedScan {
         stamp: RobotTime::from_secs_f64(time_s).unwrap(),
         sensor: SensorId(0),
         beam_step_rad: 0.004,
+        own_body_hits: 0,
         odom_from_base,
         beams: points
             .iter()

@@ -39,6 +39,7 @@ proptest! {
                 stamp: RobotTime::from_nanos(40_000_000 * n),
                 sensor: SensorId(0),
                 beam_step_rad: 0.004,
+                own_body_hits: 0,
                 odom_from_base,
                 beams: beams.collect(),
             };

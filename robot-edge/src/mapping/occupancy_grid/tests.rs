@@ -17,6 +17,7 @@ fn scan(beams: &[Beam]) -> PosedScan {
         stamp: RobotTime::from_nanos(0),
         sensor: SensorId(0),
         beam_step_rad: 0.004,
+        own_body_hits: 0,
         odom_from_base: Pose::identity(),
         beams: beams
             .iter()

@@ -38,6 +38,7 @@ fn scan(stamp_ns: i64, [x, y]: [f64; 2]) -> Placed {
         stamp: RobotTime::from_nanos(stamp_ns),
         sensor: SensorId(0),
         beam_step_rad: 0.005,
+        own_body_hits: 0,
         odom_from_base: Pose::identity(),
         beams: beams.collect(),
     })

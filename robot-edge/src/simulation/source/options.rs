@@ -52,6 +52,7 @@ pub(super) struct Errors {
     pub(super) attitude_noise_rad: f64,
     pub(super) joint_lag_s: f64,
     pub(super) fix_noise_m: f64,
+    pub(super) laser_covered_s: Option<[f64; 2]>,
 }
 
 impl Errors {
@@ -75,6 +76,7 @@ impl Errors {
                 .unwrap_or_else(|| world.attitude_noise_rad()),
             joint_lag_s: options.joint_lag_s.unwrap_or_else(|| world.joint_lag_s()),
             fix_noise_m: options.fix_noise_m.unwrap_or_else(|| world.fix_noise_m()),
+            laser_covered_s: world.laser_covered_s(),
         };
         let not_negative = 0.0..=f64::INFINITY;
         for (option, value, allowed, must_be) in [

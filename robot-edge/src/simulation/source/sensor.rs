@@ -188,10 +188,17 @@ impl Sensor {
                     let time_s = time_s + after_s;
                     run.motion.world_from_base(time_s) * sensor.base_from_sensor(time_s)
                 };
-                let scan =
+                let mut scan =
                     sensor
                         .planar
                         .sweep(&run.scene, errors.laser, noise, time_s, world_from_sensor);
+                sensor.add_own_posts(&mut scan, time_s);
+                let is_covered = |[from_s, until_s]: [f64; 2]| (from_s..until_s).contains(&time_s);
+                if sensor.name == run.vehicle.laser.name
+                    && errors.laser_covered_s.is_some_and(is_covered)
+                {
+                    scan.ranges_m.fill(f32::INFINITY);
+                }
                 let data = MeasurementData::Scan {
                     scan,
                     own_pose: None,

@@ -11,7 +11,7 @@ use crate::simulation::dynamics::{Drag, Drive, TwinThrusters};
 use crate::simulation::gps::GpsReceiver;
 use crate::simulation::hull::Hull;
 use crate::simulation::laser::PlanarLaser;
-use crate::simulation::range_sensor::RangeSensor;
+use crate::simulation::range_sensor::{Post, RangeSensor};
 use crate::simulation::tilt_servo::TiltServo;
 
 /// The boat of the hybrid perception document [HYB §2.2]: a Nacra 4.5 catamaran of 4.5 × 2.44 m, up to 3 m/s
@@ -67,6 +67,7 @@ pub(super) fn riverwatch() -> SimulatedVehicle {
             planar: PlanarLaser::ld_lrs2100(),
             base_from_mount: Pose::translation(0.5, 0.0, 1.9),
             tilt: Some(servo),
+            own_posts: &POSTS,
         },
         further_range_sensors: vec![RangeSensor {
             name: "sonar",
@@ -77,7 +78,20 @@ pub(super) fn riverwatch() -> SimulatedVehicle {
                 sonar_attitude.rotation(),
             ),
             tilt: None,
+            own_posts: &[],
         }],
+    }
+}
+
+/// Beside the laser, which sees them at every tilt: its axis points at them. Invented; the lights of a boat stand there. By
+/// their echoes the collision guard knows on open water that the laser is not covered.
+const POSTS: [Post; 2] = [post(1.15), post(-1.15)];
+
+const fn post(y_m: f64) -> Post {
+    Post {
+        at_m: [0.5, y_m],
+        radius_m: 0.025,
+        heights_m: [0.3, 2.0],
     }
 }
 

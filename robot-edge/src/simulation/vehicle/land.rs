@@ -153,5 +153,6 @@ fn main_laser(planar: PlanarLaser, base_from_mount: Pose, tilt: Option<TiltServo
         planar,
         base_from_mount,
         tilt,
+        own_posts: &[],
     }
 }

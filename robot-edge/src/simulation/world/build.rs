@@ -59,6 +59,10 @@ pub(super) fn build(parsed: WorldFile) -> Result<World, Fault> {
             .map_or(own_attitude_noise_rad, |deg| deg.0.to_radians()),
         encoder_scale_error: header.noise.encoder_scale_error.0,
         joint_lag_s: header.noise.joint_lag_s.0,
+        laser_covered_s: header
+            .noise
+            .laser_covered_s
+            .map(|span_s| span_s.map(|at_s| at_s.0)),
         fix_noise_m: header.noise.fix_m.map_or(own_fix_noise_m, |fix_m| fix_m.0),
         vehicle,
         errors: LaserErrors {

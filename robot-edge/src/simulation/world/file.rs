@@ -16,6 +16,7 @@
 //! attitude_deg = 0.1                  # standard deviation; default: that of the vehicle's AHRS
 //! encoder_scale_error = 0.048         # default 0; this one reads 4.8 % too far
 //! joint_lag_s = 0.1                   # default 0: encoders of tilting sensors say where they were so long ago
+//! laser_covered_s = [20.0, 40.0]      # default: never; from when until when no beam of the main laser has an echo
 //! fix_m = 0.05                        # standard deviation, heights twice; default: that of the vehicle's receiver
 //!
 //! [waves]                             # default: none; for boats only
@@ -251,6 +252,7 @@ pub(super) struct NoiseEntry {
     #[serde(default)]
     pub(super) joint_lag_s: LagSeconds,
     pub(super) fix_m: Option<NotNegative>,
+    pub(super) laser_covered_s: Option<[NotNegative; 2]>,
 }
 
 #[derive(Debug, Deserialize)]

@@ -29,6 +29,7 @@ pub struct World {
     encoder_scale_error: f64,
     joint_lag_s: f64,
     fix_noise_m: f64,
+    laser_covered_s: Option<[f64; 2]>,
     solids: Arc<[Solid]>,
     is_ground: Arc<[bool]>,
     water_m: Option<f64>,
@@ -182,6 +183,11 @@ impl World {
     /// otherwise, metres.
     pub fn fix_noise_m(&self) -> f64 {
         self.fix_noise_m
+    }
+
+    /// From when until when the main laser's window is covered, seconds: none of its beams has an echo then.
+    pub fn laser_covered_s(&self) -> Option<[f64; 2]> {
+        self.laser_covered_s
     }
 
     /// What stands in it, in the file's order.

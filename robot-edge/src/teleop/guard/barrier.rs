@@ -24,6 +24,10 @@ pub enum BarrierKind {
     Mapped,
     /// Ground that nobody has seen, or seen too long ago.
     Unseen,
+    /// A sonar's beam found the water too shallow.
+    Shallow,
+    /// Ground that only beams without an echo call free.
+    NoEcho,
 }
 
 /// Points to which the travel differs by less are alike, metres: a wall ahead is one, though its points are never quite as far.
@@ -50,7 +54,7 @@ impl Outlook<'_> {
                 (Some(hit), Some(mapped)) if mapped.travel_m < hit.travel_m => {
                     (BarrierKind::Mapped, mapped.point)
                 }
-                (Some(hit), _) => (BarrierKind::Seen, hit.point),
+                (Some(hit), _) => (self.kind_of_hit(hit.point), hit.point),
                 (None, mapped) => (BarrierKind::Mapped, mapped?.point),
             };
             return Some(touched);
@@ -58,8 +62,30 @@ impl Outlook<'_> {
         if self.is_stale {
             return None;
         }
-        let unseen = self.first_touched(self.unseen_margins(), heading, &self.around.unseen)?;
-        Some((BarrierKind::Unseen, unseen.point))
+        let unseen = &self.around.unseen;
+        let points = if bounds.is_by_unseen() {
+            unseen
+        } else {
+            &self.around.not_seen_by_echo
+        };
+        let point = self
+            .first_touched(self.unseen_margins(), heading, points)?
+            .point;
+        let kind = if unseen.contains(&point) {
+            BarrierKind::Unseen
+        } else {
+            BarrierKind::NoEcho
+        };
+        Some((kind, point))
+    }
+
+    fn kind_of_hit(&self, point: [f64; 2]) -> BarrierKind {
+        let (hits, shallows) = (&self.around.hits, self.around.shallows);
+        if hits[hits.len() - shallows..].contains(&point) {
+            BarrierKind::Shallow
+        } else {
+            BarrierKind::Seen
+        }
     }
 
     /// The point that the footprint with its margins touches first; of several that are alike, the one nearest to the

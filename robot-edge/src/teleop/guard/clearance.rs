@@ -6,13 +6,13 @@
 
 use super::heading::Heading;
 
-/// The vehicle seen from above, in its base frame: from `rear_m` (negative) to `front_m` along x, and `half_width_m` to
+/// The vehicle seen from above, in its base frame: from `rear_m` to `front_m` along x, and `half_width_m` to
 /// either side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Footprint {
     /// Metres.
     pub front_m: f64,
-    /// Metres, negative.
+    /// Metres, less than `front_m`: negative where the base frame is within the footprint.
     pub rear_m: f64,
     /// Metres.
     pub half_width_m: f64,
@@ -40,6 +40,16 @@ impl Footprint {
             front_m: 0.5 * length_m,
             rear_m: -0.5 * length_m,
             half_width_m: 0.5 * width_m,
+        }
+    }
+
+    /// The same, so much farther ahead.
+    #[must_use]
+    pub const fn moved_ahead(self, by_m: f64) -> Self {
+        Self {
+            front_m: self.front_m + by_m,
+            rear_m: self.rear_m + by_m,
+            half_width_m: self.half_width_m,
         }
     }
 

@@ -16,6 +16,11 @@ const ROUND_S: f64 = 0.02;
 /// How long the vehicle may go on with what it knew before its sensors fell silent, seconds.
 const BEFORE_STALE_S: f64 = 0.5;
 
+/// Ground must have been looked at within so long where the configuration does not say, seconds.
+const SEEN_ON_LAND_S: f64 = 3.0;
+/// A boat is slower to change its course, and little on open water moves fast.
+const SEEN_ON_WATER_S: f64 = 10.0;
+
 /// The collision guard.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -34,8 +39,15 @@ pub struct GuardConfig {
     pub actuator_delay_s: f64,
     /// A beam has seen that the way is free where it is lower than this above the ground, metres: lower things may hide.
     pub seen_below_m: f64,
-    /// Whether a beam without a return has seen that the way is free.
+    /// Above `creep_mps` the ground in the way must have been looked at within so long, seconds; absent: 3 on land, 10 on
+    /// water.
+    pub seen_s: Option<f64>,
+    /// Whether the sensors tell "no echo" from "window blocked" themselves: then a beam without an echo has seen that the way
+    /// is free, as one with an echo has.
     pub trust_misses: bool,
+    /// Greatest speed where only beams without an echo say that the way is free, metres per second; 0 where they never do.
+    /// They do while their sensor has had echoes of anything within the last second.
+    pub open_mps: f64,
 }
 
 /// What the guard does where nothing is known of what lies ahead.
@@ -58,7 +70,9 @@ impl Default for GuardConfig {
             side_margin_m: 0.03,
             actuator_delay_s: 0.1,
             seen_below_m: 0.3,
-            trust_misses: true,
+            seen_s: None,
+            trust_misses: false,
+            open_mps: 0.5,
         }
     }
 }
@@ -90,6 +104,20 @@ impl GuardConfig {
                 0.0,
                 10.0,
                 "beams that are higher than this have not seen what lies on the ground",
+            ),
+            (
+                "seen_s",
+                self.seen_s.unwrap_or(SEEN_ON_LAND_S),
+                0.2,
+                30.0,
+                "ground that was looked at longer ago may have changed",
+            ),
+            (
+                "open_mps",
+                self.open_mps,
+                0.0,
+                10.0,
+                "it is the speed where only beams without an echo say that the way is free",
             ),
         ];
         let mut faults = Vec::new();
@@ -138,7 +166,9 @@ pub struct GuardRules {
     pub(super) max_turn_rate_radps: f64,
     pub(super) heights: Heights,
     pub(super) seen_below_m: f64,
+    pub(super) seen_for: Duration,
     pub(super) trust_misses: bool,
+    pub(super) open_mps: f64,
     pub(super) is_boat: bool,
 }
 
@@ -180,7 +210,8 @@ impl GuardRules {
                 ahead_m: guard.margin_m.max(guard.side_margin_m),
                 side_m: guard.side_margin_m,
             },
-            footprint: Footprint::centred(vehicle.length_m, vehicle.width_m),
+            footprint: Footprint::centred(vehicle.length_m, vehicle.width_m)
+                .moved_ahead(vehicle.footprint_offset_m),
             braking: Braking {
                 reaction_s: ROUND_S,
                 decel_mps2: teleop.stop_decel_mps2,
@@ -196,7 +227,13 @@ impl GuardRules {
                 keel_m: teleop.is_boat.then_some(vehicle.lowest_point_m),
             },
             seen_below_m: guard.seen_below_m,
+            seen_for: Duration::from_secs_f64(guard.seen_s.unwrap_or(if teleop.is_boat {
+                SEEN_ON_WATER_S
+            } else {
+                SEEN_ON_LAND_S
+            })),
             trust_misses: guard.trust_misses,
+            open_mps: guard.open_mps,
             is_boat: teleop.is_boat,
         })
     }

@@ -12,28 +12,55 @@ const WIDEST_BEAM_RAD: f64 = 0.1;
 #[derive(Clone, Debug)]
 pub(super) struct Coverage {
     origin_in_odom: Point2<f64>,
-    sectors: Box<[Looked; SECTORS]>,
+    sectors: Box<[Option<Look>; SECTORS]>,
 }
 
-/// From where to where beams of one sector looked, metres; as far as all of them did.
+/// What one beam has looked at, or all beams of one sector have; distances along the ground, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Looked {
-    near_m: f32,
-    far_m: f32,
+pub(super) struct Look {
+    /// From here on it was low enough to see what stands on the ground, …
+    pub(super) near_m: f32,
+    /// … up to here.
+    pub(super) far_m: f32,
+    /// It passed over everything up to here, at whatever height.
+    pub(super) reach_m: f32,
+    /// It had no echo.
+    pub(super) is_miss: bool,
 }
 
-impl Looked {
-    const NOWHERE: Self = Self {
+impl Look {
+    pub(super) const NOTHING: Self = Self {
         near_m: f32::INFINITY,
         far_m: 0.0,
+        reach_m: 0.0,
+        is_miss: false,
     };
+
+    /// What both have looked at.
+    fn and(self, other: Self) -> Self {
+        Self {
+            near_m: self.near_m.max(other.near_m),
+            far_m: self.far_m.min(other.far_m),
+            reach_m: self.reach_m.min(other.reach_m),
+            is_miss: self.is_miss || other.is_miss,
+        }
+    }
+}
+
+/// How a place was looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Looked {
+    /// By a beam that was low enough there; else by one that passed above it.
+    pub(super) is_low: bool,
+    /// By a beam without an echo.
+    pub(super) is_miss: bool,
 }
 
 impl Default for Coverage {
     fn default() -> Self {
         Self {
             origin_in_odom: Point2::origin(),
-            sectors: Box::new([Looked::NOWHERE; SECTORS]),
+            sectors: Box::new([None; SECTORS]),
         }
     }
 }
@@ -54,17 +81,11 @@ impl Coverage {
     /// Forgets everything, and looks from another place.
     pub(super) fn clear(&mut self, origin_in_odom: Point2<f64>) {
         self.origin_in_odom = origin_in_odom;
-        self.sectors.fill(Looked::NOWHERE);
+        self.sectors.fill(None);
     }
 
-    /// A beam of some width, radians, looked in a direction (any length) between two distances, metres.
-    pub(super) fn look(
-        &mut self,
-        direction: Vector2<f64>,
-        width_rad: f64,
-        near_m: f64,
-        far_m: f64,
-    ) {
+    /// A beam of some width, radians, looked in a direction (any length).
+    pub(super) fn look(&mut self, direction: Vector2<f64>, width_rad: f64, look: Look) {
         let is_direction =
             direction.x.is_finite() && direction.y.is_finite() && direction != Vector2::zeros();
         if !is_direction {
@@ -73,18 +94,10 @@ impl Coverage {
         let half = (0.5 * width_rad).clamp(0.0, 0.5 * WIDEST_BEAM_RAD); // NaN stays, and looks nowhere
         let across = Vector2::new(-direction.y, direction.x) * half;
         let (first, last) = (sector(direction - across), sector(direction + across));
-        let (near_m, far_m) = (near_m as f32, far_m as f32);
         let mut at = first;
         loop {
             let looked = &mut self.sectors[at];
-            *looked = if *looked == Looked::NOWHERE {
-                Looked { near_m, far_m }
-            } else {
-                Looked {
-                    near_m: looked.near_m.max(near_m),
-                    far_m: looked.far_m.min(far_m),
-                }
-            };
+            *looked = Some(looked.map_or(look, |before| before.and(look)));
             if at == last {
                 break;
             }
@@ -92,22 +105,46 @@ impl Coverage {
         }
     }
 
-    /// Whether a point, metres in `odom`, was looked at; with `slack_m` for what lies at the end of a beam.
-    pub(super) fn has_seen(&self, point_in_odom: Point2<f64>, slack_m: f64) -> bool {
+    /// How a point, metres in `odom`, was looked at, if it was; with `slack_m` for what lies at the end of a beam.
+    pub(super) fn looked_at(&self, point_in_odom: Point2<f64>, slack_m: f64) -> Option<Looked> {
         let to = point_in_odom - self.origin_in_odom;
         let distance_m = (to.x * to.x + to.y * to.y).sqrt();
         if distance_m <= 0.0 {
-            return true;
+            return Some(Looked {
+                is_low: true,
+                is_miss: false,
+            });
         }
-        let looked = self.sectors[sector(to)];
-        distance_m >= f64::from(looked.near_m) - slack_m
-            && distance_m <= f64::from(looked.far_m) + slack_m
+        let look = self.sectors[sector(to)]?;
+        let is_low = distance_m >= f64::from(look.near_m) - slack_m
+            && distance_m <= f64::from(look.far_m) + slack_m;
+        let is_passed = distance_m <= f64::from(look.reach_m);
+        (is_low || is_passed).then_some(Looked {
+            is_low,
+            is_miss: look.is_miss,
+        })
+    }
+
+    /// Whether a point was looked at by a beam that was low enough there.
+    #[cfg(test)]
+    pub(super) fn has_seen(&self, point_in_odom: Point2<f64>, slack_m: f64) -> bool {
+        self.looked_at(point_in_odom, slack_m)
+            .is_some_and(|looked| looked.is_low)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn look(near_m: f32, far_m: f32) -> Look {
+        Look {
+            near_m,
+            far_m,
+            reach_m: far_m,
+            is_miss: false,
+        }
+    }
 
     #[test]
     fn sectors_follow_each_other_around() {
@@ -129,7 +166,7 @@ mod tests {
         for n in -45..=45 {
             let angle_rad = f64::from(n) * degree;
             let direction = Vector2::new(libm::cos(angle_rad), libm::sin(angle_rad));
-            coverage.look(direction, degree, 0.0, 2.0);
+            coverage.look(direction, degree, look(0.0, 2.0));
         }
         let sees = |angle_deg: f64, distance_m: f64| {
             let (sin, cos) = (
@@ -152,14 +189,14 @@ mod tests {
     fn the_shorter_of_two_beams_counts() {
         let mut coverage = Coverage::default();
         let ahead = Vector2::new(1.0, 0.001);
-        coverage.look(ahead, 0.001, 0.5, 4.0);
-        coverage.look(ahead, 0.001, 0.2, 2.0);
+        coverage.look(ahead, 0.001, look(0.5, 4.0));
+        coverage.look(ahead, 0.001, look(0.2, 2.0));
         let sees = |x: f64| coverage.has_seen(Point2::new(x, 0.001 * x), 0.0);
         assert_eq!([0.3, 1.0, 3.0].map(sees), [false, true, false]);
         for bad in [Vector2::zeros(), Vector2::new(f64::NAN, 1.0)] {
-            coverage.look(bad, 0.01, 0.0, 100.0);
+            coverage.look(bad, 0.01, look(0.0, 100.0));
         }
-        coverage.look(Vector2::new(0.0, 1.0), f64::NAN, 0.0, f64::NAN);
+        coverage.look(Vector2::new(0.0, 1.0), f64::NAN, look(0.0, f32::NAN));
         assert!(!coverage.has_seen(Point2::new(0.0, 1.0), 0.0));
     }
 }

@@ -1,5 +1,7 @@
 //! The guard of one vehicle, round by round.
 
+use std::time::Duration;
+
 use super::barrier::Barrier;
 use super::compass::{Compass, Travel};
 use super::config::{GuardRules, OnBlind};
@@ -70,6 +72,12 @@ impl CollisionGuard {
     /// What bounded the motion that was asked for in the last round; none where nothing did, or where it could not judge.
     pub const fn barrier(&self) -> Option<Barrier> {
         self.barrier
+    }
+
+    /// How long ago the ground beside the vehicle was looked at last: ahead, to the left, behind, to the right; absent where
+    /// nobody has looked.
+    pub const fn side_ages(&self) -> [Option<Duration>; 4] {
+        self.surroundings.side_ages
     }
 
     /// Its word of this round. Where the operator asks for no number, it judges as if they asked for nothing.

@@ -32,6 +32,7 @@ pub mod clearance;
 pub mod heading;
 
 mod barrier;
+mod blockage;
 mod compass;
 mod coverage;
 mod excess;
@@ -43,6 +44,7 @@ mod surroundings;
 mod told;
 
 pub use barrier::{Barrier, BarrierKind};
+pub use blockage::BlockageDetector;
 pub use config::{GuardConfig, GuardRules, OnBlind};
 pub use judge::{CollisionGuard, GuardInput};
 pub use lack::Lack;

@@ -32,9 +32,13 @@ pub(super) struct Bounds {
     creep_mps: f64,
     /// By what is known to stand there.
     clear_mps: f64,
+    /// By ground that no beam with an echo has seen.
+    by_echo_mps: f64,
     /// By ground that nobody has seen.
     seen_mps: f64,
-    /// On such ground.
+    /// On ground that only misses call free.
+    open_mps: f64,
+    /// On ground that nobody has seen.
     blind_mps: f64,
     /// Share of the margins at the sides with which `clear_mps` is what it is.
     pub(super) side_share: f64,
@@ -44,8 +48,14 @@ impl Bounds {
     fn allowed(self) -> Allowed {
         Allowed {
             speed_mps: self.clear_mps.min(self.on_ground_mps()),
-            is_blind: self.seen_mps < self.creep_mps && self.seen_mps < self.clear_mps,
+            is_blind: self.on_seen_ground_mps() < self.creep_mps
+                && self.on_seen_ground_mps() < self.clear_mps,
         }
+    }
+
+    /// Whether ground that nobody has seen bounds it, rather than ground that no beam with an echo has seen.
+    pub(super) fn is_by_unseen(self) -> bool {
+        self.seen_mps < self.open_mps && self.seen_mps >= self.by_echo_mps
     }
 
     /// Whether what stands there bounds it, rather than ground that nobody has seen.
@@ -54,7 +64,11 @@ impl Bounds {
     }
 
     fn on_ground_mps(self) -> f64 {
-        self.seen_mps.max(self.blind_mps)
+        self.on_seen_ground_mps().max(self.blind_mps)
+    }
+
+    fn on_seen_ground_mps(self) -> f64 {
+        self.by_echo_mps.max(self.seen_mps.min(self.open_mps))
     }
 }
 
@@ -66,7 +80,8 @@ impl Outlook<'_> {
     }
 
     pub(super) fn bounds(&self, heading: Heading) -> Bounds {
-        let creep_mps = self.rules.creep_mps / (heading.along.abs() + heading.swing);
+        let travel_mps = heading.along.abs() + heading.swing;
+        let creep_mps = self.rules.creep_mps / travel_mps;
         let mut side_share = 1.0;
         let mut clear_mps = self.speed_mps(heading, self.clear_m(heading, side_share));
         if clear_mps < creep_mps {
@@ -77,7 +92,8 @@ impl Outlook<'_> {
             }
             clear_mps = clear_mps.max(beside_mps.min(creep_mps));
         }
-        let seen_mps = self.speed_mps(heading, self.seen_m(heading));
+        let by_echo_mps = self.speed_on_mps(heading, &self.around.not_seen_by_echo);
+        let seen_mps = self.speed_on_mps(heading, &self.around.unseen);
         let blind_mps = match self.rules.on_blind {
             OnBlind::Creep => creep_mps,
             OnBlind::Stop => 0.0,
@@ -85,7 +101,9 @@ impl Outlook<'_> {
         Bounds {
             creep_mps,
             clear_mps,
+            by_echo_mps,
             seen_mps,
+            open_mps: self.rules.open_mps / travel_mps,
             blind_mps,
             side_share,
         }
@@ -118,17 +136,18 @@ impl Outlook<'_> {
         [hits, mapped]
     }
 
-    /// Travel until the vehicle comes to ground that nobody has seen.
-    fn seen_m(&self, heading: Heading) -> f64 {
+    /// The speed from which the vehicle stops before ground that begins at these points.
+    fn speed_on_mps(&self, heading: Heading, points: &[[f64; 2]]) -> f64 {
         if self.is_stale {
             return 0.0;
         }
-        self.free_m(self.unseen_margins(), heading, &self.around.unseen)
+        self.speed_mps(heading, self.free_m(self.unseen_margins(), heading, points))
     }
 
     pub(super) fn unseen_margins(&self) -> Margins {
         Margins {
-            ahead_m: 0.5 * self.around.unseen_cell_m,
+            // Half a cell that the body reaches into counts as seen, and another lies before the centre of the next one.
+            ahead_m: 1.5 * self.around.unseen_cell_m,
             side_m: 0.0,
         }
     }

@@ -1,7 +1,11 @@
 //! What lies around the vehicle now, as points in its base frame.
 
+use std::time::Duration;
+
 use nalgebra::Point2;
 
+use super::blockage::Doubts;
+use super::clearance::Footprint;
 use super::config::GuardRules;
 use super::local_map::LocalMap;
 use super::placement::Placement;
@@ -12,24 +16,89 @@ use crate::mapping::elevation_cell::CellClass;
 /// Cells from the vehicle to the edge of the window in which unseen ground is looked for, at most.
 const MOST_CELLS: i32 = 40;
 
+/// Cells beyond this number are all alike: no vehicle comes there.
+const FARTHEST_CELL: f64 = 1e12;
+
 /// Smallest such cell, metres.
 const LEAST_CELL_M: f64 = 0.05;
+
+/// What is known of a cell of ground around the vehicle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Ground {
+    /// Nobody has looked at it in time.
+    Unseen,
+    /// Only beams without an echo say that it is free.
+    Open,
+    Seen,
+}
+
+/// When a cell was looked at last: by a beam low enough to see what stands there, or by one that passed above it. The
+/// latter counts where a map knows the cell: a laser that looks down at the ground ahead has seen what it passes over now
+/// some time ago, and is still what watches that direction.
+#[derive(Clone, Copy, Debug, Default)]
+struct Looks {
+    cell: [i64; 2],
+    low: Times,
+    passing: Times,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Times {
+    by_echo: Monotonic,
+    by_miss: Monotonic,
+}
+
+impl Times {
+    fn note(&mut self, is_miss: bool, at: Monotonic) {
+        let last = if is_miss {
+            &mut self.by_miss
+        } else {
+            &mut self.by_echo
+        };
+        *last = at.max(*last);
+    }
+
+    fn ground(self, is_fresh: impl Fn(Monotonic) -> bool) -> Ground {
+        if is_fresh(self.by_echo) {
+            Ground::Seen
+        } else if is_fresh(self.by_miss) {
+            Ground::Open
+        } else {
+            Ground::Unseen
+        }
+    }
+
+    fn last(self) -> Monotonic {
+        self.by_echo.max(self.by_miss)
+    }
+}
 
 /// Points in the base frame, metres. It keeps its memory from round to round.
 #[derive(Clone, Debug)]
 pub(super) struct Surroundings {
-    /// Where beams hit something.
+    /// Where beams hit something; the bottom of the water last.
     pub(super) hits: Vec<[f64; 2]>,
+    /// How many of the hits are the bottom of the water.
+    pub(super) shallows: usize,
     /// Centres of the map's obstacles that no beam hits now.
     pub(super) mapped: Vec<[f64; 2]>,
     pub(super) mapped_cell_m: f64,
-    /// Centres of cells that nobody has seen, where seen ones begin.
+    /// Centres of cells that nobody has seen in time, where others begin.
     pub(super) unseen: Vec<[f64; 2]>,
+    /// Centres of cells that no beam with an echo has seen in time, where those begin that one has.
+    pub(super) not_seen_by_echo: Vec<[f64; 2]>,
     pub(super) unseen_cell_m: f64,
+    /// How long ago the ground beside the vehicle was looked at last, where that is least recent: ahead, to the left,
+    /// behind, to the right; absent where nobody has looked since the vehicle came there.
+    pub(super) side_ages: [Option<Duration>; 4],
     /// Cells from the vehicle to the edge of the window.
-    reach_cells: i32,
+    reach_cells: i64,
     reach_m: f64,
-    is_seen: Vec<bool>,
+    /// Of the window around the vehicle: each cell has its place by its number in `odom`, modulo the window's side.
+    looks: Vec<Looks>,
+    /// Sweeps that are in `looks`, by sensor.
+    noted: Vec<(Monotonic, Doubts)>,
+    ground: Vec<Ground>,
     is_hit: Vec<bool>,
 }
 
@@ -37,17 +106,22 @@ impl Surroundings {
     pub(super) fn new(rules: &GuardRules) -> Self {
         let reach_m = rules.reach_m();
         let cell_m = LEAST_CELL_M.max(reach_m / f64::from(MOST_CELLS));
-        let reach_cells = libm::ceil(reach_m / cell_m) as i32 + 1;
+        let reach_cells = libm::ceil(reach_m / cell_m) as i64 + 1;
         let side = (2 * reach_cells + 1) as usize;
         Self {
             hits: Vec::new(),
+            shallows: 0,
             mapped: Vec::new(),
             mapped_cell_m: 0.0,
             unseen: Vec::new(),
+            not_seen_by_echo: Vec::new(),
             unseen_cell_m: cell_m,
+            side_ages: [None; 4],
             reach_cells,
             reach_m,
-            is_seen: vec![false; side * side],
+            looks: vec![Looks::default(); side * side],
+            noted: Vec::new(),
+            ground: vec![Ground::Unseen; side * side],
             is_hit: Vec::new(),
         }
     }
@@ -64,7 +138,8 @@ impl Surroundings {
         self.take_hits(sweeps, vehicle);
         self.take_map(rules, (sweeps, map), vehicle, now);
         let fresh_map = map.filter(|map| !map.is_stale(now));
-        self.look_for_unseen(rules, (sweeps, fresh_map), vehicle, now);
+        self.note_looks(rules, sweeps, vehicle, now);
+        self.find_unseen(rules, fresh_map, vehicle, now);
     }
 
     fn is_near(&self, [x, y]: [f64; 2]) -> bool {
@@ -73,12 +148,22 @@ impl Surroundings {
 
     fn take_hits(&mut self, sweeps: &[GuardSweep], vehicle: Placement) {
         self.hits.clear();
-        for sweep in sweeps {
-            for &[x, y] in sweep.points_in_odom() {
-                let point = vehicle.to_base(Point2::new(x, y));
-                if self.is_near(point) {
-                    self.hits.push(point);
-                }
+        let parts = sweeps.iter().map(GuardSweep::obstacles_and_shallows);
+        for (obstacles, _) in parts.clone() {
+            self.take_near(obstacles, vehicle);
+        }
+        let obstacles = self.hits.len();
+        for (_, shallows) in parts {
+            self.take_near(shallows, vehicle);
+        }
+        self.shallows = self.hits.len() - obstacles;
+    }
+
+    fn take_near(&mut self, points_in_odom: &[[f64; 2]], vehicle: Placement) {
+        for &[x, y] in points_in_odom {
+            let point = vehicle.to_base(Point2::new(x, y));
+            if self.is_near(point) {
+                self.hits.push(point);
             }
         }
     }
@@ -114,52 +199,202 @@ impl Surroundings {
         }
     }
 
-    fn look_for_unseen(
+    /// Notes when each cell was looked at last: by the sweeps that are new, and by the vehicle that stands on it.
+    fn note_looks(
         &mut self,
         rules: &GuardRules,
-        (sweeps, map): (&[GuardSweep], Option<&LocalMap>),
+        sweeps: &[GuardSweep],
         vehicle: Placement,
         now: Monotonic,
     ) {
-        let (cell_m, reach) = (self.unseen_cell_m, self.reach_cells);
-        let side = 2 * reach + 1;
-        let at = vehicle.position_in_odom();
-        let first = [at.x, at.y].map(|along| libm::floor(along / cell_m) - f64::from(reach) + 0.5);
-        let centre = |column: i32, row: i32| {
-            Point2::new(
-                (first[0] + f64::from(column)) * cell_m,
-                (first[1] + f64::from(row)) * cell_m,
-            )
-        };
-        // What the end of a beam or a map's cell lies in has been seen, though its centre may lie behind.
-        let slack_m = 0.75 * cell_m;
-        let body = rules.footprint.grown(0.5 * cell_m);
-        for row in 0..side {
-            for column in 0..side {
-                let point = centre(column, row);
-                let is_seen = map.is_some_and(|map| map.class_at(point) != CellClass::Unknown)
-                    || body.contains(vehicle.to_base(point))
-                    || sweeps.iter().any(|sweep| {
-                        !sweep.is_stale(now) && sweep.coverage().has_seen(point, slack_m)
-                    });
-                self.is_seen[(row * side + column) as usize] = is_seen;
-            }
-        }
-        self.unseen.clear();
-        let inner = 1..side - 1;
-        for row in inner.clone() {
-            for column in inner.clone() {
-                let place = (row * side + column) as usize;
-                let side = side as usize;
-                let around = [place - 1, place + 1, place - side, place + side];
-                let borders_on_seen = around.iter().any(|&beside| self.is_seen[beside]);
-                if !self.is_seen[place] && borders_on_seen {
-                    let point = vehicle.to_base(centre(column, row));
-                    if self.is_near(point) {
-                        self.unseen.push(point);
-                    }
+        self.noted.resize(sweeps.len(), Default::default());
+        for (&(_, before), sweep) in self.noted.iter().zip(sweeps) {
+            let Doubts {
+                blocked,
+                without_echo,
+            } = sweep.doubts();
+            for looks in &mut self.looks {
+                if blocked != before.blocked {
+                    *looks = Looks::default();
+                } else if without_echo != before.without_echo {
+                    looks.low.by_miss = Monotonic::default();
+                    looks.passing.by_miss = Monotonic::default();
                 }
             }
         }
+        // What the end of a beam or a map's cell lies in has been seen, though its centre may lie behind.
+        let slack_m = 0.75 * self.unseen_cell_m;
+        let body = rules.footprint.grown(0.5 * self.unseen_cell_m);
+        let with_noted = sweeps.iter().zip(&self.noted);
+        let new: Vec<_> = with_noted
+            .filter(|(sweep, noted)| sweep.taken() > noted.0)
+            .map(|(sweep, _)| sweep)
+            .collect();
+        let window = self.window(vehicle);
+        for cell in window.cells() {
+            let point = window.centre(cell);
+            let looks = &mut self.looks[window.place(cell)];
+            if looks.cell != cell {
+                *looks = Looks {
+                    cell,
+                    ..Looks::default()
+                };
+            }
+            for sweep in &new {
+                if let Some(looked) = sweep.coverage().looked_at(point, slack_m) {
+                    let times = if looked.is_low {
+                        &mut looks.low
+                    } else {
+                        &mut looks.passing
+                    };
+                    times.note(looked.is_miss, sweep.taken());
+                }
+            }
+            if body.contains(vehicle.to_base(point)) {
+                looks.low.note(false, now);
+            }
+        }
+        for (noted, sweep) in self.noted.iter_mut().zip(sweeps) {
+            *noted = (sweep.taken(), sweep.doubts());
+        }
+    }
+
+    fn find_unseen(
+        &mut self,
+        rules: &GuardRules,
+        map: Option<&LocalMap>,
+        vehicle: Placement,
+        now: Monotonic,
+    ) {
+        let window = self.window(vehicle);
+        let is_fresh =
+            |at: Monotonic| at != Monotonic::default() && now.since(at) <= rules.seen_for;
+        let is_mapped = |point| map.is_some_and(|map| map.class_at(point) != CellClass::Unknown);
+        for cell in window.cells() {
+            let place = window.place(cell);
+            let Looks { low, passing, .. } = self.looks[place];
+            let mut ground = low.ground(is_fresh);
+            let by_map = passing.ground(is_fresh);
+            if by_map > ground && is_mapped(window.centre(cell)) {
+                ground = by_map;
+            }
+            self.ground[place] = ground;
+        }
+        self.unseen.clear();
+        self.not_seen_by_echo.clear();
+        for [x, y] in window.inner_cells() {
+            let place = window.place([x, y]);
+            let ground = self.ground[place];
+            if ground == Ground::Seen {
+                continue;
+            }
+            let around = [[x - 1, y], [x + 1, y], [x, y - 1], [x, y + 1]];
+            let best = around
+                .map(|cell| self.ground[window.place(cell)])
+                .into_iter()
+                .max();
+            let point = vehicle.to_base(window.centre([x, y]));
+            if best <= Some(ground) || !self.is_near(point) {
+                continue;
+            }
+            if ground == Ground::Unseen {
+                self.unseen.push(point);
+            }
+            if best == Some(Ground::Seen) {
+                self.not_seen_by_echo.push(point);
+            }
+        }
+        self.side_ages = Self::sides(rules).map(|points| {
+            let ages = points.map(|point| {
+                let [x, y] = vehicle.to_odom(point);
+                let point = Point2::new(x, y);
+                let cell = window.cell_of(point);
+                let looks = self.looks[window.place(cell)];
+                if looks.cell != cell {
+                    return None;
+                }
+                let passing = Some(looks.passing.last()).filter(|_| is_mapped(point));
+                let last = passing.unwrap_or_default().max(looks.low.last());
+                (last != Monotonic::default()).then(|| now.since(last))
+            });
+            // Unseen is older than any age.
+            ages.into_iter()
+                .try_fold(Duration::ZERO, |oldest, age| Some(oldest.max(age?)))
+        });
+    }
+
+    /// Points on the ground just outside of the footprint and its margin, in the base frame: ahead, to the left, behind, to
+    /// the right.
+    fn sides(rules: &GuardRules) -> [[[f64; 2]; 3]; 4] {
+        let edge = rules.footprint.grown(rules.margins.ahead_m + LEAST_CELL_M);
+        let Footprint {
+            front_m,
+            rear_m,
+            half_width_m,
+        } = rules.footprint;
+        let middle_m = 0.5 * (front_m + rear_m);
+        let across = [-half_width_m, 0.0, half_width_m];
+        let along = [rear_m, middle_m, front_m];
+        [
+            across.map(|y| [edge.front_m, y]),
+            along.map(|x| [x, edge.half_width_m]),
+            across.map(|y| [edge.rear_m, y]),
+            along.map(|x| [x, -edge.half_width_m]),
+        ]
+    }
+
+    fn window(&self, vehicle: Placement) -> Window {
+        let at = vehicle.position_in_odom();
+        let reach = self.reach_cells;
+        let cell_m = self.unseen_cell_m;
+        let cell = |along_m: f64| (along_m / cell_m).clamp(-FARTHEST_CELL, FARTHEST_CELL);
+        let middle = [at.x, at.y].map(|along_m| libm::floor(cell(along_m)) as i64);
+        Window {
+            cell_m,
+            first: middle.map(|middle| middle - reach),
+            side: 2 * reach + 1,
+        }
+    }
+}
+
+/// The cells around the vehicle, by their numbers in `odom`.
+#[derive(Clone, Copy, Debug)]
+struct Window {
+    cell_m: f64,
+    first: [i64; 2],
+    side: i64,
+}
+
+impl Window {
+    fn cells(self) -> impl Iterator<Item = [i64; 2]> {
+        self.cells_within(0)
+    }
+
+    /// Those that have cells on all four sides.
+    fn inner_cells(self) -> impl Iterator<Item = [i64; 2]> {
+        self.cells_within(1)
+    }
+
+    fn cells_within(self, edge: i64) -> impl Iterator<Item = [i64; 2]> {
+        let [x, y] = self.first;
+        let within = edge..self.side - edge;
+        let row = within.clone();
+        within.flat_map(move |dy| {
+            let row = row.clone();
+            row.map(move |dx| [x + dx, y + dy])
+        })
+    }
+
+    fn place(self, [x, y]: [i64; 2]) -> usize {
+        (y.rem_euclid(self.side) * self.side + x.rem_euclid(self.side)) as usize
+    }
+
+    fn centre(self, cell: [i64; 2]) -> Point2<f64> {
+        let [x, y] = cell.map(|number| (number as f64 + 0.5) * self.cell_m);
+        Point2::new(x, y)
+    }
+
+    fn cell_of(self, point: Point2<f64>) -> [i64; 2] {
+        [point.x, point.y].map(|along_m| libm::floor(along_m / self.cell_m) as i64)
     }
 }

@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use nalgebra::{Point2, Point3};
 
+use super::blockage::{BlockageDetector, Doubts};
 use super::config::{GuardRules, Heights};
-use super::coverage::Coverage;
+use super::coverage::{Coverage, Look};
 use crate::clock::Monotonic;
 use crate::mapping::ground_plane::GroundPlane;
 use crate::mapping::posed_scan::{BeamOutcome, PosedBeam, PosedScan};
@@ -25,8 +26,11 @@ const LEAST_STALE: Duration = Duration::from_millis(300);
 pub struct GuardSweep {
     taken: Monotonic,
     period: Duration,
+    /// Those in the water last.
     points_in_odom: Vec<[f64; 2]>,
+    shallows: usize,
     coverage: Coverage,
+    doubts: Doubts,
 }
 
 /// Whether what was known at `taken` and is renewed every `period` is too old: max(300 ms, 2.5 periods).
@@ -38,17 +42,20 @@ impl GuardSweep {
     /// Takes over a sweep whose heights are those above `plane`.
     ///
     /// `taken` is when it was measured, on this machine's clock: when it arrived, at the latest. `period` is the time from
-    /// sweep to sweep.
+    /// sweep to sweep. `blockage` is that of the sensor, and has taken this scan.
     pub fn read(
         &mut self,
         scan: &PosedScan,
         plane: &GroundPlane,
         rules: &GuardRules,
+        blockage: &BlockageDetector,
         (taken, period): (Monotonic, Duration),
     ) {
         self.taken = taken;
         self.period = period;
         self.points_in_odom.clear();
+        self.shallows = 0;
+        self.doubts = blockage.doubts();
         let Some(first) = scan.beams.first() else {
             self.coverage.clear(Point2::origin());
             return;
@@ -58,6 +65,7 @@ impl GuardSweep {
         let at = Sight {
             plane,
             rules,
+            blockage,
             base_from_odom,
             first_origin: first.origin_in_odom,
             vehicle: Point2::from(scan.odom_from_base.translation.vector.xy()),
@@ -66,18 +74,35 @@ impl GuardSweep {
         for beam in &scan.beams {
             let seen = at.look(beam);
             let along = (beam.end_in_odom - beam.origin_in_odom).xy();
-            self.coverage.look(
-                along,
-                BEAM_STEPS * scan.beam_step_rad,
-                seen.near_m,
-                seen.far_m,
-            );
-            if let Some(point) = seen.obstacle_in_odom
+            self.coverage
+                .look(along, BEAM_STEPS * scan.beam_step_rad, seen.look);
+            if let Some((point, is_shallow)) = seen.obstacle_in_odom
                 && self.points_in_odom.len() < MAX_POINTS
             {
                 self.points_in_odom.push([point.x, point.y]);
+                if is_shallow {
+                    self.shallows += 1;
+                } else {
+                    let last = self.points_in_odom.len() - 1;
+                    self.points_in_odom.swap(last, last - self.shallows);
+                }
             }
         }
+    }
+
+    /// When it was measured.
+    pub(super) const fn taken(&self) -> Monotonic {
+        self.taken
+    }
+
+    pub(super) const fn doubts(&self) -> Doubts {
+        self.doubts
+    }
+
+    /// What stands in the vehicle's way, and where the water is too shallow for it; metres in `odom`.
+    pub(super) fn obstacles_and_shallows(&self) -> (&[[f64; 2]], &[[f64; 2]]) {
+        let first = self.points_in_odom.len() - self.shallows;
+        self.points_in_odom.split_at(first)
     }
 
     /// Whether it is too old to be relied on.
@@ -95,16 +120,17 @@ impl GuardSweep {
     }
 }
 
-/// What one beam says; distances along the ground, metres.
+/// What one beam says.
 struct Seen {
-    near_m: f64,
-    far_m: f64,
-    obstacle_in_odom: Option<Point3<f64>>,
+    look: Look,
+    /// What is in the way, and whether that is the bottom of the water.
+    obstacle_in_odom: Option<(Point3<f64>, bool)>,
 }
 
 struct Sight<'a> {
     plane: &'a GroundPlane,
     rules: &'a GuardRules,
+    blockage: &'a BlockageDetector,
     base_from_odom: Pose,
     first_origin: Point3<f64>,
     vehicle: Point2<f64>,
@@ -118,33 +144,55 @@ impl Sight<'_> {
         let along = (to - from).xy();
         let length_m = (along.x * along.x + along.y * along.y).sqrt();
         let nothing = Seen {
-            near_m: 0.0,
-            far_m: 0.0,
+            look: Look {
+                near_m: 0.0,
+                ..Look::NOTHING
+            },
             obstacle_in_odom: None,
         };
         if !(length_m.is_finite() && from_height_m.is_finite() && to_height_m.is_finite()) {
             return nothing;
         }
-        if beam.outcome == BeamOutcome::Miss && !self.rules.trust_misses {
+        let is_miss = beam.outcome == BeamOutcome::Miss;
+        if is_miss && !self.is_miss_believed(beam) {
             return nothing;
         }
         let fall_m = from_height_m - to_height_m;
         let (near, far) = low_part(from_height_m, to_height_m, self.rules.seen_below_m);
-        let hits = beam.outcome == BeamOutcome::Hit && !self.is_own_body(beam);
-        let obstacle = match self.rules.heights.of(from_height_m, to_height_m) {
+        let hits = !is_miss && !self.is_own_body(beam);
+        let height = self.rules.heights.of(from_height_m, to_height_m);
+        let obstacle = match height {
             Height::Clear => None,
             // The edge is not farther than where the beam was as high as the ground.
             Height::Hole if from_height_m > 0.0 => Some(from_height_m / fall_m),
-            Height::InTheWay | Height::Hole => Some(1.0),
+            Height::InTheWay | Height::Shallow | Height::Hole => Some(1.0),
         };
         let obstacle = obstacle.filter(|_| hits);
+        let until = obstacle.unwrap_or(1.0);
+        // What looks under water has not seen what floats on it.
+        let is_under_water = self.rules.is_boat && from_height_m < 0.0;
         Seen {
-            near_m: near * length_m,
-            far_m: far.min(obstacle.unwrap_or(1.0)) * length_m,
+            look: if is_under_water {
+                nothing.look
+            } else {
+                Look {
+                    near_m: (near * length_m) as f32,
+                    far_m: (far.min(until) * length_m) as f32,
+                    reach_m: (until * length_m) as f32,
+                    is_miss: is_miss && !self.rules.trust_misses,
+                }
+            },
             obstacle_in_odom: obstacle
                 .map(|share| from + (to - from) * share)
-                .filter(|point| (point.xy() - self.vehicle).norm_squared() <= self.window_m2),
+                .filter(|point| (point.xy() - self.vehicle).norm_squared() <= self.window_m2)
+                .map(|point| (point, height == Height::Shallow)),
         }
+    }
+
+    /// Whether a beam without an echo has seen that the way is free.
+    fn is_miss_believed(&self, beam: &PosedBeam) -> bool {
+        let is_proven = self.rules.open_mps > 0.0 && self.blockage.has_echoes();
+        (self.rules.trust_misses || is_proven) && !self.blockage.is_beam_blocked(beam)
     }
 
     /// Whether it ends within the footprint, which moved with the sensor since the sweep began.
@@ -169,9 +217,12 @@ fn low_part(from_height_m: f64, to_height_m: f64, below_m: f64) -> (f64, f64) {
 }
 
 /// What something at a height is to the vehicle.
+#[derive(Clone, Copy, PartialEq, Eq)]
 enum Height {
     Clear,
     InTheWay,
+    /// The bottom of the water, too near below its surface.
+    Shallow,
     Hole,
 }
 
@@ -194,7 +245,7 @@ impl Heights {
         }
         match self.keel_m {
             None => Height::Hole,
-            Some(keel_m) if to_height_m >= keel_m - self.h_neg_m => Height::InTheWay,
+            Some(keel_m) if to_height_m >= keel_m - self.h_neg_m => Height::Shallow,
             Some(_) => Height::Clear,
         }
     }

@@ -3,5 +3,6 @@
 mod barrier;
 mod closed_loop;
 mod cost;
+mod not_seen;
 mod situations;
 mod world;

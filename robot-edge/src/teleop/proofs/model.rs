@@ -301,8 +301,8 @@ fn two_operators_and_a_stranger() {
 }
 
 #[test]
-#[ignore = "minutes, in release: cargo test --release --lib teleop::proofs::model -- --ignored --nocapture"]
-fn everything_at_once() {
+#[ignore = "minutes, in release: cargo test --release --lib in_release -- --ignored --nocapture"]
+fn everything_at_once_in_release() {
     check(Scope {
         capacity: 1,
         operators: 2,
@@ -312,8 +312,8 @@ fn everything_at_once() {
 }
 
 #[test]
-#[ignore = "minutes, in release: cargo test --release --lib teleop::proofs::model -- --ignored --nocapture"]
-fn two_operators_on_a_network_that_reorders() {
+#[ignore = "minutes, in release: cargo test --release --lib in_release -- --ignored --nocapture"]
+fn two_operators_on_a_network_that_reorders_in_release() {
     check(Scope {
         capacity: 2,
         operators: 2,

@@ -12,7 +12,7 @@ use tempfile::{TempDir, tempdir};
 
 use super::driver::{NEUTRAL, holds, pictures, take_lease};
 use super::processes::{Running, free_port, program};
-use super::screen::{Key, Screen};
+use super::screen::{Key, Screen, skip_without_window};
 use super::witness::{PATIENCE, Witness};
 
 /// A robot, a window that shows it, and somebody who watches both.
@@ -90,7 +90,7 @@ impl Scene {
         let (console, window) = match console(&screen, &arguments, settings.path()) {
             Ok(shown) => shown,
             Err(said) => {
-                println!("skipped: no window can be opened on this machine: {said}");
+                skip_without_window(&said);
                 return None;
             }
         };

@@ -8,7 +8,7 @@ use tempfile::tempdir;
 use super::controls::Controls;
 use super::dragged::Dragged;
 use super::processes::{Running, free_port, program, rooms};
-use super::screen::Screen;
+use super::screen::{Screen, skip_without_window};
 
 #[test]
 fn a_recording_that_is_dropped_is_shown_and_what_is_none_is_refused() {
@@ -32,7 +32,7 @@ fn a_recording_that_is_dropped_is_shown_and_what_is_none_is_refused() {
     let mut console = Running::start(&mut command, "the window");
     let Some(window) = screen.window("Foreshore", || !console.is_running()) else {
         let (_, said) = console.end();
-        println!("skipped: no window can be opened on this machine: {said}");
+        skip_without_window(&said);
         return;
     };
     controls.beginning("Looking for robots");

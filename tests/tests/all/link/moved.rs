@@ -9,7 +9,7 @@ use tempfile::tempdir;
 
 use super::controls::Controls;
 use super::processes::{Running, free_port, program};
-use super::screen::{Key, Screen};
+use super::screen::{Key, Screen, skip_without_window};
 use super::witness::{PATIENCE, Witness};
 
 const ROBOT: &str = "mover";
@@ -92,7 +92,7 @@ fn the_window_follows_a_robot_to_another_address_with_a_stop_that_is_on_its_way(
     let mut console = Running::start(&mut command, "the window");
     let Some(window) = screen.window("Foreshore", || !console.is_running()) else {
         let (_, said) = console.end();
-        println!("skipped: no window can be opened on this machine: {said}");
+        skip_without_window(&said);
         return;
     };
     screen.focus(window);

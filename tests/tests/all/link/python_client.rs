@@ -8,6 +8,7 @@ use std::time::Duration;
 use tempfile::tempdir;
 
 use super::processes::{Running, edge, free_port};
+use crate::skip::skip;
 
 fn client_folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("python")
@@ -42,10 +43,11 @@ fn python() -> Option<PathBuf> {
     if made.is_some() && is_ready(&python) {
         return Some(python);
     }
-    println!(
-        "skipped: no virtual environment with the packages of {} can be made",
+    let lacks = format!(
+        "no virtual environment with the packages of {} can be made",
         requirements.display()
     );
+    skip(&lacks, "package python3-venv, and PyPI");
     None
 }
 

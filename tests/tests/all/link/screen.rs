@@ -16,6 +16,8 @@ use x11rb::protocol::xproto::{
 use x11rb::protocol::xtest::ConnectionExt as _;
 use x11rb::rust_connection::RustConnection;
 
+use crate::skip::skip;
+
 /// A window takes this long to appear at most.
 const PATIENCE: Duration = Duration::from_mins(1);
 
@@ -55,6 +57,14 @@ const ROWS: [(u8, &str); 4] = [
     (52, "zxcvbnm,./"),
 ];
 
+/// A console opened no window on this machine, and said why.
+pub(crate) fn skip_without_window(said: &str) {
+    skip(
+        &format!("no window can be opened: {said}"),
+        "the packages of .ci/run",
+    );
+}
+
 /// A virtual screen.
 pub(crate) struct Screen {
     server: Child,
@@ -81,7 +91,7 @@ impl Screen {
             .stderr(Stdio::null())
             .spawn();
         let Ok(mut server) = server else {
-            println!("skipped: there is no Xvfb (Debian: apt-get install xvfb)");
+            skip("there is no Xvfb", "package xvfb");
             return None;
         };
         let mut number = String::new();

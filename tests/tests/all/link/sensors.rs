@@ -236,6 +236,65 @@ fn a_laser_that_sees_nothing_and_falls_silent_is_told_of_in_the_recordings_own_t
     assert!(rate_hz < 11.0, "{rate_hz}");
 }
 
+/// Killed as it records, it records again when it is started again, and says so to the first console that comes.
+#[test]
+fn what_an_operator_records_goes_on_after_a_kill_until_somebody_ends_it() {
+    let folder = tempdir().unwrap();
+    let port = free_port();
+    let start = || {
+        let mut command = program("robot-edge");
+        command.args(["simulate", "rooms", "--rate", "1", "--stay", "--quiet"]);
+        command.args(["--robot", "scout", "--recordings"]);
+        command.arg(folder.path());
+        command.args(["--listen", &format!("tcp/127.0.0.1:{port}")]);
+        Running::start(&mut command, "edge")
+    };
+    let recording = |watcher: &Watcher, state| {
+        let recording = watcher.last_status()?.recording?;
+        (recording.state == state && recording.duration_s >= 2).then_some(recording)
+    };
+    let is_running = |watcher: &Watcher| recording(watcher, RecordingState::Recording);
+    let edge = start();
+    let watcher = Watcher::of(port);
+    let mut anna = Operator::ready(&format!("tcp/127.0.0.1:{port}"), "scout", "anna");
+    assert_eq!(anna.ask(&Setting::Recording(true)), Answer::Done);
+    let before = watcher.until("it records", is_running);
+    edge.signal("KILL");
+    drop((edge, anna, watcher));
+    let file = folder.path().join(&before.file);
+    let written = std::fs::read(&file).unwrap();
+
+    let edge = start();
+    let watcher = Watcher::of(port);
+    let after = watcher.until("it records again", is_running);
+    assert_ne!(after.file, before.file);
+    let event = watcher.until("an event that says so", |watcher| {
+        watcher.event("recording")
+    });
+    assert_eq!(
+        event.message,
+        "recording goes on: the run before was cut off while an operator recorded"
+    );
+    // Whoever ends the program ends the recording.
+    edge.signal("INT");
+    edge.ends_well();
+    drop(watcher);
+    assert!(std::fs::read(&file).unwrap() == written, "written over");
+    for name in [&before.file, &after.file] {
+        let mut reader = open(&folder.path().join(name), Selection::All).unwrap();
+        let mut measurements = 0;
+        while reader.next_measurement().unwrap().is_some() {
+            measurements += 1;
+        }
+        assert!(measurements > 50, "{name}: {measurements}");
+    }
+
+    let _edge = start();
+    let watcher = Watcher::of(port);
+    let state = watcher.until("a status", |watcher| watcher.last_status()?.recording);
+    assert_eq!((state.state, state.files), (RecordingState::Stopped, 0));
+}
+
 #[test]
 fn a_simulated_robot_shows_its_sweeps_to_who_wants_them_and_records_for_operators() {
     let folder = tempdir().unwrap();
@@ -250,6 +309,8 @@ fn a_simulated_robot_shows_its_sweeps_to_who_wants_them_and_records_for_operator
         "--robot",
         "scout",
         "--quiet",
+        "--set",
+        "vehicle.footprint_offset_m=0.125",
         "--recordings",
     ]);
     command.arg(folder.path().join("here"));
@@ -296,7 +357,9 @@ fn a_simulated_robot_shows_its_sweeps_to_who_wants_them_and_records_for_operator
     }
     assert_eq!(watcher.scans.lock().unwrap().0.len(), before);
 
-    assert!(watcher.info().unwrap().can_record);
+    let info = watcher.info().unwrap();
+    assert!(info.can_record);
+    assert_eq!(info.footprint_offset_m.to_bits(), 0.125_f32.to_bits());
     let stopped = watcher.last_status().unwrap().recording.unwrap();
     assert_eq!((stopped.state, stopped.files), (RecordingState::Stopped, 0));
     assert!(stopped.free_bytes.is_some());

@@ -3,7 +3,7 @@
 use tempfile::tempdir;
 
 use super::processes::{Running, program, rooms};
-use super::screen::Screen;
+use super::screen::{Screen, skip_without_window};
 
 /// Whether a library that windows need is missing, which is this machine's fault and not the program's.
 fn lacks_a_library(said: &str) -> bool {
@@ -40,7 +40,7 @@ fn colors_of_window(arguments: &[&str], after: &str) -> Option<Colors> {
         .arg(&picture);
     let (code, said) = Running::start(&mut command, "the window").end();
     if code != Some(0) && lacks_a_library(&said) {
-        println!("skipped: no window can be opened on this machine: {said}");
+        skip_without_window(&said);
         return None;
     }
     assert_eq!(code, Some(0), "{said}");

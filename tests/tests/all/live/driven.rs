@@ -12,6 +12,7 @@ use robot_edge::clock::Monotonic;
 use tempfile::{TempDir, tempdir};
 
 use super::emulator::on_terminal::EmulatorOnTerminal;
+use super::room::{Room, Speeds};
 use super::ros_system::{RosSystem, Speaks};
 use crate::link::processes::{Running, free_port, program};
 
@@ -21,24 +22,30 @@ const NAME: &str = "rover";
 const AHEAD: Input = Input::of(0.3, 0.0);
 
 /// Nothing that is waited for takes longer.
-const PATIENCE: Duration = Duration::from_mins(1);
+pub(super) const PATIENCE: Duration = Duration::from_mins(1);
 
-/// A vehicle with one laser.
-struct Rover {
+/// A vehicle with one laser, in a room.
+pub(super) struct Rover {
     edge: Running,
     port: u16,
     folder: TempDir,
+    pub(super) room: Arc<Room>,
     is_over: Arc<AtomicBool>,
-    laser: Option<JoinHandle<()>>,
+    play: Option<JoinHandle<()>>,
 }
 
 impl Rover {
-    /// With the motors that this table of its configuration says, in this ROS 2 system.
-    fn start(motors: &str, mut system: RosSystem) -> Self {
+    /// With the motors that this table of its configuration says, in this ROS 2 system; it moves with these speeds.
+    fn start(
+        motors: &str,
+        mut system: RosSystem,
+        speeds: impl Fn() -> Speeds + Send + 'static,
+    ) -> Self {
         let port = free_port();
         let folder = tempdir().unwrap();
         let is_over = Arc::new(AtomicBool::new(false));
         system.announce("/scan", "sensor_msgs/msg/LaserScan");
+        system.announce("/odom", "nav_msgs/msg/Odometry");
         let config = folder.path().join("rover.toml");
         fs::write(&config, format!("{VEHICLE}{motors}")).unwrap();
         let mut command = program("robot-edge");
@@ -50,31 +57,36 @@ impl Rover {
         command.env("STATE_DIRECTORY", folder.path().join("state"));
         command.env("ROS_DOMAIN_ID", "0");
         let edge = Running::start(&mut command, "edge");
-        let laser = std::thread::spawn({
-            let is_over = Arc::clone(&is_over);
-            move || {
-                system.sweep_until(0, || is_over.load(Ordering::Relaxed));
-            }
+        let room = Arc::new(Room::default());
+        let play = std::thread::spawn({
+            let (room, is_over) = (Arc::clone(&room), Arc::clone(&is_over));
+            move || room.play(&mut system, speeds, || is_over.load(Ordering::Relaxed))
         });
         Self {
             edge,
             port,
             folder,
+            room,
             is_over,
-            laser: Some(laser),
+            play: Some(play),
         }
     }
 
     /// With the emulated controller, and somebody who drives it: its motors turn.
-    fn with_roboteq() -> (Self, EmulatorOnTerminal, Operator) {
-        let controller = EmulatorOnTerminal::start(|_| ());
+    pub(super) fn with_roboteq() -> (Self, Arc<EmulatorOnTerminal>, Operator) {
+        let controller = Arc::new(EmulatorOnTerminal::start(|_| ()));
         let motors = format!(
             "[motors.roboteq]\nport = \"{}\"\nleft_channel = \"one\"\n\
              drive = {{ track_width_m = 0.5, full_speed_mps = 1.0 }}\n",
             controller.path().display()
         );
         let system = RosSystem::start(free_port(), Speaks::Rmw { domain: 0 });
-        let rover = Self::start(&motors, system);
+        let wheels = Arc::clone(&controller);
+        let rover = Self::start(&motors, system, move || {
+            let [left, right] = wheels.with(|emulator| emulator.motors());
+            let [left, right] = [left, right].map(|power| f64::from(power) / 127.0);
+            [0.5 * (left + right), (right - left) / 0.5]
+        });
         let mut anna = rover.operator();
         anna.sets_off(AHEAD);
         let started = Monotonic::now();
@@ -96,16 +108,15 @@ impl Rover {
 impl Drop for Rover {
     fn drop(&mut self) {
         self.is_over.store(true, Ordering::Relaxed);
-        if let Some(laser) = self.laser.take() {
+        if let Some(play) = self.play.take() {
             // What failed there fails the test elsewhere.
-            drop(laser.join());
+            drop(play.join());
         }
     }
 }
 
-/// Nothing says where it is, so that the collision guard would see it stand still while it drives.
-const VEHICLE: &str = "preset = \"generic2d\"\n[localization]\nsource = \"static\"\n\
-                       [teleop.guard]\nenabled = false\n";
+/// As shipped, with its collision guard.
+const VEHICLE: &str = "preset = \"generic2d\"\n";
 
 /// The process that guards the motors of `edge`.
 fn guard_of(edge: u32) -> u32 {
@@ -184,7 +195,12 @@ fn a_ros_system_is_told_velocities_and_zero_at_every_stop_and_at_the_end() {
     for speaks in [Speaks::Rmw { domain: 0 }, Speaks::Bridge] {
         let mut system = RosSystem::start(free_port(), speaks);
         let heard = system.hears_twist("/bot/cmd_vel");
-        let rover = Rover::start("[motors.ros2_twist]\ntopic = \"/bot/cmd_vel\"\n", system);
+        let moves = Arc::clone(&heard);
+        let motors = "[motors.ros2_twist]\ntopic = \"/bot/cmd_vel\"\n";
+        let rover = Rover::start(motors, system, move || {
+            let last = moves.lock().unwrap().last().copied();
+            last.map_or([0.0, 0.0], |twist| [twist.linear_x, twist.angular_z])
+        });
         let mut anna = rover.operator();
         anna.sets_off(AHEAD);
         let last = || heard.lock().unwrap().last().copied();

@@ -1,9 +1,16 @@
 //! `robot-edge run`: a ROS 2 system that speaks Zenoh, played by these tests, and a motor controller on a terminal.
 
 mod driven;
+mod kills;
 mod mapped;
 mod missing;
+mod notified;
+mod restarts;
+mod room;
 mod ros_system;
+mod service;
+mod service_manager;
+mod surroundings;
 
 /// Loaded from the edge's own tests: an emulator is no part of a program that drives.
 #[path = "../../../../robot-edge/src/actuators/roboteq/emulator.rs"]

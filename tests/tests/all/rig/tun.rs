@@ -9,7 +9,7 @@ use foreshore_tests::rig::Line;
 use foreshore_tests::rig::tun::{Conditions, Namespaces, Side, Traffic};
 use robot_edge::clock::Monotonic;
 
-use super::uninterrupted;
+use super::{namespaces, uninterrupted};
 
 /// Longer than anything here takes: only a hang meets it.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -19,17 +19,6 @@ const A_WHILE: Duration = Duration::from_millis(150);
 
 /// IPv4 and UDP headers.
 const UDP_HEADERS_BYTES: u64 = 28;
-
-fn namespaces() -> Option<Namespaces> {
-    match Namespaces::create() {
-        Ok(namespaces) => Some(namespaces),
-        Err(err) if err.is_for_lack_of_means() => {
-            println!("skipped: {err}");
-            None
-        }
-        Err(err) => panic!("{err}"),
-    }
-}
 
 /// A socket on each side, connected to each other.
 fn sockets(link: &Namespaces) -> [UdpSocket; 2] {
@@ -90,7 +79,7 @@ fn line(delay_ms: u64) -> Line {
 
 #[test]
 fn a_packet_takes_the_delay_each_way() {
-    let Some(link) = namespaces() else { return };
+    let Some(link) = namespaces(0) else { return };
     let [near, far] = sockets(&link);
     link.set_both(Conditions {
         line: line(30),
@@ -124,7 +113,7 @@ fn a_packet_takes_the_delay_each_way() {
 
 #[test]
 fn jitter_keeps_packets_in_order() {
-    let Some(link) = namespaces() else { return };
+    let Some(link) = namespaces(0) else { return };
     let [near, far] = sockets(&link);
     link.set_both(Conditions {
         jitter: Duration::from_millis(20),
@@ -149,7 +138,7 @@ fn losses_are_as_many_as_set_and_the_same_for_a_seed() {
     };
     let mut outcomes = Vec::new();
     for _ in 0..2 {
-        let Some(link) = namespaces() else { return };
+        let Some(link) = namespaces(0) else { return };
         let [near, far] = sockets(&link);
         link.set(Side::A, lossy).unwrap();
         far.set_nonblocking(true).unwrap();
@@ -180,7 +169,7 @@ fn a_full_queue_drops_its_tail() {
     const QUEUE_BYTES: usize = 10_000;
     const RATE_BYTES_PER_S: u64 = 50_000;
     const PACKET_BYTES: u64 = 1000 + UDP_HEADERS_BYTES;
-    let Some(link) = namespaces() else { return };
+    let Some(link) = namespaces(0) else { return };
     let [near, far] = sockets(&link);
     link.set_both(Conditions {
         line: Line {
@@ -217,7 +206,7 @@ fn a_full_queue_drops_its_tail() {
 #[test]
 fn tcp_comes_through_whole() {
     const BYTES: usize = 150_000;
-    let Some(link) = namespaces() else { return };
+    let Some(link) = namespaces(0) else { return };
     link.set_both(Conditions {
         line: line(5),
         loss: 0.01,
@@ -251,7 +240,7 @@ fn tcp_comes_through_whole() {
 
 #[test]
 fn a_blackhole_passes_nothing_and_ends() {
-    let Some(link) = namespaces() else { return };
+    let Some(link) = namespaces(0) else { return };
     let [near, far] = sockets(&link);
     link.set(
         Side::A,
@@ -282,7 +271,7 @@ fn a_blackhole_passes_nothing_and_ends() {
 
 #[test]
 fn a_loss_that_is_no_probability_is_refused() {
-    let Some(link) = namespaces() else { return };
+    let Some(link) = namespaces(0) else { return };
     for loss in [-0.1, 1.1, f64::NAN] {
         let conditions = Conditions {
             loss,
@@ -295,7 +284,7 @@ fn a_loss_that_is_no_probability_is_refused() {
 
 #[test]
 fn commands_run_inside_and_outside_nothing_is_seen() {
-    let Some(link) = namespaces() else { return };
+    let Some(link) = namespaces(0) else { return };
     for side in Side::ALL {
         let output = link.command(side, "ip").args(["-o", "addr"]).output();
         let inside = String::from_utf8(output.unwrap().stdout).unwrap();
@@ -311,10 +300,10 @@ fn commands_run_inside_and_outside_nothing_is_seen() {
 
 #[test]
 fn namespaces_are_gone_afterwards_even_after_a_panic() {
-    let Some(link) = namespaces() else { return };
+    let Some(link) = namespaces(0) else { return };
     let files = Side::ALL.map(|side| Path::new("/var/run/netns").join(link.name(side)));
     assert!(files.iter().all(|file| file.exists()));
-    let Some(other) = namespaces() else { return };
+    let Some(other) = namespaces(0) else { return };
     assert_ne!(other.name(Side::A), link.name(Side::A));
     let panicked = catch_unwind(AssertUnwindSafe(move || {
         let result = link.within(Side::A, || panic!("on purpose"));

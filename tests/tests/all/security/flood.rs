@@ -1,7 +1,8 @@
 //! A stranger who knocks a hundred times a second, in network namespaces and behind the rate limit that is shipped.
 
+use std::ffi::OsStr;
 use std::fs;
-use std::net::{SocketAddr, TcpStream, UdpSocket};
+use std::net::UdpSocket;
 use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
@@ -10,7 +11,6 @@ use robot_edge::clock::{self, Monotonic};
 use robot_edge::credentials::Credentials;
 use robot_edge::link::endpoints::Channel;
 use robot_edge::link::sessions::{self, Endpoints, Side};
-use zenoh::Wait as _;
 
 use crate::fleet::Fleet;
 use crate::link::processes::{Running, program};
@@ -60,19 +60,10 @@ impl Lan {
     }
 
     /// A command in one of the namespaces.
-    fn within(&self, part: &str, program: &Path) -> Command {
+    fn within(&self, part: &str, program: impl AsRef<OsStr>) -> Command {
         let mut command = Command::new("ip");
         command.args(["netns", "exec", &format!("{}{part}", self.0)]);
         command.arg(program);
-        command
-    }
-
-    /// This test program again, in one of the namespaces, as one of its helpers below.
-    fn again(&self, part: &str, helper: &str, words: &str) -> Command {
-        let mut command = self.within(part, &std::env::current_exe().unwrap());
-        command.args(["--ignored", "--exact", "--nocapture"]);
-        command.arg(format!("security::flood::{helper}"));
-        command.env("FORESHORE_FLOOD", words);
         command
     }
 }
@@ -108,65 +99,6 @@ fn first_packets(fleet: &Path) -> Vec<Vec<u8>> {
 }
 
 #[test]
-#[ignore = "a helper of the test below: the stranger"]
-fn stranger() {
-    let Ok(words) = std::env::var("FORESHORE_FLOOD") else {
-        return;
-    };
-    let packets: Vec<Vec<u8>> = serde_json::from_str(&fs::read_to_string(words).unwrap()).unwrap();
-    let started = Monotonic::now();
-    let (mut open, mut knocks) = (Vec::new(), 0u32);
-    while started.elapsed() < FLOOD {
-        let due = started + Duration::from_secs(1) * knocks / KNOCKS_PER_S;
-        clock::sleep_until(due, || false);
-        // From another port each time, so that it is another connection; and from one, which is none for a firewall.
-        let sockets = [
-            UdpSocket::bind((STRANGER, 0)).unwrap(),
-            UdpSocket::bind((STRANGER, 0)).unwrap(),
-        ];
-        for socket in &sockets {
-            let packet = &packets[knocks as usize % packets.len()];
-            socket.send_to(packet, (VEHICLE, PORT)).unwrap();
-        }
-        for port in [PORT, PORT + 1] {
-            let place: SocketAddr = format!("{VEHICLE}:{port}").parse().unwrap();
-            let knocked = TcpStream::connect_timeout(&place, Duration::from_millis(2));
-            open.extend(knocked.ok());
-        }
-        open.drain(..open.len().saturating_sub(500));
-        knocks += 1;
-    }
-    println!("{knocks} knocks");
-}
-
-#[test]
-#[ignore = "a helper of the test below: the operator"]
-fn operator() {
-    let Ok(folder) = std::env::var("FORESHORE_FLOOD") else {
-        return;
-    };
-    let endpoints = Endpoints {
-        connect: vec![format!("quic/{VEHICLE}:{PORT}")],
-        credentials: Some(Credentials::open(Path::new(&folder)).unwrap()),
-        ..Endpoints::default()
-    };
-    let started = Monotonic::now();
-    let session = sessions::open(Side::Console, Channel::Control, &endpoints);
-    let taken = started.elapsed();
-    let way = match &session {
-        Ok(session) => {
-            let link = session.info().links().wait().next();
-            link.map(|link| link.dst().protocol().as_str().to_owned())
-        }
-        Err(why) => Some(why.to_string()),
-    };
-    println!("TOOK {} ms {}", taken.as_millis(), way.unwrap_or_default());
-    if let Ok(session) = session {
-        session.close().wait().unwrap();
-    }
-}
-
-#[test]
 #[ignore = "needs root and nft, takes half a minute"]
 fn a_stranger_who_knocks_a_hundred_times_a_second_keeps_nobody_out() {
     let fleet = Fleet::new();
@@ -176,48 +108,41 @@ fn a_stranger_who_knocks_a_hundred_times_a_second_keeps_nobody_out() {
     fs::remove_file(vehicle.join("link.pem")).unwrap();
     let made = fleet.keys(&["--robot", "scout", "--host", VEHICLE]);
     assert!(made.status.success(), "{made:?}");
-    let packets = fleet.scratch("packets.json");
-    fs::write(
-        &packets,
-        serde_json::to_string(&first_packets(&root)).unwrap(),
-    )
-    .unwrap();
+    let packets = fleet.scratch("packets");
+    fs::create_dir(&packets).unwrap();
+    for (number, packet) in first_packets(&root).into_iter().enumerate() {
+        fs::write(packets.join(number.to_string()), packet).unwrap();
+    }
 
     let lan = Lan::new();
     let rules = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robot-edge/deploy/foreshore.nft");
     let is_limited = std::env::var_os("FORESHORE_NO_NFT").is_none();
     if is_limited {
-        let mut load = lan.within("v", Path::new("nft"));
-        assert!(load.arg("-f").arg(rules).status().unwrap().success());
+        let mut load = lan.within("v", "nft");
+        let loaded = load.arg("-f").arg(rules).status().unwrap();
+        assert!(loaded.success(), "package nftables");
     }
-    let edge_program = program("robot-edge").get_program().to_owned();
-    let mut edge = lan.within("v", Path::new(&edge_program));
+    let mut edge = lan.within("v", program("robot-edge").get_program());
     edge.args(["simulate", "rooms", "--rate", "1", "--stay", "--quiet"]);
     edge.args(["--listen", &format!("quic/{VEHICLE}:{PORT}"), "--keys"]);
     edge.arg(&vehicle);
     let mut edge = Running::start(&mut edge, "edge");
     clock::sleep_until(Monotonic::now() + Duration::from_secs(3), || false);
-    let person = root.join("people/anna");
+    let (person, drive_by_wire) = (root.join("people/anna"), program("drive-by-wire"));
     let connect = || {
-        let said = lan
-            .again("o", "operator", person.to_str().unwrap())
-            .output()
-            .unwrap();
-        let said = String::from_utf8(said.stdout).unwrap();
-        let line = said
-            .lines()
-            .find_map(|line| line.split_once("TOOK "))
-            .unwrap();
-        println!("connected after {}", line.1);
-        let ms = line.1.split(' ').next().unwrap();
-        ms.parse::<u64>().unwrap()
+        let mut connect = lan.within("o", drive_by_wire.get_program());
+        connect.args(["connect", &format!("quic/{VEHICLE}:{PORT}")]);
+        let said = Running::start(connect.arg(&person), "operator").ends_well();
+        print!("connected after {said}");
+        assert!(["quic", "tls"].contains(&said.trim_end().rsplit(' ').next().unwrap()));
+        said.split(' ').next().unwrap().parse::<u64>().unwrap()
     };
     let quiet_ms = connect();
     let before = edge.memory();
-    let flood = Running::start(
-        &mut lan.again("s", "stranger", packets.to_str().unwrap()),
-        "stranger",
-    );
+    let mut knock = lan.within("s", drive_by_wire.get_program());
+    knock.args(["knock", STRANGER, VEHICLE, &PORT.to_string()]);
+    knock.args([KNOCKS_PER_S, FLOOD.as_secs() as u32].map(|number| number.to_string()));
+    let flood = Running::start(knock.arg(&packets), "stranger");
     clock::sleep_until(Monotonic::now() + Duration::from_secs(3), || false);
     let mut slowest_ms = 0;
     for _ in 0..10 {

@@ -51,10 +51,12 @@ struct Vehicle {
 
 impl Vehicle {
     fn new(fleet: &Fleet, listen: &[String], connect: &[String]) -> Self {
+        let (credentials, _, people) = Credentials::of_vehicle(&fleet.vehicle(), None).unwrap();
         let endpoints = Endpoints {
             listen: listen.to_vec(),
             connect: connect.to_vec(),
-            credentials: Some(Credentials::open(&fleet.vehicle()).unwrap()),
+            credentials: Some(credentials),
+            people,
             ..Endpoints::default()
         };
         let session = sessions::open(Side::Edge, Channel::Control, &endpoints).unwrap();

@@ -6,7 +6,9 @@ mod issuing;
 
 mod commands;
 mod flood;
+mod installing;
 mod matrix;
+mod newer_list;
 mod secured_link;
 mod strangers;
 #[cfg(target_os = "linux")]

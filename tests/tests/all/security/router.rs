@@ -1,10 +1,15 @@
 //! A router as `zenohd -c router.json5` is one.
 
 use std::fs;
+use std::thread::sleep;
+use std::time::Duration;
 
+use robot_edge::clock::Monotonic;
 use zenoh::{Config, Session, Wait as _};
 
 use crate::fleet::{Fleet, text};
+
+const PATIENCE: Duration = Duration::from_mins(1);
 
 /// Starts a router with the generated file, of which only the addresses are changed.
 pub(super) fn start(fleet: &Fleet, port: u16) -> Session {
@@ -16,7 +21,13 @@ pub(super) fn start(fleet: &Fleet, port: u16) -> Session {
         .replace("[::]:7448", &format!("127.0.0.1:{}", port + 1));
     let path = fleet.scratch("router.json5");
     fs::write(&path, here).unwrap();
-    zenoh::open(Config::from_file(path).unwrap())
-        .wait()
-        .unwrap()
+    // The port of a router before it may not be free yet.
+    let started = Monotonic::now();
+    loop {
+        match zenoh::open(Config::from_file(&path).unwrap()).wait() {
+            Ok(session) => return session,
+            Err(why) => assert!(started.elapsed() < PATIENCE, "{why}"),
+        }
+        sleep(Duration::from_millis(100));
+    }
 }

@@ -6,7 +6,7 @@ use std::net::UdpSocket;
 use std::time::Duration;
 
 use robot_edge::clock::Monotonic;
-use robot_edge::credentials::Credentials;
+use robot_edge::credentials::{Credentials, OperatorList};
 use robot_edge::link::endpoints::Channel;
 use robot_edge::link::sessions::{self, Endpoints, Side};
 use zenoh::qos::Reliability;
@@ -107,6 +107,7 @@ fn open(side: Side, fleet: &Fleet, endpoint: String) -> Session {
         listen,
         connect,
         credentials: Some(Credentials::open(&folder).unwrap()),
+        people: OperatorList::read(&fleet.vehicle().join("operators.toml")).unwrap(),
         ..Endpoints::default()
     };
     sessions::open(side, Channel::Control, &endpoints).unwrap()

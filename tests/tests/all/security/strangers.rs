@@ -25,9 +25,11 @@ const PATIENCE: Duration = Duration::from_secs(20);
 const DAY: i64 = 86_400;
 
 fn vehicle(fleet: &Fleet, port: u16) -> Session {
+    let (credentials, _, people) = Credentials::of_vehicle(&fleet.vehicle(), None).unwrap();
     let endpoints = Endpoints {
         listen: vec![format!("quic/127.0.0.1:{port}")],
-        credentials: Some(Credentials::open(&fleet.vehicle()).unwrap()),
+        credentials: Some(credentials),
+        people,
         ..Endpoints::default()
     };
     sessions::open(Side::Edge, Channel::Control, &endpoints).unwrap()

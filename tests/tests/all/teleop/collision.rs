@@ -7,8 +7,9 @@ use nalgebra::{Point3, Quaternion, UnitQuaternion, Vector2, Vector3};
 use protocol::message::{Answer, Clamp, Guard, Setting, TeleopState};
 use robot_edge::simulation::World;
 use robot_edge::simulation::scene::Scene;
+use zenoh::Wait as _;
 
-use super::robot::{NAME, Robot};
+use super::robot::{CIRCLE, NAME, Robot};
 
 /// Half of the Pioneer's length and width, metres.
 const HALF_M: [f64; 2] = [0.2275, 0.1905];
@@ -52,9 +53,9 @@ fn before_a_wall_it_stops_by_itself_with_the_key_held() {
     // Noise of the laser on either side of the margin.
     assert!((MARGIN_M - 0.06..MARGIN_M + 0.15).contains(&gap), "{gap} m");
 
-    // Away from it the way is free.
+    // Away from it the way is free; nobody has looked there for longer than the guard trusts: it creeps.
     anna.hold(Input::NEUTRAL, NEUTRAL);
-    anna.hold(Input::of(-0.3, 0.0), Duration::from_secs(2));
+    anna.hold(Input::of(-0.3, 0.0), Duration::from_secs(4));
     assert!(gap_m(&anna) > gap + 0.2);
     robot.verdict(&[&anna.journal]);
 }
@@ -71,5 +72,24 @@ fn the_guard_is_switched_off_and_on_by_whoever_drives() {
     assert_eq!(anna.ask(&Setting::Guard(true)), Answer::Done);
     anna.sees("on", |teleop| {
         teleop.settings.guard && matches!(teleop.guard, Guard::On(_))
+    });
+}
+
+#[test]
+fn the_guard_is_on_for_the_next_driver_whoever_switched_it_off() {
+    let robot = Robot::start();
+    let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
+    let mut bert = Operator::ready(&robot.endpoint(), NAME, "bert");
+    anna.take_lease();
+    assert_eq!(anna.ask(&Setting::Guard(false)), Answer::Done);
+    anna.sets_off(CIRCLE);
+    anna.sees("driving without", |teleop| teleop.guard == Guard::Off);
+    // She is cut off, and the lease ends.
+    anna.session().close().wait().unwrap();
+    bert.sees("free", |teleop| teleop.lease.holder.is_none());
+    bert.take_lease();
+    bert.sees("guarded", |teleop| {
+        let is_his = teleop.lease.holder.as_ref() == Some(&bert.name);
+        is_his && teleop.settings.guard && teleop.guard != Guard::Off
     });
 }

@@ -1,4 +1,4 @@
-//! How fast it is: each test prints rows of a table, and asserts nothing on time. Needs the machine for itself.
+//! How fast it is: each test prints rows of a table, and fails where a figure is far off. Needs the machine for itself.
 
 use std::thread::sleep;
 use std::time::Duration;
@@ -8,6 +8,7 @@ use foreshore_tests::operator::{Input, Journal, Operator};
 use robot_edge::clock::Monotonic;
 use tempfile::tempdir;
 
+use super::drive::Lateness;
 use super::robot::{NAME, Robot};
 use crate::link::processes::{Running, free_port, program};
 
@@ -18,47 +19,26 @@ pub(super) const LET_GO: (Input, Duration) = (Input::NEUTRAL, Duration::from_mil
 /// How many presses are measured.
 const PRESSES: usize = 120;
 
-/// `p50, p99, most` of durations, in milliseconds.
-fn percentiles(mut times: Vec<Duration>) -> String {
-    times.sort_unstable();
-    let at = |share: f64| {
-        let index = ((times.len().max(1) - 1) as f64 * share).round() as usize;
-        let time = times.get(index).copied().unwrap_or_default();
-        format!("{:.1}", time.as_secs_f64() * 1e3)
-    };
-    format!(
-        "p50 {} ms, p99 {} ms, most {} ms",
-        at(0.5),
-        at(0.99),
-        at(1.0)
-    )
-}
-
-pub(super) fn tell_latencies(what: &str, log: &DriveLog, journal: &Journal) {
+/// From presses to the first round whose output moves, the slowest last, and how many presses had no effect. Prints it.
+pub(super) fn latencies(what: &str, log: &DriveLog, journal: &Journal) -> (Vec<Duration>, usize) {
     let latencies = press_latencies(log, journal);
-    let effective: Vec<_> = latencies.iter().copied().flatten().collect();
+    let mut effective: Vec<_> = latencies.iter().copied().flatten().collect();
+    effective.sort_unstable();
+    let without_effect = latencies.len() - effective.len();
     println!(
-        "{what}: key to motors, {} presses, {} without effect: {}",
+        "{what}: key to motors, {} presses, {without_effect} without effect: p50 {:.1?}, p99 {:.1?}, most {:.1?}",
         latencies.len(),
-        latencies.len() - effective.len(),
-        percentiles(effective)
+        at(&effective, 0.5),
+        at(&effective, 0.99),
+        at(&effective, 1.0)
     );
+    (effective, without_effect)
 }
 
-/// How much later than 20 ms after the one before rounds ended.
-fn tell_lateness(what: &str, log: &DriveLog, from: Monotonic, to: Monotonic) {
-    let rounds = log.during(from, to).to_vec();
-    let log = DriveLog { rounds, missing: 0 };
-    let late = log.periods();
-    let late: Vec<_> = late
-        .into_iter()
-        .map(|period| period.saturating_sub(Duration::from_millis(20)))
-        .collect();
-    println!(
-        "{what}: {} rounds late by {}",
-        late.len(),
-        percentiles(late)
-    );
+/// Of sorted times, that which so large a share of them does not exceed.
+pub(super) fn at(times: &[Duration], share: f64) -> Duration {
+    let last = times.len().checked_sub(1).expect("figures");
+    times[(last as f64 * share).round() as usize]
 }
 
 fn press_and_let_go(operator: &mut Operator) {
@@ -97,15 +77,22 @@ fn measure_locally(world: &'static str) {
         "{world}: the edge takes {:.0} % of a core, all its threads",
         100.0 * load
     );
-    tell_latencies(world, &log, &anna.journal);
-    tell_lateness(&format!("{world}, nobody drives"), &log, idle, driven);
-    tell_lateness(&format!("{world}, somebody drives"), &log, driven, over);
+    let (latencies, without_effect) = latencies(world, &log, &anna.journal);
+    let nobody = Lateness::of(&format!("{world}, nobody drives"), &log, (idle, driven));
+    let somebody = Lateness::of(&format!("{world}, somebody drives"), &log, (driven, over));
     let status = anna.sees_anew();
     println!(
         "{world}: {} involuntary stops",
         status.counters.involuntary_stops
     );
     drop((watching, frozen));
+    robot.verdict(&[&anna.journal]);
+    // Twice what is aimed at.
+    assert_eq!(without_effect, 0);
+    assert!(at(&latencies, 0.99) <= Duration::from_millis(20));
+    for late in [nobody, somebody] {
+        assert!(late.at(0.99) <= Duration::from_millis(10));
+    }
 }
 
 #[test]

@@ -14,6 +14,7 @@ use tempfile::{TempDir, tempdir};
 use super::drive::{drove, while_driving};
 use super::robot::{CIRCLE, NAME, Robot};
 use crate::link::processes::{free_port, program};
+use crate::skip::skip;
 
 /// How long each state of the machine lasts.
 const MEANWHILE: Duration = Duration::from_secs(2);
@@ -51,10 +52,9 @@ fn set_wall_clock(file: &Path, offset: &str) {
 }
 
 #[test]
-#[ignore = "ten seconds, needs libfaketime"]
 fn a_wall_clock_that_is_set_changes_nothing() {
     if !Path::new(LIBFAKETIME).exists() {
-        println!("skipped: there is no {LIBFAKETIME} (package libfaketime)");
+        skip(&format!("there is no {LIBFAKETIME}"), "package libfaketime");
         return;
     }
     let folder = tempdir().unwrap();
@@ -80,13 +80,13 @@ fn a_wall_clock_that_is_set_changes_nothing() {
 }
 
 /// A small disk of its own.
-struct Disk {
+pub(super) struct Disk {
     folder: TempDir,
 }
 
 impl Disk {
     /// `None` where the system does not let this process have one.
-    fn mounted() -> Option<Self> {
+    pub(super) fn mounted() -> Option<Self> {
         let folder = tempdir().unwrap();
         let mounted = Command::new("mount")
             .args(["-t", "tmpfs", "-o", "size=2m", "tmpfs"])
@@ -94,13 +94,23 @@ impl Disk {
             .status()
             .unwrap();
         if !mounted.success() {
-            println!("skipped: a disk to fill can be mounted by root only");
+            skip("no small disk can be mounted", "root");
             return None;
         }
         Some(Self { folder })
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    /// Makes it larger or smaller; as large as this it takes no memory before it is filled.
+    pub(super) fn resize(&self, size: &str) {
+        let resized = Command::new("mount")
+            .args(["-o", &format!("remount,size={size}")])
+            .arg(self.folder.path())
+            .status()
+            .unwrap();
+        assert!(resized.success());
+    }
+
+    pub(super) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
@@ -124,7 +134,6 @@ impl Drop for Disk {
 }
 
 #[test]
-#[ignore = "ten seconds, needs root"]
 fn a_full_disk_stops_neither_driving_nor_an_emergency_stop() {
     let Some(disk) = Disk::mounted() else { return };
     let port = free_port();

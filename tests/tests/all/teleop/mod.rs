@@ -8,6 +8,8 @@ mod drive;
 mod figures;
 mod kills;
 mod machine;
+mod nearly_full;
+mod open_water;
 mod quic;
 mod robot;
 mod shaped_figures;

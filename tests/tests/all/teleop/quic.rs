@@ -11,7 +11,7 @@ use foreshore_tests::rig::udp::{Conditions, UdpRelay};
 use protocol::message::Refusal;
 use robot_edge::clock::Monotonic;
 
-use super::cuts::{cut_while_driving, tell};
+use super::cuts::{Promptness, cut_while_driving};
 use super::drive::{drove, while_driving};
 use super::robot::{CIRCLE, LIMITS, NAME, Robot, refused};
 use crate::chance::Chance;
@@ -96,8 +96,7 @@ fn cut_quic_while_driving(seed: u64, cuts: usize) -> Vec<Stop> {
 #[test]
 fn a_vehicle_whose_quic_link_breaks_stops_and_waits_for_a_press() {
     let stops = cut_quic_while_driving(1, 3);
-    assert!(!stops.is_empty());
-    tell(&stops);
+    Promptness::of(&stops).is_within_two_rounds(false);
 }
 
 #[test]
@@ -108,7 +107,7 @@ fn two_hundred_cuts_of_quic() {
         .collect();
     let robots = robots.into_iter().flat_map(|robot| robot.join().unwrap());
     let stops: Vec<_> = robots.collect();
-    tell(&stops);
+    Promptness::of(&stops).is_within_two_rounds(true);
     assert!(stops.len() > 100, "{}", stops.len());
 }
 

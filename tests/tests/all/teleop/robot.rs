@@ -31,6 +31,8 @@ pub(super) struct Robot {
     pub(super) edge: Running,
     pub(super) port: u16,
     log: PathBuf,
+    /// Each run logs into a file of its own.
+    runs: u32,
     run: Box<dyn Fn(&Path) -> Running>,
     _folder: TempDir,
 }
@@ -75,6 +77,7 @@ impl Robot {
             edge: run(&log),
             port,
             log,
+            runs: 1,
             run: Box::new(run),
             _folder: folder,
         }
@@ -83,6 +86,7 @@ impl Robot {
     /// Starts it again, with a log that begins anew.
     pub(super) fn restart(&mut self) {
         self.edge = (self.run)(&self.log);
+        self.runs += 1;
     }
 
     pub(super) fn endpoint(&self) -> String {
@@ -91,7 +95,13 @@ impl Robot {
 
     /// What the motors were told so far.
     pub(super) fn log(&self) -> DriveLog {
-        let csv = fs::read_to_string(&self.log).unwrap();
+        let name = match self.runs {
+            1 => self.log.clone(),
+            run => self.log.with_file_name(format!("drive-{run}.csv")),
+        };
+        // The program has just been started: it may not be there yet.
+        let csv =
+            fs::read_to_string(&name).unwrap_or_else(|err| panic!("{}: {err}", name.display()));
         let log = DriveLog::parse(&csv).unwrap_or_else(|err| panic!("{err}"));
         assert_eq!(log.missing, 0, "the disk was too slow to judge");
         log

@@ -33,6 +33,19 @@ struct Late {
     too_many: u64,
 }
 
+impl Late {
+    /// Fails where fewer came than a link must deliver that stood still for so long: else nothing was tried.
+    fn is_of(self, stall: Duration) {
+        let Self { too_old, too_many } = self;
+        // Those of the last 400 ms may be young enough, and of the rest some are lost on a busy machine.
+        let sent = (stall.as_secs_f64() - 0.6) * 50.0;
+        assert!(
+            too_old > 0 && (too_old + too_many) as f64 >= sent,
+            "{stall:?}: {self:?}"
+        );
+    }
+}
+
 /// Stalls the link with a key held; what came when it was over.
 fn stall_while_driving(held: Held, stall: Duration) -> Late {
     let robot = Robot::start();
@@ -99,12 +112,7 @@ fn what_a_stalled_link_delivers_moves_nothing() {
     for (held, stall) in stalls {
         let late = stall.join().unwrap();
         println!("{held:?}, 2 s: {late:?}");
-        // 100 were sent meanwhile; those of the last 400 ms may be young enough.
-        let Late { too_old, too_many } = late;
-        assert!(
-            too_old > 0 && too_old + too_many >= 70,
-            "{held:?}: {late:?}"
-        );
+        late.is_of(Duration::from_secs(2));
     }
 }
 
@@ -115,8 +123,14 @@ fn stalls_of_one_to_thirty_seconds() {
         let stall = Duration::from_secs(seconds);
         let rows = [Held::Both, Held::Commands]
             .map(|held| std::thread::spawn(move || stall_while_driving(held, stall)))
-            .map(|robot| robot.join().unwrap())
-            .map(|Late { too_old, too_many }| format!("{too_old} | {too_many}"));
+            .map(|robot| robot.join().unwrap());
+        // Longer ones outlast Zenoh's lease of 4 s, with which most of what is under way is lost.
+        if seconds <= 3 {
+            for late in rows {
+                late.is_of(stall);
+            }
+        }
+        let rows = rows.map(|Late { too_old, too_many }| format!("{too_old} | {too_many}"));
         println!("| {seconds} s | {} |", rows.join(" | "));
     }
 }

@@ -148,6 +148,54 @@ fn commands_are_done_and_a_stop_is_quick() {
 }
 
 #[test]
+fn a_stop_is_one_write_for_both_motors_whatever_is_on_its_way() {
+    let mut bench = Bench::ready();
+    for ms in 0..80 {
+        bench.command(100, -100);
+        bench.run_ms(150 + ms);
+        let (asked, sent) = (bench.now, bench.sent.len());
+        bench.command(0, 0);
+        bench.run_ms(1);
+        assert_eq!(bench.sent[sent..], [(bench.now, "!A00\r!B00\r".len())]);
+        bench.run_ms(6);
+        assert_eq!(bench.emulator.motors(), [0, 0]);
+        assert!(
+            !bench.driver.has_stopped_since(asked),
+            "not acknowledged yet"
+        );
+        bench.run_ms(10);
+        assert!(bench.driver.has_stopped_since(asked));
+        let status = bench.status();
+        assert_eq!((status.state, status.reconnects), (State::Ready, 0));
+    }
+}
+
+#[test]
+fn a_controller_that_takes_one_command_at_a_time_is_told_zero_one_by_one() {
+    for (is_from_the_start, ms) in [(true, 60), (false, 180)] {
+        let mut bench = Bench::new(false, |emulator| {
+            if is_from_the_start {
+                emulator.trouble = Trouble::OneAtATime;
+            }
+        });
+        bench.run_ms(4000);
+        bench.emulator.trouble = Trouble::OneAtATime;
+        for _ in 0..10 {
+            bench.command(100, 100);
+            bench.run_ms(200);
+            assert_eq!(bench.emulator.motors(), [100, 100]);
+            let asked = bench.now;
+            bench.command(0, 0);
+            bench.run_ms(ms);
+            assert_eq!(bench.emulator.motors(), [0, 0]);
+            assert!(bench.driver.has_stopped_since(asked));
+        }
+        let status = bench.status();
+        assert_eq!((status.state, status.reconnects), (State::Ready, 0));
+    }
+}
+
+#[test]
 fn speeds_are_repeated_and_never_more_than_one_command_is_on_its_way() {
     let mut bench = Bench::ready();
     bench.command(30, 30);

@@ -13,6 +13,7 @@ use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::OpenptFlags;
 
+use super::line_timing::LineTiming;
 use super::{Emulator, Output};
 use crate::clock::{Monotonic, sleep_until};
 
@@ -107,9 +108,18 @@ impl Drop for EmulatorOnTerminal {
 }
 
 fn serve(mut far_end: File, emulator: &Mutex<Emulator>, is_over: &AtomicBool) {
+    let mut timing = {
+        let now = Monotonic::now();
+        let has_line_timing = emulator.lock().unwrap().has_line_timing;
+        has_line_timing.then(|| LineTiming::new(now))
+    };
     let tick = rustix::event::Timespec {
         tv_sec: 0,
-        tv_nsec: 5_000_000,
+        tv_nsec: if timing.is_some() {
+            1_000_000
+        } else {
+            5_000_000
+        },
     };
     let mut buffer = [0; 256];
     while !is_over.load(Ordering::Acquire) {
@@ -121,10 +131,16 @@ fn serve(mut far_end: File, emulator: &Mutex<Emulator>, is_over: &AtomicBool) {
         } else {
             0
         };
-        let says = emulator
-            .lock()
-            .unwrap()
-            .hear(&buffer[..count], Monotonic::now());
+        let says = {
+            let (now, mut emulator) = (Monotonic::now(), emulator.lock().unwrap());
+            match &mut timing {
+                Some(timing) => {
+                    timing.write(&buffer[..count], now);
+                    timing.run(&mut emulator, now)
+                }
+                None => emulator.hear(&buffer[..count], now),
+            }
+        };
         far_end.write_all(&says).unwrap();
     }
 }

@@ -45,6 +45,7 @@ fn scan(millis: i64, odom_from_base: Pose) -> Placed {
         stamp: RobotTime::from_nanos(1_000_000 * millis),
         sensor: SensorId(0),
         beam_step_rad: 0.01,
+        own_body_hits: 0,
         odom_from_base,
         beams: Vec::new(),
     })

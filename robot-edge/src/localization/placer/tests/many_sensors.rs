@@ -291,6 +291,7 @@ fn a_canopy_above_the_vehicle_stays_and_its_own_deck_goes() {
     settings.body = BodyBox {
         length_m: 1.5,
         width_m: 0.8,
+        offset_m: 0.0,
         lowest_m: 0.0,
         highest_m: 0.7,
     };
@@ -314,6 +315,34 @@ fn a_canopy_above_the_vehicle_stays_and_its_own_deck_goes() {
     assert_eq!(hits_at(-straight_up, &[0.3, 0.69, 0.71]), (vec![0.71], 2));
     // Level: as before, the footprint decides.
     assert_eq!(hits_at(0.0, &[0.5, 0.74, 0.76]), (vec![0.76], 2));
+}
+
+/// The base frame is at the rear axle: the front overhangs it by 1.3 m, the rear by 0.2 m.
+#[test]
+fn hits_on_a_front_that_overhangs_are_the_vehicles_own() {
+    for (yaw_rad, ranges_m, kept) in [
+        (0.0, [0.5, 1.29, 1.31], 1.31),
+        (std::f64::consts::PI, [0.15, 0.19, 0.21], 0.21),
+    ] {
+        let mut settings = settings(PoseOrigin::Odometry);
+        settings.body = BodyBox {
+            length_m: 1.5,
+            width_m: 0.8,
+            offset_m: 0.55,
+            lowest_m: 0.0,
+            highest_m: 0.7,
+        };
+        settings.sensors[0].beams.base_from_sensor = planar(0.0, 0.0, yaw_rad);
+        let input = vec![
+            odometry(0.9, 0.0),
+            scan(1.0, 0.0, &ranges_m),
+            odometry(1.1, 0.0),
+        ];
+        let (out, counts) = placed(settings, input);
+        let found: Vec<_> = posed(&out[0]).beams.iter().map(|b| b.range_m).collect();
+        assert_eq!(found, [kept]);
+        assert_eq!(counts.dropped_beams.get(DropReason::OwnBody), 2);
+    }
 }
 
 #[test]

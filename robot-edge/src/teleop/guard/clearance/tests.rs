@@ -12,12 +12,9 @@ const BARE: Margins = Margins {
 };
 
 fn footprint() -> impl Strategy<Value = Footprint> {
-    (0.1..1.5, 0.0..1.5, 0.1..0.8).prop_map(|(front_m, rear_m, half_width_m): (f64, f64, f64)| {
-        Footprint {
-            front_m,
-            rear_m: -rear_m,
-            half_width_m,
-        }
+    // The base frame may lie within, or up to half a length before or behind.
+    (0.1..2.0, -1.0..1.0, 0.1..0.8).prop_map(|(length_m, offset, half_width_m): (f64, f64, f64)| {
+        Footprint::centred(length_m, 2.0 * half_width_m).moved_ahead(offset * length_m)
     })
 }
 

@@ -30,6 +30,7 @@ fn an_occupancy_grid_is_copied_around_the_vehicle() {
             stamp: RobotTime::from_nanos(0),
             sensor: SensorId(0),
             beam_step_rad: 0.01,
+            own_body_hits: 0,
             odom_from_base: planar(-10.0, 4.0, 0.0),
             beams: vec![beam],
         });

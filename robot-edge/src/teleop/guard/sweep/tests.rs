@@ -12,7 +12,10 @@ use crate::teleop::guard::GuardConfig;
 fn rules(
     change: impl FnOnce(&mut GuardConfig, &mut TeleopConfig, &mut VehicleConfig),
 ) -> GuardRules {
-    let mut guard = GuardConfig::default();
+    let mut guard = GuardConfig {
+        trust_misses: true,
+        ..GuardConfig::default()
+    };
     let mut teleop = TeleopConfig::default();
     let mut vehicle = VehicleConfig {
         length_m: 0.9,
@@ -43,12 +46,19 @@ fn sweep(rules: &GuardRules, beams: Vec<PosedBeam>) -> GuardSweep {
         stamp: RobotTime::from_nanos(0),
         sensor: SensorId(0),
         beam_step_rad: 0.01,
+        own_body_hits: 0,
         odom_from_base: pose,
         beams,
     };
     let mut sweep = GuardSweep::default();
     let times = (Monotonic::from_nanos(0), Duration::from_millis(40));
-    sweep.read(&scan, &GroundPlane::under(&pose), rules, times);
+    sweep.read(
+        &scan,
+        &GroundPlane::under(&pose),
+        rules,
+        &BlockageDetector::default(),
+        times,
+    );
     sweep
 }
 

@@ -12,8 +12,8 @@ use crate::mapping::occupancy_config::OccupancyConfig;
 use crate::mapping::occupancy_grid::OccupancyGrid;
 use crate::pose::{Pose, planar};
 use crate::teleop::guard::{
-    Barrier, BarrierKind, CollisionGuard, Copying, GuardInput, GuardRules, GuardSweep, LocalMap,
-    Odometry,
+    Barrier, BarrierKind, BlockageDetector, CollisionGuard, Copying, GuardInput, GuardRules,
+    GuardSweep, LocalMap, Odometry,
 };
 use crate::teleop::velocity::Velocity;
 use crate::teleop::verdict::{GuardLimits, GuardVerdict};
@@ -74,7 +74,13 @@ impl Scene {
         let mut sweep = GuardSweep::default();
         let scan = laser.scan(walls, &pose());
         let times = (TAKEN, Duration::from_millis(40));
-        sweep.read(&scan, &GroundPlane::under(&pose()), &rules(), times);
+        sweep.read(
+            &scan,
+            &GroundPlane::under(&pose()),
+            &rules(),
+            &BlockageDetector::default(),
+            times,
+        );
         Self {
             guard: CollisionGuard::new(rules()),
             sweeps: vec![sweep],
@@ -256,4 +262,41 @@ fn a_guard_that_cannot_judge_tells_none() {
     };
     assert_eq!(scene.judge(None, requested), GuardVerdict::Stale);
     assert_eq!(scene.guard.barrier(), None);
+}
+
+/// A boat whose sonar finds a shoal ahead, and beside it a post that stands out of the water.
+#[test]
+fn a_shoal_is_told_apart_from_what_stands_in_the_water() {
+    let mut setup = Setup::default();
+    setup.teleop.is_boat = true;
+    setup.vehicle.length_m = 0.8;
+    setup.vehicle.width_m = 0.6;
+    setup.vehicle.lowest_point_m = -0.6;
+    setup.vehicle.height_m = 1.6;
+    let rules = setup.rules();
+    for (height_m, kind) in [(-0.4, BarrierKind::Shallow), (0.3, BarrierKind::Seen)] {
+        let mut scan = HALF.scan(&vec![across(0.8)], &pose());
+        for beam in &mut scan.beams {
+            beam.end_in_odom.z = height_m;
+        }
+        let mut sweep = GuardSweep::default();
+        let times = (TAKEN, Duration::from_millis(40));
+        let blockage = BlockageDetector::default();
+        sweep.read(
+            &scan,
+            &GroundPlane::under(&pose()),
+            &rules,
+            &blockage,
+            times,
+        );
+        let mut scene = Scene {
+            guard: CollisionGuard::new(rules),
+            sweeps: vec![sweep],
+            map: None,
+            age: Duration::ZERO,
+        };
+        let (limits, barrier) = scene.asked(1.0, 0.0);
+        assert!(limits.forward_mps < 0.9, "{limits:?}");
+        is_at(barrier, kind, place([0.8, 0.0]), 0.01);
+    }
 }

@@ -31,7 +31,7 @@ fn it_stops_before_a_wall_at_any_speed_and_delay() {
             let setup = Setup {
                 guard: GuardConfig {
                     actuator_delay_s,
-                    ..GuardConfig::default()
+                    ..trusting()
                 },
                 vehicle: vehicle(0.8, 0.6, max_speed_mps),
                 teleop: TeleopConfig {
@@ -51,6 +51,32 @@ fn it_stops_before_a_wall_at_any_speed_and_delay() {
             }
             assert!(top_mps > 0.95 * max_speed_mps, "{top_mps}");
             assert!((drive.gap_m() - 0.1).abs() < 0.005, "{}", drive.gap_m());
+        }
+    }
+}
+
+/// With the base frame at the rear axle, and at the front axle.
+#[test]
+fn what_overhangs_the_base_frame_stops_before_a_wall_too_and_as_near() {
+    for footprint_offset_m in [0.35, -0.35, 0.0] {
+        for speed_mps in [1.0, -1.0] {
+            let setup = Setup {
+                vehicle: VehicleConfig {
+                    footprint_offset_m,
+                    ..vehicle(0.8, 0.6, 1.0)
+                },
+                ..Setup::default()
+            };
+            let walls = [-3.0, 3.0].map(|wall_m| wall([wall_m, -2.0], [wall_m, 2.0]));
+            let mut drive = Drive::new(setup, walls.to_vec(), 2);
+            drive.laser.beams = 241;
+            let case = format!("{footprint_offset_m} m at {speed_mps} m/s");
+            for _ in 0..400 {
+                drive.round(Some(going(speed_mps, 0.0)));
+                assert!(drive.gap_m() > 0.095, "{case}: {}", drive.gap_m());
+            }
+            let gap_m = drive.gap_m();
+            assert!((gap_m - 0.1).abs() < 0.005, "{case}: {gap_m}");
         }
     }
 }

@@ -11,12 +11,14 @@ use crate::mapping::ground_plane::GroundPlane;
 use crate::mapping::occupancy_config::OccupancyConfig;
 use crate::mapping::occupancy_grid::OccupancyGrid;
 use crate::pose::planar;
-use crate::teleop::guard::{CollisionGuard, Copying, GuardInput, GuardSweep, LocalMap, Odometry};
+use crate::teleop::guard::{
+    BlockageDetector, CollisionGuard, Copying, GuardInput, GuardSweep, LocalMap, Odometry,
+};
 use crate::teleop::velocity::Velocity;
 
 #[test]
 #[ignore = "a measurement"]
-fn a_round_of_1081_points_and_a_map() {
+fn a_round_of_1081_points_and_a_map_in_release() {
     let setup = Setup {
         vehicle: VehicleConfig {
             length_m: 1.5,
@@ -73,7 +75,13 @@ fn a_round_of_1081_points_and_a_map() {
         worst = worst.max(times[0]);
     };
     timed("sweep", &mut |_| {
-        sweep.read(&scan, &plane, &rules, (taken, Duration::from_millis(40)));
+        sweep.read(
+            &scan,
+            &plane,
+            &rules,
+            &BlockageDetector::default(),
+            (taken, Duration::from_millis(40)),
+        );
     });
     timed("map copy", &mut |_| map.copy_occupancy(&grid, copying));
     let sweeps = [sweep.clone()];

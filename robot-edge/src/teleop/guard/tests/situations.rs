@@ -16,7 +16,8 @@ use crate::mapping::occupancy_grid::OccupancyGrid;
 use crate::mapping::posed_scan::BeamOutcome;
 use crate::pose::planar;
 use crate::teleop::guard::{
-    CollisionGuard, Copying, GuardConfig, GuardInput, GuardSweep, Lack, LocalMap, Odometry, OnBlind,
+    BlockageDetector, CollisionGuard, Copying, GuardConfig, GuardInput, GuardSweep, Lack, LocalMap,
+    Odometry, OnBlind,
 };
 use crate::teleop::velocity::Velocity;
 use crate::teleop::verdict::{GuardLimits, GuardVerdict};
@@ -47,7 +48,13 @@ fn sweep(setup: &Setup, laser: Laser, walls: &Walls) -> GuardSweep {
     let mut sweep = GuardSweep::default();
     let scan = laser.scan(walls, &pose);
     let times = (TAKEN, Duration::from_millis(40));
-    sweep.read(&scan, &GroundPlane::under(&pose), &setup.rules(), times);
+    sweep.read(
+        &scan,
+        &GroundPlane::under(&pose),
+        &setup.rules(),
+        &BlockageDetector::default(),
+        times,
+    );
     sweep
 }
 
@@ -250,14 +257,17 @@ fn behind_a_vehicle_that_looks_ahead_it_is_blind() {
     );
 }
 
-/// What was driven over a moment ago, or was seen before, is in the map.
+/// A map says what the ground is that beams pass over. It does not say so of where nobody looks, and not for ever.
 #[test]
-fn behind_it_the_map_may_know() {
+fn what_beams_pass_over_the_map_may_know() {
     let mut grid = OccupancyGrid::new(&OccupancyConfig::default());
     for _ in 0..3 {
         grid.integrate(&Laser::ALL_AROUND.scan(&wall_ahead(-1.6), &planar(0.0, 0.0, 0.0)));
     }
-    let mut at = Situation::new(setup(), HALF, &wall_ahead(5.0));
+    let mut setup = setup();
+    // All beams are higher.
+    setup.guard.seen_below_m = 0.1;
+    let mut at = Situation::new(setup, Laser::ALL_AROUND, &wall_ahead(5.0));
     let mut map = LocalMap::default();
     map.copy_occupancy(
         &grid,
@@ -268,6 +278,7 @@ fn behind_it_the_map_may_know() {
             reach_m: at.setup.rules().window_m(),
         },
     );
+    assert!(at.limits(going(-1.0, 0.0)).is_blind);
     at.map = Some(map);
     let back = at.limits(going(-1.0, 0.0));
     // 1.2 m behind it the map has a wall, which lies anywhere in its cell of 0.1 m.
@@ -277,14 +288,20 @@ fn behind_it_the_map_may_know() {
         (0.9..=1.1).contains(&needed_m) || back.reverse_mps == 1.0,
         "{needed_m}"
     );
+    at.sweeps[0] = sweep(&at.setup, HALF, &wall_ahead(5.0));
+    let back = at.limits(going(-1.0, 0.0));
+    assert!(
+        back.is_blind && back.reverse_mps < 0.11,
+        "nobody looks there: {back:?}"
+    );
 
     // A map that nobody renews no longer says that ground is free.
-    at.sweeps[0] = sweep(&at.setup, HALF, &wall_ahead(5.0));
     at.age = Duration::from_millis(501);
-    let scan = HALF.scan(&wall_ahead(5.0), &planar(0.0, 0.0, 0.0));
+    let scan = Laser::ALL_AROUND.scan(&wall_ahead(5.0), &planar(0.0, 0.0, 0.0));
     let plane = GroundPlane::under(&planar(0.0, 0.0, 0.0));
     let times = (TAKEN + at.age, Duration::from_millis(40));
-    at.sweeps[0].read(&scan, &plane, &at.setup.rules(), times);
+    let blockage = BlockageDetector::default();
+    at.sweeps[0].read(&scan, &plane, &at.setup.rules(), &blockage, times);
     let back = at.limits(going(-1.0, 0.0));
     assert!(back.is_blind && back.reverse_mps < 0.11, "{back:?}");
 }
@@ -482,7 +499,13 @@ fn floor_before_a_tilted_laser_limits_nothing() {
     let mut at = Situation::new(setup, HALF, &vec![]);
     let plane = GroundPlane::under(&planar(0.0, 0.0, 0.0));
     let times = (TAKEN, Duration::from_millis(40));
-    at.sweeps[0].read(&scan, &plane, &at.setup.rules(), times);
+    at.sweeps[0].read(
+        &scan,
+        &plane,
+        &at.setup.rules(),
+        &BlockageDetector::default(),
+        times,
+    );
     assert_eq!(at.sweeps[0].points_in_odom().len(), 0);
     // Near the vehicle it has looked at nothing: that is the map's part.
     assert!(at.limits(going(1.0, 0.0)).is_blind);
@@ -532,7 +555,7 @@ proptest! {
         setup.teleop.is_boat = is_boat;
         setup.guard = GuardConfig {
             on_blind: if stops { OnBlind::Stop } else { OnBlind::Creep },
-            ..GuardConfig::default()
+            ..trusting()
         };
         let rules = setup.rules();
         let mut scan = Laser::ALL_AROUND.scan(&vec![], &planar(0.0, 0.0, 0.0));
@@ -543,7 +566,7 @@ proptest! {
         }
         let mut sweep = GuardSweep::default();
         let plane = GroundPlane::under(&planar(0.0, 0.0, 0.0));
-        sweep.read(&scan, &plane, &rules, (TAKEN, Duration::from_millis(40)));
+        sweep.read(&scan, &plane, &rules, &BlockageDetector::default(), (TAKEN, Duration::from_millis(40)));
         let now = TAKEN + Duration::from_millis(age_ms);
         let mut pose = planar(0.0, 0.0, yaw);
         pose.translation.vector.x = x;

@@ -15,13 +15,17 @@ use crate::robot_time::RobotTime;
 use crate::teleop::config::TeleopConfig;
 use crate::teleop::guard::clearance::Footprint;
 use crate::teleop::guard::{
-    CollisionGuard, GuardConfig, GuardInput, GuardRules, GuardSweep, LocalMap, Odometry,
+    BlockageDetector, CollisionGuard, GuardConfig, GuardInput, GuardRules, GuardSweep, LocalMap,
+    Odometry,
 };
 use crate::teleop::motion::{Aim, AxisLimits, Motion};
 use crate::teleop::velocity::Velocity;
 use crate::teleop::verdict::GuardVerdict;
 
 pub(super) const TICK: Duration = Duration::from_millis(20);
+
+/// Of every drive: a clock that runs.
+const START: Monotonic = Monotonic::from_nanos(1_000_000_000);
 
 /// Rounds from sweep to sweep.
 const SWEEP_ROUNDS: u64 = 2;
@@ -88,6 +92,7 @@ impl Laser {
             stamp: RobotTime::from_nanos(0),
             sensor: SensorId(0),
             beam_step_rad: step,
+            own_body_hits: 0,
             odom_from_base: *odom_from_base,
             beams: beams.collect(),
         }
@@ -104,11 +109,29 @@ fn range_m(origin: Point2<f64>, direction: Vector2<f64>, wall: &[Point2<f64>; 2]
 }
 
 /// What the vehicle is.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Setup {
     pub(super) guard: GuardConfig,
     pub(super) teleop: TeleopConfig,
     pub(super) vehicle: VehicleConfig,
+}
+
+/// With sensors whose misses can be trusted.
+pub(super) fn trusting() -> GuardConfig {
+    GuardConfig {
+        trust_misses: true,
+        ..GuardConfig::default()
+    }
+}
+
+impl Default for Setup {
+    fn default() -> Self {
+        Self {
+            guard: trusting(),
+            teleop: TeleopConfig::default(),
+            vehicle: VehicleConfig::default(),
+        }
+    }
 }
 
 impl Setup {
@@ -158,6 +181,11 @@ pub(super) struct Drive {
     /// What odometry has not told yet, one a round.
     untold: VecDeque<Odometry>,
     sweeps: Vec<GuardSweep>,
+    pub(super) blockage: BlockageDetector,
+    /// Beams whose part of the window is covered: none of them has an echo.
+    pub(super) covered: std::ops::Range<u32>,
+    /// Beams of a sweep that hit the vehicle itself, while its window is open.
+    pub(super) own_body_hits: u32,
     round: u64,
 }
 
@@ -169,7 +197,7 @@ impl Drive {
         let still = Odometry {
             odom_from_base: planar(0.0, 0.0, 0.0),
             measured: Velocity::ZERO,
-            taken: Monotonic::from_nanos(0),
+            taken: START,
         };
         Self {
             guard: CollisionGuard::new(rules),
@@ -185,17 +213,21 @@ impl Drive {
             random: 0x9E37_79B9_7F4A_7C15,
             untold: vec![still; odometry_lag].into(),
             sweeps: vec![GuardSweep::default()],
+            blockage: BlockageDetector::default(),
+            covered: 0..0,
+            own_body_hits: 0,
             round: 0,
         }
     }
 
     pub(super) fn now(&self) -> Monotonic {
-        Monotonic::from_nanos(0) + TICK * self.round as u32
+        START + TICK * self.round as u32
     }
 
     pub(super) fn footprint(&self) -> Footprint {
         let vehicle = &self.setup.vehicle;
         Footprint::centred(vehicle.length_m, vehicle.width_m)
+            .moved_ahead(vehicle.footprint_offset_m)
     }
 
     /// One round: the guard speaks, the arbiter moves towards `requested` within that (or stops, where nothing is), and
@@ -252,7 +284,9 @@ impl Drive {
             let plane = GroundPlane::under(&self.pose);
             let period = TICK * SWEEP_ROUNDS as u32;
             let rules = *self.guard.rules();
-            self.sweeps[0].read(&scan, &plane, &rules, (now, period));
+            self.cover(&mut scan);
+            self.blockage.update(&scan, now);
+            self.sweeps[0].read(&scan, &plane, &rules, &self.blockage, (now, period));
         }
         let odometry = self.untold.front().copied().unwrap_or(Odometry {
             odom_from_base: self.pose,
@@ -272,6 +306,21 @@ impl Drive {
             },
             now,
         );
+    }
+
+    fn cover(&self, scan: &mut PosedScan) {
+        if self.covered.is_empty() {
+            scan.own_body_hits = self.own_body_hits;
+        }
+        let range_m = self.laser.range_max_m;
+        for beam in &mut scan.beams {
+            if self.covered.contains(&beam.index) {
+                let along = (beam.end_in_odom - beam.origin_in_odom).normalize();
+                beam.end_in_odom = beam.origin_in_odom + along * range_m;
+                beam.outcome = BeamOutcome::Miss;
+                beam.range_m = range_m as f32;
+            }
+        }
     }
 
     fn disturb(&mut self, scan: &mut PosedScan) {
@@ -303,7 +352,7 @@ impl Drive {
         points
             .map(|point| {
                 let at = base_from_odom * Point3::new(point.x, point.y, 0.0);
-                let x = at.x.abs() - footprint.front_m;
+                let x = (at.x - footprint.front_m).max(footprint.rear_m - at.x);
                 let y = at.y.abs() - footprint.half_width_m;
                 if x > 0.0 && y > 0.0 {
                     libm::hypot(x, y)

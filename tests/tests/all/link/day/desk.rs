@@ -10,7 +10,7 @@ use tempfile::{TempDir, tempdir};
 
 use crate::link::controls::{Control, Controls};
 use crate::link::processes::{Running, program};
-use crate::link::screen::Screen;
+use crate::link::screen::{Screen, skip_without_window};
 
 /// Where pictures of the steps go; kept as documentation where it is `docs/day`.
 const PICTURES: &str = "FORESHORE_DAY_PICTURES";
@@ -64,7 +64,7 @@ impl Desk {
         let window = self.screen.window("Foreshore", || !console.is_running());
         let Some(window) = window else {
             let (_, said) = console.end();
-            println!("skipped: no window can be opened on this machine: {said}");
+            skip_without_window(&said);
             return false;
         };
         self.screen.focus(window);

@@ -1,5 +1,6 @@
-//! How much room a disk has.
+//! How much room a disk has, and from when on recordings and logs leave it alone.
 
+use std::fmt;
 use std::io;
 use std::path::Path;
 
@@ -10,26 +11,37 @@ const LEAST_FREE_PART: u64 = 20;
 
 /// Room on a file system, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Space {
+pub struct Space {
     /// What an ordinary user may still write.
-    pub(super) free_bytes: u64,
+    pub free_bytes: u64,
     /// All of it.
-    pub(super) total_bytes: u64,
+    pub total_bytes: u64,
 }
 
 impl Space {
     /// Less is free than 1 GB or 5 % ("Recording durability").
-    pub(super) const fn is_scarce(&self) -> bool {
+    pub const fn is_scarce(&self) -> bool {
         self.free_bytes < LEAST_FREE_BYTES || self.free_bytes < self.total_bytes / LEAST_FREE_PART
     }
 }
+
+impl fmt::Display for Space {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [free_gb, total_gb] =
+            [self.free_bytes, self.total_bytes].map(|bytes| bytes as f64 / 1e9);
+        write!(f, "{free_gb:.1} of {total_gb:.1} GB are free")
+    }
+}
+
+/// Says how much room there is where a file or folder is.
+pub type SpaceOf = fn(&Path) -> io::Result<Space>;
 
 /// The room where `path` is.
 ///
 /// # Errors
 /// Where the system does not say.
 #[cfg(target_os = "linux")]
-pub(super) fn space_of(path: &Path) -> io::Result<Space> {
+pub fn space_of(path: &Path) -> io::Result<Space> {
     let found = rustix::fs::statvfs(path)?;
     Ok(Space {
         free_bytes: found.f_bavail.saturating_mul(found.f_frsize),
@@ -42,7 +54,7 @@ pub(super) fn space_of(path: &Path) -> io::Result<Space> {
 /// # Errors
 /// Always.
 #[cfg(not(target_os = "linux"))]
-pub(super) fn space_of(_path: &Path) -> io::Result<Space> {
+pub fn space_of(_path: &Path) -> io::Result<Space> {
     Err(io::ErrorKind::Unsupported.into())
 }
 

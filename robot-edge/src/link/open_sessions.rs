@@ -1,0 +1,209 @@
+//! The two sessions of a vehicle as long as they are open: what it declares on them, and the threads that serve it.
+
+use std::borrow::Cow;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::{Arc, Mutex};
+use std::thread::{self, JoinHandle};
+
+use protocol::keys::{RobotId, Topic};
+use protocol::layer::LayerId;
+use protocol::tile::codec::Encoder;
+use protocol::tile_store::TileStore;
+use protocol::wire;
+use zenoh::bytes::ZBytes;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::query::Query;
+use zenoh::{Session, Wait};
+
+use super::edge::Lasting;
+use super::endpoints::Channel;
+use super::sessions::{self, Side};
+use super::shared::Shared;
+use super::streams::{self, StatePublishers};
+use super::{LinkError, commands, queries, security, views};
+use crate::audit::Audit;
+use crate::driving::Board;
+
+/// Questions that wait for an answer at most; whoever asks beyond that asks again.
+const MAX_QUERIES: usize = 64;
+
+/// Both sessions. Dropping them closes them.
+pub(super) struct OpenSessions {
+    context: Arc<Context>,
+    threads: Vec<JoinHandle<()>>,
+    audit: Option<Audit>,
+    // Presence ends with the token.
+    _alive: LivelinessToken,
+}
+
+/// What every thread of the sessions holds.
+pub(super) struct Context {
+    pub(super) robot: RobotId,
+    pub(super) control: Session,
+    pub(super) bulk: Session,
+    pub(super) shared: Arc<Shared>,
+    pub(super) store: Arc<Mutex<TileStore>>,
+    pub(super) budget_kbps: u32,
+    pub(super) board: Option<Arc<Board>>,
+    /// These sessions are to end; others may follow.
+    is_over: AtomicBool,
+}
+
+impl Context {
+    /// Whether the threads of these sessions are to end.
+    pub(super) fn is_closing(&self) -> bool {
+        self.is_over.load(Ordering::Relaxed) || self.shared.is_closing()
+    }
+}
+
+impl OpenSessions {
+    /// Opens both sessions, with the rules for those who may connect, and starts to serve what lasts.
+    pub(super) fn open(lasting: &Lasting) -> Result<Self, LinkError> {
+        let (settings, shared) = (&lasting.settings, &lasting.shared);
+        let control = sessions::open(Side::Edge, Channel::Control, &settings.endpoints)?;
+        let bulk = sessions::open(Side::Edge, Channel::Bulk, &settings.endpoints)?;
+        let board = settings.driving.as_ref().map(|(_, board)| board);
+        let context = Arc::new(Context {
+            robot: settings.robot.clone(),
+            control: control.clone(),
+            bulk: bulk.clone(),
+            shared: Arc::clone(shared),
+            store: Arc::clone(&lasting.store),
+            budget_kbps: settings.budget_kbps,
+            board: board.map(Arc::clone),
+            is_over: AtomicBool::new(false),
+        });
+
+        // Apart, so that whoever is slow to take tiles holds up no answer to `ping`.
+        let (small_questions, small_waiting) = sync_channel(MAX_QUERIES);
+        let (questions, waiting) = sync_channel(MAX_QUERIES);
+        for topic in [Topic::Info, Topic::Ping] {
+            take_questions(
+                &control,
+                &topic.key(&context.robot),
+                &small_questions,
+                shared,
+            )?;
+        }
+        // Layers that the robot does not map too: their answer is an empty list, and not silence.
+        for layer in LayerId::ALL {
+            for topic in [Topic::Tiles(layer), Topic::Digests(layer)] {
+                take_questions(&bulk, &topic.key(&context.robot), &questions, shared)?;
+            }
+        }
+        for topic in [Topic::Shores, Topic::Voxels, Topic::Trajectory] {
+            take_questions(&bulk, &topic.key(&context.robot), &questions, shared)?;
+        }
+        views::watch(&context)?;
+        let inbox = settings.driving.as_ref().map(|(inbox, _)| inbox);
+        let answered = inbox
+            .map(|inbox| commands::take_commands(&context, inbox))
+            .transpose()?;
+        let publishers = StatePublishers::declare(&context)?;
+        let key = Topic::Alive.key(&context.robot);
+        let alive = control
+            .liveliness()
+            .declare_token(key.clone())
+            .wait()
+            .map_err(|why| LinkError::Declare { what: key, why })?;
+
+        let encoder = || Encoder::new().map_err(LinkError::Encoder);
+        let (answering, answering_small, pushing) = (encoder()?, encoder()?, encoder()?);
+        let info = Arc::new(settings.info.clone());
+        let out = &lasting.out;
+        let mut threads = Vec::new();
+        if let Some(answered) = answered {
+            let (context, out) = (Arc::clone(&context), out.clone());
+            threads.push(thread::spawn(move || {
+                commands::send_answers(&context, &out, &answered);
+            }));
+        }
+        threads.extend([
+            thread::spawn({
+                let (context, out, info) = (Arc::clone(&context), out.clone(), Arc::clone(&info));
+                move || queries::serve(&context, &out, &info, answering_small, &small_waiting)
+            }),
+            thread::spawn({
+                let (context, out) = (Arc::clone(&context), out.clone());
+                move || queries::serve(&context, &out, &info, answering, &waiting)
+            }),
+            thread::spawn({
+                let (context, out) = (Arc::clone(&context), out.clone());
+                move || streams::send_state(&context, &out, &publishers)
+            }),
+            thread::spawn({
+                let (context, out) = (Arc::clone(&context), out.clone());
+                move || streams::send_tiles(&context, &out, pushing)
+            }),
+        ]);
+        Ok(Self {
+            context,
+            threads,
+            audit: settings.endpoints.audit.clone(),
+            _alive: alive,
+        })
+    }
+}
+
+impl Drop for OpenSessions {
+    fn drop(&mut self) {
+        // The last word: why they end is among the events.
+        self.context.shared.call();
+        self.context.is_over.store(true, Ordering::Relaxed);
+        for thread in self.threads.drain(..) {
+            if thread.join().is_err() {
+                tracing::error!("a thread of the link failed");
+            }
+        }
+        let Context { control, bulk, .. } = &*self.context;
+        if let Some(audit) = &self.audit {
+            security::write_down_ends(control, Channel::Control, audit);
+            security::write_down_ends(bulk, Channel::Bulk, audit);
+        }
+        // At the same time: whoever takes nothing any more may hold up the end of one.
+        thread::scope(|scope| {
+            for session in [control, bulk] {
+                scope.spawn(|| {
+                    if let Err(why) = session.close().wait() {
+                        tracing::warn!(%why, "a session did not close");
+                    }
+                });
+            }
+        });
+    }
+}
+
+/// Lets questions for `key` through to the thread that answers them: Zenoh's own threads must not wait.
+fn take_questions(
+    session: &Session,
+    key: &str,
+    questions: &SyncSender<Query>,
+    shared: &Arc<Shared>,
+) -> Result<(), LinkError> {
+    let (questions, shared) = (questions.clone(), Arc::clone(shared));
+    session
+        .declare_queryable(key.to_owned())
+        .complete(true)
+        .callback(move |query| {
+            // What waits must not be large.
+            let is_small = |bytes: &ZBytes| bytes.len() <= wire::MAX_MESSAGE_BYTES;
+            let is_fit = query.payload().is_none_or(is_small) && query.attachment().is_none();
+            // What finds no room gets no reply, which means "ask again".
+            let is_taken = is_fit && questions.try_send(query).is_ok();
+            if !is_taken {
+                shared.refuse();
+            }
+        })
+        .background()
+        .wait()
+        .map_err(|why| LinkError::Declare {
+            what: key.to_owned(),
+            why,
+        })
+}
+
+/// The bytes of a message, if they are not too many to be one.
+pub(super) fn payload(bytes: &ZBytes) -> Option<Cow<'_, [u8]>> {
+    (bytes.len() <= wire::MAX_MESSAGE_BYTES).then(|| bytes.to_bytes())
+}

@@ -1,0 +1,118 @@
+//! What systemd is notified of: `sd_notify(3)`, datagrams to the socket that `NOTIFY_SOCKET` names.
+
+#[cfg(unix)]
+use std::{
+    ffi::OsStr,
+    io,
+    os::unix::ffi::OsStrExt as _,
+    os::unix::net::{SocketAddr, UnixDatagram},
+};
+
+/// The variable that names the socket.
+pub const SOCKET: &str = "NOTIFY_SOCKET";
+
+/// Whoever has started this process, where it wants to know how it goes.
+#[derive(Debug, Default)]
+pub struct ServiceManager {
+    #[cfg(unix)]
+    socket: Option<UnixDatagram>,
+}
+
+impl ServiceManager {
+    /// As the environment says; nobody where it says nothing, or names what cannot be connected to.
+    #[cfg(unix)]
+    pub fn of_environment() -> Self {
+        let named = std::env::var_os(SOCKET);
+        let connected = named.and_then(|name| {
+            connect(&name)
+                .inspect_err(|why| {
+                    tracing::warn!(%why, ?name, "{SOCKET}: the service manager is not notified");
+                })
+                .ok()
+        });
+        Self { socket: connected }
+    }
+
+    /// Nobody: this system has no such sockets.
+    #[cfg(not(unix))]
+    pub fn of_environment() -> Self {
+        Self::default()
+    }
+
+    /// The service runs, and feeds its watchdog from now on.
+    pub fn ready(&self) {
+        self.notify("READY=1");
+    }
+
+    /// The service runs, and has nothing that feeds a watchdog.
+    pub fn ready_without_watchdog(&self) {
+        self.notify("READY=1\nWATCHDOG_USEC=0");
+    }
+
+    /// It is alive.
+    pub fn feed_watchdog(&self) {
+        self.notify("WATCHDOG=1");
+    }
+
+    /// What feeds the watchdog ends as it was asked to.
+    pub fn end_watchdog(&self) {
+        self.notify("WATCHDOG_USEC=0");
+    }
+
+    /// It never waits. A watchdog that is not fed says by itself what was lost.
+    #[cfg(unix)]
+    fn notify(&self, state: &str) {
+        drop(
+            self.socket
+                .as_ref()
+                .map(|socket| socket.send(state.as_bytes())),
+        );
+    }
+
+    #[cfg(not(unix))]
+    fn notify(&self, _state: &str) {}
+}
+
+#[cfg(unix)]
+fn connect(name: &OsStr) -> io::Result<UnixDatagram> {
+    let socket = UnixDatagram::unbound()?;
+    socket.set_nonblocking(true)?;
+    socket.connect_addr(&address(name)?)?;
+    Ok(socket)
+}
+
+/// A path, or on Linux an abstract name behind an `@`.
+#[cfg(unix)]
+fn address(name: &OsStr) -> io::Result<SocketAddr> {
+    #[cfg(target_os = "linux")]
+    if let [b'@', name @ ..] = name.as_bytes() {
+        return <SocketAddr as std::os::linux::net::SocketAddrExt>::from_abstract_name(name);
+    }
+    SocketAddr::from_pathname(name)
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sockets_have_a_path_or_an_abstract_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("notify");
+        let name = format!("@foreshore-test-{}", std::process::id());
+        for name in [path.as_os_str(), OsStr::new(&name)] {
+            let manager = UnixDatagram::bind_addr(&address(name).unwrap()).unwrap();
+            let service = ServiceManager {
+                socket: Some(connect(name).unwrap()),
+            };
+            service.ready_without_watchdog();
+            let mut buffer = [0; 64];
+            let count = manager.recv(&mut buffer).unwrap();
+            assert_eq!(&buffer[..count], b"READY=1\nWATCHDOG_USEC=0");
+            drop(manager);
+            // A service manager that is restarted is none for a while.
+            service.feed_watchdog();
+        }
+        assert!(connect(OsStr::new("/nonexistent/notify")).is_err());
+    }
+}

@@ -1,0 +1,74 @@
+//! What a service manager is notified of.
+
+use std::fs;
+use std::os::unix::net::UnixDatagram;
+use std::thread::sleep;
+use std::time::Duration;
+
+use super::service_manager::{children, is_motor_guard};
+use super::surroundings::Surroundings;
+use crate::link::processes::{Running, program, rooms};
+
+/// What a service manager gets within a second.
+fn notified(socket: &UnixDatagram) -> Vec<String> {
+    sleep(Duration::from_secs(1));
+    let mut buffer = [0; 64];
+    std::iter::from_fn(|| {
+        let count = socket.recv(&mut buffer).ok()?;
+        Some(String::from_utf8(buffer[..count].to_vec()).unwrap())
+    })
+    .collect()
+}
+
+#[test]
+fn rounds_of_the_loop_alone_feed_the_service_managers_watchdog() {
+    let (surroundings, _controller) = Surroundings::with_roboteq(|_| ());
+    let path = surroundings.folder().join("notify");
+    let socket = UnixDatagram::bind(&path).unwrap();
+    socket.set_nonblocking(true).unwrap();
+    let edge = surroundings.start_edge(|command| {
+        command.env("NOTIFY_SOCKET", &path);
+    });
+    let _anna = surroundings.operator();
+    let states = notified(&socket);
+    assert_eq!(states[0], "READY=1", "{states:?}");
+    assert!(
+        states[1..].iter().all(|state| state == "WATCHDOG=1"),
+        "{states:?}"
+    );
+    let states = notified(&socket);
+    assert!(states.contains(&"WATCHDOG=1".to_owned()), "{states:?}");
+    // The guard must not be taken for the edge.
+    let guard = children(edge.id())
+        .into_iter()
+        .find(|pid| is_motor_guard(*pid));
+    let guard = fs::read(format!("/proc/{}/environ", guard.unwrap())).unwrap();
+    assert!(!String::from_utf8_lossy(&guard).contains("NOTIFY_SOCKET"));
+
+    edge.signal("STOP");
+    notified(&socket);
+    assert_eq!(notified(&socket), [""; 0]);
+    edge.signal("CONT");
+    assert!(
+        notified(&socket).contains(&"WATCHDOG=1".to_owned()),
+        "it goes on"
+    );
+    edge.signal("INT");
+    assert_eq!(edge.end().0, Some(130));
+    assert_eq!(notified(&socket).last().unwrap(), "WATCHDOG_USEC=0");
+}
+
+#[test]
+fn a_run_that_drives_nothing_is_ready_without_a_watchdog() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("notify");
+    let socket = UnixDatagram::bind(&path).unwrap();
+    socket.set_nonblocking(true).unwrap();
+    let mut command = program("robot-edge");
+    command
+        .arg("replay")
+        .arg(rooms())
+        .args(["--no-network", "--quiet"]);
+    Running::start(command.env("NOTIFY_SOCKET", &path), "replay").ends_well();
+    assert_eq!(notified(&socket), ["READY=1\nWATCHDOG_USEC=0"]);
+}

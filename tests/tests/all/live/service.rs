@@ -1,0 +1,186 @@
+//! The vehicle as the README installs it: the shipped unit under a real systemd.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::Path;
+use std::thread::sleep;
+use std::time::Duration;
+
+use foreshore_tests::operator::PERIOD;
+use protocol::message::TeleopState;
+use robot_edge::clock::Monotonic;
+use rustix::process::Signal;
+
+use super::emulator::on_terminal::EmulatorOnTerminal;
+use super::restarts::{ZERO_WITHIN, signal, try_signal, zero_after};
+use super::service_manager::{ServiceManager, shipped_unit};
+use super::surroundings::{AHEAD, PATIENCE, Surroundings};
+
+const ENVIRONMENT: &str = "robot-edge.env";
+
+/// A vehicle whose edge is a service of systemd.
+pub(super) struct Service {
+    // Ends first: the others are what it needs.
+    pub(super) manager: ServiceManager,
+    pub(super) surroundings: Surroundings,
+    pub(super) controller: EmulatorOnTerminal,
+}
+
+impl Service {
+    /// The edge is started with these options besides.
+    pub(super) fn new(options: &str) -> Self {
+        let (surroundings, controller) = Surroundings::on_a_real_line();
+        // A pseudo-terminal belongs to whoever has opened it; a serial port to a group that the unit is in.
+        fs::set_permissions(controller.path(), fs::Permissions::from_mode(0o666)).unwrap();
+        let manager = ServiceManager::start(&[
+            ("rover.toml", surroundings.configuration()),
+            (ENVIRONMENT, &environment(&surroundings, options)),
+        ]);
+        manager.start_service();
+        Self {
+            manager,
+            surroundings,
+            controller,
+        }
+    }
+
+    /// From its next start on it is called with these options besides.
+    pub(super) fn call_with(&self, options: &str) {
+        let path = self.manager.path("/etc/foreshore").join(ENVIRONMENT);
+        fs::write(path, environment(&self.surroundings, options)).unwrap();
+    }
+
+    fn sole_guard(&self) -> u32 {
+        let guards = self.manager.motor_guards();
+        assert_eq!(guards.len(), 1, "{guards:?}");
+        guards[0]
+    }
+}
+
+fn wait_until(what: &str, is_so: impl Fn() -> bool) {
+    let started = Monotonic::now();
+    while !is_so() {
+        assert!(started.elapsed() < PATIENCE, "waited in vain: {what}");
+        sleep(PERIOD);
+    }
+}
+
+fn environment(surroundings: &Surroundings, options: &str) -> String {
+    let arguments = surroundings.arguments(Path::new("/etc/foreshore/rover.toml"));
+    format!("ROBOT_EDGE=\"{arguments} {options}\"\n")
+}
+
+#[test]
+fn the_unit_signals_the_edge_alone_and_is_fed_by_its_loop() {
+    let unit = shipped_unit();
+    for setting in [
+        "KillMode=process",
+        "Restart=always",
+        "Type=notify",
+        "NotifyAccess=main",
+        "TimeoutStartSec=infinity",
+        "WatchdogSec=2",
+        "WatchdogSignal=SIGKILL",
+    ] {
+        let (key, _) = setting.split_once('=').unwrap();
+        let set: Vec<_> = unit
+            .lines()
+            .filter(|line| line.starts_with(&format!("{key}=")))
+            .collect();
+        assert_eq!(set, [setting]);
+    }
+}
+
+#[test]
+#[ignore = "needs root and systemd"]
+fn systemd_restarts_an_edge_that_is_killed_and_both_motors_stand_long_before() {
+    let service = Service::new("");
+    let _anna = service.surroundings.sets_off(&service.controller);
+    let (edge, guard) = (service.manager.edge().unwrap(), service.sole_guard());
+    let killed = Monotonic::now();
+    signal(edge, Signal::KILL);
+    let zero = zero_after(&service.controller, killed);
+    println!("both motors at zero after {zero:?}");
+    assert!(zero < ZERO_WITHIN, "{zero:?}");
+    // It is started again, gets the port, and drives.
+    let _anna = service.surroundings.sets_off(&service.controller);
+    assert_eq!(service.manager.property("NRestarts"), "1");
+    assert_ne!(service.sole_guard(), guard);
+
+    let stopped = Monotonic::now();
+    service.manager.control(&["stop", "robot-edge"]);
+    let zero = zero_after(&service.controller, stopped);
+    println!("both motors at zero after {zero:?} of a stop");
+    assert_eq!(service.manager.processes(), [0; 0]);
+    assert_eq!(service.manager.property("ActiveState"), "inactive");
+}
+
+#[test]
+#[ignore = "needs root and systemd"]
+fn systemd_ends_and_restarts_an_edge_that_hangs() {
+    let service = Service::new("");
+    let _anna = service.surroundings.sets_off(&service.controller);
+    let edge = service.manager.edge().unwrap();
+    let hangs = Monotonic::now();
+    signal(edge, Signal::STOP);
+    let zero = zero_after(&service.controller, hangs);
+    assert!(zero < Duration::from_millis(500), "{zero:?}");
+    wait_until("it is ended", || {
+        !Path::new(&format!("/proc/{edge}")).exists()
+    });
+    println!(
+        "both motors at zero after {zero:?}, ended after {:?}",
+        hangs.elapsed()
+    );
+    assert!(hangs.elapsed() < Duration::from_secs(5));
+    service.surroundings.sets_off(&service.controller);
+    assert_eq!(service.manager.property("NRestarts"), "1");
+}
+
+#[test]
+#[ignore = "needs root and systemd"]
+fn a_stop_at_the_vehicle_leaves_the_guard_even_where_all_processes_get_it() {
+    let service = Service::new("");
+    let mut anna = service.surroundings.sets_off(&service.controller);
+    let guard = service.sole_guard();
+    service
+        .manager
+        .control(&["kill", "--kill-whom=main", "--signal=SIGUSR2", "robot-edge"]);
+    service.controller.assert_stops_for_good();
+    anna.sees("stopped", |teleop| teleop.state == TeleopState::EStop);
+    service
+        .manager
+        .control(&["kill", "--kill-whom=main", "--signal=SIGUSR1", "robot-edge"]);
+    anna.sees("reset", |teleop| teleop.state != TeleopState::EStop);
+    anna.sets_off(AHEAD);
+    for meant_for_the_edge in ["SIGUSR2", "SIGUSR1"] {
+        service
+            .manager
+            .control(&["kill", "--signal", meant_for_the_edge, "robot-edge"]);
+        sleep(PERIOD * 10);
+    }
+    anna.sees("reset", |teleop| teleop.state != TeleopState::EStop);
+    anna.sets_off(AHEAD);
+    assert_eq!(service.sole_guard(), guard);
+}
+
+#[test]
+#[ignore = "needs root and systemd"]
+fn a_guard_that_hangs_and_was_left_behind_is_ended_by_the_next() {
+    let service = Service::new("");
+    // It ends soon after its edge: it may be gone before it is stopped.
+    for _ in 0..5 {
+        let _anna = service.surroundings.sets_off(&service.controller);
+        let (edge, guard) = (service.manager.edge().unwrap(), service.sole_guard());
+        signal(edge, Signal::KILL);
+        while Path::new(&format!("/proc/{edge}")).exists() {
+            std::hint::spin_loop();
+        }
+        if try_signal(guard, Signal::STOP) {
+            service.surroundings.sets_off(&service.controller);
+            assert_ne!(service.sole_guard(), guard);
+            return;
+        }
+    }
+    panic!("every guard was gone before it could be stopped");
+}

@@ -1,0 +1,104 @@
+//! A boat out of reach of every shore, and a cover over its laser.
+
+use std::cell::Cell;
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+
+use foreshore_tests::drive_log::Round;
+use foreshore_tests::operator::{Input, Operator};
+use protocol::message::{Guard, SensorFault};
+use tempfile::tempdir;
+
+use super::robot::{NAME, Robot};
+use crate::link::processes::{free_port, program};
+
+/// `teleop.guard.open_mps` and `creep_mps` of the boat's preset.
+const OPEN_MPS: f64 = 1.5;
+const CREEP_MPS: f64 = 0.3;
+
+const AHEAD: Input = Input::of(3.0, 0.0);
+
+/// The lake with the boat at another place, and with `noise` added to its sensors.
+fn lake(folder: &Path, start_x_m: f64, noise: &str) -> &'static str {
+    let world = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robot-edge/worlds/lake.toml");
+    let text = fs::read_to_string(world).unwrap();
+    let (before, path_and_rest) = text.split_once("waypoints = [").unwrap();
+    let (_, after) = path_and_rest.split_once("\n]\n").unwrap();
+    let way = format!(
+        "waypoints = [{{ x_m = {:.1}, y_m = 0.0 }}]\n",
+        start_x_m + 40.0
+    );
+    let moved = [before, &way, after]
+        .concat()
+        .replacen("x_m = -6.0", &format!("x_m = {start_x_m:.1}"), 1)
+        .replacen("[noise]", &format!("[noise]\n{noise}"), 1);
+    let path = folder.join("lake.toml");
+    fs::write(&path, moved).unwrap();
+    path.to_str().unwrap().to_owned().leak()
+}
+
+/// The boat, somebody who drives it, and somebody who looks on.
+fn boat(world: &'static str) -> (Robot, Operator, Operator) {
+    let port = free_port();
+    let robot = Robot::launch(program("robot-edge"), port, world, move |command| {
+        command.args(["--listen", &format!("tcp/127.0.0.1:{port}")]);
+    });
+    let [anna, bert] = ["anna", "bert"].map(|name| Operator::ready(&robot.endpoint(), NAME, name));
+    (robot, anna, bert)
+}
+
+fn fastest_mps(rounds: &[Round]) -> f64 {
+    let speeds = rounds.iter().map(|round| round.output[0]);
+    speeds.fold(0.0, f64::max)
+}
+
+#[test]
+fn out_of_reach_of_every_shore_it_goes_at_its_stated_speed_until_its_laser_is_covered() {
+    let folder = tempdir().unwrap();
+    let world = lake(folder.path(), 5000.0, "laser_covered_s = [20.0, 1e6]");
+    let (robot, mut anna, bert) = boat(world);
+    anna.sets_off(AHEAD);
+    let open_mps = Cell::new(0.0_f64);
+    anna.hold_until(AHEAD, || match bert.teleop().map(|teleop| teleop.guard) {
+        Some(Guard::On(limits)) => {
+            open_mps.set(open_mps.get().max(limits.forward_mps.into()));
+            false
+        }
+        Some(Guard::Blind(_)) => open_mps.get() > 0.0,
+        Some(Guard::Silent | Guard::Off | Guard::Stale) | None => false,
+    });
+    assert!((open_mps.get() - OPEN_MPS).abs() < 1e-6, "{open_mps:?}");
+    let log = robot.log();
+    let fastest_mps = fastest_mps(&log.rounds);
+    assert!(
+        (OPEN_MPS - 0.1..OPEN_MPS + 0.05).contains(&fastest_mps),
+        "{fastest_mps}"
+    );
+    // It brakes as a boat does, and then creeps.
+    anna.hold(AHEAD, Duration::from_secs(5));
+    let log = robot.log();
+    let last = log.rounds.last().unwrap();
+    assert_eq!(last.guard, "blind");
+    assert!(last.output[0] <= CREEP_MPS + 1e-6, "{last:?}");
+}
+
+#[test]
+fn among_shores_a_laser_that_is_covered_is_a_fault_of_the_sensor() {
+    let folder = tempdir().unwrap();
+    let world = lake(folder.path(), -6.0, "laser_covered_s = [12.0, 1e6]");
+    let (robot, mut anna, bert) = boat(world);
+    anna.sets_off(AHEAD);
+    let fault = || {
+        let sensors = bert.sensors();
+        let laser = sensors.into_iter().find(|sensor| sensor.name == "laser")?;
+        laser.fault
+    };
+    anna.hold_until(AHEAD, || fault().is_some());
+    assert_eq!(fault(), Some(SensorFault::Blocked));
+    anna.hold(AHEAD, Duration::from_secs(5));
+    let log = robot.log();
+    let last = log.rounds.last().unwrap();
+    assert_eq!(last.guard, "blind");
+    assert!(last.output[0] <= CREEP_MPS + 1e-6, "{last:?}");
+}
