@@ -84,6 +84,8 @@ pub struct Driver {
     trouble: Option<ControllerFault>,
     parser: ReplyParser,
     exchange: Option<Exchange>,
+    /// The last command, where nothing came back in time.
+    silent: Option<Command>,
     failures: u8,
     wanted: [Power; 2],
     acknowledged: [Option<(Power, Monotonic)>; 2],
@@ -124,6 +126,7 @@ impl Driver {
             trouble: None,
             parser: ReplyParser::default(),
             exchange: None,
+            silent: None,
             failures: 0,
             wanted: [Power::ZERO; 2],
             acknowledged: [None; 2],
@@ -159,6 +162,7 @@ impl Driver {
     pub fn transmit(&mut self, now: Monotonic) -> Option<Transmission> {
         if let Some(exchange) = self.exchange.filter(|exchange| now >= exchange.deadline()) {
             self.exchange = None;
+            self.silent = exchange.is_silent().then_some(exchange.command);
             self.fail(exchange.command, ControllerFault::Silent, now);
         }
         if self.must_stop() {
@@ -245,6 +249,7 @@ impl Driver {
     }
 
     fn send(&mut self, exchange: Exchange) -> Transmission {
+        let exchange = exchange.after_silence(self.silent.take());
         self.exchange = Some(exchange);
         Transmission {
             bytes: exchange.command.bytes(),
@@ -386,6 +391,7 @@ impl Driver {
         self.trouble = Some(fault);
         self.failures = 0;
         self.exchange = None;
+        self.silent = None;
         self.wanted = [Power::ZERO; 2];
         self.acknowledged = [None; 2];
         self.takes_pairs = false;

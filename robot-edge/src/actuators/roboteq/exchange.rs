@@ -14,7 +14,7 @@ pub(super) const PATIENCE: Duration = Duration::from_millis(100);
 pub(super) struct Exchange {
     pub(super) command: Command,
     sent: Monotonic,
-    /// The command that it interrupted, until its echo has come.
+    /// The command before it whose echo may still come first, as it was interrupted or its answer is late.
     late_echo: Option<Command>,
     /// That command's acknowledgement may still come.
     has_late_answer: bool,
@@ -55,12 +55,24 @@ impl Exchange {
     pub(super) fn stop_both(interrupted: Option<Self>, now: Monotonic) -> Self {
         Self {
             late_echo: interrupted
-                .filter(|last| last.echoes == 0)
+                .filter(Self::is_silent)
                 .map(|last| last.command),
             has_late_answer: interrupted
                 .is_some_and(|last| last.command.answer() == Answer::Acknowledgement),
             ..Self::new(Command::StopBoth, now)
         }
+    }
+
+    /// The same behind `silent`, whose echo had not come in time: late, it is no sign of a line that garbles.
+    pub(super) fn after_silence(mut self, silent: Option<Command>) -> Self {
+        let is_own = |late: &Command| late.line() == self.own_line();
+        self.late_echo = self.late_echo.or(silent.filter(|late| !is_own(late)));
+        self
+    }
+
+    /// Whether nothing at all has come.
+    pub(super) const fn is_silent(&self) -> bool {
+        self.echoes == 0
     }
 
     /// When it was said.
@@ -110,16 +122,21 @@ impl Exchange {
         {
             return Outcome::Waiting;
         }
+        if line != self.own_line() {
+            return Outcome::Garbled;
+        }
+        self.echoes = self.lines().min(self.echoes + 1);
+        Outcome::Waiting
+    }
+
+    /// What is echoed next.
+    fn own_line(&self) -> Line {
         let own = match (self.command, self.echoes) {
             (Command::StopBoth, 0) => Command::Run(Channel::One, Power::ZERO),
             (Command::StopBoth, _) => Command::Run(Channel::Two, Power::ZERO),
             (command, _) => command,
         };
-        if line != own.line() {
-            return Outcome::Garbled;
-        }
-        self.echoes = self.lines().min(self.echoes + 1);
-        Outcome::Waiting
+        own.line()
     }
 
     /// Lines that it is sent in, each of which has an echo and an acknowledgement of its own.

@@ -84,7 +84,8 @@ impl Bench {
 }
 
 fn arrived(queue: &mut Vec<(Monotonic, Vec<u8>)>, now: Monotonic) -> Vec<u8> {
-    let later = queue.partition_point(|&(at, _)| at <= now);
+    let is_later = |&(at, _): &(Monotonic, Vec<u8>)| at > now;
+    let later = queue.iter().position(is_later).unwrap_or(queue.len());
     queue.drain(..later).flat_map(|(_, bytes)| bytes).collect()
 }
 
@@ -321,6 +322,33 @@ fn a_mute_controller_is_told_to_stand() {
         "told blindly, before its watchdog"
     );
     assert_eq!(bench.status().state, State::Faulty(ControllerFault::Silent));
+}
+
+/// As where an adapter holds characters back, or this process got no processor.
+#[test]
+fn answers_that_come_late_once_are_no_fault() {
+    let mut bench = Bench::ready();
+    for _ in 0..100 {
+        bench.command(50, 40);
+        bench.run_ms(1);
+    }
+    for held_back_ms in [0, 90, 110, 150, 190] {
+        for _ in 0..20 {
+            bench.run_ms(1);
+            if !bench.to_driver.is_empty() {
+                break;
+            }
+        }
+        for (at, _) in &mut bench.to_driver {
+            *at = *at + Duration::from_millis(held_back_ms);
+        }
+        for _ in 0..600 {
+            bench.run_ms(1);
+            assert_eq!(bench.status().state, State::Ready, "{held_back_ms}");
+        }
+    }
+    assert_eq!(bench.status().reconnects, 0);
+    assert_eq!(bench.emulator.motors(), [50, 40]);
 }
 
 #[test]
