@@ -54,9 +54,7 @@ impl Exchange {
     /// Both motors are told zero, whatever still waits for its answer: that comes first, and counts for nothing.
     pub(super) fn stop_both(interrupted: Option<Self>, now: Monotonic) -> Self {
         Self {
-            late_echo: interrupted
-                .filter(Self::is_silent)
-                .map(|last| last.command),
+            late_echo: interrupted.filter(Self::is_silent).map(|last| last.command),
             has_late_answer: interrupted
                 .is_some_and(|last| last.command.answer() == Answer::Acknowledgement),
             ..Self::new(Command::StopBoth, now)
