@@ -7,6 +7,7 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::{scope, sleep};
 
+use robot_edge::clock::Monotonic;
 use robot_edge::credentials::Credentials;
 
 use crate::chance::Chance;
@@ -89,6 +90,10 @@ fn whoever_looks_finds_all_of_the_old_keys_or_all_of_the_new_whenever_a_run_is_k
         command.spawn().unwrap()
     };
     assert!(install(&one).wait().unwrap().success());
+    // A run is killed while it lasts, on a fast machine too.
+    let started = Monotonic::now();
+    assert!(install(&one).wait().unwrap().success());
+    let whole_run = started.elapsed();
     let whole = [contents(&one), contents(&two)];
     let (is_over, looks) = (AtomicBool::new(false), AtomicU64::new(0));
     let mut chance = Chance::new(1);
@@ -108,7 +113,7 @@ fn whoever_looks_finds_all_of_the_old_keys_or_all_of_the_new_whenever_a_run_is_k
         let mut killed = 0;
         for run in 0..100 {
             let mut installing = install(if run % 2 == 0 { &two } else { &one });
-            sleep(chance.millis(0, 120));
+            sleep(whole_run.mul_f64(chance.millis(0, 1000).as_secs_f64()));
             killed += u32::from(installing.try_wait().unwrap().is_none());
             drop(installing.kill());
             installing.wait().unwrap();
