@@ -40,7 +40,7 @@ pub struct Cli {
     /// Times as fast as it was recorded, 0.1 to 20, or `max` (with --open)
     #[arg(long, value_name = "1|2.5|max", default_value = "1", requires = "open", value_parser = rate, allow_negative_numbers = true)]
     pub rate: Rate,
-    /// No window: wait until the map is in step, write the exports, end; or `drive` by a script
+    /// No window: wait until the map is synchronized, write the exports, end; or `drive` by a script
     #[arg(long)]
     pub headless: bool,
     /// Where to write the maps (with --headless)
@@ -49,7 +49,7 @@ pub struct Cli {
     /// Watch for this long first, seconds, or until the robot's data ends (with --headless)
     #[arg(long = "for", value_name = "S", requires = "headless", value_parser = seconds, allow_negative_numbers = true)]
     pub watch_for: Option<Duration>,
-    /// Give up where the map is not in step this long after that, seconds (with --headless)
+    /// Give up where the map is not synchronized this long after that, seconds (with --headless)
     #[arg(long, value_name = "S", default_value = "60", requires = "headless", value_parser = seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
     /// Save a picture of the window and end; --after says when

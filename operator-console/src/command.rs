@@ -7,10 +7,10 @@ use protocol::keys::RobotId;
 
 use crate::alerts::Alarm;
 use crate::export::ExportPart;
-use crate::helm::Intent;
 use crate::link::FoundRobot;
 use crate::map_view::{LayerCommand, Orientation, Overlay, ShoreMark};
 use crate::playback::PlaybackCommand;
+use crate::teleop_client::Intent;
 
 /// A wish of the operator.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,7 +40,7 @@ pub enum Command {
     /// Save a picture of the window where the system keeps pictures.
     Screenshot,
     /// Write maps to files.
-    Export(ExportWish),
+    Export(ExportRequest),
     /// Leave the export that is under way.
     CancelExport,
     /// Show a folder in the system's own program for that.
@@ -53,7 +53,7 @@ pub enum Command {
 
 /// What to export, and where to.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ExportWish {
+pub struct ExportRequest {
     /// The folder; it is made where it is missing.
     pub folder: PathBuf,
     /// What to write.
@@ -86,7 +86,7 @@ pub enum Look {
     /// Measure to what is in the middle, or read it.
     Point,
     /// As if the last point had not been pointed at.
-    TakeBack,
+    UndoPoint,
     /// Let a shore or docking site stand out, and put its middle (metres in `odom`) in the middle.
     Mark(ShoreMark, [f64; 2]),
     /// Let it stand out, too, while the hand is over it in a list; `None`: it is no longer.

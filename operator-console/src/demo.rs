@@ -40,7 +40,7 @@ pub struct DemoFailure(Arc<Mutex<Option<anyhow::Error>>>);
 
 impl DemoFailure {
     /// In words, where it has ended.
-    pub fn words(&self) -> Option<String> {
+    pub fn message(&self) -> Option<String> {
         lock(&self.0).as_ref().map(in_words)
     }
 
@@ -63,7 +63,7 @@ impl Demo {
         // Before a window opens that would wait for it.
         World::load(world)?;
         let endpoint = free_endpoint().context("no port is free for the simulated robot")?;
-        let mut words = vec![
+        let mut args = vec![
             "robot-edge",
             "simulate",
             world,
@@ -71,14 +71,14 @@ impl Demo {
             NAME,
             "--listen",
             &endpoint,
-            "--stay",
+            "--keep-serving",
             "--quiet",
         ];
         let recordings = recordings_folder();
         if let Some(folder) = &recordings {
-            words.extend(["--recordings", folder]);
+            args.extend(["--recordings", folder]);
         }
-        let cli = Cli::try_parse_from(words)?;
+        let cli = Cli::try_parse_from(args)?;
         let is_over = Arc::new(AtomicBool::new(false));
         let failure = DemoFailure::default();
         let thread = thread::spawn({
@@ -120,12 +120,12 @@ fn recordings_folder() -> Option<String> {
     let data = choose_base_strategy().ok()?.data_dir();
     let folder = data.join("foreshore").join("recordings");
     std::fs::create_dir_all(&folder)
-        .inspect_err(|error| tracing::warn!(%error, "the demonstration records nothing"))
+        .inspect_err(|error| tracing::warn!(%error, "the demo does not record"))
         .ok()?;
     folder.into_os_string().into_string().ok()
 }
 
-/// Two ports of this machine, one after the other, that nobody listens on.
+/// Two ports of this machine, one after the other, that nothing listens on.
 pub(crate) fn free_endpoint() -> anyhow::Result<String> {
     for _attempt in 0..100 {
         let control = TcpListener::bind(("127.0.0.1", 0))?;
@@ -144,11 +144,14 @@ mod tests {
     #[test]
     fn a_failure_is_looked_at_and_then_taken() {
         let failure = DemoFailure::default();
-        assert_eq!(failure.words(), None);
+        assert_eq!(failure.message(), None);
         failure
             .clone()
-            .set(anyhow!("nobody listens").context("no link"));
-        assert_eq!(failure.words().as_deref(), Some("no link: nobody listens"));
+            .set(anyhow!("nothing listens").context("no link"));
+        assert_eq!(
+            failure.message().as_deref(),
+            Some("no link: nothing listens")
+        );
         assert!(failure.take().is_some());
         assert!(failure.take().is_none());
     }

@@ -15,7 +15,7 @@ const MAX_ENTRIES: usize = 2_000;
 pub enum Severity {
     /// Good to know.
     #[default]
-    Note,
+    Info,
     /// Not as it should be.
     Warning,
     /// Something must be done, or the vehicle cannot be trusted.
@@ -53,18 +53,18 @@ pub struct Entry {
 pub struct EventLog {
     entries: VecDeque<Entry>,
     /// When the newest event of the robot was heard, and how many at that moment.
-    heard: Option<(Monotonic, usize)>,
+    last_event: Option<(Monotonic, usize)>,
     total: u64,
 }
 
 impl Severity {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Note, Self::Warning, Self::Alarm];
+    pub const ALL: [Self; 3] = [Self::Info, Self::Warning, Self::Alarm];
 
     /// In words.
-    pub const fn words(self) -> &'static str {
+    pub const fn label(self) -> &'static str {
         match self {
-            Self::Note => "Note",
+            Self::Info => "Note",
             Self::Warning => "Warning",
             Self::Alarm => "Alarm",
         }
@@ -73,7 +73,7 @@ impl Severity {
     /// What a robot says of an event.
     pub const fn of(event: &Event) -> Self {
         match event.severity {
-            message::Severity::Info => Self::Note,
+            message::Severity::Info => Self::Info,
             message::Severity::Warning => Self::Warning,
             message::Severity::Alarm => Self::Alarm,
         }
@@ -112,20 +112,20 @@ impl EventLog {
 
     /// Another robot: its events are all new.
     pub const fn forget_robot(&mut self) {
-        self.heard = None;
+        self.last_event = None;
     }
 
     /// Takes over the events of the robot, or recording, of this name that are not noted yet; these, the oldest first.
-    pub fn hear(
+    pub fn add_robot_events(
         &mut self,
         model: &ConsoleModel,
         name: &str,
         now: Monotonic,
         unix_s: u64,
     ) -> Vec<Event> {
-        let mut skip = self.heard.map_or(0, |(_, count)| count);
-        let since = self.heard.map(|(at, _)| at);
-        let mut news = Vec::new();
+        let mut skip = self.last_event.map_or(0, |(_, count)| count);
+        let since = self.last_event.map(|(at, _)| at);
+        let mut new_events = Vec::new();
         for (event, at) in model.events() {
             if since.is_some_and(|since| *at < since) {
                 continue;
@@ -134,7 +134,7 @@ impl EventLog {
                 skip -= 1;
                 continue;
             }
-            self.heard = Some(match self.heard {
+            self.last_event = Some(match self.last_event {
                 Some((before, count)) if before == *at => (before, count + 1),
                 Some(_) | None => (*at, 1),
             });
@@ -144,12 +144,12 @@ impl EventLog {
                 time: time_of_day(unix_s.saturating_sub(ago_s)),
                 severity: Severity::of(event),
                 source: Source::Robot(name.to_owned()),
-                kind: kind_words(&event.kind),
+                kind: kind_label(&event.kind),
                 text: event.message.clone(),
             });
-            news.push(event.clone());
+            new_events.push(event.clone());
         }
-        news
+        new_events
     }
 
     fn add(&mut self, entry: Entry) {
@@ -162,7 +162,7 @@ impl EventLog {
 }
 
 /// What the wire calls it, in words.
-pub(crate) fn kind_words(kind: &str) -> String {
+pub(crate) fn kind_label(kind: &str) -> String {
     match kind {
         "teleop_state" => "driving".to_owned(),
         "estop" => "emergency stop".to_owned(),
@@ -180,9 +180,9 @@ mod tests {
     use protocol::keys::Topic;
 
     use super::*;
-    use crate::pretend::{self, at, scout};
+    use crate::test_support::{self, at, scout};
 
-    fn says(model: &mut ConsoleModel, kind: &str, now: Monotonic) {
+    fn inject(model: &mut ConsoleModel, kind: &str, now: Monotonic) {
         let severity = match kind {
             "estop" => message::Severity::Alarm,
             "jump" => message::Severity::Warning,
@@ -193,38 +193,47 @@ mod tests {
             severity,
             message: format!("{kind} happened"),
         };
-        pretend::says(model, Topic::Event, &event, now);
+        test_support::inject(model, Topic::Event, &event, now);
     }
 
     #[test]
     fn every_event_of_the_robot_is_noted_once() {
         let mut model = scout();
         let mut log = EventLog::default();
-        says(&mut model, "jump", at(1_000));
-        says(&mut model, "ground", at(1_000));
-        let kinds = |news: Vec<Event>| -> Vec<String> {
-            news.into_iter().map(|event| event.kind).collect()
+        inject(&mut model, "jump", at(1_000));
+        inject(&mut model, "ground", at(1_000));
+        let kinds = |new_events: Vec<Event>| -> Vec<String> {
+            new_events.into_iter().map(|event| event.kind).collect()
         };
         assert_eq!(
-            kinds(log.hear(&model, "scout", at(1_000), 0)),
+            kinds(log.add_robot_events(&model, "scout", at(1_000), 0)),
             ["jump", "ground"]
         );
-        says(&mut model, "estop", at(1_000));
-        assert_eq!(kinds(log.hear(&model, "scout", at(2_000), 0)), ["estop"]);
-        assert_eq!(kinds(log.hear(&model, "scout", at(2_000), 0)), [""; 0]);
-        says(&mut model, "jump", at(3_000));
-        log.note(Severity::Note, "export", "done", at(3_500), 3_723);
-        assert_eq!(kinds(log.hear(&model, "scout", at(4_000), 3_724)), ["jump"]);
-        let told: Vec<_> = log
+        inject(&mut model, "estop", at(1_000));
+        assert_eq!(
+            kinds(log.add_robot_events(&model, "scout", at(2_000), 0)),
+            ["estop"]
+        );
+        assert_eq!(
+            kinds(log.add_robot_events(&model, "scout", at(2_000), 0)),
+            [""; 0]
+        );
+        inject(&mut model, "jump", at(3_000));
+        log.note(Severity::Info, "export", "done", at(3_500), 3_723);
+        assert_eq!(
+            kinds(log.add_robot_events(&model, "scout", at(4_000), 3_724)),
+            ["jump"]
+        );
+        let actual: Vec<_> = log
             .entries()
             .iter()
             .map(|entry| (entry.kind.as_str(), entry.severity, entry.time.as_str()))
             .collect();
         assert_eq!(
-            told[2..],
+            actual[2..],
             [
                 ("emergency stop", Severity::Alarm, "00:00:00"),
-                ("export", Severity::Note, "01:02:03"),
+                ("export", Severity::Info, "01:02:03"),
                 ("jump", Severity::Warning, "01:02:03"),
             ]
         );
@@ -234,7 +243,7 @@ mod tests {
     fn the_log_is_bounded() {
         let mut log = EventLog::default();
         for n in 0..5_000 {
-            log.note(Severity::Note, "n", n.to_string(), at(n), n);
+            log.note(Severity::Info, "n", n.to_string(), at(n), n);
         }
         assert_eq!(log.entries().len(), MAX_ENTRIES);
         assert_eq!(log.entries().back().unwrap().text, "4999");

@@ -1,4 +1,4 @@
-//! No window: joins, waits until the map is in step, writes the exports.
+//! No window: joins, waits until the map is synchronized, writes the exports.
 
 use std::io::{self, Write};
 use std::mem;
@@ -17,13 +17,13 @@ use robot_edge::link::sessions::Endpoints;
 use robot_edge::link::{random_id, zenoh_config_file};
 
 use crate::export::{ExportPart, Fetcher, Snapshot, export_parts};
+use crate::join_timing::{JoinTiming, VISIBLE_M};
 use crate::link::RobotSession;
-use crate::milestones::{Milestones, VISIBLE_M};
 use crate::model::{ConsoleModel, LinkState, ModelSettings};
 use crate::target::Target;
 
 /// Between two looks at the model.
-const LOOK: Duration = Duration::from_millis(20);
+const POLL_PERIOD: Duration = Duration::from_millis(20);
 /// Most memory for tiles, megabytes: twice what a robot holds by default.
 pub const STORE_MB: u32 = 512;
 
@@ -40,9 +40,9 @@ pub struct Headless {
     pub credentials: Option<Credentials>,
     /// Where to write.
     pub export: PathBuf,
-    /// How long to watch, if not until the first time in step.
+    /// How long to watch, if not until the first time synchronized.
     pub watch_for: Option<Duration>,
-    /// How long to wait for a robot and until the map is in step, beyond `watch_for`, both from the start.
+    /// How long to wait for a robot and until the map is synchronized, beyond `watch_for`, both from the start.
     pub timeout: Duration,
     /// Say nothing.
     pub quiet: bool,
@@ -69,11 +69,11 @@ impl Headless {
     }
 }
 
-/// Watches and exports. Whatever keeps the map from being in step, what came is written; where nothing was heard of the
+/// Watches and exports. Whatever keeps the map from being synchronized, what came is written; where nothing was heard of the
 /// robot, nothing is.
 ///
 /// # Errors
-/// Where there is no robot, several and none was named, the map is not in step in time, or a file cannot be
+/// Where there is no robot, several and none was named, the map is not synchronized in time, or a file cannot be
 /// written.
 pub fn run(
     settings: &Headless,
@@ -86,11 +86,11 @@ pub fn run(
     let robot = target.find(&is_interrupted)?;
     let discovered = Monotonic::now();
     let answers = format!("robot {} answers at {}", robot.robot, robot.endpoint);
-    let mut inquiry = target.inquiry(&robot);
+    let mut wait_for_robot = target.wait_for_robot(&robot);
     let model = ModelSettings {
         robot: robot.robot,
         session: BootId(random_id()?),
-        store_mb: STORE_MB,
+        tile_store_mb: STORE_MB,
         layers: LayerId::ALL.into_iter().collect(),
     };
     let endpoints = Endpoints {
@@ -102,45 +102,47 @@ pub fn run(
     let session = RobotSession::open(model, &endpoints, || {}).context("cannot watch")?;
 
     session.model().set_unfinished(true);
-    let mut milestones = Milestones::new(discovered);
-    let (mut was_heard, mut was_in_step) = (false, false);
+    let mut join_timing = JoinTiming::new(discovered);
+    let (mut was_connected, mut was_synchronized) = (false, false);
     let watched = watch(settings, &is_interrupted, started, || {
         let mut model = session.model();
-        look_around_the_vehicle(&mut model);
+        view_around_vehicle(&mut model);
         let now = Monotonic::now();
         if model.connection().state(now) == LinkState::Waiting {
-            inquiry.complain(now);
-        } else if !mem::replace(&mut was_heard, true) {
+            wait_for_robot.report_progress(now);
+        } else if !mem::replace(&mut was_connected, true) {
             settings.say(&answers);
         }
         // A picture marks the vehicle: a map without one is not all there is.
         let is_placed = model.vehicle().pose().is_some() || is_empty(&model);
-        let is_in_step = model.is_in_step(now) && is_placed;
-        milestones.look(&model, is_in_step);
-        if is_in_step != was_in_step {
-            tracing::info!(is_in_step, "step");
-            was_in_step = is_in_step;
+        let is_synchronized = model.is_synchronized(now) && is_placed;
+        join_timing.update(&model, is_synchronized);
+        if is_synchronized != was_synchronized {
+            tracing::info!(is_synchronized, "step");
+            was_synchronized = is_synchronized;
         }
         let has_ended = model.has_ended();
         // A robot that has ended and is gone will not announce its map again.
         (
-            is_in_step || (has_ended && model.holds_what_was_announced()),
+            is_synchronized || (has_ended && model.matches_last_head()),
             has_ended,
         )
     });
     let (_, messages) = session.model().connection().totals();
     match watched {
         // Of a robot that was never heard there is nothing to write: empty files would look like results.
-        Watched::TimedOut if messages == 0 => return Err(inquiry.conclusion(&is_interrupted)),
+        Watched::TimedOut if messages == 0 => {
+            return Err(wait_for_robot.conclusion(&is_interrupted));
+        }
         Watched::Interrupted if messages == 0 => return Err(Interrupted.into()),
-        Watched::InStep | Watched::TimedOut | Watched::Interrupted => {}
+        Watched::Synchronized | Watched::TimedOut | Watched::Interrupted => {}
     }
     let handle = session.handle();
     // What is fetched comes first: a robot whose data has ended does not wait for files that are written.
     let mut parts: Vec<_> = ExportPart::all().collect();
     parts.sort_by_key(|part| !matches!(part, ExportPart::Trajectory | ExportPart::Voxels));
-    // Of a map that is not in step, what came is written, whatever it is.
-    let fetcher = matches!(watched, Watched::InStep)
+    // Of a map that is not synchronized, what came is written, whatever it is.
+    let fetcher = matches!(watched, Watched::Synchronized)
         .then(|| Fetcher::begin(&handle, parts.iter().copied(), settings.timeout));
     let exported = export_parts(&settings.export, parts, |part, _| match &fetcher {
         Some(fetcher) => fetcher.fetch(part, |_| {
@@ -156,31 +158,31 @@ pub fn run(
     session.model().set_unfinished(false);
     let model = session.model();
     if !settings.quiet {
-        milestones.tell(&model, out)?;
-        tell(&model, &exported.files, out)?;
+        join_timing.print(&model, out)?;
+        print_summary(&model, &exported.files, out)?;
     }
     if exported.is_left {
         return Err(Interrupted.into());
     }
     exported.outcome(&settings.export).map_err(Error::msg)?;
     match watched {
-        Watched::InStep => Ok(Exit::Done),
+        Watched::Synchronized => Ok(Exit::Done),
         Watched::Interrupted => Err(Interrupted.into()),
         Watched::TimedOut => Err(anyhow!(
             "{}; what came is in {}",
-            out_of_step(&model, session.problem(), started.elapsed()),
+            not_synchronized(&model, session.problem(), started.elapsed()),
             settings.export.display()
         )),
     }
 }
 
-/// What a map lacks that is not in step `after` this long, and why.
-fn out_of_step(model: &ConsoleModel, problem: Option<String>, after: Duration) -> String {
-    let missing: usize = model.map().steps().map(|step| step.missing).sum();
+/// What a map lacks that is not synchronized `after` this long, and why.
+fn not_synchronized(model: &ConsoleModel, problem: Option<String>, after: Duration) -> String {
+    let missing: usize = model.map().layer_states().map(|step| step.missing).sum();
     let why = problem.map(|why| format!(" ({why})")).unwrap_or_default();
     let after_s = after.as_secs_f64();
     format!(
-        "the map is not in step with the robot's after {after_s:.0} s{why}: {missing} tiles are known to be missing"
+        "the map is not synchronized with the robot's after {after_s:.0} s{why}: {missing} tiles are known to be missing"
     )
 }
 
@@ -191,11 +193,11 @@ fn is_empty(model: &ConsoleModel) -> bool {
 }
 
 /// What is near the vehicle comes first, as it would in a window.
-fn look_around_the_vehicle(model: &mut ConsoleModel) {
+fn view_around_vehicle(model: &mut ConsoleModel) {
     if let Some((pose, _)) = model.vehicle().pose() {
         let [x, y, _] = pose.position_m;
         let rectangle_m = [x - VISIBLE_M, y - VISIBLE_M, x + VISIBLE_M, y + VISIBLE_M];
-        model.look_at(
+        model.set_view(
             rectangle_m.map(|edge_m| edge_m as f32),
             LayerId::ALL.into_iter().collect(),
         );
@@ -203,7 +205,7 @@ fn look_around_the_vehicle(model: &mut ConsoleModel) {
 }
 
 enum Watched {
-    InStep,
+    Synchronized,
     TimedOut,
     Interrupted,
 }
@@ -216,24 +218,24 @@ fn watch(
 ) -> Watched {
     let watch_for = settings.watch_for.unwrap_or(Duration::ZERO);
     loop {
-        let (is_in_step, has_ended) = look();
+        let (is_synchronized, has_ended) = look();
         let elapsed = started.elapsed();
-        if is_in_step && (elapsed >= watch_for || has_ended) {
-            return Watched::InStep;
+        if is_synchronized && (elapsed >= watch_for || has_ended) {
+            return Watched::Synchronized;
         }
         if elapsed >= watch_for.saturating_add(settings.timeout) {
             return Watched::TimedOut;
         }
-        if !clock::sleep_until(Monotonic::now() + LOOK, is_interrupted) {
+        if !clock::sleep_until(Monotonic::now() + POLL_PERIOD, is_interrupted) {
             return Watched::Interrupted;
         }
     }
 }
 
-fn tell(model: &ConsoleModel, files: &[PathBuf], out: &mut dyn Write) -> io::Result<()> {
+fn print_summary(model: &ConsoleModel, files: &[PathBuf], out: &mut dyn Write) -> io::Result<()> {
     let (bytes, messages) = model.connection().totals();
     writeln!(out, "{messages} messages of {bytes} bytes")?;
-    for (why, count) in model.refusals().iter() {
+    for (why, count) in model.reject_counts().iter() {
         writeln!(out, "refused: {count} × {}", why.name())?;
     }
     let store = model.map().store();
@@ -280,7 +282,7 @@ mod tests {
         let settings = of_nobody(&endpoint, folder.path().join("maps"));
         let mut out = Vec::new();
         let error = run(&settings, || false, &mut out).unwrap_err().to_string();
-        let expected = format!("there is no robot at {endpoint} (nobody answers there); ");
+        let expected = format!("there is no robot at {endpoint} (no answer there); ");
         assert!(error.starts_with(&expected), "{error}");
         assert!(!settings.export.exists() && out.is_empty());
     }

@@ -3,13 +3,13 @@
 use robot_edge::teleop::Role;
 
 /// What is said to who may only watch.
-pub const WATCHES: &str = "You watch: observers neither drive nor stop the vehicle";
+pub const OBSERVER_HINT: &str = "Observers neither drive nor stop the vehicle";
 /// What is said to who may drive, and not take over.
-pub const ASKS: &str = "Only supervisors take over: ask to hand over";
+pub const OPERATOR_HINT: &str = "Only supervisors take over: request a handover";
 
 /// Whether who shows this role is proven to have no right to drive or to stop: nothing that they sign would be obeyed.
 /// `None`, where nobody has proven a role, is no such proof: whoever may have the right must be able to press the stop.
-pub const fn only_watches(role: Option<Role>) -> bool {
+pub const fn is_observer(role: Option<Role>) -> bool {
     match role {
         Some(role) => !role.may_drive(),
         None => false,
@@ -17,7 +17,7 @@ pub const fn only_watches(role: Option<Role>) -> bool {
 }
 
 /// Whether who shows this role is proven to have no right to take over. `None` is no such proof here either.
-pub const fn never_takes_over(role: Option<Role>) -> bool {
+pub const fn cannot_take_over(role: Option<Role>) -> bool {
     match role {
         Some(Role::Observer | Role::Operator) => true,
         Some(Role::Supervisor) | None => false,
@@ -36,7 +36,7 @@ mod tests {
             (Some(Role::Supervisor), false),
             (Some(Role::Observer), true),
         ] {
-            assert_eq!(only_watches(role), expected, "{role:?}");
+            assert_eq!(is_observer(role), expected, "{role:?}");
         }
     }
 
@@ -48,7 +48,7 @@ mod tests {
             (Some(Role::Supervisor), false),
             (Some(Role::Observer), true),
         ] {
-            assert_eq!(never_takes_over(role), expected, "{role:?}");
+            assert_eq!(cannot_take_over(role), expected, "{role:?}");
         }
     }
 }

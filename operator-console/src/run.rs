@@ -38,7 +38,7 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
             .map_err(|err| UsageError(err.to_string()))?;
     }
     let credentials = cli.keys.as_deref().map(Credentials::open).transpose()?;
-    if let Some(complaint) = credentials.as_ref().and_then(Credentials::complaint) {
+    if let Some(complaint) = credentials.as_ref().and_then(Credentials::warning) {
         writeln!(io::stderr(), "{complaint}")?;
     }
     let identity = Identity::of(cli.operator.clone(), credentials.as_ref())?;

@@ -1,7 +1,7 @@
 //! Which robot a command without a window is about.
 
-mod around;
-mod inquiry;
+mod discovery_report;
+mod wait_for_robot;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -15,13 +15,13 @@ use robot_edge::link::zenoh_config_file;
 
 use crate::link::{Discovery, FoundRobot};
 
-use around::Around;
-use inquiry::Notice;
+use discovery_report::DiscoveryReport;
+use wait_for_robot::DelayedNotice;
 
-pub(crate) use inquiry::Inquiry;
+pub(crate) use wait_for_robot::WaitForRobot;
 
 /// Between two looks at who was found.
-const LOOK: Duration = Duration::from_millis(20);
+const POLL_PERIOD: Duration = Duration::from_millis(20);
 
 /// A robot, as the command line describes it.
 #[derive(Clone, Debug)]
@@ -42,8 +42,8 @@ pub(crate) struct Target {
 
 impl Target {
     /// A link to `found` is opened: the wait for what it says begins.
-    pub(crate) fn inquiry(&self, found: &FoundRobot) -> Inquiry {
-        Inquiry::new(Self {
+    pub(crate) fn wait_for_robot(&self, found: &FoundRobot) -> WaitForRobot {
+        WaitForRobot::new(Self {
             connect: vec![found.endpoint.clone()],
             robot: Some(found.robot.clone()),
             ..self.clone()
@@ -51,7 +51,7 @@ impl Target {
     }
 
     /// Asks for robots where this one is to be.
-    fn look_around(&self) -> Discovery {
+    fn start_discovery(&self) -> Discovery {
         Discovery::start(
             self.connect.clone(),
             self.connect.is_empty(),
@@ -87,10 +87,10 @@ impl Target {
                 endpoint: endpoint.clone(),
             });
         }
-        let discovery = self.look_around();
+        let discovery = self.start_discovery();
         let started = Monotonic::now();
         let deadline = started + self.timeout;
-        let mut notice = Notice::new(self.timeout, self.quiet, started);
+        let mut notice = DelayedNotice::new(self.timeout, self.quiet, started);
         let mut found = Vec::new();
         let is_found = |found: &[FoundRobot]| match &self.robot {
             Some(robot) => found.iter().any(|found| found.robot == *robot),
@@ -99,12 +99,12 @@ impl Target {
         while !is_found(&found) {
             let now = Monotonic::now();
             if deadline.since(now).is_zero() {
-                return Err(anyhow!(Around::of(&discovery).conclusion(self)));
+                return Err(anyhow!(DiscoveryReport::of(&discovery).conclusion(self)));
             }
             if notice.is_due(now) {
-                notice.tell(&Around::of(&discovery).waiting(self));
+                notice.print_once(&DiscoveryReport::of(&discovery).waiting(self));
             }
-            if !clock::sleep_until(now + LOOK, is_interrupted) {
+            if !clock::sleep_until(now + POLL_PERIOD, is_interrupted) {
                 return Err(Interrupted.into());
             }
             found = discovery.found();

@@ -101,7 +101,7 @@ pub const STOPPING: Color32 = rgb(0xf0_a8_20);
 /// What is looked for on the map.
 pub const MARKED: Color32 = rgb(0xcc_00_7a);
 /// What is laid over a map that is old: half of its colours are left.
-pub const STALE_VEIL: Color32 = Color32::from_rgba_premultiplied(0x38, 0x38, 0x38, 0x80);
+pub const STALE_OVERLAY: Color32 = Color32::from_rgba_premultiplied(0x38, 0x38, 0x38, 0x80);
 /// Banners of warning, and what is written on them.
 pub const BANNER: [Color32; 2] = [rgb(0xf0_a8_20), rgb(0x1a_12_00)];
 

@@ -13,14 +13,14 @@ use robot_edge::credentials::Credentials;
 use robot_edge::link::random_id;
 use winit::event_loop::EventLoop;
 
-use crate::app::{AppSettings, ConsoleApp, Outcome, Screenshot, result_of};
+use crate::app::{AppSettings, ConsoleApp, Screenshot, ScreenshotOutcome, result_of};
 use crate::controls::ControlsFile;
 use crate::demo::DemoFailure;
-use crate::hands::Hands;
 use crate::identity::Identity;
 use crate::input_loop::InputLoop;
 use crate::playback::ToOpen;
-use crate::settings::{self, ConfigPath, Keeper, Read, WindowPlace};
+use crate::settings::{self, ConfigPath, Read, SettingsWriter, WindowPlace};
+use crate::teleop_handle::TeleopHandle;
 use crate::theme;
 
 /// What the window is opened with.
@@ -60,9 +60,9 @@ pub struct WindowSettings {
 /// Where no window can be opened, or the picture that was asked for cannot be taken.
 pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
     let session = BootId(random_id()?);
-    let outcome = Outcome::default();
+    let outcome = ScreenshotOutcome::default();
     let is_picture_wanted = settings.screenshot.is_some();
-    let for_picture = Outcome::clone(&outcome);
+    let for_picture = ScreenshotOutcome::clone(&outcome);
     let Read {
         settings: kept,
         complaint,
@@ -70,8 +70,8 @@ pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
         ConfigPath::File(path) if !settings.forgets_settings => settings::read(path),
         ConfigPath::File(_) | ConfigPath::None => Read::default(),
     };
-    let keeper = match &settings.config {
-        ConfigPath::File(path) => Some(Keeper::start(path.clone(), kept.clone())),
+    let settings_writer = match &settings.config {
+        ConfigPath::File(path) => Some(SettingsWriter::start(path.clone(), kept.clone())),
         ConfigPath::None => None,
     };
     let options = eframe::NativeOptions {
@@ -85,9 +85,9 @@ pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
         dithering: false,
         ..eframe::NativeOptions::default()
     };
-    let hands = Rc::new(Hands::default());
+    let teleop_handle = Rc::new(TeleopHandle::default());
     let is_open = Rc::new(Cell::new(false));
-    let (hands_of_app, is_open_of_app) = (Rc::clone(&hands), Rc::clone(&is_open));
+    let (hands_of_app, is_open_of_app) = (Rc::clone(&teleop_handle), Rc::clone(&is_open));
     let create = move |creation: &eframe::CreationContext<'_>| {
         is_open_of_app.set(true);
         theme::set(&creation.egui_ctx);
@@ -114,10 +114,10 @@ pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
                 session,
                 screenshot,
                 identity: settings.identity,
-                hands: hands_of_app,
+                teleop_handle: hands_of_app,
                 open: settings.open,
                 settings: kept,
-                keeper,
+                settings_writer,
                 complaint,
             },
         );
@@ -130,7 +130,7 @@ pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
         .context(no_window)?;
     let window = eframe::create_native(&settings.title, options, Box::new(create), &event_loop);
     event_loop
-        .run_app(&mut InputLoop::new(window, hands))
+        .run_app(&mut InputLoop::new(window, teleop_handle))
         .map_err(|why| anyhow!("{why}"))
         .context(no_window)?;
     // What eframe could not do, it has only logged.

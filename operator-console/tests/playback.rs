@@ -23,11 +23,11 @@ use robot_edge::cli::VehicleOptions;
 use robot_edge::clock::Monotonic;
 use robot_edge::link::sessions::Endpoints;
 use robot_edge::pacer::Rate;
-use robot_edge::replay_control::{ReplaySight, ReplayState};
+use robot_edge::replay_control::{ReplayState, ReplayStatus};
 use robot_edge::robot_time::RobotDuration;
 
 /// Nothing that these tests wait for takes longer.
-const PATIENCE: Duration = Duration::from_mins(2);
+const TIMEOUT: Duration = Duration::from_mins(2);
 
 fn rooms() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../recordings/rooms.mcap")
@@ -49,7 +49,7 @@ impl Rig {
         let settings = ModelSettings {
             robot: playback.robot().robot.clone(),
             session: BootId([5; 16]),
-            store_mb: 64,
+            tile_store_mb: 64,
             layers: BTreeSet::from([LayerId::Occupancy]),
         };
         let endpoints = Endpoints {
@@ -61,7 +61,7 @@ impl Rig {
     }
 
     fn ask(&self, command: PlaybackCommand) {
-        assert!(self.playback.obey(command));
+        assert!(self.playback.execute(command));
     }
 
     /// Waits until the recording is as wanted and the console has the map of it.
@@ -69,20 +69,20 @@ impl Rig {
     fn wait(
         &mut self,
         what: &str,
-        is_so: impl Fn(&ReplaySight, &ConsoleModel) -> bool,
-    ) -> ReplaySight {
+        is_so: impl Fn(&ReplayStatus, &ConsoleModel) -> bool,
+    ) -> ReplayStatus {
         let started = Monotonic::now();
         loop {
             if let Some(why) = self.playback.failure() {
                 panic!("{what}: {why}");
             }
-            let sight = self.playback.sight();
+            let status = self.playback.status();
             let mut model = self.session.model();
-            model.look_at([-1e3, -1e3, 1e3, 1e3], BTreeSet::from([LayerId::Occupancy]));
-            if is_so(&sight, &model) {
-                return sight;
+            model.set_view([-1e3, -1e3, 1e3, 1e3], BTreeSet::from([LayerId::Occupancy]));
+            if is_so(&status, &model) {
+                return status;
             }
-            assert!(started.elapsed() < PATIENCE, "{what}: {sight:?}");
+            assert!(started.elapsed() < TIMEOUT, "{what}: {status:?}");
             drop(model);
             sleep(Duration::from_millis(20));
         }
@@ -92,7 +92,7 @@ impl Rig {
     #[track_caller]
     fn assert_exports(&self, edge: &Path, folder: &Path) {
         let model = self.session.handle();
-        let fetcher = Fetcher::begin(&model, ExportPart::all(), PATIENCE);
+        let fetcher = Fetcher::begin(&model, ExportPart::all(), TIMEOUT);
         let exported = export_parts(folder, ExportPart::all(), |part, _| {
             fetcher.fetch(part, |_| ControlFlow::Continue(()))
         });
@@ -110,10 +110,10 @@ impl Rig {
     /// Waits until it stands at `position` and the console's map is `digest`.
     #[track_caller]
     fn wait_for_map(&mut self, position: RobotDuration, digest: &str) {
-        self.wait(digest, |sight, model| {
+        self.wait(digest, |status, model| {
             let known = model.map().store().root_digest(LayerId::Occupancy);
-            sight.is_settled
-                && sight.position == position
+            status.is_settled
+                && status.position == position
                 && known.is_some_and(|known| known.to_string() == digest)
         });
     }
@@ -176,15 +176,15 @@ fn a_scrubbed_recording_shows_the_map_of_a_replay_up_to_there() {
     assert_ne!(at_60, at_20);
 
     let mut rig = Rig::open(&rooms(), Rate::Times(1.0));
-    rig.wait("it plays", |sight, _| {
-        sight.state == ReplayState::Playing && sight.position > RobotDuration::ZERO
+    rig.wait("it plays", |status, _| {
+        status.state == ReplayState::Playing && status.position > RobotDuration::ZERO
     });
     rig.ask(PlaybackCommand::Pause);
     rig.ask(PlaybackCommand::Seek(seconds(60)));
     rig.wait_for_map(seconds(60), &at_60);
-    let sight = rig.playback.sight();
-    assert_eq!(sight.state, ReplayState::Paused);
-    let length_s = sight.length.unwrap().duration.as_secs_f64();
+    let status = rig.playback.status();
+    assert_eq!(status.state, ReplayState::Paused);
+    let length_s = status.length.unwrap().duration.as_secs_f64();
     assert!((115.0..117.0).contains(&length_s), "{length_s}");
 
     // Every value under the pointer is the export's.
@@ -213,7 +213,7 @@ fn a_scrubbed_recording_shows_the_map_of_a_replay_up_to_there() {
     // Back, and on by a step.
     rig.ask(PlaybackCommand::Seek(seconds(20)));
     rig.wait_for_map(seconds(20), &at_20);
-    assert!(rig.playback.sight().rounds >= 1);
+    assert!(rig.playback.status().restarts >= 1);
     rig.assert_exports(&maps("20"), &maps("console at 20"));
     rig.ask(PlaybackCommand::Seek(seconds(59)));
     rig.ask(PlaybackCommand::Step(seconds(1)));
@@ -238,19 +238,19 @@ fn a_recording_in_a_loop_begins_anew_and_one_without_ends() {
     run(line.chain([short.to_str().unwrap()]));
     let mut rig = Rig::open(&short, Rate::Max);
     rig.ask(PlaybackCommand::SetLooping(true));
-    rig.wait("the third round", |sight, _| sight.rounds >= 2);
+    rig.wait("the third round", |status, _| status.restarts >= 2);
     rig.ask(PlaybackCommand::SetLooping(false));
-    rig.wait("the end", |sight, model| {
+    rig.wait("the end", |status, model| {
         let known = model.map().store().cells_known(LayerId::Occupancy);
-        sight.state == ReplayState::Ended && sight.is_settled && known > 0
+        status.state == ReplayState::Ended && status.is_settled && known > 0
     });
-    let rounds = rig.playback.sight().rounds;
+    let restarts = rig.playback.status().restarts;
     rig.ask(PlaybackCommand::SetRate(Rate::Times(1.0)));
     rig.ask(PlaybackCommand::Play);
-    rig.wait("it begins anew", |sight, _| {
-        sight.rounds == rounds + 1 && sight.state == ReplayState::Playing
+    rig.wait("it begins anew", |status, _| {
+        status.restarts == restarts + 1 && status.state == ReplayState::Playing
     });
-    assert!(!rig.playback.obey(PlaybackCommand::Close));
+    assert!(!rig.playback.execute(PlaybackCommand::Close));
 }
 
 #[test]
@@ -258,7 +258,7 @@ fn a_recording_in_a_loop_has_no_faulty_sensor() {
     let mut rig = Rig::open(&rooms(), Rate::Max);
     rig.ask(PlaybackCommand::SetLooping(true));
     let (told, last) = (Cell::new(0), Cell::new(None));
-    rig.wait("the third round is under way", |sight, model| {
+    rig.wait("the third round is under way", |status, model| {
         if let Some((status, at)) = model.status()
             && last.replace(Some(*at)) != Some(*at)
         {
@@ -268,7 +268,7 @@ fn a_recording_in_a_loop_has_no_faulty_sensor() {
             }
         }
         // Twice a second the robot says how they are: of all parts of a round.
-        sight.rounds >= 3 && told.get() >= 24
+        status.restarts >= 3 && told.get() >= 24
     });
 }
 
@@ -286,7 +286,7 @@ fn a_damaged_recording_is_refused_in_words() {
         if let Some(why) = playback.failure() {
             break why.to_owned();
         }
-        assert!(started.elapsed() < PATIENCE);
+        assert!(started.elapsed() < TIMEOUT);
         sleep(Duration::from_millis(10));
     };
     assert!(
@@ -301,7 +301,7 @@ fn a_damaged_recording_is_refused_in_words() {
 fn winding_takes_so_long() {
     let mut rig = Rig::open(&rooms(), Rate::Times(1.0));
     rig.ask(PlaybackCommand::Pause);
-    rig.wait("known in length", |sight, _| sight.length.is_some());
+    rig.wait("known in length", |status, _| status.length.is_some());
     let mut took: Vec<(bool, Duration)> = Vec::new();
     // A fixed walk to and fro over the whole length: 47 has no divisor in common with the seconds it goes over.
     let mut at_s = 0;
@@ -309,8 +309,8 @@ fn winding_takes_so_long() {
         let to_s = step * 47 % 110;
         let (to, clicked) = (seconds(to_s), Monotonic::now());
         rig.ask(PlaybackCommand::Seek(to));
-        rig.wait("wound", |sight, model| {
-            sight.is_settled && sight.position == to && model.holds_what_was_announced()
+        rig.wait("wound", |status, model| {
+            status.is_settled && status.position == to && model.matches_last_head()
         });
         took.push((to_s > at_s, clicked.elapsed()));
         at_s = to_s;

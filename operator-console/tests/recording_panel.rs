@@ -8,10 +8,10 @@
 use std::path::Path;
 use std::time::Duration;
 
-use operator_console::helm::{EStopSight, HelmSight, Lease};
 use operator_console::model::{ConsoleModel, Incoming, ModelSettings};
 use operator_console::panels::recording::RecordingData;
-use operator_console::teleop_input::{SpeedStep, Wish};
+use operator_console::teleop_client::{EStopState, Lease, TeleopClientState};
+use operator_console::teleop_input::{DriveInput, SpeedStep};
 use operator_console::theme::Tone;
 use protocol::keys::Topic;
 use protocol::message::{RecordingState, RecordingStatus, Status};
@@ -40,7 +40,7 @@ fn silent() -> ConsoleModel {
     ConsoleModel::new(ModelSettings {
         robot: "scout".parse().unwrap(),
         session: BootId([1; 16]),
-        store_mb: 1,
+        tile_store_mb: 1,
         layers: [].into(),
     })
     .unwrap()
@@ -59,36 +59,36 @@ fn model(recording: RecordingStatus, has_ended: bool) -> ConsoleModel {
         seq: 1,
         robot_time_ns: 0,
     };
-    let told = Incoming::Sample {
+    let sample = Incoming::Sample {
         key: Topic::Status.key(model.robot()),
         payload: wire::encode(&header, &status).unwrap(),
     };
-    model.apply(told, at(1_000));
+    model.apply(sample, at(1_000));
     model
 }
 
-fn helm(token_age: Option<Duration>) -> HelmSight {
-    HelmSight {
+fn teleop_client(token_age: Option<Duration>) -> TeleopClientState {
+    TeleopClientState {
         operator: "anna".parse().unwrap(),
         role: None,
         lease: Lease::None,
         last_grant: None,
         step: SpeedStep::default(),
         limits: [1.0, 1.5],
-        wish: Wish::NEUTRAL,
+        drive_input: DriveInput::NEUTRAL,
         keys: Vec::new(),
         ignored: None,
         is_ready: true,
         token_age,
         is_asking: false,
         notice: None,
-        estop: EStopSight::Quiet,
+        estop: EStopState::Quiet,
     }
 }
 
 fn data(model: &ConsoleModel, ms: u64) -> RecordingData {
-    let helm = helm(Some(Duration::from_millis(20)));
-    RecordingData::new(model, Some(&helm), None, at(ms))
+    let teleop_client = teleop_client(Some(Duration::from_millis(20)));
+    RecordingData::new(model, Some(&teleop_client), None, at(ms))
 }
 
 /// How long and how large it is.
@@ -131,7 +131,7 @@ fn where_the_data_has_ended_nothing_more_is_written() {
     let gone = format!("{why} As of 8.0 s ago");
     for (ms, advice, blocked) in [
         (1_100, why, "Its data has ended"),
-        (9_000, gone.as_str(), "The robot is not heard"),
+        (9_000, gone.as_str(), "No data from the robot"),
     ] {
         let data = data(&ended, ms);
         let headline = "Recording ended";
@@ -153,7 +153,7 @@ fn what_is_not_heard_any_more_is_told_with_its_age() {
         Tone::Waiting,
         "Was recording",
         Some("As of 8.0 s ago"),
-        Some("The robot is not heard"),
+        Some("No data from the robot"),
     );
     assert_eq!(said(&silent), expected);
     assert_eq!(extent(&live), ["1:15", "4.1 MB in 1 file"]);
@@ -184,8 +184,8 @@ fn a_recording_that_failed_is_a_warning() {
 #[test]
 fn a_robot_that_gives_no_tokens_takes_no_requests() {
     let model = model(recording(RecordingState::Stopped), false);
-    let helm = helm(None);
-    let data = RecordingData::new(&model, Some(&helm), None, at(1_100));
+    let teleop_client = teleop_client(None);
+    let data = RecordingData::new(&model, Some(&teleop_client), None, at(1_100));
     let expected = (
         Tone::Waiting,
         "Not recording",
@@ -197,6 +197,6 @@ fn a_robot_that_gives_no_tokens_takes_no_requests() {
 
 #[test]
 fn of_a_robot_that_has_told_nothing_nothing_is_said() {
-    let expected = (Tone::Waiting, "Nothing is known of it yet", None, None);
+    let expected = (Tone::Waiting, "No data yet", None, None);
     assert_eq!(said(&data(&silent(), 1_100)), expected);
 }

@@ -59,7 +59,7 @@ pub enum OperatorTopic {
     Reset,
     /// Queryable: who drives.
     Lease,
-    /// Queryable: byte budget, collision guard, recording.
+    /// Queryable: byte budget, collision monitor, recording.
     Set,
 }
 

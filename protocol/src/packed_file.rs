@@ -37,7 +37,7 @@ impl PackedFile {
     pub fn pack<E: From<io::Error>>(
         write: impl FnOnce(&mut dyn Write) -> Result<(), E>,
     ) -> Result<Self, E> {
-        let mut out = Measured {
+        let mut out = CountingWriter {
             inner: zstd::Encoder::new(Vec::new(), LEVEL)?,
             bytes: 0,
             hasher: blake3::Hasher::new(),
@@ -79,13 +79,13 @@ impl PackedFile {
 }
 
 /// Measures what is written through it.
-struct Measured<W> {
+struct CountingWriter<W> {
     inner: W,
     bytes: u64,
     hasher: blake3::Hasher,
 }
 
-impl<W: Write> Write for Measured<W> {
+impl<W: Write> Write for CountingWriter<W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let written = self.inner.write(bytes)?;
         self.hasher.update(&bytes[..written]);
@@ -131,10 +131,10 @@ mod tests {
         };
         for wrong in [short, long, other] {
             let promised = wrong.bytes;
-            let told = unpacked(&wrong).unwrap_err();
+            let error = unpacked(&wrong).unwrap_err();
             assert!(
-                matches!(told, UnpackError::Damaged(bytes) if bytes == promised),
-                "{told}"
+                matches!(error, UnpackError::Damaged(bytes) if bytes == promised),
+                "{error}"
             );
         }
         let cut = PackedFile {

@@ -69,7 +69,7 @@ pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<(Header, T), WireErro
     if bytes.len() > MAX_MESSAGE_BYTES {
         return Err(WireError::TooLong(bytes.len()));
     }
-    let rest = of_this_protocol(bytes)?;
+    let rest = check_protocol_version(bytes)?;
     let (boot, rest) = rest.split_first_chunk().ok_or(WireError::Malformed)?;
     let (seq, rest) = rest.split_first_chunk().ok_or(WireError::Malformed)?;
     let (time, rest) = rest.split_first_chunk().ok_or(WireError::Malformed)?;
@@ -83,7 +83,7 @@ pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<(Header, T), WireErro
 }
 
 /// What follows the protocol version, if it is the one spoken here.
-pub(crate) fn of_this_protocol(bytes: &[u8]) -> Result<&[u8], WireError> {
+pub(crate) fn check_protocol_version(bytes: &[u8]) -> Result<&[u8], WireError> {
     let (theirs, rest) = bytes.split_first_chunk().ok_or(WireError::Malformed)?;
     let theirs = u16::from_le_bytes(*theirs);
     if theirs == PROTOCOL {

@@ -6,7 +6,7 @@
 //! A log of `FILE_BYTES` is renamed: `audit.jsonl` to `audit.jsonl.1`, that to `audit.jsonl.2` and so on, as `logrotate` does.
 //! `OLD_FILES` are kept; when there is one more, the oldest is deleted, and the new log begins with a line that says so.
 
-mod visits;
+mod connections;
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write as _};
@@ -22,9 +22,9 @@ use serde_json::json;
 use crate::clock::{self, Monotonic};
 use crate::new_file::sync_folder_of;
 
-use visits::Visits;
+use connections::ConnectionSummary;
 
-pub use visits::LinkNews;
+pub use connections::LinkEvent;
 
 /// Lines that wait to be written at most.
 const MAX_WAITING: usize = 1024;
@@ -33,12 +33,12 @@ const FILE_BYTES: u64 = 16 << 20;
 /// So many renamed ones are kept.
 const OLD_FILES: u32 = 8;
 /// Longest wait before it is asked whether the log closes.
-const NAP: Duration = Duration::from_millis(100);
+const POLL_PERIOD: Duration = Duration::from_millis(100);
 
 /// Where lines are left for the log.
 #[derive(Clone, Debug)]
 pub struct Audit {
-    news: SyncSender<News>,
+    entry: SyncSender<AuditEntry>,
     lost: Arc<AtomicU64>,
 }
 
@@ -52,10 +52,10 @@ pub struct AuditLog {
 
 /// What the log is told.
 #[derive(Debug)]
-enum News {
+enum AuditEntry {
     Line(Line),
     /// A link was set up or has ended, at this time, seconds since 1970.
-    Link(LinkNews, u64),
+    Link(LinkEvent, u64),
 }
 
 #[derive(Debug, PartialEq, Eq)]
@@ -80,7 +80,7 @@ impl Audit {
     }
 
     fn write_line(&self, kind: &'static str, what: Option<&'static str>, message: String) {
-        self.tell(News::Line(Line {
+        self.enqueue(AuditEntry::Line(Line {
             at_s: clock::seconds_since_1970(),
             kind,
             what,
@@ -89,12 +89,12 @@ impl Audit {
     }
 
     /// Writes down that a link was set up or has ended: in a line of its own, or with others of the same minute.
-    pub fn write_link(&self, link: LinkNews) {
-        self.tell(News::Link(link, clock::seconds_since_1970()));
+    pub fn write_link(&self, link: LinkEvent) {
+        self.enqueue(AuditEntry::Link(link, clock::seconds_since_1970()));
     }
 
-    fn tell(&self, news: News) {
-        if self.news.try_send(news).is_err() {
+    fn enqueue(&self, entry: AuditEntry) {
+        if self.entry.try_send(entry).is_err() {
             self.lost.fetch_add(1, Ordering::Relaxed);
         }
     }
@@ -111,9 +111,9 @@ impl AuditLog {
 
     fn with_limit(path: &Path, run: String, file_bytes: u64) -> io::Result<Self> {
         let file = open_to_append(path)?;
-        let (news, waiting) = sync_channel(MAX_WAITING);
+        let (entry, waiting) = sync_channel(MAX_WAITING);
         let audit = Audit {
-            news,
+            entry,
             lost: Arc::default(),
         };
         let is_closing = Arc::new(AtomicBool::new(false));
@@ -124,7 +124,7 @@ impl AuditLog {
             run,
             lost: Arc::clone(&audit.lost),
             has_failed: false,
-            visits: Visits::default(),
+            connections: ConnectionSummary::default(),
         };
         let is_over = Arc::clone(&is_closing);
         let thread = thread::Builder::new()
@@ -178,43 +178,43 @@ struct Writer {
     run: String,
     lost: Arc<AtomicU64>,
     has_failed: bool,
-    visits: Visits,
+    connections: ConnectionSummary,
 }
 
 impl Writer {
-    fn write_all(&mut self, waiting: &Receiver<News>, is_over: &AtomicBool) {
+    fn write_all(&mut self, waiting: &Receiver<AuditEntry>, is_over: &AtomicBool) {
         loop {
             // Asked first: what was told before it closes is written.
             let is_last = is_over.load(Ordering::Relaxed);
             let mut lines = Vec::new();
-            match waiting.recv_timeout(NAP) {
+            match waiting.recv_timeout(POLL_PERIOD) {
                 Ok(first) => {
                     let all = std::iter::once(first).chain(waiting.try_iter());
-                    for news in all.take(MAX_WAITING) {
-                        self.take(news, &mut lines);
+                    for entry in all.take(MAX_WAITING) {
+                        self.take(entry, &mut lines);
                     }
                 }
                 Err(RecvTimeoutError::Timeout) if !is_last => {}
                 Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
-                    let rest = self.visits.end();
+                    let rest = self.connections.end();
                     self.write(rest);
                     return;
                 }
             }
-            lines.extend(self.visits.due(Monotonic::now()));
+            lines.extend(self.connections.due(Monotonic::now()));
             self.write(lines);
         }
     }
 
     /// What is to be written of it now.
-    fn take(&mut self, news: News, lines: &mut Vec<Line>) {
-        match news {
-            News::Line(line) => {
-                lines.extend(self.visits.before_others());
+    fn take(&mut self, entry: AuditEntry, lines: &mut Vec<Line>) {
+        match entry {
+            AuditEntry::Line(line) => {
+                lines.extend(self.connections.flush_pending());
                 lines.push(line);
             }
-            News::Link(link, at_s) => {
-                lines.extend(self.visits.hear(link, at_s, Monotonic::now()));
+            AuditEntry::Link(link, at_s) => {
+                lines.extend(self.connections.record(link, at_s, Monotonic::now()));
             }
         }
     }
@@ -228,7 +228,7 @@ impl Writer {
         let deleted = is_full.then(|| self.rotate()).flatten();
         let before = self.bytes();
         // What is not written after all, with what its lines would have told of.
-        let (mut text, mut at_stake) = (String::new(), 0);
+        let (mut text, mut pending_lines) = (String::new(), 0);
         for line in deleted.into_iter().chain(lines) {
             let Line {
                 at_s,
@@ -246,7 +246,7 @@ impl Writer {
                 fields["what"] = json!(what);
             }
             let lost = self.lost.swap(0, Ordering::Relaxed);
-            at_stake += 1 + lost;
+            pending_lines += 1 + lost;
             if lost > 0 {
                 fields["lost_before"] = json!(lost);
             }
@@ -262,7 +262,7 @@ impl Writer {
             Err(why) => {
                 // Half a line would make the next one unreadable too.
                 drop(before.map(|bytes| self.file.set_len(bytes)));
-                self.lost.fetch_add(at_stake, Ordering::Relaxed);
+                self.lost.fetch_add(pending_lines, Ordering::Relaxed);
                 if !self.has_failed {
                     tracing::error!(%why, path = %self.path.display(), "the audit log cannot be written");
                 }
@@ -425,7 +425,7 @@ mod tests {
         let log = AuditLog::open(&path, "one".to_owned()).unwrap();
         let audit = log.audit();
         let link = |is_up, port: u16| {
-            audit.write_link(LinkNews {
+            audit.write_link(LinkEvent {
                 who: "operator:anna".to_owned(),
                 channel: "control",
                 from: format!("quic/10.0.0.5:{port}"),
@@ -446,7 +446,7 @@ mod tests {
             .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["kind"].clone())
             .collect();
         let before = ["connect", "disconnect", "connect", "lease_granted"];
-        let after = ["disconnect", "looks"];
+        let after = ["disconnect", "short_connections"];
         assert_eq!(kinds, [&before[..], &after].concat());
     }
 

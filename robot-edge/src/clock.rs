@@ -14,7 +14,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 pub struct Monotonic(u64);
 
 /// Longest time that [`sleep_until`] sleeps without asking whether it is still wanted.
-const LONGEST_NAP: Duration = Duration::from_millis(50);
+const MAX_SLEEP: Duration = Duration::from_millis(50);
 
 impl Monotonic {
     /// The present.
@@ -73,7 +73,7 @@ pub fn sleep_until(deadline: Monotonic, is_cancelled: impl Fn() -> bool) -> bool
         if rest.is_zero() {
             return true;
         }
-        std::thread::sleep(rest.min(LONGEST_NAP));
+        std::thread::sleep(rest.min(MAX_SLEEP));
     }
 }
 

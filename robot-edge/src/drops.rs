@@ -31,7 +31,7 @@ pub enum DropReason {
     /// A latitude, longitude or altitude that is not finite or not on Earth.
     BadFix,
     /// Farther from the fixes before than the vehicle drives, and not borne out by those behind.
-    FixLeap,
+    GnssOutlier,
 
     // Scans.
     /// No beams, or angles or times that are not finite.
@@ -45,7 +45,7 @@ pub enum DropReason {
     /// Between two poses that are farther apart than `localization.jump_m` and driving explain.
     PoseJump,
     /// Farther past the newest pose than `localization.max_extrapolation_s`.
-    PoseTooOld,
+    AfterLastPose,
     /// More scans waited for a pose than fit the queue, or one waited for mapping for too long.
     QueueFull,
 
@@ -75,13 +75,13 @@ impl DropReason {
             Self::WheelJump => "wheel_jump",
             Self::NoFix => "no_fix",
             Self::BadFix => "bad_fix",
-            Self::FixLeap => "fix_leap",
+            Self::GnssOutlier => "gnss_outlier",
             Self::BadScan => "bad_scan",
             Self::NoPose => "no_pose",
             Self::BeforeFirstPose => "before_first_pose",
             Self::PoseGap => "pose_gap",
             Self::PoseJump => "pose_jump",
-            Self::PoseTooOld => "pose_too_old",
+            Self::AfterLastPose => "after_last_pose",
             Self::QueueFull => "queue_full",
             Self::InvalidRange => "invalid_range",
             Self::OwnBody => "own_body",

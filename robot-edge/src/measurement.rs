@@ -37,7 +37,7 @@ pub struct Measurement {
 
 impl Measurement {
     /// Whether it holds for all time, so that its stamp (often of another clock) says nothing of the present.
-    pub const fn is_timeless(&self) -> bool {
+    pub const fn is_static_transform(&self) -> bool {
         matches!(
             self.data,
             MeasurementData::Transform {

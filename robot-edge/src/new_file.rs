@@ -5,7 +5,7 @@ use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::free_space::{Space, SpaceOf};
+use crate::free_space::{DiskSpace, DiskSpaceFn};
 
 /// A file that this run writes.
 #[derive(Debug)]
@@ -86,11 +86,11 @@ impl NewFile {
     }
 
     /// The room on its disk, where that is too little to go on; `None` also where the system does not say.
-    pub fn scarce_space(&self, space_of: SpaceOf) -> Option<Space> {
+    pub fn low_space(&self, disk_space: DiskSpaceFn) -> Option<DiskSpace> {
         if !self.is_regular {
             return None;
         }
-        space_of(&self.path).ok().filter(Space::is_scarce)
+        disk_space(&self.path).ok().filter(DiskSpace::is_low)
     }
 }
 
@@ -170,17 +170,17 @@ mod tests {
         null.file.write_all(b"x").unwrap();
         null.sync().unwrap();
         let scarce = |_: &Path| {
-            Ok(Space {
+            Ok(DiskSpace {
                 free_bytes: 0,
                 total_bytes: 1,
             })
         };
-        assert_eq!(null.scarce_space(scarce), None);
+        assert_eq!(null.low_space(scarce), None);
         let folder = tempfile::tempdir().unwrap();
         let link = folder.path().join("drive.csv");
         std::os::unix::fs::symlink(folder.path().join("nothing"), &link).unwrap();
         let made = create(&link).unwrap();
         assert_eq!(made.path, folder.path().join("drive-2.csv"));
-        assert!(made.scarce_space(scarce).is_some());
+        assert!(made.low_space(scarce).is_some());
     }
 }

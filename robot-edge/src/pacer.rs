@@ -9,10 +9,10 @@ use crate::robot_time::{RobotDuration, RobotTime};
 
 /// Steps of the data's stamps longer than this, forward or back, are not waited for: they are pauses in
 /// the recording or junk stamps.
-pub const LONGEST_GAP: RobotDuration = RobotDuration::from_millis(5_000);
+pub const MAX_GAP: RobotDuration = RobotDuration::from_millis(5_000);
 /// A replay that has fallen back farther than this (the machine slept, the map could not keep up) goes on
 /// from where it is instead of rushing through what it missed.
-const LONGEST_LAG: Duration = Duration::from_secs(5);
+const MAX_LAG: Duration = Duration::from_secs(5);
 
 /// How fast data is replayed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,7 +65,7 @@ pub struct Skipped {
     pub gaps: u64,
     /// Time of the data in them.
     pub gap_time: RobotDuration,
-    /// Steps back by more than [`LONGEST_GAP`].
+    /// Steps back by more than [`MAX_GAP`].
     pub steps_back: u64,
     /// Times the replay had fallen too far behind and went on from where it was.
     pub lags: u64,
@@ -77,7 +77,7 @@ pub struct Pacer {
     rate: Rate,
     anchor: Option<Anchor>,
     skipped: Skipped,
-    late: Duration,
+    lag: Duration,
 }
 
 /// A stamp and the moment it was due; later stamps are due relative to it.
@@ -101,7 +101,7 @@ impl Pacer {
                 steps_back: 0,
                 lags: 0,
             },
-            late: Duration::ZERO,
+            lag: Duration::ZERO,
         }
     }
 
@@ -117,7 +117,7 @@ impl Pacer {
         };
         let anchor = self.anchor.get_or_insert(fresh);
         let step = stamp.since(anchor.latest);
-        if step > LONGEST_GAP {
+        if step > MAX_GAP {
             self.skipped.gaps += 1;
             let total = self
                 .skipped
@@ -126,7 +126,7 @@ impl Pacer {
                 .saturating_add(step.as_nanos());
             self.skipped.gap_time = RobotDuration::from_nanos(total);
             *anchor = fresh;
-        } else if anchor.latest.since(stamp) > LONGEST_GAP {
+        } else if anchor.latest.since(stamp) > MAX_GAP {
             self.skipped.steps_back += 1;
             *anchor = fresh;
         }
@@ -134,9 +134,9 @@ impl Pacer {
         let due = anchor.due + real_time(stamp.since(anchor.stamp), times);
         // Stragglers are late by themselves.
         if stamp == anchor.latest {
-            self.late = now.since(due);
+            self.lag = now.since(due);
         }
-        if now.since(due) > LONGEST_LAG && stamp == anchor.latest {
+        if now.since(due) > MAX_LAG && stamp == anchor.latest {
             self.skipped.lags += 1;
             *anchor = fresh;
         }
@@ -149,8 +149,8 @@ impl Pacer {
     }
 
     /// How late the newest data was when it was asked for; nothing where data is not paced.
-    pub const fn late(&self) -> Duration {
-        self.late
+    pub const fn lag(&self) -> Duration {
+        self.lag
     }
 
     /// What was passed over so far.
@@ -226,15 +226,15 @@ mod tests {
             pacer.wait(at(100), Monotonic::from_nanos(400 * MS)),
             Duration::ZERO
         );
-        assert_eq!(pacer.late(), Duration::from_millis(300));
+        assert_eq!(pacer.lag(), Duration::from_millis(300));
         // A straggler says nothing of the machine.
         pacer.wait(at(50), Monotonic::from_nanos(400 * MS));
-        assert_eq!(pacer.late(), Duration::from_millis(300));
+        assert_eq!(pacer.lag(), Duration::from_millis(300));
         assert_eq!(
             pacer.wait(at(500), Monotonic::from_nanos(400 * MS)),
             Duration::from_millis(100)
         );
-        assert_eq!(pacer.late(), Duration::ZERO);
+        assert_eq!(pacer.lag(), Duration::ZERO);
         // An hour late: the schedule starts anew.
         let later = 3_600_000 * MS;
         assert_eq!(
@@ -267,7 +267,7 @@ mod tests {
         ) {
             let mut pacer = Pacer::new(Rate::Times(times));
             let mut now = Monotonic::from_nanos(0);
-            let longest = real_time(LONGEST_GAP, times) + Duration::from_micros(1);
+            let longest = real_time(MAX_GAP, times) + Duration::from_micros(1);
             for nanos in stamps.into_iter().chain(small) {
                 let wait = pacer.wait(RobotTime::from_nanos(nanos), now);
                 prop_assert!(wait <= longest, "{wait:?} for {nanos}");

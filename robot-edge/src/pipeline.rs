@@ -1,53 +1,55 @@
 //! Measurements in stamp order in, published tiles out: one vehicle's maps, whatever the source.
 //!
-//! Two stages: a [`BeamPlacer`] places scans, [`Maps`] map and publish them. Here they follow each other, one measurement at
-//! a time; whoever drives lets the first go ahead of the second (`app/sides.rs`).
+//! Two stages: a [`ScanRegistration`] places scans, [`Maps`] map and publish them. Here they follow each other, one measurement at
+//! a time; whoever drives lets the first go ahead of the second (`app/pipeline.rs`).
 
 use protocol::tile::BootId;
 
 use crate::config::Config;
-use crate::localization::placer::{BeamPlacer, Placed, PlacerSettings};
+use crate::localization::registration::{
+    RegistrationOutput, RegistrationSettings, ScanRegistration,
+};
 use crate::mapping::Mapper;
-use crate::mapping::posed_scan::PosedScan;
+use crate::mapping::registered_scan::RegisteredScan;
 use crate::measurement::Measurement;
 use crate::robot_time::RobotTime;
 use crate::streaming::publisher::{PublishError, Publisher};
 
 mod checkpoint;
 mod maps;
-mod standstill;
+mod paused_snapshot;
 
 pub use checkpoint::MapsCheckpoint;
-pub use maps::{Maps, MapsReport, Stages};
-pub use standstill::Standstill;
+pub use maps::{Maps, MapsReport, StageTimers};
+pub use paused_snapshot::PausedSnapshot;
 
 /// Both stages. It owns no thread: whoever holds it calls it.
 pub struct Pipeline {
-    placer: BeamPlacer,
+    registration: ScanRegistration,
     maps: Maps,
-    placed: Vec<Placed>,
+    placed: Vec<RegistrationOutput>,
 }
 
 /// Whoever wants to see scans on their way into the map.
 pub trait ScanObserver {
     /// A scan got into the map.
-    fn mapped(&mut self, scan: &PosedScan, mapper: &Mapper);
+    fn mapped(&mut self, scan: &RegisteredScan, mapper: &Mapper);
 }
 
 /// Nobody looks.
 impl ScanObserver for () {
-    fn mapped(&mut self, _scan: &PosedScan, _mapper: &Mapper) {}
+    fn mapped(&mut self, _scan: &RegisteredScan, _mapper: &Mapper) {}
 }
 
-impl<F: FnMut(&PosedScan)> ScanObserver for F {
-    fn mapped(&mut self, scan: &PosedScan, _mapper: &Mapper) {
+impl<F: FnMut(&RegisteredScan)> ScanObserver for F {
+    fn mapped(&mut self, scan: &RegisteredScan, _mapper: &Mapper) {
         self(scan);
     }
 }
 
 /// Something that the people who watch should know.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Happening {
+pub struct MapEvent {
     /// When, on the clock of the data.
     pub stamp: RobotTime,
     /// What, in one word: `ground_plane` or `pose_jump`.
@@ -63,12 +65,12 @@ impl Pipeline {
     /// Where the tile store cannot be set up.
     pub fn new(
         config: &Config,
-        placer: PlacerSettings,
+        registration: RegistrationSettings,
         boot: BootId,
         encode: bool,
     ) -> Result<Self, PublishError> {
         Ok(Self {
-            placer: BeamPlacer::new(placer),
+            registration: ScanRegistration::new(registration),
             maps: Maps::new(config, boot, encode)?,
             placed: Vec::new(),
         })
@@ -83,7 +85,7 @@ impl Pipeline {
         measurement: Measurement,
         observer: impl ScanObserver,
     ) -> Result<(), PublishError> {
-        self.placer.push(measurement, &mut self.placed);
+        self.registration.push(measurement, &mut self.placed);
         self.map_placed(observer)
     }
 
@@ -92,7 +94,7 @@ impl Pipeline {
     /// # Errors
     /// Where publishing stopped.
     pub fn reset_clock(&mut self, observer: impl ScanObserver) -> Result<(), PublishError> {
-        self.placer.reset_clock(&mut self.placed);
+        self.registration.reset_clock(&mut self.placed);
         self.maps.reset_clock();
         self.map_placed(observer)
     }
@@ -102,13 +104,13 @@ impl Pipeline {
     /// # Errors
     /// Where publishing stopped.
     pub fn finish(&mut self, observer: impl ScanObserver) -> Result<(), PublishError> {
-        self.placer.finish(&mut self.placed);
+        self.registration.finish(&mut self.placed);
         self.map_placed(observer)?;
         self.maps.finish()
     }
 
     fn map_placed(&mut self, mut observer: impl ScanObserver) -> Result<(), PublishError> {
-        self.maps.set_datum(self.placer.datum());
+        self.maps.set_datum(self.registration.datum());
         let Self { placed, maps, .. } = self;
         placed
             .drain(..)
@@ -116,13 +118,13 @@ impl Pipeline {
     }
 
     /// What happened since the last call, in order.
-    pub fn take_happenings(&mut self) -> Vec<Happening> {
-        self.maps.take_happenings()
+    pub fn take_map_events(&mut self) -> Vec<MapEvent> {
+        self.maps.take_map_events()
     }
 
     /// What became of scans and beams on their way to a pose.
-    pub const fn placer(&self) -> &BeamPlacer {
-        &self.placer
+    pub const fn registration(&self) -> &ScanRegistration {
+        &self.registration
     }
 
     /// Stamp of the newest scan in the map.

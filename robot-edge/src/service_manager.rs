@@ -21,7 +21,7 @@ pub struct ServiceManager {
 impl ServiceManager {
     /// As the environment says; nobody where it says nothing, or names what cannot be connected to.
     #[cfg(unix)]
-    pub fn of_environment() -> Self {
+    pub fn from_environment() -> Self {
         let named = std::env::var_os(SOCKET);
         let connected = named.and_then(|name| {
             connect(&name)
@@ -35,7 +35,7 @@ impl ServiceManager {
 
     /// Nobody: this system has no such sockets.
     #[cfg(not(unix))]
-    pub fn of_environment() -> Self {
+    pub fn from_environment() -> Self {
         Self::default()
     }
 
@@ -50,12 +50,12 @@ impl ServiceManager {
     }
 
     /// It is alive.
-    pub fn feed_watchdog(&self) {
+    pub fn notify_watchdog(&self) {
         self.notify("WATCHDOG=1");
     }
 
     /// What feeds the watchdog ends as it was asked to.
-    pub fn end_watchdog(&self) {
+    pub fn disable_watchdog(&self) {
         self.notify("WATCHDOG_USEC=0");
     }
 
@@ -111,7 +111,7 @@ mod tests {
             assert_eq!(&buffer[..count], b"READY=1\nWATCHDOG_USEC=0");
             drop(manager);
             // A service manager that is restarted is none for a while.
-            service.feed_watchdog();
+            service.notify_watchdog();
         }
         assert!(connect(OsStr::new("/nonexistent/notify")).is_err());
     }

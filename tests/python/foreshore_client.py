@@ -7,10 +7,10 @@ empties them.
 
     python foreshore_client.py --connect tcp/127.0.0.1:7447 --until-ended --out OUT --compare EXPORT
 
-With --until-ended it leaves when the robot's data has ended and every layer is in step; it exits with 0 then,
+With --until-ended it leaves when the robot's data has ended and every layer is synchronized; it exits with 0 then,
 and with 1 if that took longer than --timeout. --out writes what it holds as OUT/LAYER.json: cell size, root
 digest, and [tx, ty, revision, digest] of each tile with a known cell. --compare waits until the robot has
-written its export into that directory (a robot with --stay does so when it is interrupted) and compares
+written its export into that directory (a robot with --keep-serving does so when it is interrupted) and compares
 `occupancy.tif` cell by cell.
 """
 
@@ -30,7 +30,7 @@ import zenoh
 
 import geotiff
 import wire
-from map_copy import Ask, Layer, MapCopy, Pause, dequantise
+from map_copy import Request, Layer, MapCopy, Backoff, dequantise
 from tiles import SIDE
 
 NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
@@ -69,7 +69,7 @@ def open_session(endpoint: str) -> zenoh.Session:
     return zenoh.open(config)
 
 
-def open_sessions(endpoints: list[str], patience_s: float | None) -> list[zenoh.Session]:
+def open_sessions(endpoints: list[str], timeout_s: float | None) -> list[zenoh.Session]:
     """Opens a session to each. `zenoh.open` with these settings blocks until somebody listens, so it is
     done in a thread, which is left behind if that takes too long."""
     opened = queue.SimpleQueue()
@@ -82,9 +82,9 @@ def open_sessions(endpoints: list[str], patience_s: float | None) -> list[zenoh.
 
     threading.Thread(target=work, daemon=True).start()
     try:
-        sessions = opened.get(timeout=patience_s)
+        sessions = opened.get(timeout=timeout_s)
     except queue.Empty:
-        raise Failure(f"nobody listens at {' and '.join(endpoints)} after {patience_s:g} s") from None
+        raise Failure(f"nobody listens at {' and '.join(endpoints)} after {timeout_s:g} s") from None
     if isinstance(sessions, zenoh.ZError):
         raise Failure(f"cannot connect to {' and '.join(endpoints)}: {sessions}")
     return sessions
@@ -130,7 +130,7 @@ class Query:
 class Client:
     """Two sessions, and the copy of one robot's map."""
 
-    def __init__(self, endpoint: str, robot: str | None = None, say=lambda line: None, patience_s: float | None = None):
+    def __init__(self, endpoint: str, robot: str | None = None, say=lambda line: None, timeout_s: float | None = None):
         self.say = say
         self.boot, self.seq = secrets.token_bytes(16), 0  # of what this client sends
         self.name = secrets.token_hex(16)
@@ -139,7 +139,7 @@ class Client:
         self.ended = None  # header of the first status of this boot that said that the data has ended
         self.info_query = self.map_query = None
         self.next_view = -math.inf
-        self.control, self.bulk = open_sessions([endpoint, bulk_endpoint(endpoint)], patience_s)
+        self.control, self.bulk = open_sessions([endpoint, bulk_endpoint(endpoint)], timeout_s)
         self.alive = self.control.liveliness().declare_subscriber(
             "foreshore/*/alive", zenoh.handlers.RingChannel(WAITING), history=True
         )
@@ -178,7 +178,7 @@ class Client:
     def restart(self):
         """Lets go of all that belongs to a boot before: questions under way and what is known of it."""
         self.healing, self.map_query = self.map.healing(time.monotonic), None
-        self.info_query, self.info_pause = None, Pause()
+        self.info_query, self.info_backoff = None, Backoff()
         self.pose = self.status = self.ended = None
 
     # ---- what comes in: each is given a header and a body that could be read
@@ -192,14 +192,14 @@ class Client:
             self.restart()
 
     def take_pose(self, header, pose, key):
-        if self.map.is_of_present_boot(header):
+        if self.map.is_current_boot(header):
             if not all(map(math.isfinite, pose["position_m"])):
                 raise wire.Malformed("position that is not finite")
             self.pose = pose
             self.map.position = tuple(pose["position_m"][:2])
 
     def take_status(self, header, status, key):
-        if self.map.is_of_present_boot(header):
+        if self.map.is_current_boot(header):
             self.status = status
             if not status["has_ended"]:
                 self.ended = None
@@ -207,13 +207,13 @@ class Client:
                 self.ended = header
 
     def take_event(self, header, event, key):
-        if self.map.is_of_present_boot(header):
+        if self.map.is_current_boot(header):
             self.say(f"event {event['kind']!r}, {event['severity']}: {event['message']!r}")
 
     def take_band(self, header, band, key):
         if (tile := tile_of_key(key)) is None:
             raise wire.Malformed(f"key {key}")
-        if self.map.is_of_present_boot(header):
+        if self.map.is_current_boot(header):
             self.map.take_band(*tile, band)
 
     def take(self, kind, longest: int, payload: bytes, then, key: str = ""):
@@ -233,7 +233,7 @@ class Client:
     def step(self):
         """Takes in what has come, asks for what is missing, and says what is looked at. Does not block."""
         if self.robot is None:
-            self.look_for_robot()
+            self.discover_robot()
             return
         for channel, kind, longest, take in self.inputs:
             for _ in range(WAITING):
@@ -241,30 +241,30 @@ class Client:
                     break
                 if sample.kind == zenoh.SampleKind.PUT:
                     self.take(kind, longest, sample.payload.to_bytes(), take, str(sample.key_expr))
-        self.ask_for_info()
+        self.request_info()
         self.heal()
         if time.monotonic() >= self.next_view:
             self.send_view()
 
-    def look_for_robot(self):
+    def discover_robot(self):
         while (sample := self.alive.try_recv()) is not None:
             robot = str(sample.key_expr).split("/")[1]
             if sample.kind == zenoh.SampleKind.PUT and NAME.fullmatch(robot):
                 self.say(f"robot {robot}")
                 return self.follow(robot)
 
-    def ask_for_info(self):
+    def request_info(self):
         if self.map.info is not None:
             return
         if self.info_query is None:
-            if time.monotonic() >= self.info_pause.until:
+            if time.monotonic() >= self.info_backoff.until:
                 self.info_query = Query(self.control, self.key("info"))
         elif self.info_query.poll():
             replies, self.info_query = self.info_query.replies, None
             for payload in replies[:1]:
                 self.take(wire.INFO, wire.MAX_MESSAGE, payload, self.take_info)
             if self.map.info is None:
-                self.info_pause.failed(time.monotonic())
+                self.info_backoff.failed(time.monotonic())
 
     def heal(self):
         """Drives `MapCopy.healing`: at most one question about the map is under way."""
@@ -279,14 +279,14 @@ class Client:
             query = Query(self.bulk, self.key(f"map/{ask.layer}/{ask.what}"), self.message(kind, ask.body))
             self.map_query = ask, query
 
-    def bodies(self, ask: Ask, replies: list[bytes]) -> list[dict]:
+    def bodies(self, ask: Request, replies: list[bytes]) -> list[dict]:
         kind, longest = (
             (wire.DIGESTS, wire.MAX_MESSAGE) if ask.what == "digests" else (wire.TILES_REPLY, wire.MAX_TILE_MESSAGE)
         )
         bodies = []
 
         def take_body(header, body, key):
-            if self.map.is_of_present_boot(header):
+            if self.map.is_current_boot(header):
                 bodies.append(body)
 
         for payload in replies:
@@ -300,7 +300,7 @@ class Client:
             "rectangle_m": [x - VIEW_RADIUS_M, y - VIEW_RADIUS_M, x + VIEW_RADIUS_M, y + VIEW_RADIUS_M],
             "layers": sum(1 << wire.LAYER_NAMES.index(name) for name in layers),
             "revision": self.map.newest_revision(),
-            "is_in_step": self.map.is_in_step(),
+            "is_synchronized": self.map.is_synchronized(),
             "wants_scan": False,
         }
         self.control.put(self.key(f"view/{self.name}"), self.message(wire.VIEW, view))
@@ -313,13 +313,13 @@ class Client:
         another head. So the newest must have been sent after that status, or tell of the same data.
         """
         head, ended = self.map.head_header, self.ended
-        if head is None or ended is None or not self.map.is_in_step():
+        if head is None or ended is None or not self.map.is_synchronized():
             return False
         return head.seq > ended.seq or head.robot_time_ns >= ended.robot_time_ns
 
     def describe(self) -> str:
         layers = ", ".join(
-            f"{layer.name} {len(layer.tiles)} tiles {'in step' if layer.is_in_step() else 'not in step'}"
+            f"{layer.name} {len(layer.tiles)} tiles {'synchronized' if layer.is_synchronized() else 'not synchronized'}"
             for layer in self.map.mapped()
         )
         drops = ", ".join(f"{count} {reason}" for reason, count in sorted(self.map.counts.items()))
@@ -362,7 +362,7 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--connect", required=True, metavar="tcp/HOST:PORT", help="the robot's control endpoint")
     parser.add_argument("--robot", metavar="ID", help="which robot [default: the first that is alive]")
-    parser.add_argument("--until-ended", action="store_true", help="leave when the data has ended and all is in step")
+    parser.add_argument("--until-ended", action="store_true", help="leave when the data has ended and all is synchronized")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write what is held, one JSON for each layer")
     parser.add_argument(
         "--compare",
@@ -412,10 +412,10 @@ def run(args: argparse.Namespace):
             return None
 
     try:
-        follow_until(lambda: args.until_ended and client.has_all(), "in step with a robot whose data has ended")
-        client.send_view()  # a robot that is about to end waits for consoles that are not in step
+        follow_until(lambda: args.until_ended and client.has_all(), "synchronized with a robot whose data has ended")
+        client.send_view()  # a robot that is about to end waits for consoles that are not synchronized
         for layer in client.map.mapped():
-            print(f"in step: {layer.name} {layer.known_cells()} cells known, root {layer.root().hex()}", flush=True)
+            print(f"synchronized: {layer.name} {layer.known_cells()} cells known, root {layer.root().hex()}", flush=True)
             if args.out:
                 write_layer(layer, args.out)
         if args.compare:

@@ -1,4 +1,4 @@
-"""A copy of a robot's map and the rules that keep it in step: SPEC.md, sections 8 and 9.
+"""A copy of a robot's map and the rules that keep it synchronized: SPEC.md, sections 8 and 9.
 
 Nothing here knows of the network or of clocks but for the time that is passed in. What has to be asked for
 is asked by `MapCopy.healing`, a generator that yields questions and is sent their answers.
@@ -15,9 +15,9 @@ from wire import LAYER_NAMES, Header, Malformed
 
 MAX_TILES = 16384  # of all layers together; 128 MiB
 MAX_PARTIAL = 64  # incomplete tiles of one layer
-MAX_LEFT_BOOTS = 64
-MAX_THESE = 4096
-FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 8.0
+MAX_RETIRED_BOOTS = 64
+MAX_TILE_KEYS = 4096
+FIRST_BACKOFF_S, LONGEST_BACKOFF_S = 0.5, 8.0
 
 At = tuple[int, int]  # column and row of a tile
 
@@ -36,7 +36,7 @@ class Partial(NamedTuple):
     rows: dict[int, array]
 
 
-class Ask(NamedTuple):
+class Request(NamedTuple):
     """A question to `map/LAYER/WHAT`; it is answered with a list of bodies, empty if nothing came."""
 
     layer: str
@@ -44,20 +44,20 @@ class Ask(NamedTuple):
     body: dict
 
 
-class Pause:
+class Backoff:
     """When to ask again: after 0.5 s, then after twice as long each time, up to 8 s."""
 
     def __init__(self):
-        self.until, self.next_s = -math.inf, FIRST_PAUSE_S
+        self.until, self.next_s = -math.inf, FIRST_BACKOFF_S
 
     def failed(self, now: float):
-        self.until, self.next_s = now + self.next_s, min(2 * self.next_s, LONGEST_PAUSE_S)
+        self.until, self.next_s = now + self.next_s, min(2 * self.next_s, LONGEST_BACKOFF_S)
 
 
 class Layer:
     def __init__(self, name: str):
         self.name, self.cell_m = name, None
-        self.pause = Pause()
+        self.backoff = Backoff()
         self.clear(0)
 
     def clear(self, epoch: int):
@@ -66,7 +66,7 @@ class Layer:
         self.tiles: dict[At, Tile] = {}
         self.partial: dict[At, Partial] = {}
         self.head = None  # the newest LayerHead of this epoch
-        self.heads_apart = 0  # heads, one after the other, that differed from what was held
+        self.mismatched_heads = 0  # heads, one after the other, that differed from what was held
         self.newer_than = 0  # what digests need not be asked for again
         self._root = None
 
@@ -76,7 +76,7 @@ class Layer:
             self._root = root_digest(self.name, self.cell_m, digests)
         return self._root
 
-    def is_in_step(self) -> bool:
+    def is_synchronized(self) -> bool:
         return self.head is not None and self.cell_m is not None and self.head["root"] == self.root()
 
     def revision(self, at: At) -> int:
@@ -158,7 +158,7 @@ class MapCopy:
 
     def __init__(self):
         self.counts = Counter()  # what was dropped, by reason
-        self.left_boots = deque(maxlen=MAX_LEFT_BOOTS)
+        self.retired_boots = deque(maxlen=MAX_RETIRED_BOOTS)
         self.begin(None)
 
     def begin(self, boot: bytes | None):
@@ -174,13 +174,13 @@ class MapCopy:
         """The layers that the robot says it maps."""
         return [layer for layer in self.layers.values() if layer.cell_m is not None]
 
-    def is_in_step(self) -> bool:
-        return bool(self.mapped()) and all(layer.is_in_step() for layer in self.mapped())
+    def is_synchronized(self) -> bool:
+        return bool(self.mapped()) and all(layer.is_synchronized() for layer in self.mapped())
 
     def newest_revision(self) -> int:
         return max((tile.revision for layer in self.mapped() for tile in layer.tiles.values()), default=0)
 
-    def is_of_present_boot(self, header: Header) -> bool:
+    def is_current_boot(self, header: Header) -> bool:
         if header.boot == self.boot:
             return True
         self.counts["of another boot"] += 1
@@ -189,7 +189,7 @@ class MapCopy:
     def take_info(self, header: Header, info: dict) -> bool:
         if self.boot is None:
             self.begin(header.boot)
-        if not self.is_of_present_boot(header):
+        if not self.is_current_boot(header):
             return False
         if not all(0 < layer["cell_m"] < math.inf for layer in info["layers"]):
             raise Malformed("cells of no size")
@@ -200,13 +200,13 @@ class MapCopy:
 
     def take_head(self, header: Header, head: dict) -> bool:
         """True if the head is that of a new boot, so that `info` has to be asked for again."""
-        if header.boot in self.left_boots:
-            self.is_of_present_boot(header)
+        if header.boot in self.retired_boots:
+            self.is_current_boot(header)
             return False
         is_new = header.boot != self.boot
         if is_new:
             if self.boot is not None:
-                self.left_boots.append(self.boot)
+                self.retired_boots.append(self.boot)
             self.begin(header.boot)
         if self.head_header is None or header.seq > self.head_header.seq:
             self.head_header = header
@@ -214,7 +214,7 @@ class MapCopy:
                 layer = self.layers[said["layer"]]
                 if layer.enter(said["epoch"]):
                     layer.head = said
-                    layer.heads_apart = 0 if layer.is_in_step() else layer.heads_apart + 1
+                    layer.mismatched_heads = 0 if layer.is_synchronized() else layer.mismatched_heads + 1
         return is_new
 
     def take_band(self, layer: str, at: At, band: dict):
@@ -228,11 +228,11 @@ class MapCopy:
                 layer.hold(at, tile)
 
     def healing(self, clock):
-        """Rule 5, for ever. Yields an `Ask`, or None if there is nothing to ask for now."""
+        """Rule 5, for ever. Yields a `Request`, or None if there is nothing to ask for now."""
         while True:
             for layer in self.mapped():
-                apart = layer.heads_apart >= 2 or (layer.heads_apart >= 1 and not layer.tiles)
-                if apart and not layer.is_in_step() and clock() >= layer.pause.until and not self.is_full:
+                apart = layer.mismatched_heads >= 2 or (layer.mismatched_heads >= 1 and not layer.tiles)
+                if apart and not layer.is_synchronized() and clock() >= layer.backoff.until and not self.is_full:
                     yield from self._heal(layer, clock)
             yield None
 
@@ -240,12 +240,12 @@ class MapCopy:
         newer_than = layer.newer_than
         answer = yield from self._list(layer, newer_than)
         if answer is None or not layer.enter(answer["epoch"]):
-            return layer.pause.failed(clock())
+            return layer.backoff.failed(clock())
         missing = layer.compare(answer, newer_than)
         while missing:
-            these = sorted(missing, key=lambda at: self._distance(layer, at))[:MAX_THESE]
+            these = sorted(missing, key=lambda at: self._distance(layer, at))[:MAX_TILE_KEYS]
             before = len(missing)
-            for reply in (yield Ask(layer.name, "tiles", {"These": [list(at) for at in these]})):
+            for reply in (yield Request(layer.name, "tiles", {"ByKey": [list(at) for at in these]})):
                 try:
                     self.take_band(layer.name, (reply["tx"], reply["ty"]), reply["band"])
                 except Malformed:
@@ -254,16 +254,16 @@ class MapCopy:
                 return None
             missing = {at: revision for at, revision in missing.items() if layer.revision(at) < revision}
             if len(missing) == before:
-                return layer.pause.failed(clock())
-        layer.pause = Pause()
-        layer.newer_than = answer["head_revision"] if layer.is_in_step() else 0
-        layer.heads_apart = 1  # if it is a step behind already, the next head will say so
+                return layer.backoff.failed(clock())
+        layer.backoff = Backoff()
+        layer.newer_than = answer["head_revision"] if layer.is_synchronized() else 0
+        layer.mismatched_heads = 1  # if it is a step behind already, the next head will say so
 
     def _list(self, layer: Layer, newer_than: int):
         """All pages of the list of tiles newer than a revision, as one answer; None if one is missing."""
         pages = []
         while True:
-            page = one_page((yield Ask(layer.name, "digests", {"newer_than": newer_than})))
+            page = one_page((yield Request(layer.name, "digests", {"newer_than": newer_than})))
             if page is None or (pages and page["epoch"] != pages[0]["epoch"]):
                 return None
             pages.append(page)

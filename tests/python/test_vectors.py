@@ -36,11 +36,11 @@ KINDS = {
     "DigestsRequest": wire.DIGESTS_REQUEST,
     "Digests": wire.DIGESTS,
     "TilesRequest.NewerThan": wire.TILES_REQUEST,
-    "TilesRequest.These": wire.TILES_REQUEST,
+    "TilesRequest.ByKey": wire.TILES_REQUEST,
     "TilesReply": wire.TILES_REPLY,
     "ShoresRequest": wire.SHORES_REQUEST,
-    "ShoresNews": wire.SHORES_NEWS,
-    "ShoresNews.nothing": wire.SHORES_NEWS,
+    "ShoresReply": wire.SHORES_REPLY,
+    "ShoresReply.nothing": wire.SHORES_REPLY,
     "Scan": wire.SCAN,
     "VoxelsRequest": wire.VOXELS_REQUEST,
     "TrajectoryRequest": wire.TRAJECTORY_REQUEST,
@@ -54,9 +54,9 @@ SIGNED = {
     "Reset": (wire.RESET, "reset"),
     **{
         f"LeaseRequest.{name}": (wire.LEASE_REQUEST, "lease")
-        for name in ("Request", "Release", "Consent", "Refuse", "TakeOver")
+        for name in ("Request", "Release", "HandOver", "Refuse", "TakeOver")
     },
-    **{f"Setting.{name}": (wire.SETTING, "set") for name in ("BudgetKbps", "Guard", "Recording")},
+    **{f"Setting.{name}": (wire.SETTING, "set") for name in ("BudgetKbps", "CollisionMonitor", "Recording")},
 }
 
 
@@ -184,7 +184,7 @@ class Messages(unittest.TestCase):
         )
         for name, (kind, topic) in SIGNED.items():
             said, message = values(name), unhex(name)
-            stamp, body = wire.Stamp(**said["stamp"]), said["body"]
+            stamp, body = wire.CommandHeader(**said["stamp"]), said["body"]
             robot, operator = said["robot"], said["operator"]
             with self.subTest(name):
                 self.assertEqual(wire.sign(secret, kind, robot, operator, topic, stamp, body), message)
@@ -201,7 +201,7 @@ class Messages(unittest.TestCase):
                 with self.subTest(name, wrong=wrong), self.assertRaises(wire.Malformed):
                     wire.open_signed(public, kind, *wrong)
         drive = values("Drive")
-        signed = wire.signed_bytes(drive["robot"], drive["operator"], "drive", wire.Stamp(**drive["stamp"]), unhex("Drive")[114:])
+        signed = wire.signed_bytes(drive["robot"], drive["operator"], "drive", wire.CommandHeader(**drive["stamp"]), unhex("Drive")[114:])
         self.assertEqual(signed, unhex("signed bytes"))
         public.verify(unhex("signature"), signed)
 
@@ -382,7 +382,7 @@ class Robot:
                     "more": more,
                 }
             ]
-        these = [tuple(at) for at in ask.body["These"] if tuple(at) in self.held][:2]  # no more fits an answer
+        these = [tuple(at) for at in ask.body["ByKey"] if tuple(at) in self.held][:2]  # no more fits an answer
         return [{"tx": at[0], "ty": at[1], "band": band} for at in these for band in self.bands(at)]
 
 
@@ -419,7 +419,7 @@ class Rules(unittest.TestCase):
         return asks
 
     def in_step(self):
-        self.assertTrue(self.map.is_in_step())
+        self.assertTrue(self.map.is_synchronized())
         held = {at: tile[:2] for at, tile in self.layer.tiles.items() if tile.digest != tiles.UNKNOWN}
         self.assertEqual(held, {at: t[:2] for at, t in self.robot.held.items() if t[1] != tiles.UNKNOWN})
 
@@ -440,7 +440,7 @@ class Rules(unittest.TestCase):
         self.hear()
         asks = self.heal()
         self.assertEqual([ask.what for ask in asks], ["digests", "tiles", "tiles", "tiles"])
-        self.assertEqual(asks[1].body["These"][0], [4, -4])  # the nearest
+        self.assertEqual(asks[1].body["ByKey"][0], [4, -4])  # the nearest
         self.in_step()
 
     def test_lost_tiles_are_asked_for_after_a_second_head(self):
@@ -466,7 +466,7 @@ class Rules(unittest.TestCase):
         self.hear()
         self.layer.newer_than = 2  # does not tell of what is not there any more
         self.heal()
-        self.assertFalse(self.map.is_in_step())
+        self.assertFalse(self.map.is_synchronized())
         self.hear()
         self.heal()
         self.in_step()

@@ -264,11 +264,11 @@ REFUSAL = Enum(
     )
 )
 LEASE_END = Enum(**dict.fromkeys("Released Expired Renewed HandedOver TakenOver Revoked Reset Fault".split()))
-STOP_REASON = Enum(Released=None, Age=None, NotFinite=None, GuardStale=None, LeaseEnded=LEASE_END)
+STOP_REASON = Enum(Released=None, Age=None, NotFinite=None, CollisionMonitorStale=None, LeaseEnded=LEASE_END)
 FAULT_REASON = Enum(SelfTest=None, Actuator=None)
 VELOCITY = Struct(linear_mps=F32, angular_radps=F32)
-GUARD_LIMITS = Struct(forward_mps=F32, reverse_mps=F32, left_radps=F32, right_radps=F32)
-BARRIER = Struct(position_m=Tuple(F32, F32), kind=Enum(Seen=None, Mapped=None, Unseen=None, Shallow=None, NoEcho=None))
+SPEED_LIMITS = Struct(forward_mps=F32, reverse_mps=F32, left_radps=F32, right_radps=F32)
+BARRIER = Struct(position_m=Tuple(F32, F32), kind=Enum(Detected=None, Mapped=None, Unknown=None, Shallow=None, NoReturn=None))
 TELEOP_STATUS = Struct(
     state=Enum(
         SafeBoot=None, Idle=None, Held=None, Driving=None, Stopping=STOP_REASON, EStop=None, Fault=FAULT_REASON
@@ -278,17 +278,17 @@ TELEOP_STATUS = Struct(
     lease=Struct(epoch=U64, holder=Option(TEXT), next=Option(TEXT), waiting=Option(TEXT)),
     arming=Enum(Locked=None, Neutral=None, Pressed=None),
     age_ms=Option(U32),
-    greatest_age_ms=Option(U32),
+    peak_age_ms=Option(U32),
     speed_allowed_mps=F32,
     requested=VELOCITY,
     applied=VELOCITY,
-    clamp=Option(Enum(Speed=None, Ramp=None, Age=None, Guard=None, Stop=None)),
-    guard=Enum(Silent=None, Off=None, On=GUARD_LIMITS, Blind=GUARD_LIMITS, Stale=None),
+    clamp=Option(Enum(Speed=None, Ramp=None, Age=None, CollisionMonitor=None, Stop=None)),
+    collision_monitor=Enum(Silent=None, Off=None, On=SPEED_LIMITS, UnknownSpace=SPEED_LIMITS, Stale=None),
     estop=Option(Struct(number=U64, is_stored=BOOL)),
     counters=Struct(accepted=U64, involuntary_stops=U64, refused=List(Struct(reason=REFUSAL, count=U64))),
-    settings=Struct(budget_kbps=U32, guard=BOOL, recording=BOOL),
+    settings=Struct(budget_kbps=U32, collision_monitor=BOOL, recording=BOOL),
     barrier=Option(BARRIER),
-    seen_ms=Tuple(Option(U32), Option(U32), Option(U32), Option(U32)),
+    ground_age_ms=Tuple(Option(U32), Option(U32), Option(U32), Option(U32)),
 )
 STATUS = Struct(
     data_time_ns=I64,
@@ -326,7 +326,7 @@ STATUS = Struct(
 )
 EVENT = Struct(kind=TEXT, severity=Enum(Info=None, Warning=None, Alarm=None), message=TEXT)
 MAP_HEAD = Struct(layers=List(Struct(layer=LAYER, epoch=U32, head_revision=U64, tiles=U32, root=DIGEST)))
-VIEW = Struct(rectangle_m=Tuple(F32, F32, F32, F32), layers=U32, revision=U64, is_in_step=BOOL, wants_scan=BOOL)
+VIEW = Struct(rectangle_m=Tuple(F32, F32, F32, F32), layers=U32, revision=U64, is_synchronized=BOOL, wants_scan=BOOL)
 TILE_BAND = Struct(epoch=U32, revision=U64, digest=DIGEST, rows=BYTES)
 DIGESTS_REQUEST = Struct(newer_than=U64)
 DIGESTS = Struct(
@@ -335,7 +335,7 @@ DIGESTS = Struct(
     tiles=List(Struct(tx=I32, ty=I32, revision=U64, digest=DIGEST)),
     more=U32,
 )
-TILES_REQUEST = Enum(NewerThan=U64, These=List(Tuple(I32, I32)))
+TILES_REQUEST = Enum(NewerThan=U64, ByKey=List(Tuple(I32, I32)))
 TILES_REPLY = Struct(tx=I32, ty=I32, band=TILE_BAND, following=U32)
 SHORES_REQUEST = Struct(newer_than=U64)
 SHORES = Struct(
@@ -355,7 +355,7 @@ SHORES = Struct(
     sites=List(Struct(center_m=Tuple(F32, F32), heading_rad=F32, width_m=F32, mean_cost=F32)),
     sites_left_out=U32,
 )
-SHORES_NEWS = Struct(revision=U64, shores=Option(SHORES))
+SHORES_REPLY = Struct(revision=U64, shores=Option(SHORES))
 SCAN = Struct(sensor=TEXT, origin_m=Tuple(F64, F64), steps_cm=List(Tuple(I32, I32)))
 TRAJECTORY_REQUEST = Struct(trajectory=Option(U64), **{"from": U64}, step=U32)
 TRAJECTORY_PART = Struct(trajectory=U64, poses=U64, rows=List(Tuple(*[I64] * 8)))
@@ -378,8 +378,8 @@ VOXELS_REPLY = Enum(
 ESTOP = Struct(press=U64)
 DRIVE = Struct(linear_mps=F32, angular_radps=F32, estop=Option(ESTOP))
 RESET = Struct(estop=U64)
-LEASE_REQUEST = Enum(Request=None, Release=None, Consent=TEXT, Refuse=TEXT, TakeOver=None)
-SETTING = Enum(BudgetKbps=U32, Guard=BOOL, Recording=BOOL)
+LEASE_REQUEST = Enum(Request=None, Release=None, HandOver=TEXT, Refuse=TEXT, TakeOver=None)
+SETTING = Enum(BudgetKbps=U32, CollisionMonitor=BOOL, Recording=BOOL)
 ANSWER = Enum(Done=None, Granted=U64, Waiting=None, EStopped=U64, Refused=REFUSAL)
 
 
@@ -413,7 +413,7 @@ def decode(kind, message: bytes, longest: int = MAX_MESSAGE) -> tuple[Header, ob
     return header, body
 
 
-class Stamp(NamedTuple):
+class CommandHeader(NamedTuple):
     """What makes a signed message good for one moment."""
 
     boot: bytes  # of the robot
@@ -423,11 +423,11 @@ class Stamp(NamedTuple):
     seq: int
 
 
-_STAMP = struct.Struct("<16sQ8sQQ")
-_ENVELOPE = 2 + _STAMP.size + 64
+_COMMAND_HEADER = struct.Struct("<16sQ8sQQ")
+_ENVELOPE = 2 + _COMMAND_HEADER.size + 64
 
 
-def signed_bytes(robot: str, operator: str, topic: str, stamp: Stamp, body: bytes) -> bytes:
+def signed_bytes(robot: str, operator: str, topic: str, stamp: CommandHeader, body: bytes) -> bytes:
     """What the signature of a message to `op/OPERATOR/TOPIC` is made over."""
     n_and_nonce = struct.pack("<Q8s", stamp.n, stamp.nonce)
     parts = [
@@ -444,22 +444,22 @@ def signed_bytes(robot: str, operator: str, topic: str, stamp: Stamp, body: byte
     return b"".join(len(part).to_bytes(4, "little") + part for part in parts)
 
 
-def sign(key: Ed25519PrivateKey, kind, robot: str, operator: str, topic: str, stamp: Stamp, body) -> bytes:
+def sign(key: Ed25519PrivateKey, kind, robot: str, operator: str, topic: str, stamp: CommandHeader, body) -> bytes:
     """A whole signed message with a body of the type `kind`."""
     out = bytearray()
     kind.write(out, body)
     signature = key.sign(signed_bytes(robot, operator, topic, stamp, bytes(out)))
-    return PROTOCOL.to_bytes(2, "little") + _STAMP.pack(*stamp) + signature + bytes(out)
+    return PROTOCOL.to_bytes(2, "little") + _COMMAND_HEADER.pack(*stamp) + signature + bytes(out)
 
 
 def open_signed(key: Ed25519PublicKey, kind, robot: str, operator: str, topic: str, message: bytes):
-    """Stamp and body of a signed message. Raises `Malformed`, and nothing else, if it is not one of that key."""
+    """CommandHeader and body of a signed message. Raises `Malformed`, and nothing else, if it is not one of that key."""
     if not _ENVELOPE <= len(message) <= MAX_SIGNED:
         raise Malformed(f"{len(message)} bytes are no signed message")
     if (protocol := int.from_bytes(message[:2], "little")) != PROTOCOL:
         raise OtherVersion(f"protocol {protocol} instead of {PROTOCOL}: update the older side")
-    stamp = Stamp(*_STAMP.unpack(message[2 : 2 + _STAMP.size]))
-    signature, body = message[2 + _STAMP.size : _ENVELOPE], message[_ENVELOPE:]
+    stamp = CommandHeader(*_COMMAND_HEADER.unpack(message[2 : 2 + _COMMAND_HEADER.size]))
+    signature, body = message[2 + _COMMAND_HEADER.size : _ENVELOPE], message[_ENVELOPE:]
     try:
         key.verify(signature, signed_bytes(robot, operator, topic, stamp, body))
     except InvalidSignature as error:

@@ -17,7 +17,7 @@ use std::time::Duration;
 use eframe::egui::{CentralPanel, Context, Panel, RawInput, ScrollArea, Ui, ViewportCommand};
 use operator_console::map_view::MapView;
 use operator_console::model::ConsoleModel;
-use operator_console::panels::connection::LinkSight;
+use operator_console::panels::connection::LinkStatus;
 use operator_console::panels::layers::{LayersData, layers_ui};
 use operator_console::theme;
 use robot_edge::clock::Monotonic;
@@ -55,7 +55,7 @@ impl eframe::App for Bench {
         self.view.update(&mut self.model);
         Panel::left("side").default_size(290.0).show(ui, |ui| {
             ScrollArea::vertical().show(ui, |ui| {
-                let data = LayersData::new(&self.model, &LinkSight::default(), &self.view, now);
+                let data = LayersData::new(&self.model, &LinkStatus::default(), &self.view, now);
                 layers_ui(ui, &data);
             });
         });

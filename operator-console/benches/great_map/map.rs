@@ -46,14 +46,14 @@ fn code(layer: LayerId, tile: (i32, i32), (x, y): (usize, usize), turn: usize) -
     layer.quantisation().encode(value)
 }
 
-/// The robot and the console that holds its map, announced and in step: of heights, or of obstacles over them.
+/// The robot and the console that holds its map, announced and synchronized: of heights, or of obstacles over them.
 pub(crate) fn great_map(has_two_layers: bool) -> (Robot, ConsoleModel) {
     let layers = &[LAYER, OVER][..if has_two_layers { 2 } else { 1 }];
-    let store_mb = STORE_MB * u32::from(has_two_layers) + STORE_MB;
+    let tile_store_mb = STORE_MB * u32::from(has_two_layers) + STORE_MB;
     let settings = ModelSettings {
         robot: "great".parse().unwrap(),
         session: BootId([1; 16]),
-        store_mb,
+        tile_store_mb,
         layers: LayerId::ALL.into(),
     };
     let mut model = ConsoleModel::new(settings).unwrap();
@@ -61,7 +61,7 @@ pub(crate) fn great_map(has_two_layers: bool) -> (Robot, ConsoleModel) {
         encoder: Encoder::new().unwrap(),
         seq: 0,
     };
-    let mut store = TileStore::new(BOOT, store_mb);
+    let mut store = TileStore::new(BOOT, tile_store_mb);
     for &layer in layers {
         let cell_m = CELL_M;
         store.set_grid(LayerGrid { layer, cell_m }).unwrap();

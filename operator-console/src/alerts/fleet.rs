@@ -7,19 +7,19 @@ use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
 use super::{Alarm, Alert, Alerts};
-use crate::link::{SEEN_LATELY, Sighting};
+use crate::link::{DiscoveredRobot, SEEN_RECENTLY};
 use crate::playback::is_recording;
 
 /// Alerts by robot.
 #[derive(Clone, Debug, Default)]
 pub struct FleetAlerts {
     shown: Option<(RobotId, Alerts)>,
-    others: BTreeMap<RobotId, Left>,
+    others: BTreeMap<RobotId, BackgroundRobot>,
 }
 
 /// The alerts of a robot that is no longer shown.
 #[derive(Clone, Debug)]
-struct Left {
+struct BackgroundRobot {
     alerts: Alerts,
     /// When it was heard last, by its own link or by whoever looks for robots.
     since: Monotonic,
@@ -40,7 +40,7 @@ impl FleetAlerts {
     pub fn leave(&mut self, now: Monotonic) {
         let left = self.shown.take();
         if let Some((robot, alerts)) = left.filter(|(robot, _)| !is_recording(robot)) {
-            let left = Left {
+            let left = BackgroundRobot {
                 alerts,
                 since: now,
                 had_ended: false,
@@ -76,14 +76,14 @@ impl FleetAlerts {
     }
 
     /// How many nobody has seen yet.
-    pub fn unseen(&self) -> usize {
-        self.each().map(|(_, alerts)| alerts.unseen()).sum()
+    pub fn unacknowledged(&self) -> usize {
+        self.each().map(|(_, alerts)| alerts.unacknowledged()).sum()
     }
 
     /// How many of this robot's nobody has seen yet.
-    pub fn unseen_of(&self, robot: &RobotId) -> usize {
+    pub fn unacknowledged_of(&self, robot: &RobotId) -> usize {
         let mut all = self.each().filter(|(of, _)| *of == robot);
-        all.next().map_or(0, |(_, alerts)| alerts.unseen())
+        all.next().map_or(0, |(_, alerts)| alerts.unacknowledged())
     }
 
     /// Somebody has seen it.
@@ -102,21 +102,28 @@ impl FleetAlerts {
 
     /// Looks at what robots that are not shown any more say of themselves; what has begun, in words. Of robots that never were
     /// shown nobody is alarmed: the list of robots says how they are.
-    pub fn look_around(&mut self, sightings: &[Sighting], now: Monotonic) -> Vec<String> {
+    pub fn update_background(
+        &mut self,
+        discovered_robots: &[DiscoveredRobot],
+        now: Monotonic,
+    ) -> Vec<String> {
         let mut begun = Vec::new();
         for (robot, left) in &mut self.others {
-            let mut of_it = sightings.iter().filter(|one| one.found.robot == *robot);
+            let mut of_it = discovered_robots
+                .iter()
+                .filter(|one| one.found.robot == *robot);
             let of_it = of_it.next();
             // It may have said so while it was shown.
-            left.had_ended |= of_it.is_some_and(Sighting::has_ended);
+            left.had_ended |= of_it.is_some_and(DiscoveredRobot::has_ended);
             let alert = match of_it.filter(|one| one.seen > left.since) {
-                Some(sighting) => {
-                    left.since = sighting.seen;
-                    left.had_ended = sighting.has_ended();
-                    left.alerts.look_from_afar(sighting.state.as_ref(), now)
+                Some(discovered) => {
+                    left.since = discovered.seen;
+                    left.had_ended = discovered.has_ended();
+                    left.alerts
+                        .update_from_discovery(discovered.state.as_ref(), now)
                 }
-                None if now.since(left.since) > SEEN_LATELY && !left.had_ended => {
-                    left.alerts.lose(now)
+                None if now.since(left.since) > SEEN_RECENTLY && !left.had_ended => {
+                    left.alerts.mark_lost(now)
                 }
                 None => None,
             };
@@ -147,14 +154,14 @@ mod tests {
     use protocol::message::{EStopStatus, Status};
 
     use super::*;
-    use crate::alerts::Subject;
+    use crate::alerts::AlertSource;
     use crate::link::{FleetState, FoundRobot};
-    use crate::pretend::{at, console, says, standing};
+    use crate::test_support::{at, console, idle_teleop_status, inject};
 
-    /// The robot that is shown says that an emergency stop is in force, or that none is; how many alerts that begins.
+    /// The robot that is shown says that an emergency stop is active, or that none is; how many alerts that begins.
     fn stop(alerts: &mut FleetAlerts, robot: &RobotId, is_stopped: bool) -> usize {
         let mut model = console(robot.as_str(), &[]);
-        let mut teleop = standing();
+        let mut teleop = idle_teleop_status();
         teleop.estop = is_stopped.then_some(EStopStatus {
             number: 3,
             is_stored: true,
@@ -163,17 +170,19 @@ mod tests {
             teleop: Some(teleop),
             ..Status::default()
         };
-        says(&mut model, Topic::Status, &status, at(1_000));
+        inject(&mut model, Topic::Status, &status, at(1_000));
         let shown = alerts.shown_mut().unwrap();
-        shown.look(&model, Subject::Robot, &[], at(1_100)).len()
+        shown
+            .update(&model, AlertSource::Robot, &[], at(1_100))
+            .len()
     }
 
     fn counts(alerts: &FleetAlerts) -> (usize, usize) {
-        (alerts.iter().count(), alerts.unseen())
+        (alerts.iter().count(), alerts.unacknowledged())
     }
 
-    fn sighting(robot: &RobotId, seen_ms: u64, state: FleetState) -> Sighting {
-        Sighting {
+    fn discovered(robot: &RobotId, seen_ms: u64, state: FleetState) -> DiscoveredRobot {
+        DiscoveredRobot {
             found: FoundRobot {
                 robot: robot.clone(),
                 endpoint: "tcp/a:7447".to_owned(),
@@ -194,18 +203,30 @@ mod tests {
         assert_eq!(stop(&mut alerts, &scout, true), 1);
         let listed: Vec<_> = alerts.iter().map(|(robot, _)| robot.as_str()).collect();
         assert_eq!(listed, ["scout", "boat"]);
-        assert_eq!((alerts.unseen(), alerts.unseen_of(&boat)), (2, 1));
+        assert_eq!(
+            (alerts.unacknowledged(), alerts.unacknowledged_of(&boat)),
+            (2, 1)
+        );
         assert!(alerts.shows(&scout) && !alerts.shows(&boat));
         alerts.acknowledge(&scout, &Alarm::EStop);
-        assert_eq!((alerts.unseen_of(&scout), alerts.unseen_of(&boat)), (0, 1));
+        assert_eq!(
+            (
+                alerts.unacknowledged_of(&scout),
+                alerts.unacknowledged_of(&boat)
+            ),
+            (0, 1)
+        );
 
         // By another link, too; and as it was until it speaks again.
         for _ in 0..2 {
             alerts.change_to(&boat, at(0));
             let shown = alerts.shown_mut().unwrap();
             let silent = console("boat", &[]);
-            assert_eq!(shown.look(&silent, Subject::Robot, &[], at(500)), []);
-            assert_eq!((counts(&alerts), alerts.unseen_of(&boat)), ((2, 1), 1));
+            assert_eq!(shown.update(&silent, AlertSource::Robot, &[], at(500)), []);
+            assert_eq!(
+                (counts(&alerts), alerts.unacknowledged_of(&boat)),
+                ((2, 1), 1)
+            );
             let is_active = |(_, alert): (&RobotId, &Alert)| alert.is_active;
             assert!(alerts.iter().all(is_active));
             assert_eq!(stop(&mut alerts, &boat, true), 0, "it is known");
@@ -229,69 +250,75 @@ mod tests {
         alerts.change_to(&boat, at(0));
         alerts.change_to(&scout, at(5_000));
         let none: [&str; 0] = [];
-        let before = sighting(&boat, 4_000, FleetState::EStop { has_ended: false });
-        assert_eq!(alerts.look_around(&[before], at(6_000)), none);
-        let stopped = sighting(&boat, 7_000, FleetState::EStop { has_ended: false });
-        let text = "boat: An emergency stop is in force";
+        let before = discovered(&boat, 4_000, FleetState::EStop { has_ended: false });
+        assert_eq!(alerts.update_background(&[before], at(6_000)), none);
+        let stopped = discovered(&boat, 7_000, FleetState::EStop { has_ended: false });
+        let text = "boat: An emergency stop is active";
         assert_eq!(
-            alerts.look_around(slice::from_ref(&stopped), at(7_000)),
+            alerts.update_background(slice::from_ref(&stopped), at(7_000)),
             [text]
         );
-        assert_eq!(alerts.look_around(&[stopped], at(8_000)), none);
+        assert_eq!(alerts.update_background(&[stopped], at(8_000)), none);
         let others = [
-            sighting(&boat, 17_000, FleetState::EStop { has_ended: false }),
-            sighting(&scout, 17_000, FleetState::EStop { has_ended: false }),
-            sighting(
+            discovered(&boat, 17_000, FleetState::EStop { has_ended: false }),
+            discovered(&scout, 17_000, FleetState::EStop { has_ended: false }),
+            discovered(
                 &"stranger".parse().unwrap(),
                 17_000,
                 FleetState::Fault { has_ended: false },
             ),
         ];
-        assert_eq!(alerts.look_around(&others, at(17_000)), none);
+        assert_eq!(alerts.update_background(&others, at(17_000)), none);
         assert_eq!(counts(&alerts), (1, 1));
-        let free = sighting(&boat, 27_000, FleetState::Free);
-        assert_eq!(alerts.look_around(slice::from_ref(&free), at(27_000)), none);
+        let free = discovered(&boat, 27_000, FleetState::Free);
+        assert_eq!(
+            alerts.update_background(slice::from_ref(&free), at(27_000)),
+            none
+        );
         let texts: Vec<_> = alerts
             .iter()
             .map(|(_, alert)| alert.text.as_str())
             .collect();
-        assert_eq!(texts, ["An emergency stop was in force"]);
+        assert_eq!(texts, ["An emergency stop was active"]);
         alerts.acknowledge(&boat, &Alarm::EStop);
         assert_eq!(counts(&alerts), (0, 0));
         // Whether it is listed still or not.
         let seen = slice::from_ref(&free);
-        assert_eq!(alerts.look_around(seen, at(42_000)), none);
-        let silent = "boat: Nothing is heard of the robot";
-        assert_eq!(alerts.look_around(seen, at(42_001)), [silent]);
-        assert_eq!(alerts.look_around(&[], at(43_000)), none);
-        assert_eq!((counts(&alerts), alerts.unseen_of(&boat)), ((1, 1), 1));
-        let mut heard = sighting(&boat, 44_000, FleetState::Free);
+        assert_eq!(alerts.update_background(seen, at(42_000)), none);
+        let silent = "boat: No data from the robot";
+        assert_eq!(alerts.update_background(seen, at(42_001)), [silent]);
+        assert_eq!(alerts.update_background(&[], at(43_000)), none);
+        assert_eq!(
+            (counts(&alerts), alerts.unacknowledged_of(&boat)),
+            ((1, 1), 1)
+        );
+        let mut heard = discovered(&boat, 44_000, FleetState::Free);
         heard.state = None;
-        assert_eq!(alerts.look_around(&[heard], at(44_000)), none);
+        assert_eq!(alerts.update_background(&[heard], at(44_000)), none);
         assert!(alerts.iter().all(|(_, alert)| !alert.is_active));
         alerts.acknowledge_all();
-        let faulty = sighting(&boat, 45_000, FleetState::Fault { has_ended: false });
+        let faulty = discovered(&boat, 45_000, FleetState::Fault { has_ended: false });
         let text = "boat: The vehicle is at fault";
-        assert_eq!(alerts.look_around(&[faulty], at(45_000)), [text]);
+        assert_eq!(alerts.update_background(&[faulty], at(45_000)), [text]);
         // What it says itself is more.
         assert!(alerts.knows(&boat) && alerts.knows(&scout));
         alerts.change_to(&boat, at(46_000));
         assert_eq!(stop(&mut alerts, &boat, true), 1);
         assert_eq!(counts(&alerts), (2, 2));
         alerts.change_to(&scout, at(46_000));
-        let stopped = sighting(&boat, 47_000, FleetState::EStop { has_ended: false });
-        assert_eq!(alerts.look_around(&[stopped], at(47_000)), none);
+        let stopped = discovered(&boat, 47_000, FleetState::EStop { has_ended: false });
+        assert_eq!(alerts.update_background(&[stopped], at(47_000)), none);
         let first = alerts.iter().map(|(_, alert)| alert.text.as_str()).next();
-        assert_eq!(first, Some("Emergency stop 3 is in force"));
+        assert_eq!(first, Some("Emergency stop 3 is active"));
         // A fault ends no stop.
-        let faulty = sighting(&boat, 57_000, FleetState::Fault { has_ended: false });
-        assert_eq!(alerts.look_around(&[faulty], at(57_000)).len(), 1);
+        let faulty = discovered(&boat, 57_000, FleetState::Fault { has_ended: false });
+        assert_eq!(alerts.update_background(&[faulty], at(57_000)).len(), 1);
         let active = alerts.iter().filter(|(_, alert)| alert.is_active);
         assert_eq!(active.count(), 2);
         alerts.forget(&boat);
         assert_eq!((counts(&alerts), alerts.knows(&boat)), ((0, 0), false));
         assert_eq!(
-            alerts.look_around(&[], at(99_000)),
+            alerts.update_background(&[], at(99_000)),
             none,
             "it is not missed"
         );
@@ -305,18 +332,22 @@ mod tests {
         alerts.leave(at(5_000));
         let since = |alerts: &FleetAlerts| alerts.others[&boat].since;
         assert_eq!(since(&alerts), at(5_000));
-        let mut look = |sighting: Sighting, now_ms: u64| {
-            let begun = alerts.look_around(&[sighting], at(now_ms));
+        let mut update = |discovered: DiscoveredRobot, now_ms: u64| {
+            let begun = alerts.update_background(&[discovered], at(now_ms));
             (begun.len(), since(&alerts))
         };
-        let free = |seen_ms| sighting(&boat, seen_ms, FleetState::Free);
-        assert_eq!(look(free(4_000), 6_000), (0, at(5_000)), "older than that");
-        assert_eq!(look(free(7_000), 9_000), (0, at(7_000)));
+        let free = |seen_ms| discovered(&boat, seen_ms, FleetState::Free);
+        assert_eq!(
+            update(free(4_000), 6_000),
+            (0, at(5_000)),
+            "older than that"
+        );
+        assert_eq!(update(free(7_000), 9_000), (0, at(7_000)));
         // Seen before the look that came before, and told of since.
-        let stopped = sighting(&boat, 8_000, FleetState::EStop { has_ended: false });
-        assert_eq!(look(stopped.clone(), 9_500), (1, at(8_000)));
-        assert_eq!(look(stopped.clone(), 23_000), (0, at(8_000)));
-        assert_eq!(look(stopped, 23_001), (1, at(8_000)), "it is missed");
+        let stopped = discovered(&boat, 8_000, FleetState::EStop { has_ended: false });
+        assert_eq!(update(stopped.clone(), 9_500), (1, at(8_000)));
+        assert_eq!(update(stopped.clone(), 23_000), (0, at(8_000)));
+        assert_eq!(update(stopped, 23_001), (1, at(8_000)), "it is missed");
     }
 
     #[test]
@@ -325,12 +356,25 @@ mod tests {
         let mut alerts = FleetAlerts::default();
         alerts.change_to(&boat, at(0));
         alerts.leave(at(5_000));
-        let mut look =
-            |sighting: Sighting, now_ms: u64| alerts.look_around(&[sighting], at(now_ms)).len();
-        assert_eq!(look(sighting(&boat, 6_000, FleetState::Ended), 7_000), 0);
-        assert_eq!(look(sighting(&boat, 6_000, FleetState::Ended), 60_000), 0);
-        assert_eq!(look(sighting(&boat, 61_000, FleetState::Free), 62_000), 0);
-        assert_eq!(look(sighting(&boat, 61_000, FleetState::Free), 90_000), 1);
+        let mut update = |discovered: DiscoveredRobot, now_ms: u64| {
+            alerts.update_background(&[discovered], at(now_ms)).len()
+        };
+        assert_eq!(
+            update(discovered(&boat, 6_000, FleetState::Ended), 7_000),
+            0
+        );
+        assert_eq!(
+            update(discovered(&boat, 6_000, FleetState::Ended), 60_000),
+            0
+        );
+        assert_eq!(
+            update(discovered(&boat, 61_000, FleetState::Free), 62_000),
+            0
+        );
+        assert_eq!(
+            update(discovered(&boat, 61_000, FleetState::Free), 90_000),
+            1
+        );
     }
 
     #[test]
@@ -342,11 +386,11 @@ mod tests {
             alerts.change_to(&boat, at(0));
             alerts.leave(at(5_000));
             // Its own link was heard last; then it was closed, and answers nobody any more.
-            let heard = [sighting(&boat, 4_000, state.clone())];
+            let heard = [discovered(&boat, 4_000, state.clone())];
             for now_ms in [6_000, 60_000] {
-                let told = alerts.look_around(&heard, at(now_ms)).len();
+                let actual = alerts.update_background(&heard, at(now_ms)).len();
                 let expected = if now_ms > 20_000 { begun } else { 0 };
-                assert_eq!(told, expected, "{state:?} {now_ms}");
+                assert_eq!(actual, expected, "{state:?} {now_ms}");
             }
         }
     }

@@ -11,7 +11,7 @@ use robot_edge::clock::Monotonic;
 
 use crate::link::FleetState;
 use crate::model::ConsoleModel;
-use reasons::{Reason, link_lost, reasons, reasons_from_afar, tells_motion};
+use reasons::{Reason, is_motion_current, link_lost, reasons, reasons_from_discovery};
 
 pub use fleet::FleetAlerts;
 
@@ -21,11 +21,11 @@ const MAX_ALERTS: usize = 64;
 /// What an alert is about.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Alarm {
-    /// An emergency stop is in force.
+    /// An emergency stop is active.
     EStop,
     /// The vehicle does not trust itself.
     Fault,
-    /// Nothing is heard of the robot.
+    /// No data from the robot.
     LinkLost,
     /// Something is wrong with a sensor: its name.
     Sensor(String),
@@ -34,14 +34,14 @@ pub enum Alarm {
     /// The position is somewhere else all at once.
     PositionJump,
     /// The robot's machine does not keep up with its sensors.
-    TooSlow,
+    Overload,
     /// The vehicle is told to go, and does not.
     Stuck,
 }
 
 /// Whose alerts they are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Subject {
+pub enum AlertSource {
     /// A robot at the other end of a link.
     Robot,
     /// A recording that this program maps. Its link cannot be lost: where it is silent it is wound, or its time line says why.
@@ -80,7 +80,7 @@ impl Alerts {
     }
 
     /// How many nobody has seen yet.
-    pub fn unseen(&self) -> usize {
+    pub fn unacknowledged(&self) -> usize {
         self.alerts
             .iter()
             .filter(|alert| !alert.is_acknowledged)
@@ -92,7 +92,7 @@ impl Alerts {
         for alert in &mut self.alerts {
             alert.is_acknowledged |= alert.alarm == *alarm;
         }
-        self.forget_what_is_over();
+        self.drop_finished();
     }
 
     /// Somebody has seen them all.
@@ -100,55 +100,55 @@ impl Alerts {
         for alert in &mut self.alerts {
             alert.is_acknowledged = true;
         }
-        self.forget_what_is_over();
+        self.drop_finished();
     }
 
     /// Looks at the robot, or at the recording of one, and at what it has told of since the last look. Those that have
     /// begun, in words.
-    pub fn look(
+    pub fn update(
         &mut self,
         model: &ConsoleModel,
-        subject: Subject,
-        news: &[Event],
+        source: AlertSource,
+        new_events: &[Event],
         now: Monotonic,
     ) -> Vec<(Alarm, String)> {
-        let reasons = reasons(model, subject, now);
+        let reasons = reasons(model, source, now);
         // Until the robot speaks, what it said before it was shown again is the newest that is known.
         let is_heard = model.status().is_some();
         // Who is not heard may move by now, or not: neither is told.
-        let tells_motion = tells_motion(model, now);
+        let is_motion_current = is_motion_current(model, now);
         self.end_others(&reasons, |alarm| {
-            is_heard && (tells_motion || *alarm != Alarm::Stuck)
+            is_heard && (is_motion_current || *alarm != Alarm::Stuck)
         });
-        if !tells_motion {
-            self.put_in_the_past(&Alarm::Stuck);
+        if !is_motion_current {
+            self.deactivate(&Alarm::Stuck);
         }
         let mut begun = Vec::new();
         for reason in reasons {
-            begun.extend(self.lasts(reason, now));
+            begun.extend(self.set_active(reason, now));
         }
-        for event in news {
+        for event in new_events {
             let alarm = match event.kind.as_str() {
                 "pose_jump" => Alarm::PositionJump,
-                "too_slow" => Alarm::TooSlow,
+                "overload" => Alarm::Overload,
                 _ => continue,
             };
             begun.push((alarm.clone(), event.message.clone()));
             let (text, past) = (event.message.clone(), event.message.clone());
             self.begin(Reason { alarm, text, past }, false, now);
         }
-        self.forget_what_is_over();
+        self.drop_finished();
         begun
     }
 
     /// The same for a robot that is not shown, but heard, from what it said of itself lately, if anything. Of what it does not
     /// say, it stays as it was when the robot was shown last.
-    fn look_from_afar(
+    fn update_from_discovery(
         &mut self,
         state: Option<&FleetState>,
         now: Monotonic,
     ) -> Option<(Alarm, String)> {
-        let reason = state.and_then(reasons_from_afar);
+        let reason = state.and_then(reasons_from_discovery);
         let is_said = |alarm: &Alarm| match alarm {
             Alarm::LinkLost => true,
             Alarm::Fault => state.is_some(),
@@ -156,24 +156,24 @@ impl Alerts {
             Alarm::EStop => state.is_some_and(|state| !matches!(state, FleetState::Fault { .. })),
             // Whom nobody drives nobody tells to go.
             Alarm::Stuck => state.is_some_and(|state| !matches!(state, FleetState::DrivenBy(_))),
-            Alarm::Sensor(_) | Alarm::Recording | Alarm::PositionJump | Alarm::TooSlow => false,
+            Alarm::Sensor(_) | Alarm::Recording | Alarm::PositionJump | Alarm::Overload => false,
         };
         self.end_others(reason.as_slice(), is_said);
-        let begun = reason.and_then(|reason| self.begin_unless_known(reason, now));
-        self.forget_what_is_over();
+        let begun = reason.and_then(|reason| self.begin_unless_active(reason, now));
+        self.drop_finished();
         begun
     }
 
     /// A robot that is not shown is not heard any more.
-    fn lose(&mut self, now: Monotonic) -> Option<(Alarm, String)> {
-        self.begin_unless_known(link_lost(), now)
+    fn mark_lost(&mut self, now: Monotonic) -> Option<(Alarm, String)> {
+        self.begin_unless_active(link_lost(), now)
     }
 
     /// What the robot said itself says more.
-    fn begin_unless_known(&mut self, reason: Reason, now: Monotonic) -> Option<(Alarm, String)> {
+    fn begin_unless_active(&mut self, reason: Reason, now: Monotonic) -> Option<(Alarm, String)> {
         let mut alerts = self.alerts.iter();
         let is_known = alerts.any(|alert| alert.is_active && alert.alarm == reason.alarm);
-        (!is_known).then(|| self.lasts(reason, now)).flatten()
+        (!is_known).then(|| self.set_active(reason, now)).flatten()
     }
 
     /// What is none of `reasons`, and would be told of, is over.
@@ -188,7 +188,7 @@ impl Alerts {
     }
 
     /// Nobody knows whether it lasts.
-    fn put_in_the_past(&mut self, alarm: &Alarm) {
+    fn deactivate(&mut self, alarm: &Alarm) {
         for alert in &mut self.alerts {
             if alert.alarm == *alarm {
                 alert.text.clone_from(&alert.past);
@@ -197,7 +197,7 @@ impl Alerts {
     }
 
     /// There is a reason; in words where it has just begun.
-    fn lasts(&mut self, reason: Reason, now: Monotonic) -> Option<(Alarm, String)> {
+    fn set_active(&mut self, reason: Reason, now: Monotonic) -> Option<(Alarm, String)> {
         let mut alerts = self.alerts.iter_mut();
         let known = alerts.find(|alert| alert.alarm == reason.alarm);
         if let Some(alert) = known.filter(|alert| alert.is_active) {
@@ -229,7 +229,7 @@ impl Alerts {
         });
     }
 
-    fn forget_what_is_over(&mut self) {
+    fn drop_finished(&mut self) {
         self.alerts
             .retain(|alert| alert.is_active || !alert.is_acknowledged);
     }

@@ -3,11 +3,11 @@
 use protocol::message::{FaultReason, RecordingState, SensorFault, SensorKind, TeleopState};
 use robot_edge::clock::Monotonic;
 
-use super::{Alarm, Subject};
+use super::{Alarm, AlertSource};
 use crate::link::FleetState;
 use crate::model::{ConsoleModel, LinkState};
-use crate::panels::driving::words::stuck;
-use crate::panels::sensors::fault_words;
+use crate::panels::driving::labels::stuck;
+use crate::panels::sensors::fault_text;
 
 /// Something to be alarmed about.
 pub(super) struct Reason {
@@ -19,11 +19,11 @@ pub(super) struct Reason {
 }
 
 /// What there is to be alarmed about at the moment.
-pub(super) fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) -> Vec<Reason> {
+pub(super) fn reasons(model: &ConsoleModel, source: AlertSource, now: Monotonic) -> Vec<Reason> {
     let mut reasons = Vec::new();
     let is_silent = model.connection().state(now) == LinkState::Silent;
-    if subject == Subject::Robot && is_silent {
-        match (model.may_fall_silent(), model.is_vehicle()) {
+    if source == AlertSource::Robot && is_silent {
+        match (model.is_silence_expected(), model.is_vehicle()) {
             (false, _) => reasons.push(link_lost()),
             (true, true) => reasons.push(left()),
             // Nobody waits for what cannot move.
@@ -37,14 +37,16 @@ pub(super) fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) ->
         if let Some(estop) = teleop.estop {
             reasons.push(Reason {
                 alarm: Alarm::EStop,
-                text: format!("Emergency stop {} is in force", estop.number),
-                past: format!("Emergency stop {} was in force", estop.number),
+                text: format!("Emergency stop {} is active", estop.number),
+                past: format!("Emergency stop {} was active", estop.number),
             });
         }
         if let TeleopState::Fault(why) = teleop.state {
             let [is, was] = match why {
                 FaultReason::SelfTest => ["the self-test failed"; 2],
-                FaultReason::Actuator => ["the motors do not obey", "the motors did not obey"],
+                FaultReason::Actuator => {
+                    ["the motors do not respond", "the motors did not respond"]
+                }
             };
             reasons.push(Reason {
                 alarm: Alarm::Fault,
@@ -52,12 +54,12 @@ pub(super) fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) ->
                 past: format!("The vehicle was at fault: {was}"),
             });
         }
-        if model.is_stuck() && tells_motion(model, now) {
+        if model.is_stuck() && is_motion_current(model, now) {
             let [is, was] = stuck(model.is_boat());
             reasons.push(Reason {
                 alarm: Alarm::Stuck,
-                text: format!("The vehicle does not move though told to go: {is}"),
-                past: format!("The vehicle did not move though told to go: {was}"),
+                text: format!("Commanded but not moving: {is}"),
+                past: format!("Commanded but did not move: {was}"),
             });
         }
     }
@@ -66,7 +68,7 @@ pub(super) fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) ->
             let mut described = model.sensors().iter();
             let described = described.find(|info| info.name == sensor.name);
             let kind = described.map(|info| info.kind);
-            let (_, state, advice) = fault_words(fault, kind);
+            let (_, state, advice) = fault_text(fault, kind);
             reasons.push(Reason {
                 alarm: Alarm::Sensor(sensor.name.clone()),
                 text: format!("{}: {state}. {advice}", sensor.name),
@@ -93,7 +95,7 @@ pub(super) fn reasons(model: &ConsoleModel, subject: Subject, now: Monotonic) ->
 }
 
 /// Whether what is known of its motion is of now: who is not heard, or runs anew, may long be told something else.
-pub(super) fn tells_motion(model: &ConsoleModel, now: Monotonic) -> bool {
+pub(super) fn is_motion_current(model: &ConsoleModel, now: Monotonic) -> bool {
     model.connection().state(now) != LinkState::Silent && !model.awaits_status()
 }
 
@@ -104,7 +106,7 @@ fn past_fault(fault: SensorFault, kind: Option<SensorKind>) -> &'static str {
             "none of its measurements was valid: too near to the bottom, covered or broken"
         }
         SensorFault::Silent => "nothing came from it",
-        SensorFault::Clock => "its stamps leapt",
+        SensorFault::Clock => "its stamps jumped",
         SensorFault::AllInvalid => "none of its measurements was valid",
         SensorFault::Blocked => "its window seemed to be blocked",
         SensorFault::Slow => "less than half of its measurements came",
@@ -115,8 +117,8 @@ fn past_fault(fault: SensorFault, kind: Option<SensorKind>) -> &'static str {
 pub(super) fn link_lost() -> Reason {
     Reason {
         alarm: Alarm::LinkLost,
-        text: "Nothing is heard of the robot".to_owned(),
-        past: "Nothing was heard of the robot for a while".to_owned(),
+        text: "No data from the robot".to_owned(),
+        past: "No data from the robot for a while".to_owned(),
     }
 }
 
@@ -124,26 +126,29 @@ pub(super) fn link_lost() -> Reason {
 fn left() -> Reason {
     Reason {
         alarm: Alarm::LinkLost,
-        text: "The vehicle said that its data has ended, and is not heard any more".to_owned(),
-        past: "The vehicle was not heard for a while: its data had ended".to_owned(),
+        text: "The vehicle said that its data has ended, and sends no more".to_owned(),
+        past: "No data from the vehicle for a while: its data had ended".to_owned(),
     }
 }
 
 /// The same of a robot that is not shown, from what it says of itself to whoever looks for robots.
-pub(super) fn reasons_from_afar(state: &FleetState) -> Option<Reason> {
+pub(super) fn reasons_from_discovery(state: &FleetState) -> Option<Reason> {
     let (alarm, [text, past]) = match state {
         FleetState::EStop { .. } => (
             Alarm::EStop,
             [
-                "An emergency stop is in force",
-                "An emergency stop was in force",
+                "An emergency stop is active",
+                "An emergency stop was active",
             ],
         ),
         FleetState::Fault { .. } => (
             Alarm::Fault,
             ["The vehicle is at fault", "The vehicle was at fault"],
         ),
-        FleetState::Undriven | FleetState::Ended | FleetState::Free | FleetState::DrivenBy(_) => {
+        FleetState::NotDrivable
+        | FleetState::Ended
+        | FleetState::Free
+        | FleetState::DrivenBy(_) => {
             return None;
         }
     };

@@ -6,8 +6,8 @@ use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
 use crate::demo::DemoFailure;
-use crate::link::{FoundRobot, Sighting};
-use crate::panels::robots::Sought;
+use crate::link::{DiscoveredRobot, FoundRobot};
+use crate::panels::robots::SearchTarget;
 
 /// Robots that are there answer within this of each other; before, one alone may be the first of several.
 const SETTLED_AFTER: Duration = Duration::from_millis(600);
@@ -20,15 +20,15 @@ const GONE_AFTER: Duration = Duration::from_secs(3);
 pub(super) fn moved_to(
     shown: &FoundRobot,
     silent: Duration,
-    sightings: &[Sighting],
+    discovered_robots: &[DiscoveredRobot],
     now: Monotonic,
 ) -> Option<FoundRobot> {
-    let is_it = |sighting: &&Sighting| {
-        sighting.found.robot == shown.robot
-            && sighting.found.endpoint != shown.endpoint
-            && now.since(sighting.seen) < silent
+    let is_it = |discovered: &&DiscoveredRobot| {
+        discovered.found.robot == shown.robot
+            && discovered.found.endpoint != shown.endpoint
+            && now.since(discovered.seen) < silent
     };
-    let elsewhere = sightings.iter().find(is_it)?;
+    let elsewhere = discovered_robots.iter().find(is_it)?;
     (silent >= GONE_AFTER).then(|| elsewhere.found.clone())
 }
 
@@ -39,7 +39,7 @@ pub(super) struct RobotChoice {
     named: Option<RobotId>,
     /// Why that one is gone, where it is this program's own.
     demo: Option<DemoFailure>,
-    is_end_told: bool,
+    is_end_reported: bool,
     first_found: Option<Monotonic>,
 }
 
@@ -48,25 +48,25 @@ impl RobotChoice {
         Self {
             named,
             demo,
-            is_end_told: false,
+            is_end_reported: false,
             first_found: None,
         }
     }
 
-    pub(super) fn sought(&self) -> Sought<'_> {
+    pub(super) fn sought(&self) -> SearchTarget<'_> {
         match (&self.named, &self.demo) {
-            (_, Some(failure)) => Sought::Demo {
-                failure: failure.words(),
+            (_, Some(failure)) => SearchTarget::Demo {
+                failure: failure.message(),
             },
-            (Some(named), None) => Sought::Named(named),
-            (None, None) => Sought::Any,
+            (Some(named), None) => SearchTarget::Named(named),
+            (None, None) => SearchTarget::Any,
         }
     }
 
     /// Why this program's own robot is gone, once.
     pub(super) fn take_end(&mut self) -> Option<String> {
-        let why = self.demo.as_ref()?.words()?;
-        (!std::mem::replace(&mut self.is_end_told, true)).then_some(why)
+        let why = self.demo.as_ref()?.message()?;
+        (!std::mem::replace(&mut self.is_end_reported, true)).then_some(why)
     }
 
     /// The robot to connect to now, if none is shown: the named one, or the only one.
@@ -94,7 +94,7 @@ impl RobotChoice {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pretend::at;
+    use crate::test_support::at;
 
     fn found(robot: &str) -> FoundRobot {
         FoundRobot {
@@ -124,7 +124,7 @@ mod tests {
     #[test]
     fn a_robot_that_is_silent_and_answers_elsewhere_has_moved() {
         let shown = found("a");
-        let sighting = |robot: &str, port: u16, seen_ms: u64| Sighting {
+        let discovered = |robot: &str, port: u16, seen_ms: u64| DiscoveredRobot {
             found: FoundRobot {
                 robot: robot.parse().unwrap(),
                 endpoint: format!("tcp/{robot}:{port}"),
@@ -132,17 +132,17 @@ mod tests {
             seen: at(seen_ms),
             state: None,
         };
-        let moved_to = |sightings: &[Sighting], silent_ms: u64| {
+        let moved_to = |discovered_robots: &[DiscoveredRobot], silent_ms: u64| {
             let silent = Duration::from_millis(silent_ms);
-            moved_to(&shown, silent, sightings, at(20_000)).map(|found| found.endpoint)
+            moved_to(&shown, silent, discovered_robots, at(20_000)).map(|found| found.endpoint)
         };
-        let others = [sighting("b", 9, 19_000), sighting("a", 9, 19_000)];
+        let others = [discovered("b", 9, 19_000), discovered("a", 9, 19_000)];
         assert_eq!(moved_to(&others, 3_000).as_deref(), Some("tcp/a:9"));
         assert_eq!(moved_to(&others, 2_999), None, "it may come back");
         assert_eq!(moved_to(&others[..1], 3_000), None, "another robot");
-        let same = [sighting("a", 7447, 19_000)];
+        let same = [discovered("a", 7447, 19_000)];
         assert_eq!(moved_to(&same, 9_000), None, "it is where it was");
-        let before = [sighting("a", 9, 15_000)];
+        let before = [discovered("a", 9, 15_000)];
         assert_eq!(moved_to(&before, 5_000), None, "it is silent there as well");
     }
 

@@ -45,7 +45,7 @@ pub(super) fn open_folder(folder: &Path) -> Result<(), String> {
 fn words(folder: &Path, program: &str, why: &io::Error) -> String {
     let folder = folder.display();
     if why.kind() == io::ErrorKind::NotFound {
-        format!("Nothing on this computer opens folders. This one is {folder}")
+        format!("No file manager on this computer. This one is {folder}")
     } else {
         format!("{folder} cannot be opened: {program}: {why}")
     }
@@ -57,13 +57,13 @@ mod tests {
 
     #[test]
     fn where_nothing_opens_folders_the_path_is_told_and_no_program() {
-        let told = |kind: io::ErrorKind| words(Path::new("/maps"), "xdg-open", &kind.into());
+        let actual = |kind: io::ErrorKind| words(Path::new("/maps"), "xdg-open", &kind.into());
         assert_eq!(
-            told(io::ErrorKind::NotFound),
-            "Nothing on this computer opens folders. This one is /maps"
+            actual(io::ErrorKind::NotFound),
+            "No file manager on this computer. This one is /maps"
         );
         assert_eq!(
-            told(io::ErrorKind::PermissionDenied),
+            actual(io::ErrorKind::PermissionDenied),
             "/maps cannot be opened: xdg-open: permission denied"
         );
     }

@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
-use super::watch::Note;
-use crate::command::ExportWish;
+use super::session_monitor::LogNote;
+use crate::command::ExportRequest;
 use crate::event_log::Severity;
 use crate::export::{ExportPart, Fetcher, Fetching, export_parts};
 use crate::link::ModelHandle;
@@ -47,7 +47,7 @@ impl ExportProgress {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct ExportEnd {
     /// For the log.
-    pub(super) note: Note,
+    pub(super) note: LogNote,
     /// The folder, where all is in it and the operator wants to see that.
     pub(super) folder: Option<PathBuf>,
 }
@@ -61,27 +61,27 @@ pub(super) struct ExportJob {
     is_cancelled: Arc<AtomicBool>,
     opens_folder: bool,
     /// Whether its end was taken, whichever robot is shown by then.
-    is_told: bool,
+    is_end_reported: bool,
 }
 
 impl ExportJob {
     /// Begins to write what `model` holds. `wake` is called when there is something new to tell.
     pub(super) fn start(
-        wish: ExportWish,
+        request: ExportRequest,
         model: ModelHandle,
         wake: impl Fn() + Send + 'static,
     ) -> Self {
         let progress = Arc::new(Mutex::new(ExportProgress {
-            folder: wish.folder.clone(),
-            parts: [0, wish.parts.len()],
+            folder: request.folder.clone(),
+            parts: [0, request.parts.len()],
             ..ExportProgress::default()
         }));
         let is_cancelled = Arc::new(AtomicBool::new(false));
-        let opens_folder = wish.opens_folder;
+        let opens_folder = request.opens_folder;
         thread::spawn({
             let (progress, is_cancelled) = (Arc::clone(&progress), Arc::clone(&is_cancelled));
             move || {
-                let ended = write(&wish, &model, &progress, &is_cancelled, &wake);
+                let ended = write(&request, &model, &progress, &is_cancelled, &wake);
                 let mut progress = lock(&progress);
                 progress.current = None;
                 progress.ended = Some(ended);
@@ -93,7 +93,7 @@ impl ExportJob {
             progress,
             is_cancelled,
             opens_folder,
-            is_told: false,
+            is_end_reported: false,
         }
     }
 
@@ -104,15 +104,15 @@ impl ExportJob {
 
     /// How it ended, once.
     pub(super) fn take_end(&mut self) -> Option<ExportEnd> {
-        if self.is_told {
+        if self.is_end_reported {
             return None;
         }
         let ExportProgress { folder, ended, .. } = self.progress();
         let ended = ended?;
-        self.is_told = true;
+        self.is_end_reported = true;
         Some(match ended {
             Ok(words) => ExportEnd {
-                note: (Severity::Note, "export", words),
+                note: (Severity::Info, "export", words),
                 folder: self.opens_folder.then_some(folder),
             },
             Err(why) => ExportEnd {
@@ -144,39 +144,43 @@ impl Drop for ExportJob {
 }
 
 fn write(
-    wish: &ExportWish,
+    request: &ExportRequest,
     model: &ModelHandle,
     progress: &Mutex<ExportProgress>,
     is_cancelled: &AtomicBool,
     wake: &dyn Fn(),
 ) -> Result<String, String> {
     let mut begun = 0;
-    let fetcher = Fetcher::begin(model, wish.parts.iter().copied(), PATIENCE);
-    let exported = export_parts(&wish.folder, wish.parts.iter().copied(), |part, so_far| {
-        if is_cancelled.load(Ordering::Relaxed) {
-            return ControlFlow::Break(());
-        }
-        let mut now = lock(progress);
-        now.parts[0] = begun;
-        now.current = Some(part);
-        now.files = so_far.files.len();
-        now.fetching = None;
-        drop(now);
-        begun += 1;
-        wake();
-        fetcher.fetch(part, |fetching| {
+    let fetcher = Fetcher::begin(model, request.parts.iter().copied(), PATIENCE);
+    let exported = export_parts(
+        &request.folder,
+        request.parts.iter().copied(),
+        |part, so_far| {
             if is_cancelled.load(Ordering::Relaxed) {
                 return ControlFlow::Break(());
             }
-            if lock(progress).fetching.replace(fetching) != Some(fetching) {
-                wake();
-            }
-            ControlFlow::Continue(())
-        })
-    });
+            let mut now = lock(progress);
+            now.parts[0] = begun;
+            now.current = Some(part);
+            now.files = so_far.files.len();
+            now.fetching = None;
+            drop(now);
+            begun += 1;
+            wake();
+            fetcher.fetch(part, |fetching| {
+                if is_cancelled.load(Ordering::Relaxed) {
+                    return ControlFlow::Break(());
+                }
+                if lock(progress).fetching.replace(fetching) != Some(fetching) {
+                    wake();
+                }
+                ControlFlow::Continue(())
+            })
+        },
+    );
     let exported = exported.map_err(|why| in_words(&why))?;
     lock(progress).files = exported.files.len();
-    exported.outcome(&wish.folder)
+    exported.outcome(&request.folder)
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use eframe::egui::{Align, Button, Layout, RichText, TextStyle, Ui};
 
-use crate::panels::command_line::with_options;
+use crate::panels::command_line::with_monospace_options;
 use crate::panels::robots::RobotsData;
 use crate::shortcuts::Action;
 
@@ -15,7 +15,7 @@ pub(super) fn first_run_ui(ui: &mut Ui, robots: &RobotsData) -> Option<Action> {
         ui.label(RichText::new(robots.heading).size(24.0));
         let advice = robots.advice.as_deref().unwrap_or_default();
         let ink = ui.visuals().text_color();
-        ui.label(with_options(ui, advice, &TextStyle::Body, ink));
+        ui.label(with_monospace_options(ui, advice, &TextStyle::Body, ink));
         if !robots.is_up_to_operator || !robots.found.is_empty() {
             return;
         }
@@ -27,7 +27,7 @@ pub(super) fn first_run_ui(ui: &mut Ui, robots: &RobotsData) -> Option<Action> {
                     "A robot on another network, or behind a router:",
                     Action::TypeAddress,
                 ),
-                ("What a robot has seen before:", Action::OpenRecording),
+                ("A recording:", Action::OpenRecording),
             ] {
                 ui.horizontal_wrapped(|ui| {
                     ui.label(words);
@@ -38,7 +38,7 @@ pub(super) fn first_run_ui(ui: &mut Ui, robots: &RobotsData) -> Option<Action> {
                 });
             }
             ui.horizontal_wrapped(|ui| {
-                ui.label("No robot at hand: start this program as");
+                ui.label("No robot available: start this program as");
                 ui.label(RichText::new("operator-console --demo lake").monospace());
             });
             ui.horizontal_wrapped(|ui| {

@@ -1,21 +1,21 @@
 //! The program behind the window: finds robots, shows one, does what the operator asks.
 
 mod choice;
+mod commands;
 mod desktop;
 mod dialogs;
 mod export_job;
 mod first_run;
-mod heard_before;
-mod leaving;
+mod last_contact;
 mod menus;
-mod obedience;
 mod pictures;
+mod robot_overlay;
 mod screen;
 mod screenshot;
-mod surroundings;
-mod time_line;
-mod upkeep;
-mod watch;
+mod session_change;
+mod session_monitor;
+mod timeline;
+mod update;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -33,27 +33,27 @@ use crate::alerts::FleetAlerts;
 use crate::command::Command;
 use crate::demo::DemoFailure;
 use crate::event_log::{EventLog, Severity};
-use crate::hands::Hands;
 use crate::identity::Identity;
 use crate::link::{Discovery, FoundRobot, RobotSession};
-use crate::model::KeptSiteNames;
-use crate::panels::connection::LinkSight;
+use crate::model::SavedSiteNames;
+use crate::panels::connection::LinkStatus;
 use crate::panels::robots::RobotsData;
 use crate::playback::{OpenDialog, Playback, ToOpen, drop_hint_ui, is_recording};
-use crate::settings::{Keeper, Settings};
-use crate::shortcuts::has_space_behind_text;
+use crate::settings::{Settings, SettingsWriter};
+use crate::shortcuts::has_space_after_text;
+use crate::teleop_handle::TeleopHandle;
 use crate::teleop_input::InputEvent;
 use crate::theme;
 
 use choice::RobotChoice;
+use commands::SourceKind;
 use export_job::ExportJob;
-use obedience::Sort;
-use time_line::playback_ui;
-use watch::Watch;
+use session_monitor::SessionMonitor;
+use timeline::playback_ui;
 
 pub use export_job::ExportProgress;
-pub use screen::{Around, RobotSight, Screen};
-pub use screenshot::{Outcome, Screenshot, result_of};
+pub use screen::{Screen, ScreenContext, ShownRobot};
+pub use screenshot::{Screenshot, ScreenshotOutcome, result_of};
 
 /// What is to be kept is looked at this often; it is written once a second at most.
 const KEEP_PERIOD: Duration = Duration::from_millis(500);
@@ -81,13 +81,13 @@ pub struct AppSettings {
     /// Who drives.
     pub identity: Identity,
     /// What drives.
-    pub hands: Rc<Hands>,
+    pub teleop_handle: Rc<TeleopHandle>,
     /// A recording to show.
     pub open: Option<ToOpen>,
     /// What was kept of the last run.
     pub settings: Settings,
     /// What keeps it for the next; none where nothing is to be kept.
-    pub keeper: Option<Keeper>,
+    pub settings_writer: Option<SettingsWriter>,
     /// What of the last run could not be used.
     pub complaint: Option<String>,
 }
@@ -112,18 +112,18 @@ pub struct ConsoleApp {
     screen: Screen,
     screenshot: Option<Screenshot>,
     identity: Identity,
-    hands: Rc<Hands>,
+    teleop_handle: Rc<TeleopHandle>,
     settings: Settings,
-    keeper: Option<Keeper>,
+    settings_writer: Option<SettingsWriter>,
     kept: Monotonic,
     log: EventLog,
     alerts: FleetAlerts,
     /// Of robots that were shown before.
-    site_names: BTreeMap<RobotId, KeptSiteNames>,
-    watch: Watch,
+    site_names: BTreeMap<RobotId, SavedSiteNames>,
+    session_monitor: SessionMonitor,
     export: Option<ExportJob>,
     /// Screenshots that are being saved.
-    pictures: Vec<(PathBuf, Outcome)>,
+    pictures: Vec<(PathBuf, ScreenshotOutcome)>,
     /// What is shown instead of a robot.
     playback: Option<Playback>,
     /// What was to be shown from the start on.
@@ -183,14 +183,14 @@ impl ConsoleApp {
             screen: Screen::of(&settings.settings),
             screenshot: settings.screenshot,
             identity: settings.identity,
-            hands: settings.hands,
+            teleop_handle: settings.teleop_handle,
             settings: settings.settings,
-            keeper: settings.keeper,
+            settings_writer: settings.settings_writer,
             kept: Monotonic::default(),
             log,
             alerts: FleetAlerts::default(),
             site_names: BTreeMap::new(),
-            watch: Watch::default(),
+            session_monitor: SessionMonitor::default(),
             export: None,
             pictures: Vec::new(),
             playback: None,
@@ -211,7 +211,7 @@ impl eframe::App for ConsoleApp {
             let mut found = self.discovery.found();
             found.retain(|found| !is_recording(&found.robot));
             if let Some(found) = self.choice.choose(&found, now).cloned() {
-                self.connect(found, Sort::Robot);
+                self.connect(found, SourceKind::Robot);
             } else if let Some(rest) = self.choice.look_again_after(now) {
                 ctx.request_repaint_after(rest);
             }
@@ -219,15 +219,15 @@ impl eframe::App for ConsoleApp {
         if let Some(found) = self.moved(now) {
             let FoundRobot { robot, endpoint } = &found;
             let text = format!("{robot} answers at {endpoint} now, and is joined there");
-            self.connect(found, Sort::Robot);
-            self.note(Severity::Note, "link", text);
+            self.connect(found, SourceKind::Robot);
+            self.note(Severity::Info, "link", text);
         }
-        self.look_around(now);
+        self.poll_background_state(now);
         if now.since(self.kept) >= KEEP_PERIOD {
             self.kept = now;
             self.keep();
         }
-        if self.keeper.is_some() {
+        if self.settings_writer.is_some() {
             // What the last frame changed is looked at although nothing else happens.
             ctx.request_repaint_after(3 * KEEP_PERIOD);
         }
@@ -243,7 +243,7 @@ impl eframe::App for ConsoleApp {
 
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
         let now = Monotonic::now();
-        let has_late_space = ui.input(|input| has_space_behind_text(&input.events));
+        let has_late_space = ui.input(|input| has_space_after_text(&input.events));
         self.screen.begin_frame(ui.ctx());
         drop_hint_ui(ui.ctx());
         let dropped_or_typed = self.open_dialog.show(ui.ctx()).map(Command::Open);
@@ -261,12 +261,12 @@ impl eframe::App for ConsoleApp {
         });
         let mut robots = RobotsData::new(&seen, current, self.choice.sought(), problem, now);
         if !self.asked_alone.is_empty() {
-            robots.looks_only_at(&self.asked_alone);
+            robots.set_search_addresses(&self.asked_alone);
         }
-        robots.is_told_nothing_by(&self.discovery.untold());
+        robots.set_denied_by(&self.discovery.access_denied());
         robots.has_keys = self.credentials.is_some();
         robots.addresses = self.listed_addresses();
-        let around = Around {
+        let context = ScreenContext {
             robots: &robots,
             log: &self.log,
             alerts: &self.alerts,
@@ -274,7 +274,7 @@ impl eframe::App for ConsoleApp {
         };
         let commands = match &self.shown {
             Some((found, session)) => {
-                let link = LinkSight {
+                let link = LinkStatus {
                     is_connected: session.is_connected(),
                     problem: session.problem(),
                     recording: self.playback.as_ref().map(Playback::file_name),
@@ -295,44 +295,44 @@ impl eframe::App for ConsoleApp {
                     playback.show_trail(&mut model);
                 }
                 if let Some(info) = model.info() {
-                    self.hands.hear_of(info);
+                    self.teleop_handle.set_robot_info(info);
                 }
-                let helm = self.hands.sight(now);
-                let robot = Some(RobotSight {
+                let teleop_client = self.teleop_handle.state(now);
+                let robot = Some(ShownRobot {
                     model: &mut model,
                     link: &link,
-                    helm: helm.as_ref(),
+                    teleop_client: teleop_client.as_ref(),
                     color: match &self.playback {
                         // It is given no colour of its own, to be remembered.
                         Some(_) => theme::VEHICLE,
                         None => self.settings.robots.of(&found.robot),
                     },
                 });
-                let commands = self.screen.show(ui, around, robot, now);
+                let commands = self.screen.show(ui, context, robot, now);
                 let map_view = self.screen.map_view();
                 let rectangle_m = map_view.visible_m().map(|edge_m| edge_m as f32);
-                model.look_at(rectangle_m, map_view.shown_layers());
+                model.set_view(rectangle_m, map_view.shown_layers());
                 commands
             }
-            None => self.screen.show(ui, around, None, now),
+            None => self.screen.show(ui, context, None, now),
         };
         let is_typing = self.screen.is_typing(ui.ctx());
         if has_late_space && !is_typing {
-            self.hands.apply(InputEvent::EStop);
+            self.teleop_handle.apply(InputEvent::EStop);
         }
-        self.hands.apply(InputEvent::Typing(is_typing));
+        self.teleop_handle.apply(InputEvent::Typing(is_typing));
         let of_recordings = wound
             .map(Command::Playback)
             .into_iter()
             .chain(dropped_or_typed);
         for command in commands.into_iter().chain(of_recordings) {
-            self.obey(command);
+            self.execute(command);
         }
     }
 
     fn on_exit(&mut self, _gl: Option<&eframe::glow::Context>) {
         self.keep();
         // Waits until it is written.
-        self.keeper = None;
+        self.settings_writer = None;
     }
 }

@@ -10,23 +10,23 @@ use robot_edge::clock::Monotonic;
 
 use super::dialogs::Dialogs;
 use super::export_job::ExportProgress;
-use super::menus::{Choice, MenuSight, menus_ui};
-use super::surroundings::surroundings;
+use super::menus::{Choice, MenuState, menus_ui};
+use super::robot_overlay::robot_overlay_data;
 use crate::alerts::FleetAlerts;
 use crate::command::{Command, Look};
 use crate::event_log::EventLog;
-use crate::helm::HelmSight;
 use crate::map_view::{MapView, Overlay};
 use crate::model::ConsoleModel;
 use crate::panels::addresses::AddressEntry;
-use crate::panels::connection::LinkSight;
+use crate::panels::connection::LinkStatus;
 use crate::panels::driving::{DrivingData, DrivingEntry};
 use crate::panels::events::EventFilter;
 use crate::panels::notice::{NoticeData, NoticeRoom, notice_ui};
 use crate::panels::robots::RobotsData;
 use crate::panels::top_bar::{TopBarData, right_bar_ui, robot_bar_ui};
 use crate::settings::{Appearance, Settings};
-use crate::shortcuts::{Action, KeyScene, Pressed, TypeAhead, pressed};
+use crate::shortcuts::{Action, KeyContext, Pressed, TypeAhead, pressed};
+use crate::teleop_client::TeleopClientState;
 use crate::workspace::{PanelId, Workspace, is_tight};
 
 use contents::Panels;
@@ -54,20 +54,20 @@ pub struct Screen {
 }
 
 /// What is shown of one robot.
-pub struct RobotSight<'a> {
+pub struct ShownRobot<'a> {
     /// The robot.
     pub model: &'a mut ConsoleModel,
     /// Its link.
-    pub link: &'a LinkSight,
+    pub link: &'a LinkStatus,
     /// Its helm, where there is one.
-    pub helm: Option<&'a HelmSight>,
+    pub teleop_client: Option<&'a TeleopClientState>,
     /// Its own colour.
     pub color: Color32,
 }
 
 /// What is shown whether there is a robot or not.
 #[derive(Clone, Copy)]
-pub struct Around<'a> {
+pub struct ScreenContext<'a> {
     /// Who is on the network.
     pub robots: &'a RobotsData,
     /// What happened.
@@ -81,10 +81,10 @@ pub struct Around<'a> {
 /// What panels draw from.
 #[derive(Clone, Copy)]
 struct Scene<'a> {
-    around: Around<'a>,
-    robot: Option<(&'a ConsoleModel, &'a LinkSight)>,
+    context: ScreenContext<'a>,
+    robot: Option<(&'a ConsoleModel, &'a LinkStatus)>,
     driving: Option<&'a DrivingData>,
-    helm: Option<&'a HelmSight>,
+    teleop_client: Option<&'a TeleopClientState>,
     now: Monotonic,
 }
 
@@ -111,7 +111,7 @@ impl Screen {
     pub fn keep(&self, settings: &mut Settings) {
         settings.layout = Some(self.workspace.layout());
         settings.appearance = self.appearance;
-        settings.map = Some(self.map_view.look_state().clone());
+        settings.map = Some(self.map_view.settings().clone());
         self.dialogs.keep(settings);
     }
 
@@ -156,34 +156,36 @@ impl Screen {
     pub fn show(
         &mut self,
         ui: &mut Ui,
-        around: Around<'_>,
-        mut robot: Option<RobotSight<'_>>,
+        context: ScreenContext<'_>,
+        mut robot: Option<ShownRobot<'_>>,
         now: Monotonic,
     ) -> Vec<Command> {
         // A recording is none of those on the network, and a robot alone need not be told from others.
-        let found = around.robots.found.len();
+        let found = context.robots.found.len();
         let color = robot.as_ref().and_then(|robot| {
             let is_alone = found < 2 || robot.link.recording.is_some();
             (!is_alone).then_some(robot.color)
         });
-        if let Some(RobotSight {
+        if let Some(ShownRobot {
             model, color: own, ..
         }) = &mut robot
         {
-            model.want_scan(self.map_view.look_state().has(Overlay::Sensors));
-            self.map_view.surround(surroundings(model, *own, now));
+            model.want_scan(self.map_view.settings().has(Overlay::Sensors));
+            self.map_view
+                .set_robot_overlay(robot_overlay_data(model, *own, now));
             self.map_view.update(model);
             ui.ctx().request_repaint_after(AGES_PERIOD);
         }
-        let helm = robot.as_ref().and_then(|robot| robot.helm);
-        let is_driving = helm.is_some_and(|helm| helm.lease.held().is_some());
+        let teleop_client = robot.as_ref().and_then(|robot| robot.teleop_client);
+        let is_driving =
+            teleop_client.is_some_and(|teleop_client| teleop_client.lease.held().is_some());
         let bar = robot
             .as_ref()
-            .map(|robot| TopBarData::new(robot.model, robot.link, robot.helm, color, now));
-        let robot = robot.map(|RobotSight { model, link, .. }| (&*model, link));
+            .map(|robot| TopBarData::new(robot.model, robot.link, robot.teleop_client, color, now));
+        let robot = robot.map(|ShownRobot { model, link, .. }| (&*model, link));
         let driving = robot
-            .zip(helm)
-            .and_then(|((model, _), helm)| DrivingData::new(model, helm, now));
+            .zip(teleop_client)
+            .and_then(|((model, _), teleop_client)| DrivingData::new(model, teleop_client, now));
         if driving
             .as_ref()
             .is_some_and(|driving| !driving.is_at_rest())
@@ -191,13 +193,13 @@ impl Screen {
             ui.ctx().request_repaint_after(DRIVING_PERIOD);
         }
         let scene = Scene {
-            around,
+            context,
             robot,
             driving: driving.as_ref(),
-            helm,
+            teleop_client,
             now,
         };
-        let keys = KeyScene {
+        let keys = KeyContext {
             is_driving,
             has_recording: robot.is_some_and(|(_, link)| link.recording.is_some()),
             was_typing: self.was_typing,
@@ -225,7 +227,7 @@ impl Screen {
             let (actions, commands) = (&mut actions, &mut commands);
             self.workspace.show(
                 ui,
-                |panel| scene.why_not(panel, is_tight).is_none(),
+                |panel| scene.unavailable_reason(panel, is_tight).is_none(),
                 &mut |ui, panel| panels.draw(ui, panel, scene, actions, commands),
             );
             (panels.notice_room.take(), panels.draws_shores)
@@ -235,19 +237,19 @@ impl Screen {
             // The list went away from under the hand.
             commands.push(Command::Look(Look::Hover(None)));
         }
-        if let Some(news) = NoticeData::new(around.log, now) {
+        if let Some(news) = NoticeData::new(context.log, now) {
             let room = on_map.unwrap_or_else(|| NoticeRoom::of_window(ui));
             notice_ui(ui, &news, &room);
         }
         let model = robot.map(|(model, _)| model);
-        let asked = self.dialogs.show(ui.ctx(), model, around.export);
+        let asked = self.dialogs.show(ui.ctx(), model, context.export);
         commands.extend(asked);
         for action in actions {
             commands.extend(self.act(ui.ctx(), action, scene));
         }
         let chooses_robot = |command: &Command| matches!(command, Command::Connect(_));
         if commands.iter().any(chooses_robot) {
-            self.address.forget_mistake();
+            self.address.clear_error();
         }
         self.was_typing = ui.ctx().text_edit_focused();
         commands
@@ -268,11 +270,11 @@ impl Screen {
             .show(ui, |ui| {
                 MenuBar::new().ui(ui, |ui| {
                     ui.set_min_height(30.0);
-                    let sight = MenuSight {
+                    let sight = MenuState {
                         workspace: &self.workspace,
                         appearance: self.appearance,
                         has_robot: scene.robot.is_some(),
-                        why_not: &|panel| scene.why_not(panel, self.is_tight),
+                        unavailable_reason: &|panel| scene.unavailable_reason(panel, self.is_tight),
                     };
                     match menus_ui(ui, &sight) {
                         Some(Choice::Act(action)) => actions.push(action),
@@ -287,11 +289,12 @@ impl Screen {
                     }
                     ui.separator();
                     // From the right first: what is in the middle gives way.
-                    let asked = right_bar_ui(ui, bar, scene.around.alerts.unseen(), |ui| {
-                        if let Some(bar) = bar {
-                            robot_bar_ui(ui, bar);
-                        }
-                    });
+                    let asked =
+                        right_bar_ui(ui, bar, scene.context.alerts.unacknowledged(), |ui| {
+                            if let Some(bar) = bar {
+                                robot_bar_ui(ui, bar);
+                            }
+                        });
                     commands.extend(asked.command);
                     if asked.shows_alerts {
                         self.workspace.set_wanted(PanelId::Alerts, true);

@@ -17,7 +17,7 @@ use crate::locks::lock;
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// What came of it; `None` while nothing has.
-pub type Outcome = Arc<Mutex<Option<anyhow::Result<()>>>>;
+pub type ScreenshotOutcome = Arc<Mutex<Option<anyhow::Result<()>>>>;
 
 /// Takes the picture when its time has come, and closes the window.
 pub struct Screenshot {
@@ -25,12 +25,12 @@ pub struct Screenshot {
     due: Monotonic,
     frames: u64,
     asked: Option<Monotonic>,
-    outcome: Outcome,
+    outcome: ScreenshotOutcome,
 }
 
 impl Screenshot {
     /// A picture of the window `after` this long, to `path`.
-    pub fn new(path: PathBuf, after: Duration, outcome: Outcome) -> Self {
+    pub fn new(path: PathBuf, after: Duration, outcome: ScreenshotOutcome) -> Self {
         Self {
             path,
             due: Monotonic::now() + after,
@@ -70,7 +70,7 @@ impl Screenshot {
     }
 }
 
-fn settled(outcome: &Outcome) -> bool {
+fn settled(outcome: &ScreenshotOutcome) -> bool {
     lock(outcome).is_some()
 }
 
@@ -78,7 +78,7 @@ fn settled(outcome: &Outcome) -> bool {
 ///
 /// # Errors
 /// Where there is none.
-pub fn result_of(outcome: &Outcome) -> anyhow::Result<()> {
+pub fn result_of(outcome: &ScreenshotOutcome) -> anyhow::Result<()> {
     lock(outcome).take().unwrap_or_else(|| {
         Err(anyhow!(
             "no picture was taken: the window was closed before, or gave none"
@@ -88,7 +88,7 @@ pub fn result_of(outcome: &Outcome) -> anyhow::Result<()> {
 
 /// Takes a picture of the window for the operator, and saves it from a thread of its own: encoding takes longer than the
 /// helm may wait. What is at `path` already stays as it is.
-pub(super) fn take(ctx: &Context, path: PathBuf, outcome: Outcome) {
+pub(super) fn take(ctx: &Context, path: PathBuf, outcome: ScreenshotOutcome) {
     let callback = ScreenshotCallback::new(move |image| {
         thread::spawn(move || {
             let folder = path.parent().unwrap_or(Path::new(""));
@@ -143,7 +143,7 @@ mod tests {
         // It cannot be written to.
         let file = File::open(&path).unwrap();
         assert!(save(file, &image).is_err());
-        let outcome = Outcome::default();
+        let outcome = ScreenshotOutcome::default();
         assert!(result_of(&outcome).is_err(), "the window was closed");
     }
 }

@@ -15,7 +15,7 @@ use crate::link::ModelHandle;
 use crate::model::{ConsoleModel, LinkState, TrajectoryProgress, VoxelsProgress};
 
 /// Between two looks at what is being fetched.
-const LOOK: Duration = Duration::from_millis(20);
+const POLL_PERIOD: Duration = Duration::from_millis(20);
 /// Longer than a link stalls that comes back.
 const SILENCE: Duration = Duration::from_secs(10);
 
@@ -26,7 +26,7 @@ const POSE_WAIT: Duration = Duration::from_millis(500);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fetching {
     /// It is asked for, or being made.
-    Asked,
+    Requested,
     /// So many tiles of a layer are known to be missing.
     Tiles(usize),
     /// Poses that came, of how many.
@@ -40,7 +40,7 @@ impl Fetching {
     pub fn share(self) -> f32 {
         let share = |[came, of]: [u64; 2]| came as f32 / of.max(1) as f32;
         match self {
-            Self::Asked | Self::Tiles(_) => 0.0,
+            Self::Requested | Self::Tiles(_) => 0.0,
             Self::Poses(came) => share(came),
             Self::Voxels(VoxelFile::Tree, came) => 0.5 * share(came),
             Self::Voxels(VoxelFile::Points, came) => 0.5 + 0.5 * share(came),
@@ -50,7 +50,7 @@ impl Fetching {
     /// Rises with what came.
     const fn progress(self) -> (u8, u64) {
         match self {
-            Self::Asked => (0, 0),
+            Self::Requested => (0, 0),
             Self::Tiles(missing) => (1, u64::MAX - missing as u64),
             Self::Poses([came, _]) | Self::Voxels(VoxelFile::Tree, [came, _]) => (1, came),
             Self::Voxels(VoxelFile::Points, [came, _]) => (2, came),
@@ -61,7 +61,7 @@ impl Fetching {
 impl fmt::Display for Fetching {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Asked => f.write_str("asked for, the robot makes it"),
+            Self::Requested => f.write_str("asked for, the robot makes it"),
             Self::Tiles(missing) => write!(f, "{missing} tiles to come"),
             Self::Poses([came, of]) => write!(f, "{came} of {of} poses fetched"),
             Self::Voxels(file, came) => {
@@ -113,7 +113,7 @@ impl<'a> Fetcher<'a> {
             let age = guard.connection().age(now);
             let came = match state(&guard, part, began, now) {
                 Ok(Some(_)) if self.model.is_left() => Err("something else is shown by now"),
-                Ok(Some(_)) if age.is_none_or(|age| age > SILENCE) => Err("the robot is not heard"),
+                Ok(Some(_)) if age.is_none_or(|age| age > SILENCE) => Err("no data from the robot"),
                 Ok(Some(_)) if now.since(since) > self.patience => {
                     Err("the robot sends no more of it")
                 }
@@ -125,24 +125,24 @@ impl<'a> Fetcher<'a> {
                         since = now;
                     }
                     if watch(fetching).is_break() {
-                        give_back(&mut self.model.lock(), part);
+                        release(&mut self.model.lock(), part);
                         return ControlFlow::Break(());
                     }
-                    thread::sleep(LOOK);
+                    thread::sleep(POLL_PERIOD);
                     continue;
                 }
                 Ok(None) => Ok(()),
                 Err(why) => Err(why),
             };
             let snapshot = Snapshot::of(&guard, part);
-            give_back(&mut guard, part);
+            release(&mut guard, part);
             return ControlFlow::Continue(match (came, part) {
                 (Ok(()), _) => Ok(snapshot),
                 (Err(why), ExportPart::Voxels) => {
                     Err(Error::msg(format!("{why}. Export it again later")))
                 }
                 (Err(why), ExportPart::Trajectory) => {
-                    Ok(snapshot.lacking(format!("only what was heard here, since {why}")))
+                    Ok(snapshot.lacking(format!("only what was received here: {why}")))
                 }
                 (Err(why), ExportPart::Layer(_) | ExportPart::Shores) => {
                     Ok(snapshot.lacking(format!("as far as it came, since {why}")))
@@ -162,16 +162,16 @@ impl Drop for Fetcher<'_> {
 /// Begins to fetch a part whose turn it is. The octree is on its way since the export began.
 fn want(model: &mut ConsoleModel, part: ExportPart) {
     match part {
-        ExportPart::Layer(layer) if part.is_in(model) => model.follow_too([layer].into()),
+        ExportPart::Layer(layer) if part.is_in(model) => model.want_for_export([layer].into()),
         ExportPart::Trajectory => model.want_trajectory(),
         ExportPart::Layer(_) | ExportPart::Shores | ExportPart::Voxels => {}
     }
 }
 
 /// The snapshot has it.
-fn give_back(model: &mut ConsoleModel, part: ExportPart) {
+fn release(model: &mut ConsoleModel, part: ExportPart) {
     match part {
-        ExportPart::Layer(_) => model.follow_too(BTreeSet::new()),
+        ExportPart::Layer(_) => model.want_for_export(BTreeSet::new()),
         ExportPart::Trajectory => model.drop_trajectory(),
         ExportPart::Voxels => model.drop_voxels(),
         ExportPart::Shores => {}
@@ -190,7 +190,7 @@ fn state(
     }
     Ok(match part {
         ExportPart::Layer(layer) => {
-            let step = model.map().steps().find(|step| step.layer == layer);
+            let step = model.map().layer_states().find(|step| step.layer == layer);
             let is_whole = step.is_some_and(|step| {
                 let is_last = model.has_ended() && step.is_equal;
                 is_last || step.last_equal.is_some_and(|at| at >= began)
@@ -201,19 +201,19 @@ fn state(
             match step {
                 Some(_) if is_whole && (knows_pose || now.since(began) > POSE_WAIT) => None,
                 Some(step) if step.missing > 0 => Some(Fetching::Tiles(step.missing)),
-                Some(_) | None => Some(Fetching::Asked),
+                Some(_) | None => Some(Fetching::Requested),
             }
         }
         ExportPart::Trajectory => match model.trajectory() {
             TrajectoryProgress::Ready(_) => None,
             TrajectoryProgress::Unwanted => return Err("the robot began anew meanwhile"),
-            TrajectoryProgress::Waiting => Some(Fetching::Asked),
+            TrajectoryProgress::Waiting => Some(Fetching::Requested),
             TrajectoryProgress::Fetching { fetched, of } => Some(Fetching::Poses([fetched, of])),
         },
         ExportPart::Voxels => match model.voxels() {
             VoxelsProgress::Ready(_) | VoxelsProgress::None => None,
             VoxelsProgress::Unwanted => return Err("nobody has asked for it"),
-            VoxelsProgress::Waiting => Some(Fetching::Asked),
+            VoxelsProgress::Waiting => Some(Fetching::Requested),
             VoxelsProgress::Fetching { file, fetched, of } => {
                 Some(Fetching::Voxels(file, [fetched, of]))
             }
@@ -222,7 +222,7 @@ fn state(
         // They come by themselves, while the robot is heard.
         ExportPart::Shores => {
             let is_heard = model.connection().state(now) == LinkState::Live;
-            (!is_heard && !model.has_ended()).then_some(Fetching::Asked)
+            (!is_heard && !model.has_ended()).then_some(Fetching::Requested)
         }
     })
 }

@@ -198,13 +198,13 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("file");
         fs::write(&file, "").unwrap();
-        let told = format!(
+        let actual = format!(
             "{} is a file and no folder. Choose another folder",
             file.display()
         );
         for folder in [file.join("maps"), file] {
             let error = export_parts(&folder, PARTS, |_, _| unreachable!()).unwrap_err();
-            assert_eq!(error.to_string(), told);
+            assert_eq!(error.to_string(), actual);
         }
     }
 

@@ -15,7 +15,7 @@ const MAX_EVENTS: usize = 256;
 pub struct Gamepads {
     gilrs: Option<Gilrs>,
     touched: Option<GamepadId>,
-    told: Option<PadReading>,
+    last_reading: Option<PadReading>,
 }
 
 impl Gamepads {
@@ -27,7 +27,7 @@ impl Gamepads {
         Self {
             gilrs,
             touched: None,
-            told: None,
+            last_reading: None,
         }
     }
 
@@ -43,7 +43,7 @@ impl Gamepads {
             };
             if event.event == EventType::Disconnected && self.touched == Some(event.id) {
                 self.touched = None;
-                self.told = None;
+                self.last_reading = None;
                 events.push(InputEvent::PadGone);
             }
             // Sticks and releases are read as they are, below.
@@ -52,7 +52,9 @@ impl Gamepads {
                     events.push(InputEvent::EStop);
                 }
                 // Another pad takes over only by its dead-man button, and not while one is held.
-                let is_held = self.told.is_some_and(|told| told.is_deadman_held);
+                let is_held = self
+                    .last_reading
+                    .is_some_and(|last_reading| last_reading.is_deadman_held);
                 if button == DEADMAN && !is_held {
                     self.touched = Some(event.id);
                 }
@@ -66,8 +68,8 @@ impl Gamepads {
             forward: pad.value(Axis::LeftStickY),
             left: -pad.value(Axis::LeftStickX),
         };
-        if self.told != Some(reading) {
-            self.told = Some(reading);
+        if self.last_reading != Some(reading) {
+            self.last_reading = Some(reading);
             events.push(InputEvent::Pad(reading));
         }
         events.into_iter()

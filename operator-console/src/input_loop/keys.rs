@@ -6,7 +6,7 @@ use crate::teleop_input::{DriveKey, SpeedStep};
 
 /// What a key does at the helm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum HelmKey {
+pub(super) enum TeleopKey {
     /// It drives while it is held.
     Drive(DriveKey),
     /// It says how fast the others do.
@@ -36,19 +36,19 @@ const STEPS: [[KeyCode; 2]; SpeedStep::COUNT as usize] = [
 ];
 
 /// What the key at this place of the keyboard does, whatever is printed on it.
-pub(super) fn helm_key(key: PhysicalKey) -> Option<HelmKey> {
+pub(super) fn teleop_key(key: PhysicalKey) -> Option<TeleopKey> {
     let PhysicalKey::Code(code) = key else {
         return None;
     };
     if code == KeyCode::Space {
-        return Some(HelmKey::EStop);
+        return Some(TeleopKey::EStop);
     }
     let drive = DRIVE.into_iter().find(|(at, _)| *at == code);
     let mut steps = STEPS.iter().zip(SpeedStep::all());
     let step = steps.find(|(at, _)| at.contains(&code));
     drive
-        .map(|(_, key)| HelmKey::Drive(key))
-        .or_else(|| step.map(|(_, step)| HelmKey::Step(step)))
+        .map(|(_, key)| TeleopKey::Drive(key))
+        .or_else(|| step.map(|(_, step)| TeleopKey::Step(step)))
 }
 
 #[cfg(test)]
@@ -61,13 +61,13 @@ mod tests {
     fn every_key_that_drives_is_somewhere_once() {
         let keys: Vec<_> = DRIVE.iter().map(|(_, key)| *key).collect();
         assert_eq!(keys, DriveKey::ALL);
-        let of = |code| helm_key(PhysicalKey::Code(code));
-        assert_eq!(of(KeyCode::Space), Some(HelmKey::EStop));
+        let of = |code| teleop_key(PhysicalKey::Code(code));
+        assert_eq!(of(KeyCode::Space), Some(TeleopKey::EStop));
         for key in [KeyCode::Digit4, KeyCode::Numpad4] {
-            assert_eq!(of(key), SpeedStep::new(4).map(HelmKey::Step));
+            assert_eq!(of(key), SpeedStep::new(4).map(TeleopKey::Step));
         }
         assert_eq!(of(KeyCode::KeyF), None, "it is the map's");
         let unknown = PhysicalKey::Unidentified(NativeKeyCode::Xkb(38));
-        assert_eq!(helm_key(unknown), None);
+        assert_eq!(teleop_key(unknown), None);
     }
 }

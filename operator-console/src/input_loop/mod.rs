@@ -20,10 +20,10 @@ use winit::keyboard::ModifiersState;
 use winit::window::WindowId;
 
 use crate::gamepad::Gamepads;
-use crate::hands::Hands;
+use crate::teleop_handle::TeleopHandle;
 use crate::teleop_input::InputEvent;
 
-use keys::{HelmKey, helm_key};
+use keys::{TeleopKey, teleop_key};
 
 /// An iteration that takes longer is worth a line in the log.
 const SLOW: Duration = Duration::from_millis(100);
@@ -33,7 +33,7 @@ const GAMEPAD_PERIOD: Duration = Duration::from_millis(20);
 /// eframe's loop, and the helm's around it.
 pub struct InputLoop<'a> {
     window: EframeWinitApplication<'a>,
-    hands: Rc<Hands>,
+    teleop_handle: Rc<TeleopHandle>,
     gamepads: Gamepads,
     modifiers: ModifiersState,
     began: Monotonic,
@@ -45,11 +45,11 @@ pub struct InputLoop<'a> {
 }
 
 impl<'a> InputLoop<'a> {
-    /// `hands` are those that the app in `window` knows too.
-    pub fn new(window: EframeWinitApplication<'a>, hands: Rc<Hands>) -> Self {
+    /// `teleop_handle` are those that the app in `window` knows too.
+    pub fn new(window: EframeWinitApplication<'a>, teleop_handle: Rc<TeleopHandle>) -> Self {
         Self {
             window,
-            hands,
+            teleop_handle,
             gamepads: Gamepads::open(),
             modifiers: ModifiersState::empty(),
             began: Monotonic::now(),
@@ -62,7 +62,7 @@ impl<'a> InputLoop<'a> {
     /// Sends what the events so far mean, then paints: nobody's command waits for a frame.
     fn paint(&mut self, event_loop: &ActiveEventLoop, id: WindowId) {
         let now = Monotonic::now();
-        if self.hands.is_driving() && now < self.paint_from {
+        if self.teleop_handle.is_driving() && now < self.paint_from {
             self.postponed = Some(id);
             return;
         }
@@ -77,9 +77,9 @@ impl<'a> InputLoop<'a> {
 
     fn send(&mut self, now: Monotonic) -> Option<Monotonic> {
         for event in self.gamepads.events() {
-            self.hands.apply(event);
+            self.teleop_handle.apply(event);
         }
-        self.hands.end(now)
+        self.teleop_handle.end(now)
     }
 
     /// Whether the event is the helm's alone.
@@ -93,13 +93,13 @@ impl<'a> InputLoop<'a> {
             return self.take_key(event, *is_synthetic);
         }
         if let WindowEvent::Focused(has_focus) = event {
-            self.hands.apply(InputEvent::Focus(*has_focus));
+            self.teleop_handle.apply(InputEvent::Focus(*has_focus));
         } else if let WindowEvent::Occluded(is_hidden) = event {
-            self.hands.apply(InputEvent::Visible(!is_hidden));
+            self.teleop_handle.apply(InputEvent::Visible(!is_hidden));
         } else if let WindowEvent::ModifiersChanged(modifiers) = event {
             self.modifiers = modifiers.state();
         } else if matches!(event, WindowEvent::CloseRequested | WindowEvent::Destroyed) {
-            self.hands.leave();
+            self.teleop_handle.shut_down();
         }
         false
     }
@@ -107,10 +107,10 @@ impl<'a> InputLoop<'a> {
     /// Presses may be the helm's alone. Releases are everybody's: who lets go of Ctrl before S, and whose window never
     /// hears of the S, would find the next Ctrl+S taken for one that repeats.
     fn take_key(&self, event: &KeyEvent, is_synthetic: bool) -> bool {
-        let Some(key) = helm_key(event.physical_key) else {
+        let Some(key) = teleop_key(event.physical_key) else {
             return false;
         };
-        if !self.hands.is_taken() {
+        if !self.teleop_handle.is_taken() {
             return false;
         }
         let is_down = event.state == ElementState::Pressed;
@@ -120,27 +120,28 @@ impl<'a> InputLoop<'a> {
             .intersects(ModifiersState::CONTROL | ModifiersState::ALT | ModifiersState::SUPER);
         match key {
             // While this operator drives, even where text is typed: nothing is more urgent. Else paths have spaces.
-            HelmKey::EStop => {
-                let is_text = self.hands.is_typing() && !self.hands.is_driving();
+            TeleopKey::EStop => {
+                let is_text = self.teleop_handle.is_typing() && !self.teleop_handle.is_driving();
                 if is_press && !is_text {
-                    self.hands.apply(InputEvent::EStop);
+                    self.teleop_handle.apply(InputEvent::EStop);
                 }
                 is_down && !is_text
             }
-            HelmKey::Drive(key) => {
-                self.hands.apply(match (is_down, is_press && is_plain) {
-                    (false, _) => InputEvent::Release(key),
-                    (true, true) => InputEvent::Press(key),
-                    (true, false) => InputEvent::StillDown(key),
-                });
+            TeleopKey::Drive(key) => {
+                self.teleop_handle
+                    .apply(match (is_down, is_press && is_plain) {
+                        (false, _) => InputEvent::Release(key),
+                        (true, true) => InputEvent::Press(key),
+                        (true, false) => InputEvent::StillDown(key),
+                    });
                 // Nobody drives with them now: the helm has heard of it all the same, and the map may be moved.
-                let is_for_the_map = key.is_arrow() && !self.hands.is_driving();
-                is_down && is_plain && !self.hands.is_typing() && !is_for_the_map
+                let is_for_the_map = key.is_arrow() && !self.teleop_handle.is_driving();
+                is_down && is_plain && !self.teleop_handle.is_typing() && !is_for_the_map
             }
-            HelmKey::Step(step) => {
-                let is_meant = is_plain && !self.hands.is_typing();
+            TeleopKey::Step(step) => {
+                let is_meant = is_plain && !self.teleop_handle.is_typing();
                 if is_press && is_meant {
-                    self.hands.apply(InputEvent::Step(step));
+                    self.teleop_handle.apply(InputEvent::Step(step));
                 }
                 is_down && is_meant
             }
@@ -151,7 +152,7 @@ impl<'a> InputLoop<'a> {
 impl ApplicationHandler<UserEvent> for InputLoop<'_> {
     fn new_events(&mut self, event_loop: &ActiveEventLoop, cause: StartCause) {
         self.began = Monotonic::now();
-        self.hands.begin(self.began);
+        self.teleop_handle.begin(self.began);
         self.window.new_events(event_loop, cause);
     }
 
@@ -187,7 +188,7 @@ impl ApplicationHandler<UserEvent> for InputLoop<'_> {
     }
 
     fn exiting(&mut self, event_loop: &ActiveEventLoop) {
-        self.hands.leave();
+        self.teleop_handle.shut_down();
         self.window.exiting(event_loop);
     }
 
@@ -196,7 +197,7 @@ impl ApplicationHandler<UserEvent> for InputLoop<'_> {
     }
 
     fn suspended(&mut self, event_loop: &ActiveEventLoop) {
-        self.hands.apply(InputEvent::Focus(false));
+        self.teleop_handle.apply(InputEvent::Focus(false));
         self.window.suspended(event_loop);
     }
 

@@ -12,9 +12,9 @@ use robot_edge::link::LinkError;
 use zenoh::{Session, Wait as _};
 
 /// A name that is not found for so long is not known. The system may go on looking for it.
-const NAME_TIME: Duration = Duration::from_secs(2);
+const LOOKUP_TIMEOUT: Duration = Duration::from_secs(2);
 /// Whoever listens takes a connection within this.
-const KNOCK_TIME: Duration = Duration::from_millis(700);
+const PROBE_TIMEOUT: Duration = Duration::from_millis(700);
 
 /// How it is at an address that is asked for robots.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -27,7 +27,7 @@ pub enum AddressState {
     /// Zenoh answers there, and knows of no robot.
     NoRobot,
     /// This robot answers there, as its certificate says, and tells this console nothing.
-    Untold {
+    AccessDenied {
         /// Its name.
         robot: RobotId,
         /// Whether it answers by QUIC, as it does at its port for control alone; else this may be that for tiles.
@@ -40,7 +40,7 @@ pub enum AddressState {
     /// Nothing comes back.
     Silent,
     /// Something listens there that does not answer as it was asked: without keys, or with them.
-    Foreign,
+    WrongProtocol,
     /// Something else, in words.
     Problem(String),
 }
@@ -49,11 +49,11 @@ impl AddressState {
     /// What a failure to ask at `address` means. May look up its name, and knock at its port: takes seconds at most.
     pub(super) fn of(why: &LinkError, address: &str) -> Self {
         match why {
-            LinkError::Open { .. } => place(address).map_or(Self::Silent, knock),
+            LinkError::Open { .. } => place(address).map_or(Self::Silent, probe_port),
             LinkError::Endpoint(_)
             | LinkError::Protocol { .. }
             | LinkError::Credentials(_)
-            | LinkError::Stranger { .. }
+            | LinkError::UnexpectedPeer { .. }
             | LinkError::Config { .. }
             | LinkError::Setting { .. }
             | LinkError::Declare { .. }
@@ -65,7 +65,7 @@ impl AddressState {
 
     /// What it means that whoever `session` is with told of no robot. To somebody who was not on its list of operators
     /// when it started, a vehicle is as if nothing were there; but its certificate says that it is a vehicle.
-    pub(super) fn of_nothing_told(session: &Session) -> Self {
+    pub(super) fn of_no_robot(session: &Session) -> Self {
         let mut links = session.info().links().wait();
         links.next().map_or(Self::NoRobot, |link| {
             Self::of_silent(link.auth_identifier(), link.dst().protocol().as_str())
@@ -75,7 +75,7 @@ impl AddressState {
     /// The same of whoever shows a certificate with this common name, or none.
     fn of_silent(common_name: Option<&str>, protocol: &str) -> Self {
         match common_name.and_then(|name| name.parse().ok()) {
-            Some(Identity::Vehicle(robot)) => Self::Untold {
+            Some(Identity::Vehicle(robot)) => Self::AccessDenied {
                 robot,
                 by_quic: protocol == "quic",
             },
@@ -84,20 +84,20 @@ impl AddressState {
     }
 
     /// The robot that surely answers there and tells this console nothing.
-    pub const fn untold(&self) -> Option<&RobotId> {
+    pub const fn access_denied(&self) -> Option<&RobotId> {
         match self {
-            Self::Untold {
+            Self::AccessDenied {
                 robot,
                 by_quic: true,
             } => Some(robot),
-            Self::Untold { by_quic: false, .. }
+            Self::AccessDenied { by_quic: false, .. }
             | Self::Asking
             | Self::Found
             | Self::NoRobot
             | Self::UnknownName
             | Self::Refused
             | Self::Silent
-            | Self::Foreign
+            | Self::WrongProtocol
             | Self::Problem(_) => None,
         }
     }
@@ -106,22 +106,20 @@ impl AddressState {
     pub fn complaint(&self, address: &str) -> Option<String> {
         match self {
             Self::Asking | Self::Found | Self::NoRobot => None,
-            Self::Untold { robot, by_quic } => {
+            Self::AccessDenied { robot, by_quic } => {
                 let tiles = if *by_quic {
                     ""
                 } else {
                     "; or this is its port for tiles"
                 };
                 Some(format!(
-                    "{robot} answers at {address} but tells you nothing: it does not have you on its list of operators; \
-                     whoever is added is let in within two seconds{tiles}"
+                    "{robot} answers at {address} but denies access: you are not on its list of operators; \
+                     access is granted within two seconds of being added{tiles}"
                 ))
             }
             Self::UnknownName => Some(format!("the name in {address} is not known")),
-            Self::Refused | Self::Silent => {
-                Some(format!("nobody answers at {address}; trying again"))
-            }
-            Self::Foreign => Some(format!(
+            Self::Refused | Self::Silent => Some(format!("no answer at {address}; trying again")),
+            Self::WrongProtocol => Some(format!(
                 "what listens at {address} does not answer as a robot: keys on one side only, or of another fleet?"
             )),
             Self::Problem(why) => Some(why.clone()),
@@ -139,12 +137,12 @@ pub fn place(address: &str) -> Option<(&str, u16)> {
 }
 
 /// Tries to reach a port by TCP, which every robot has open: with keys TLS is offered beside QUIC.
-fn knock((host, port): (&str, u16)) -> AddressState {
+fn probe_port((host, port): (&str, u16)) -> AddressState {
     let Some(found) = look_up(host, port) else {
         return AddressState::UnknownName;
     };
-    match TcpStream::connect_timeout(&found, KNOCK_TIME) {
-        Ok(_closed_at_once) => AddressState::Foreign,
+    match TcpStream::connect_timeout(&found, PROBE_TIMEOUT) {
+        Ok(_closed_at_once) => AddressState::WrongProtocol,
         Err(why) if why.kind() == ErrorKind::ConnectionRefused => AddressState::Refused,
         Err(_) => AddressState::Silent,
     }
@@ -165,7 +163,7 @@ fn look_up(host: &str, port: u16) -> Option<SocketAddr> {
             tracing::debug!(name, "nobody waits for this name any more");
         }
     });
-    found.recv_timeout(NAME_TIME).ok().flatten()
+    found.recv_timeout(LOOKUP_TIMEOUT).ok().flatten()
 }
 
 #[cfg(test)]
@@ -189,13 +187,13 @@ mod tests {
     fn what_is_in_the_way_is_told_apart() {
         let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
         let address = format!("tcp/{}", listener.local_addr().unwrap());
-        assert_eq!(of(&address), AddressState::Foreign);
+        assert_eq!(of(&address), AddressState::WrongProtocol);
         drop(listener);
         assert_eq!(of(&address), AddressState::Refused);
         // RFC 6761: never the name of a computer.
         let unknown = "tcp/nosuchhost.invalid:7447";
         assert_eq!(of(unknown), AddressState::UnknownName);
-        let why = LinkError::Stranger {
+        let why = LinkError::UnexpectedPeer {
             endpoints: "quic/boat:7447".to_owned(),
             name: "eve".to_owned(),
         };
@@ -207,25 +205,25 @@ mod tests {
 
     #[test]
     fn a_vehicle_that_tells_nothing_is_told_from_a_router_that_knows_of_none() {
-        let untold = |by_quic| AddressState::Untold {
+        let access_denied = |by_quic| AddressState::AccessDenied {
             robot: "scout".parse().unwrap(),
             by_quic,
         };
         for (name, protocol, expected) in [
-            (Some("vehicle:scout"), "quic", untold(true)),
-            (Some("vehicle:scout"), "tls", untold(false)),
+            (Some("vehicle:scout"), "quic", access_denied(true)),
+            (Some("vehicle:scout"), "tls", access_denied(false)),
             (Some("router:"), "quic", AddressState::NoRobot),
             (None, "tcp", AddressState::NoRobot),
         ] {
             assert_eq!(AddressState::of_silent(name, protocol), expected);
         }
-        let words = untold(true).complaint("quic/boat:7447").unwrap();
+        let words = access_denied(true).complaint("quic/boat:7447").unwrap();
         assert_eq!(
             words,
-            "scout answers at quic/boat:7447 but tells you nothing: it does not have you on its list of operators; \
-             whoever is added is let in within two seconds"
+            "scout answers at quic/boat:7447 but denies access: you are not on its list of operators; \
+             access is granted within two seconds of being added"
         );
-        let words = untold(false).complaint("quic/boat:7448").unwrap();
+        let words = access_denied(false).complaint("quic/boat:7448").unwrap();
         assert!(
             words.ends_with("; or this is its port for tiles"),
             "{words}"
@@ -255,7 +253,7 @@ mod tests {
         ] {
             assert_eq!(complaint(quiet), None);
         }
-        let nobody = Some("nobody answers at tcp/boat:7447; trying again".to_owned());
+        let nobody = Some("no answer at tcp/boat:7447; trying again".to_owned());
         assert_eq!(complaint(AddressState::Silent), nobody);
         assert_eq!(complaint(AddressState::Refused), nobody);
         let unknown = Some("the name in tcp/boat:7447 is not known".to_owned());

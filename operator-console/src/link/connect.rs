@@ -98,7 +98,7 @@ impl Connections {
     }
 
     /// How many of its questions the helm was answered.
-    pub(super) fn answers_to_helm(&self) -> u64 {
+    pub(super) fn teleop_answers(&self) -> u64 {
         self.state.tap.answers()
     }
 
@@ -129,7 +129,7 @@ impl Connections {
     }
 
     /// Sees by what way messages come at the moment; a session that reconnects may have taken another.
-    pub(super) fn look_at_links(&self) {
+    pub(super) fn update_transport(&self) {
         let session = lock(&self.state.control).clone();
         let transport = session.and_then(|session| Transport::of(&session, &self.state.asked));
         // While there is no link, the last way is what there was.
@@ -173,7 +173,7 @@ impl State {
     }
 
     /// Says why the session of `channel` cannot be opened, or that it is open.
-    pub(super) fn tell_problem(&self, channel: Channel, problem: Option<String>) {
+    pub(super) fn set_problem(&self, channel: Channel, problem: Option<String>) {
         let mut problems = lock(&self.problems);
         match channel {
             Channel::Control => problems.control = problem,

@@ -25,7 +25,7 @@ use zenoh::{Session, Wait};
 
 use super::address_state::AddressState;
 use super::fleet_state::FleetState;
-use super::known_robots::{Answer, FoundRobot, KnownRobots, MAX_ROBOTS, Round, Sighting};
+use super::known_robots::{Answer, DiscoveredRobot, FoundRobot, KnownRobots, MAX_ROBOTS, Round};
 use super::opening::close;
 use crate::locks::lock;
 
@@ -38,7 +38,7 @@ const PAUSE: Duration = Duration::from_secs(2);
 /// Between two rounds otherwise: they use the link that somebody watches a robot over.
 const LONG_PAUSE: Duration = Duration::from_secs(10);
 /// A robot that did not answer for so long has missed a round.
-pub const SEEN_LATELY: Duration = Duration::from_secs(15);
+pub const SEEN_RECENTLY: Duration = Duration::from_secs(15);
 /// Processes that are asked in one round.
 const MAX_ADDRESSES: usize = 32;
 /// Of these at once.
@@ -116,20 +116,20 @@ impl Discovery {
     }
 
     /// The robots that surely answer at an address that is asked, and tell this console nothing.
-    pub fn untold(&self) -> BTreeSet<RobotId> {
+    pub fn access_denied(&self) -> BTreeSet<RobotId> {
         let asked = lock(&self.state.typed);
-        let untold = asked.values().filter_map(AddressState::untold);
-        untold.cloned().collect()
+        let access_denied = asked.values().filter_map(AddressState::access_denied);
+        access_denied.cloned().collect()
     }
 
     /// A robot was heard by its own link: it was so then, whatever was found before.
-    pub fn tell(&self, robot: &RobotId, state: FleetState, at: Monotonic) {
-        lock(&self.state.found).tell(robot, state, at);
+    pub fn update_state(&self, robot: &RobotId, state: FleetState, at: Monotonic) {
+        lock(&self.state.found).update_state(robot, state, at);
     }
 
     /// A robot was heard by its own link at that time, whatever it said.
-    pub fn hear(&self, robot: &RobotId, at: Monotonic) {
-        lock(&self.state.found).hear(robot, at);
+    pub fn mark_seen(&self, robot: &RobotId, at: Monotonic) {
+        lock(&self.state.found).mark_seen(robot, at);
     }
 
     /// This robot is listed no more, unless it answers again.
@@ -147,8 +147,8 @@ impl Discovery {
 
     /// The robots that were found and not forgotten since, in the order in which they were first found, with what they
     /// said of themselves last.
-    pub fn sightings(&self) -> Vec<Sighting> {
-        lock(&self.state.found).sightings().collect()
+    pub fn discovered_robots(&self) -> Vec<DiscoveredRobot> {
+        lock(&self.state.found).discovered_robots().collect()
     }
 
     /// Why the local network cannot be searched, in words.
@@ -186,7 +186,7 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
         let mut found = Round::new();
         let mut changed = false;
         ask_all(state, &typed, &mut found, |address, came_of_it| {
-            changed |= state.tell(address, came_of_it);
+            changed |= state.update_state(address, came_of_it);
         });
         if changed {
             // What is known of an address waits for no scouting.
@@ -221,7 +221,7 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
 
 impl State {
     /// Notes what came of asking at an address that was typed; whether that is another than before.
-    fn tell(&self, address: &str, came_of_it: AddressState) -> bool {
+    fn update_state(&self, address: &str, came_of_it: AddressState) -> bool {
         // It may have been forgotten while it was asked.
         let mut typed = lock(&self.typed);
         typed.get_mut(address).is_some_and(|state| {
@@ -236,7 +236,7 @@ fn ask_all(
     state: &State,
     addresses: &[String],
     found: &mut Round,
-    mut tell: impl FnMut(&str, AddressState),
+    mut update_state: impl FnMut(&str, AddressState),
 ) {
     let addresses = &addresses[..addresses.len().min(MAX_ADDRESSES)];
     // Side by side: one that does not answer holds up no other.
@@ -260,7 +260,7 @@ fn ask_all(
                 Ok(Err(why)) => why,
                 Err(_panic) => AddressState::Problem(format!("{address} could not be asked")),
             };
-            tell(address, came_of_it);
+            update_state(address, came_of_it);
         }
     }
 }
@@ -334,7 +334,7 @@ fn robots_at(session: &Session, address: &str) -> Result<Round, AddressState> {
         return Err(if is_late {
             AddressState::Silent
         } else {
-            AddressState::of_nothing_told(session)
+            AddressState::of_no_robot(session)
         });
     }
     let deadline = Monotonic::now() + STATUS_TIME;

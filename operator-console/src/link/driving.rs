@@ -17,22 +17,22 @@ use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::query::{ConsolidationMode, Reply};
 use zenoh::{Session, Wait};
 
-use crate::helm::{Heard, Newest, RequestNumber, SignedMessage};
 use crate::locks::lock;
+use crate::teleop_client::{LatestPose, RequestNumber, SignedMessage, TeleopMessage};
 
 /// Commands that wait for Zenoh at most: what a loop makes in a third of a second. Beyond that the link hangs, and what
 /// is older than that the robot would refuse.
 const MAX_COMMANDS: usize = 16;
 /// States and answers that wait for the helm at most.
-const MAX_HEARD: usize = 64;
+const MAX_MESSAGES: usize = 64;
 /// An answer that takes longer comes to nobody. The emergency stop is repeated meanwhile.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// What the link's callbacks put into, and the helm takes out of.
 #[derive(Debug)]
 pub(super) struct Tap {
-    newest: Mutex<Option<Newest>>,
-    heard: SyncSender<Heard>,
+    newest: Mutex<Option<LatestPose>>,
+    messages: SyncSender<TeleopMessage>,
     /// Answers that were heard: who draws wants to know. What statuses say of it, the model tells.
     answers: AtomicU64,
 }
@@ -40,21 +40,21 @@ pub(super) struct Tap {
 /// The helm's end of the link to one robot.
 pub struct DrivingLink {
     tap: Arc<Tap>,
-    heard: Receiver<Heard>,
+    messages: Receiver<TeleopMessage>,
     commands: SyncSender<SignedMessage>,
     /// Messages that Zenoh has not taken yet.
     unsent: Arc<AtomicUsize>,
 }
 
 impl Tap {
-    pub(super) fn new() -> (Arc<Self>, Receiver<Heard>) {
-        let (sender, heard) = sync_channel(MAX_HEARD);
+    pub(super) fn new() -> (Arc<Self>, Receiver<TeleopMessage>) {
+        let (sender, messages) = sync_channel(MAX_MESSAGES);
         let tap = Self {
             newest: Mutex::default(),
-            heard: sender,
+            messages: sender,
             answers: AtomicU64::new(0),
         };
-        (Arc::new(tap), heard)
+        (Arc::new(tap), messages)
     }
 
     pub(super) fn answers(&self) -> u64 {
@@ -66,7 +66,7 @@ impl Tap {
         let Ok((header, pose)) = wire::decode::<Pose>(bytes) else {
             return;
         };
-        let newest = Newest {
+        let newest = LatestPose {
             boot: header.boot,
             token: pose.token,
             velocity: [pose.speed_mps, pose.turn_rate_radps],
@@ -85,7 +85,7 @@ impl Tap {
     /// A status came.
     pub(super) fn take_status(&self, bytes: &[u8]) {
         if let Ok((header, status)) = wire::decode::<Status>(bytes) {
-            self.tell(Heard::Status {
+            self.forward(TeleopMessage::Status {
                 boot: header.boot,
                 teleop: status.teleop.map(Box::new),
             });
@@ -98,7 +98,7 @@ impl Tap {
         };
         match wire::decode::<Answer>(&sample.payload().to_bytes()) {
             Ok((header, answer)) => {
-                self.tell(Heard::Answer {
+                self.forward(TeleopMessage::Answer {
                     request,
                     boot: header.boot,
                     answer,
@@ -109,9 +109,9 @@ impl Tap {
         }
     }
 
-    fn tell(&self, heard: Heard) {
+    fn forward(&self, message: TeleopMessage) {
         // A helm that does not listen gets a newer status as soon as it does, and takes no answer for none.
-        let _is_full = self.heard.try_send(heard);
+        let _is_full = self.messages.try_send(message);
     }
 }
 
@@ -119,7 +119,7 @@ impl DrivingLink {
     /// Begins to send what the helm wants over what `session` returns, which is none while there is no link.
     pub(super) fn start(
         tap: Arc<Tap>,
-        heard: Receiver<Heard>,
+        messages: Receiver<TeleopMessage>,
         session: impl Fn() -> Option<Session> + Send + 'static,
     ) -> Self {
         let (commands, to_send) = sync_channel(MAX_COMMANDS);
@@ -135,20 +135,20 @@ impl DrivingLink {
         });
         Self {
             tap,
-            heard,
+            messages,
             commands,
             unsent,
         }
     }
 
     /// The newest pose.
-    pub fn newest(&self) -> Option<Newest> {
+    pub fn newest(&self) -> Option<LatestPose> {
         *lock(&self.tap.newest)
     }
 
     /// What came since the last call, oldest first.
-    pub fn heard(&self) -> impl Iterator<Item = Heard> + '_ {
-        self.heard.try_iter().take(MAX_HEARD)
+    pub fn messages(&self) -> impl Iterator<Item = TeleopMessage> + '_ {
+        self.messages.try_iter().take(MAX_MESSAGES)
     }
 
     /// Hands a message to Zenoh, once and at once, or drops it. Never waits.
@@ -160,7 +160,7 @@ impl DrivingLink {
                 self.unsent.fetch_sub(1, Ordering::Release);
                 tracing::warn!(topic = ?message.topic, "the link hangs: a command was dropped");
                 if let Some(request) = message.request {
-                    self.tap.tell(Heard::NoAnswer { request });
+                    self.tap.forward(TeleopMessage::NoAnswer { request });
                 }
             }
         }
@@ -184,7 +184,7 @@ fn hand_over(tap: &Arc<Tap>, session: Option<Session>, message: SignedMessage) {
     if let Err(why) = sent {
         tracing::debug!(%why, "a command was not sent");
         if let Some(request) = request {
-            tap.tell(Heard::NoAnswer { request });
+            tap.forward(TeleopMessage::NoAnswer { request });
         }
     }
 }
@@ -219,7 +219,7 @@ fn send(tap: &Arc<Tap>, session: &Session, message: SignedMessage) -> Result<(),
         .with(CallbackDrop {
             callback: move |reply: Reply| on_reply.take_reply(request, &reply),
             // Behind the answer, where one came.
-            drop: move || on_end.tell(Heard::NoAnswer { request }),
+            drop: move || on_end.forward(TeleopMessage::NoAnswer { request }),
         })
         .wait()
 }

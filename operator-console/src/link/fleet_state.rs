@@ -7,14 +7,14 @@ use protocol::message::{Status, TeleopState};
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FleetState {
     /// It cannot be driven: a recording, or a robot without motors.
-    Undriven,
+    NotDrivable,
     /// Its data has ended: there is nothing more to drive.
     Ended,
     /// Nobody drives it.
     Free,
     /// This operator does.
     DrivenBy(OperatorId),
-    /// An emergency stop is in force.
+    /// An emergency stop is active.
     EStop {
         /// Its data has ended, too.
         has_ended: bool,
@@ -33,7 +33,7 @@ impl FleetState {
             return if status.has_ended {
                 Self::Ended
             } else {
-                Self::Undriven
+                Self::NotDrivable
             };
         };
         let has_ended = status.has_ended;
@@ -51,7 +51,7 @@ impl FleetState {
         match self {
             Self::Ended => true,
             Self::EStop { has_ended } | Self::Fault { has_ended } => *has_ended,
-            Self::Undriven | Self::Free | Self::DrivenBy(_) => false,
+            Self::NotDrivable | Self::Free | Self::DrivenBy(_) => false,
         }
     }
 }
@@ -61,7 +61,7 @@ mod tests {
     use protocol::message::{EStopStatus, FaultReason, TeleopStatus};
 
     use super::*;
-    use crate::pretend::standing;
+    use crate::test_support::idle_teleop_status;
 
     #[test]
     fn what_matters_most_is_said() {
@@ -71,7 +71,7 @@ mod tests {
                 ..Status::default()
             })
         };
-        let mut teleop = standing();
+        let mut teleop = idle_teleop_status();
         let anna: OperatorId = "anna".parse().unwrap();
         teleop.lease.holder = Some(anna.clone());
         assert_eq!(state(&teleop), FleetState::DrivenBy(anna));
@@ -94,11 +94,11 @@ mod tests {
                 ..Status::default()
             })
         };
-        let mut teleop = standing();
+        let mut teleop = idle_teleop_status();
         assert_eq!(state(Some(teleop.clone()), false), FleetState::Free);
         assert_eq!(state(Some(teleop.clone()), true), FleetState::Ended);
         assert_eq!(state(None, true), FleetState::Ended);
-        assert_eq!(state(None, false), FleetState::Undriven);
+        assert_eq!(state(None, false), FleetState::NotDrivable);
         teleop.state = TeleopState::Fault(FaultReason::Actuator);
         let fault = FleetState::Fault { has_ended: true };
         assert_eq!(

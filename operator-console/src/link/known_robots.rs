@@ -24,7 +24,7 @@ pub struct FoundRobot {
 
 /// A robot that was found, and what is known of it from looking for robots.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sighting {
+pub struct DiscoveredRobot {
     /// The robot.
     pub found: FoundRobot,
     /// When it answered last.
@@ -33,7 +33,7 @@ pub struct Sighting {
     pub state: Option<FleetState>,
 }
 
-impl Sighting {
+impl DiscoveredRobot {
     /// Whether it had said that its data has ended.
     pub fn has_ended(&self) -> bool {
         self.state.as_ref().is_some_and(FleetState::has_ended)
@@ -77,20 +77,20 @@ impl KnownRobots {
         }
         let mut changed = false;
         for (robot, answers) in answers {
-            changed |= self.heard(robot, answers);
+            changed |= self.add_answers(robot, answers);
         }
         changed || self.0.iter().any(|known| known.rounds == ROUNDS_KEPT)
     }
 
     /// A robot said more directly how it was at that time.
-    pub(super) fn tell(&mut self, robot: &RobotId, state: FleetState, at: Monotonic) {
+    pub(super) fn update_state(&mut self, robot: &RobotId, state: FleetState, at: Monotonic) {
         if let Some(known) = self.known(robot).filter(|known| known.seen < at) {
             (known.state, known.seen) = (Some(state), at);
         }
     }
 
     /// A robot was heard at that time, whatever it said.
-    pub(super) fn hear(&mut self, robot: &RobotId, at: Monotonic) {
+    pub(super) fn mark_seen(&mut self, robot: &RobotId, at: Monotonic) {
         if let Some(known) = self.known(robot) {
             known.seen = known.seen.max(at);
         }
@@ -102,8 +102,8 @@ impl KnownRobots {
     }
 
     /// All robots, in the order in which they were first found.
-    pub(super) fn sightings(&self) -> impl Iterator<Item = Sighting> {
-        self.0.iter().map(|known| Sighting {
+    pub(super) fn discovered_robots(&self) -> impl Iterator<Item = DiscoveredRobot> {
+        self.0.iter().map(|known| DiscoveredRobot {
             found: known.found.clone(),
             seen: known.seen,
             state: known.state.clone(),
@@ -134,7 +134,7 @@ impl KnownRobots {
     }
 
     /// `robot` has given these answers in one round, at different endpoints; whether anything is new.
-    fn heard(&mut self, robot: RobotId, answers: Vec<(String, Answer)>) -> bool {
+    fn add_answers(&mut self, robot: RobotId, answers: Vec<(String, Answer)>) -> bool {
         let mut all = self.0.iter();
         let known = all.find(|known| known.found.robot == robot);
         // While it answers where it is known, it stays there; else it is where it answers now.
@@ -176,7 +176,7 @@ impl KnownRobots {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pretend::at;
+    use crate::test_support::at;
 
     fn round(found: &[(&str, &str)], ms: u64) -> Round {
         let answer = Answer {
@@ -197,8 +197,10 @@ mod tests {
 
     fn listed(robots: &KnownRobots) -> Vec<(String, String, Monotonic)> {
         robots
-            .sightings()
-            .map(|Sighting { found, seen, .. }| (found.robot.to_string(), found.endpoint, seen))
+            .discovered_robots()
+            .map(|DiscoveredRobot { found, seen, .. }| {
+                (found.robot.to_string(), found.endpoint, seen)
+            })
             .collect()
     }
 
@@ -230,16 +232,16 @@ mod tests {
         let boat = "boat".parse().unwrap();
         let mut robots = KnownRobots::default();
         let states = |robots: &KnownRobots| -> Vec<_> {
-            let seen = robots.sightings();
-            seen.map(|sighting| (sighting.state.unwrap(), sighting.seen))
+            let seen = robots.discovered_robots();
+            seen.map(|discovered| (discovered.state.unwrap(), discovered.seen))
                 .collect()
         };
-        robots.tell(&boat, FleetState::EStop { has_ended: false }, at(1));
+        robots.update_state(&boat, FleetState::EStop { has_ended: false }, at(1));
         assert_eq!(states(&robots), [], "nobody could join it");
         robots.take(round(&[("boat", "tcp/b:1")], 5));
-        robots.tell(&boat, FleetState::EStop { has_ended: false }, at(4));
+        robots.update_state(&boat, FleetState::EStop { has_ended: false }, at(4));
         assert_eq!(states(&robots), [(FleetState::Free, at(5))]);
-        robots.tell(&boat, FleetState::EStop { has_ended: false }, at(7));
+        robots.update_state(&boat, FleetState::EStop { has_ended: false }, at(7));
         assert_eq!(
             states(&robots),
             [(FleetState::EStop { has_ended: false }, at(7))]
@@ -279,7 +281,7 @@ mod tests {
         let mut robots = KnownRobots::default();
         robots.take(round(&[("boat", "tcp/b:1")], 5));
         for (heard_ms, seen_ms) in [(4, 5), (7, 7)] {
-            robots.hear(&boat, at(heard_ms));
+            robots.mark_seen(&boat, at(heard_ms));
             assert_eq!(listed(&robots), [line("boat", "tcp/b:1", seen_ms)]);
         }
     }

@@ -16,7 +16,7 @@ pub(super) struct LostLink {
 
 impl LostLink {
     /// Looks at whether there is a link at `now`; whether it has been lost for too long.
-    pub(super) fn look(&mut self, has_link: bool, now: Monotonic) -> bool {
+    pub(super) fn update(&mut self, has_link: bool, now: Monotonic) -> bool {
         if has_link {
             self.since = None;
             return false;
@@ -46,7 +46,7 @@ mod tests {
             (12_700, true, false),
             (12_800, false, false),
         ] {
-            assert_eq!(lost.look(has_link, at(ms)), is_over, "{ms} ms");
+            assert_eq!(lost.update(has_link, at(ms)), is_over, "{ms} ms");
         }
     }
 }

@@ -29,10 +29,10 @@ use crate::model::{ConsoleModel, Incoming, ModelSettings};
 use connect::Connections;
 
 pub use address_state::{AddressState, place};
-pub use discovery::{Discovery, SEEN_LATELY};
+pub use discovery::{Discovery, SEEN_RECENTLY};
 pub use driving::DrivingLink;
 pub use fleet_state::FleetState;
-pub use known_robots::{FoundRobot, Sighting};
+pub use known_robots::{DiscoveredRobot, FoundRobot};
 pub use transport::Transport;
 
 /// What of Zenoh's own log is for operators, in the syntax of `tracing_subscriber::EnvFilter`: errors, not
@@ -187,7 +187,7 @@ fn run(
     is_closing: &AtomicBool,
     wake: impl Fn(),
 ) {
-    let (mut seen, mut seen_surveys) = (None, 0);
+    let (mut seen, mut seen_sensor_updates) = (None, 0);
     let (mut woken, mut stirred) = (Monotonic::default(), Monotonic::default());
     let mut next_tick = Monotonic::now();
     let mut looked_at_links = Monotonic::default();
@@ -209,28 +209,28 @@ fn run(
         let outgoing = guard.outgoing(sessions, now);
         let changes = Some((
             guard.changes(),
-            connections.answers_to_helm(),
+            connections.teleop_answers(),
             sessions,
             connections.problem(),
             // Silence comes without a message, and is to be seen at once.
             guard.connection().state(now),
         ));
-        let surveys = guard.surveys();
+        let sensor_updates = guard.sensor_updates();
         drop(guard);
         for outgoing in outgoing {
             connections.send(outgoing);
         }
         if now.since(looked_at_links) >= LINK_PERIOD {
             looked_at_links = now;
-            connections.look_at_links();
+            connections.update_transport();
         }
         if changes != seen {
             stirred = now;
         }
         let is_calm = now.since(stirred) >= CALM_AFTER;
-        let is_new = changes != seen || (!is_calm && surveys != seen_surveys);
+        let is_new = changes != seen || (!is_calm && sensor_updates != seen_sensor_updates);
         if is_new && now.since(woken) >= WAKE_PERIOD {
-            (seen, seen_surveys, woken) = (changes, surveys, now);
+            (seen, seen_sensor_updates, woken) = (changes, sensor_updates, now);
             wake();
         }
         next_tick = now + TICK;

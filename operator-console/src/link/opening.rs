@@ -24,23 +24,23 @@ pub(super) fn keep_open(state: &Arc<State>, channel: Channel, endpoints: &Endpoi
     let has_other_way =
         attempts(channel, &endpoints.connect, has_keys).is_ok_and(|ways| ways.len() > 1);
     let mut is_first = true;
-    while let Some(session) = open_in_the_end(state, channel, endpoints, is_first) {
+    while let Some(session) = open_with_retries(state, channel, endpoints, is_first) {
         is_first = false;
-        if !has_other_way || !is_lost_in_the_end(state, &session) {
+        if !has_other_way || !wait_until_lost(state, &session) {
             return;
         }
         tracing::info!("the link is lost; it is opened anew, by whatever way answers");
         let taken = lock(state.session(channel)).take();
-        taken.into_iter().for_each(close_aside);
+        taken.into_iter().for_each(close_in_background);
     }
 }
 
 /// Waits until the session has lost its link for good; false where it is not wanted any more.
-fn is_lost_in_the_end(state: &State, session: &Session) -> bool {
+fn wait_until_lost(state: &State, session: &Session) -> bool {
     let mut lost = LostLink::default();
     while !state.is_closing() {
         let has_link = session.info().links().wait().next().is_some();
-        if lost.look(has_link, Monotonic::now()) {
+        if lost.update(has_link, Monotonic::now()) {
             return true;
         }
         clock::sleep_until(Monotonic::now() + RETRY_PERIOD, || state.is_closing());
@@ -49,7 +49,7 @@ fn is_lost_in_the_end(state: &State, session: &Session) -> bool {
 }
 
 /// Tries until the session is open; none where it is not wanted any more.
-fn open_in_the_end(
+fn open_with_retries(
     state: &Arc<State>,
     channel: Channel,
     endpoints: &Endpoints,
@@ -69,12 +69,12 @@ fn open_in_the_end(
                 }
                 *slot = Some(session.clone());
                 drop(slot);
-                state.tell_problem(channel, None);
+                state.set_problem(channel, None);
                 return Some(session);
             }
             Err(why) => {
                 tracing::debug!(%why, "not connected yet");
-                state.tell_problem(channel, Some(in_words(&why, channel, endpoints)));
+                state.set_problem(channel, Some(in_words(&why, channel, endpoints)));
             }
         }
         is_first = false;
@@ -94,7 +94,7 @@ fn open(channel: Channel, endpoints: &Endpoints, is_first: bool) -> Result<Sessi
     thread::sleep(COMING_BACK);
     match sessions::open(Side::Console, channel, endpoints) {
         Ok(again) => {
-            close_aside(session);
+            close_in_background(session);
             Ok(again)
         }
         Err(_lost_again) => Ok(session),
@@ -102,7 +102,7 @@ fn open(channel: Channel, endpoints: &Endpoints, is_first: bool) -> Result<Sessi
 }
 
 /// Closing may wait for the network, and nobody waits for it.
-fn close_aside(session: Session) {
+fn close_in_background(session: Session) {
     thread::spawn(move || close(&session));
 }
 
@@ -116,18 +116,17 @@ pub(super) fn close(session: &Session) {
 fn in_words(why: &LinkError, channel: Channel, asked: &Endpoints) -> String {
     match (why, channel) {
         // One way of several is the last that failed: what was asked is all of them.
-        (LinkError::Open { .. }, Channel::Control) => format!(
-            "nobody answers at {}; trying again",
-            asked.connect.join(", ")
-        ),
+        (LinkError::Open { .. }, Channel::Control) => {
+            format!("no answer at {}; trying again", asked.connect.join(", "))
+        }
         (LinkError::Open { endpoints, .. }, Channel::Bulk) => {
-            format!("nobody answers at {endpoints}, where maps come from; trying again")
+            format!("no answer at {endpoints}, where maps come from; trying again")
         }
         (
             LinkError::Endpoint(_)
             | LinkError::Protocol { .. }
             | LinkError::Credentials(_)
-            | LinkError::Stranger { .. }
+            | LinkError::UnexpectedPeer { .. }
             | LinkError::Config { .. }
             | LinkError::Setting { .. }
             | LinkError::Declare { .. }

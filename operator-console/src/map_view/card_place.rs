@@ -15,7 +15,7 @@ pub(super) struct Others {
     /// The map.
     pub(super) screen: Rect,
     /// Its upper edge, or that of what a banner leaves of it.
-    pub(super) roof: f32,
+    pub(super) map_top: f32,
     /// Upper edge of the scale bar in the lower left corner.
     pub(super) bar: f32,
     /// The legends in the lower right corner, with their button.
@@ -91,7 +91,7 @@ impl CardPlace {
     fn high(others: Others, size: Vec2) -> Self {
         let Others {
             screen,
-            roof,
+            map_top,
             buttons,
             compass,
             ..
@@ -100,9 +100,9 @@ impl CardPlace {
         let until = |edge: f32| (edge - CARD_MARGIN - left).max(0.0);
         let beside = until(buttons.left().min(compass));
         let (top, width) = if beside >= size.x {
-            (roof, beside)
+            (map_top, beside)
         } else {
-            (buttons.bottom().max(roof), until(compass))
+            (buttons.bottom().max(map_top), until(compass))
         };
         Self {
             corner: pos2(left, top + CARD_MARGIN),
@@ -124,7 +124,7 @@ mod tests {
         let corner = screen.right_top() + vec2(-CARD_MARGIN, CARD_MARGIN);
         Others {
             screen,
-            roof: screen.top(),
+            map_top: screen.top(),
             bar: screen.bottom() - 60.0,
             legend: has_legend.then_some(legend),
             buttons: Rect::from_min_max(corner - vec2(116.0, 0.0), corner + vec2(0.0, 36.0)),
@@ -162,12 +162,12 @@ mod tests {
         for size in [vec2(398.0, 560.0), vec2(700.0, 560.0)] {
             let screen = Rect::from_min_size(pos2(0.0, 40.0), size);
             let mut others = others(screen, true);
-            others.roof += 60.0;
+            others.map_top += 60.0;
             others.buttons = others.buttons.translate(vec2(0.0, 60.0));
             let usual = CardPlace::new(others, card, &[]).rect(card);
             let rect = CardPlace::new(others, card, &[usual.center()]).rect(card);
             assert!(
-                rect.top() > others.roof && !rect.intersects(usual),
+                rect.top() > others.map_top && !rect.intersects(usual),
                 "{rect}"
             );
             assert!(!rect.intersects(others.buttons), "{size}: {rect}");

@@ -198,7 +198,7 @@ mod tests {
     use protocol::layer::LayerId;
     use protocol::tile::TileCells;
 
-    use super::super::highest_codes::highest_codes;
+    use super::super::max_codes::max_codes;
     use super::*;
 
     fn chunk(level: i8, tile: (i64, i64)) -> ChunkKey {
@@ -290,7 +290,7 @@ mod tests {
     ) -> ColorImage {
         let side = TILE_SIDE / level.cells_per_texel();
         let mut highest = vec![0; side * side];
-        highest_codes(cells, level.cells_per_texel(), &mut highest);
+        max_codes(cells, level.cells_per_texel(), &mut highest);
         let codes = Codes {
             highest: &highest,
             is_over_known: &[],

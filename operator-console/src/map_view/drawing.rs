@@ -5,8 +5,8 @@ use eframe::egui::{Color32, Context, Painter, Pos2, Rect, Sense, Ui, WidgetInfo,
 use protocol::layer::LayerId;
 use robot_edge::clock::Monotonic;
 
-use super::edges::knows_north;
 use super::frame_time::FrameTime;
+use super::map_controls::knows_north;
 use super::map_layers::MapLayers;
 use super::overlays::scale_bar::{self, ScaleBar};
 use super::overlays::shores::ShoreMarks;
@@ -25,9 +25,9 @@ impl MapView {
         let (screen, response) =
             ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
         self.screen = screen;
-        let stood = std::mem::take(&mut self.standing);
-        self.move_by_hand(ui, &response);
-        self.keep_in_sight(model);
+        let previous_occluders = std::mem::take(&mut self.occluders);
+        self.handle_pointer(ui, &response);
+        self.update_camera(model);
 
         let stale = StaleData::new(model, now);
         let is_stale = stale.is_some();
@@ -37,14 +37,17 @@ impl MapView {
         painter.rect_filled(screen, 0.0, self.ground(ui, model));
         self.paint_layers(ui.ctx(), &painter, model);
         if is_stale {
-            painter.rect_filled(screen, 0.0, theme::STALE_VEIL);
+            painter.rect_filled(screen, 0.0, theme::STALE_OVERLAY);
         }
         let bar_at = screen.left_bottom() + vec2(CARD_MARGIN, -CARD_MARGIN);
-        let bar = ScaleBar::new(self.camera.points_per_m(), self.beside_legend());
+        let bar = ScaleBar::new(self.camera.points_per_m(), self.width_beside_legend());
         let bar_place = scale_bar::place(&painter, bar_at, &bar);
-        if self.look.has(Overlay::Grid) {
+        if self.settings.has(Overlay::Grid) {
             let lines = grid::lines(&self.camera, screen);
-            let covered = stood.iter().copied().chain(self.legends_place());
+            let covered = previous_occluders
+                .iter()
+                .copied()
+                .chain(self.legends_place());
             let covered: Vec<_> = covered.chain([bar_place]).collect();
             grid::paint(&painter, &lines, (screen, &covered), ink, paper);
         }
@@ -55,10 +58,10 @@ impl MapView {
         self.paint_vehicle(&painter, model, vehicle_color, is_position_old);
         marks.paint_labels(&painter, ink, paper);
         // A map that can be dragged is hovered through the buttons on it.
-        let pointer = response.hover_pos().filter(|at| !self.is_stood_on(*at));
-        let aim = self.aim(pointer);
-        let measured = self.paint_ruler(&painter, model, aim, &marks.labels, ink, paper);
-        if self.is_aiming {
+        let pointer = response.hover_pos().filter(|at| !self.is_occluded(*at));
+        let probed_place = self.probed_place(pointer);
+        let measured = self.paint_ruler(&painter, model, probed_place, &marks.labels, ink, paper);
+        if self.is_center_probed {
             probe_card::paint_pin(&painter, screen.center());
         }
         response.widget_info(|| {
@@ -79,14 +82,14 @@ impl MapView {
         // Over all that is in the map, and below all that can be pressed.
         self.banner_ui(ui, stale.as_ref());
         if has_cards {
-            self.probe_ui(ui, aim, model, now);
+            self.probe_ui(ui, probed_place, model, now);
         }
-        if self.look.has(Overlay::Legend) {
+        if self.settings.has(Overlay::Legend) {
             self.legend_ui(ui, model);
         }
         let from_buttons = self.buttons_ui(ui);
         let from_compass = self.compass_ui(ui, model);
-        if self.look.has(Overlay::Grid) && self.standing != stood {
+        if self.settings.has(Overlay::Grid) && self.occluders != previous_occluders {
             // Its numbers keep clear of what stood on the map.
             ui.ctx().request_repaint();
         }
@@ -94,8 +97,8 @@ impl MapView {
     }
 
     /// What the legends leave of the map's width, points.
-    fn beside_legend(&self) -> f32 {
-        let legend = if self.look.has(Overlay::Legend) {
+    fn width_beside_legend(&self) -> f32 {
+        let legend = if self.settings.has(Overlay::Legend) {
             self.legend_width() + CARD_MARGIN
         } else {
             0.0
@@ -119,12 +122,13 @@ impl MapView {
         let mut time = FrameTime::new();
         let is_made = self
             .layers
-            .prepare(ctx, &self.look.stack, store, view, &mut time);
+            .prepare(ctx, &self.settings.stack, store, view, &mut time);
         self.is_behind |= !is_made;
         if self.is_behind {
             ctx.request_repaint();
         }
-        self.layers.paint(painter, &self.look.stack, store, view);
+        self.layers
+            .paint(painter, &self.settings.stack, store, view);
     }
 
     /// What is measured, in words, where something is. Its cards stand beside `labels`.
@@ -132,14 +136,14 @@ impl MapView {
         &self,
         painter: &Painter,
         model: &ConsoleModel,
-        aim: Option<Pos2>,
+        probed_place: Option<Pos2>,
         labels: &[Rect],
         ink: Color32,
         paper: Color32,
     ) -> Option<String> {
         let ruler = self.ruler.as_ref()?;
         let mut points_m = ruler.points_m().to_vec();
-        if let Some(at) = aim
+        if let Some(at) = probed_place
             && points_m.len() < ruler::MAX_POINTS
             && points_m
                 .last()
@@ -175,9 +179,9 @@ impl MapView {
     fn shore_marks(&self, model: &ConsoleModel) -> ShoreMarks {
         let marks = model.shores().map(|shores| {
             let outlines = model.shore_outlines().outlines();
-            let told = (shores, model.site_names(), outlines);
-            let (marked, vehicle_m) = (self.marking.shown(), vehicle_m(model));
-            ShoreMarks::new(told, &self.camera, self.screen, &marked, vehicle_m)
+            let inputs = (shores, model.site_names(), outlines);
+            let (marked, vehicle_m) = (self.shore_selection.shown(), vehicle_m(model));
+            ShoreMarks::new(inputs, &self.camera, self.screen, &marked, vehicle_m)
         });
         marks.unwrap_or_default()
     }
@@ -186,7 +190,7 @@ impl MapView {
         if is_old {
             theme::VEHICLE_STALE
         } else {
-            self.surroundings.color.unwrap_or(theme::VEHICLE)
+            self.robot_overlay.color.unwrap_or(theme::VEHICLE)
         }
     }
 
@@ -194,17 +198,17 @@ impl MapView {
         let Some((pose, _)) = model.vehicle().pose() else {
             return;
         };
-        if !self.look.has(Overlay::Sensors) {
+        if !self.settings.has(Overlay::Sensors) {
             return;
         }
         let view = (&self.camera, self.screen);
         let [x_m, y_m, _] = pose.position_m;
         let heading_rad = model.vehicle().heading_rad().unwrap_or_default();
-        for field in &self.surroundings.sensors {
+        for field in &self.robot_overlay.sensors {
             let field_m = sensors::field_m(field, [x_m, y_m], heading_rad);
             sensors::paint_field(painter, &field_m, view, vehicle);
         }
-        if let Some(scan) = &self.surroundings.scan {
+        if let Some(scan) = &self.robot_overlay.scan {
             sensors::paint_scan(painter, scan, view, theme::SCAN);
         }
     }
@@ -232,7 +236,7 @@ impl MapView {
         let footprint_m = model.info().map(|info| info.footprint_m);
         let offset_m = model.info().map_or(0.0, |info| info.footprint_offset_m);
         if let (Some(stopping), Some(footprint_m), false) =
-            (self.surroundings.stopping, footprint_m, is_old)
+            (self.robot_overlay.stopping, footprint_m, is_old)
         {
             let motion = Motion {
                 position_m: [x_m, y_m],

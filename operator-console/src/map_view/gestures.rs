@@ -7,7 +7,7 @@ const SCROLL_PER_E: f64 = 450.0;
 
 /// Which device scrolls. What it scrolled comes smoothed over the frames after its events.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Gestures {
+pub(super) struct GestureTracker {
     is_of_fingers: bool,
 }
 
@@ -20,7 +20,7 @@ pub(super) struct Gesture {
     pub(super) push: Vec2,
 }
 
-impl Gestures {
+impl GestureTracker {
     /// What wheel, touch pad and touch screen did.
     pub(super) fn take(&mut self, input: &InputState) -> Gesture {
         if let Some(last) = input.events.iter().rev().find_map(is_of_fingers) {
@@ -76,7 +76,7 @@ mod tests {
     /// What comes of one turn of the wheel, or one stroke of two fingers, in all frames after it.
     fn gesture(unit: MouseWheelUnit, modifiers: Modifiers) -> Gesture {
         let ctx = Context::default();
-        let mut gestures = Gestures::default();
+        let mut gestures = GestureTracker::default();
         let (mut factor, mut push) = (1.0, Vec2::ZERO);
         for frame in 0..30 {
             let wheel = Event::MouseWheel {

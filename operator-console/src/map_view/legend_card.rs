@@ -9,8 +9,8 @@ use eframe::egui::{
 };
 use protocol::layer::Palette;
 
-use super::edges::LEAST_FOR_CARDS;
 use super::legend_place::LegendPlace;
+use super::map_controls::LEAST_FOR_CARDS;
 use super::scroll_keys::ScrollKeys;
 use crate::panels::layers::layer_name;
 use crate::panels::legend::{

@@ -19,7 +19,7 @@ pub(super) struct LegendPlace {
 
 impl LegendPlace {
     /// Lower edge of all that stands in the upper corner.
-    fn standing(&self) -> f32 {
+    fn top_widgets_bottom(&self) -> f32 {
         let compass = self.compass.map(|compass| compass.bottom());
         compass.map_or(self.buttons, |compass| compass.max(self.buttons))
     }
@@ -27,7 +27,7 @@ impl LegendPlace {
     /// The room below the compass; it may have no height.
     pub(super) fn below(&self) -> Rect {
         let whole = self.screen.shrink(CARD_MARGIN);
-        let top = self.standing() + CARD_MARGIN;
+        let top = self.top_widgets_bottom() + CARD_MARGIN;
         whole.with_min_y(top.min(whole.bottom()))
     }
 
@@ -56,7 +56,7 @@ impl LegendPlace {
     /// the compass; where there is no room there either, there is none.
     pub(super) fn button(&self, size: Vec2) -> Option<Pos2> {
         let (screen, whole) = (self.screen, self.screen.shrink(CARD_MARGIN));
-        let lowest = self.standing() + LEAST_GAP + size.y;
+        let lowest = self.top_widgets_bottom() + LEAST_GAP + size.y;
         if lowest + LEAST_GAP <= screen.bottom() {
             return Some(pos2(whole.right(), lowest.max(whole.bottom())));
         }

@@ -7,13 +7,13 @@ use protocol::layer::{LayerId, Palette, Scheme};
 use protocol::tile::TileKey;
 use protocol::tile_store::{StoredTile, TileStore};
 
-use super::beneath::{KnownLayer, tiles_above};
 use super::camera::Camera;
-use super::chunk_build::LayerLook;
+use super::chunk_builder::LayerStyle;
 use super::coloring::{Coloring, fitted_to, palette_of};
 use super::frame_time::FrameTime;
-use super::known_tiles::KnownTiles;
-use super::stack::{LayerStack, StackLayer};
+use super::layer_compositing::{IndexedLayer, tiles_above};
+use super::layer_stack::{LayerStack, StackLayer};
+use super::tile_presence::TilePresence;
 use super::tile_textures::TileTextures;
 use crate::model::{AgeOrder, MapSync};
 
@@ -22,7 +22,7 @@ pub(super) const MAX_TEXTURES: usize = 192;
 
 /// What is known and drawn of one layer.
 struct MapLayer {
-    known: KnownTiles,
+    known: TilePresence,
     coloring: Coloring,
     /// The layers below it that are seen, and how large their cells are, metres.
     below: Vec<(LayerId, f64)>,
@@ -46,7 +46,7 @@ pub(super) struct MapLayers {
 impl MapLayer {
     fn new(layer: LayerId) -> Self {
         Self {
-            known: KnownTiles::default(),
+            known: TilePresence::default(),
             coloring: Coloring::new(layer.default_palette(), false),
             below: Vec::new(),
             textures: TileTextures::default(),
@@ -56,7 +56,7 @@ impl MapLayer {
     }
 
     /// A tile changed: it may be the newest now, or no longer.
-    fn see(&mut self, map: &MapSync, key: TileKey) {
+    fn update_newest(&mut self, map: &MapSync, key: TileKey) {
         let (store, ages) = (map.store(), map.ages());
         let is_known = |stored: &StoredTile| stored.cells().is_some();
         let order = ages.order(key);
@@ -65,13 +65,13 @@ impl MapLayer {
             (None, order) => self.newest = order.map(|order| (key, order)),
             (Some((_, newest)), Some(order)) if order >= newest => self.newest = Some((key, order)),
             // Gone, perhaps with all others of its epoch, or of an earlier time of a recording.
-            (Some((newest, _)), _) if newest == key => self.look_for_newest(map, key.layer),
+            (Some((newest, _)), _) if newest == key => self.find_newest(map, key.layer),
             (Some(_), _) => {}
         }
     }
 
     /// Looks at all tiles, and not often: which of them is the newest.
-    fn look_for_newest(&mut self, map: &MapSync, layer: LayerId) {
+    fn find_newest(&mut self, map: &MapSync, layer: LayerId) {
         let held = map.store().tiles(layer);
         let held = held.filter(|(_, stored)| stored.cells().is_some());
         let orders = held.filter_map(|(key, _)| Some((key, map.ages().order(key)?)));
@@ -79,11 +79,11 @@ impl MapLayer {
     }
 
     /// What was taken for the newest may turn out to be of before the data began again.
-    fn doubt_newest(&mut self, map: &MapSync) {
+    fn recheck_newest(&mut self, map: &MapSync) {
         if let Some((key, order)) = self.newest
             && map.ages().order(key) < Some(order)
         {
-            self.look_for_newest(map, key.layer);
+            self.find_newest(map, key.layer);
         }
     }
 
@@ -92,7 +92,7 @@ impl MapLayer {
         self.textures.recolor();
     }
 
-    fn lie_over(&mut self, below: Vec<(LayerId, f64)>) {
+    fn set_below(&mut self, below: Vec<(LayerId, f64)>) {
         if self.below != below {
             self.below = below;
             if self.coloring.lets_through() {
@@ -182,13 +182,13 @@ impl MapLayers {
                 .or_insert_with(|| MapLayer::new(layer));
             let is_known_elsewhere = held.known.update(store, key);
             held.textures.changed((key.tx, key.ty));
-            held.see(map, key);
+            held.update_newest(map, key);
             if is_known_elsewhere {
                 self.change_above(key, store);
             }
         }
         for held in self.layers.values_mut() {
-            held.doubt_newest(map);
+            held.recheck_newest(map);
         }
         self.color(stack, store);
         self.waiting.is_empty()
@@ -238,7 +238,7 @@ impl MapLayers {
             } else if held.coloring.is_over() != *is_over {
                 held.recolor(Coloring::new(palette, *is_over));
             }
-            held.lie_over(seen_below(*layer, &shown, store));
+            held.set_below(seen_below(*layer, &shown, store));
             // Heights are not known beforehand: as the map grows, so does the range of its colours, seldom enough that
             // a colour keeps its meaning. Not before the tiles that came at once are all looked at.
             let has_grown = held.known.len() >= 2 * held.fitted_at.max(1);
@@ -289,7 +289,7 @@ impl MapLayers {
             let mut textures = std::mem::take(&mut held.textures);
             if let Some(held) = self.layers.get(&layer) {
                 let below = self.known_layers(&held.below, store);
-                let look = LayerLook {
+                let style = LayerStyle {
                     layer,
                     cell_m,
                     store,
@@ -298,7 +298,7 @@ impl MapLayers {
                     below: &below,
                 };
                 let view = (camera, screen);
-                is_complete &= textures.prepare(ctx, look, view, bounds_cells, allowance, time);
+                is_complete &= textures.prepare(ctx, style, view, bounds_cells, allowance, time);
             }
             if let Some(held) = self.layers.get_mut(&layer) {
                 held.textures = textures;
@@ -312,9 +312,9 @@ impl MapLayers {
         &'a self,
         layers: &[(LayerId, f64)],
         store: &'a TileStore,
-    ) -> Vec<KnownLayer<'a>> {
+    ) -> Vec<IndexedLayer<'a>> {
         let known = layers.iter().filter_map(|(layer, cell_m)| {
-            Some(KnownLayer {
+            Some(IndexedLayer {
                 layer: *layer,
                 cell_m: *cell_m,
                 store,

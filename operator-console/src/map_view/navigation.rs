@@ -5,14 +5,14 @@ use eframe::egui::{CursorIcon, PointerButton, Pos2, Rect, Response, Ui, vec2};
 use super::camera::around;
 use super::overlays::shores::extent_m;
 use super::toolbar;
-use super::{CARD_MARGIN, MapView, Orientation, Sight};
+use super::{CARD_MARGIN, CameraMode, MapView, Orientation};
 use crate::model::ConsoleModel;
 
 /// A map that would be smaller than this part of what it could be goes on under the legends.
 const LEAST_PART: f64 = 0.5;
 
 impl MapView {
-    pub(super) fn move_by_hand(&mut self, ui: &Ui, response: &Response) {
+    pub(super) fn handle_pointer(&mut self, ui: &Ui, response: &Response) {
         let drag = response.drag_delta();
         let is_pulled = [
             PointerButton::Primary,
@@ -23,16 +23,16 @@ impl MapView {
         .any(|button| response.dragged_by(button));
         if is_pulled && drag != vec2(0.0, 0.0) {
             self.camera.pan(drag);
-            self.look.sight = Sight::Free;
+            self.settings.camera_mode = CameraMode::Free;
             ui.ctx().set_cursor_icon(CursorIcon::Grabbing);
         } else if self.ruler.is_some() && response.hovered() {
             ui.ctx().set_cursor_icon(CursorIcon::Crosshair);
         }
         if response.hovered() && ui.input(|input| input.pointer.delta() != vec2(0.0, 0.0)) {
-            self.is_aiming = false;
+            self.is_center_probed = false;
         }
         if let Some(at) = response.interact_pointer_pos()
-            && !self.is_stood_on(at)
+            && !self.is_occluded(at)
         {
             self.click(response, at);
         }
@@ -40,7 +40,7 @@ impl MapView {
             let gesture = ui.input(|input| self.gestures.take(input));
             if gesture.push != vec2(0.0, 0.0) {
                 self.camera.pan(gesture.push);
-                self.look.sight = Sight::Free;
+                self.settings.camera_mode = CameraMode::Free;
             }
             if gesture.zooms() {
                 self.zoom(at, gesture.factor);
@@ -53,11 +53,11 @@ impl MapView {
         if self.ruler.is_none() && response.double_clicked() {
             self.pinned_m = None;
             self.camera.center_on(point_m);
-            self.look.sight = Sight::Free;
+            self.settings.camera_mode = CameraMode::Free;
         } else if response.clicked() {
             self.point(point_m);
         } else if self.ruler.is_some() && response.secondary_clicked() {
-            self.take_back();
+            self.undo_point();
         }
     }
 
@@ -72,16 +72,16 @@ impl MapView {
     }
 
     /// As if the last point had not been pointed at.
-    pub(super) fn take_back(&mut self) {
+    pub(super) fn undo_point(&mut self) {
         match &mut self.ruler {
-            Some(ruler) => ruler.take_back(),
+            Some(ruler) => ruler.undo_point(),
             None => self.pinned_m = None,
         }
     }
 
     /// What is pointed at: by the pointer, or by keys.
-    pub(super) fn aim(&self, pointer: Option<Pos2>) -> Option<Pos2> {
-        if self.is_aiming {
+    pub(super) fn probed_place(&self, pointer: Option<Pos2>) -> Option<Pos2> {
+        if self.is_center_probed {
             Some(self.screen.center())
         } else {
             pointer
@@ -90,37 +90,40 @@ impl MapView {
 
     /// Who follows the vehicle goes on following it; who saw the whole map chose a part of it.
     pub(super) fn zoom(&mut self, at: Pos2, factor: f64) {
-        match self.look.sight {
-            Sight::Vehicle => self
-                .camera
-                .zoom_about(self.screen, self.screen.center(), factor),
-            Sight::Whole | Sight::Free => {
-                self.look.sight = Sight::Free;
+        match self.settings.camera_mode {
+            CameraMode::FollowVehicle => {
+                self.camera
+                    .zoom_about(self.screen, self.screen.center(), factor)
+            }
+            CameraMode::FitMap | CameraMode::Free => {
+                self.settings.camera_mode = CameraMode::Free;
                 self.camera.zoom_about(self.screen, at, factor);
             }
         }
     }
 
-    pub(super) fn keep_in_sight(&mut self, model: &ConsoleModel) {
+    pub(super) fn update_camera(&mut self, model: &ConsoleModel) {
         let vehicle_m = model.vehicle().pose().map(|(pose, _)| {
             let [x, y, _] = pose.position_m;
             [x, y]
         });
-        if self.look.orientation == Orientation::RobotUp
+        if self.settings.orientation == Orientation::RobotUp
             && let Some(heading_rad) = model.vehicle().heading_rad()
         {
             self.camera.turn_up(heading_rad);
         }
         self.approach(model);
-        match self.look.sight {
-            Sight::Free => {}
-            Sight::Vehicle => {
+        match self.settings.camera_mode {
+            CameraMode::Free => {}
+            CameraMode::FollowVehicle => {
                 if let Some(vehicle_m) = vehicle_m {
                     self.camera.center_on(vehicle_m);
                 }
             }
-            Sight::Whole => {
-                let map_m = self.layers.bounds_m(&self.look.stack, model.map().store());
+            CameraMode::FitMap => {
+                let map_m = self
+                    .layers
+                    .bounds_m(&self.settings.stack, model.map().store());
                 if let Some(bounds_m) = with_point(map_m, vehicle_m) {
                     self.fit(bounds_m);
                 }
@@ -130,7 +133,7 @@ impl MapView {
 
     /// Comes near a shore or docking site that was chosen.
     fn approach(&mut self, model: &ConsoleModel) {
-        if let Some(mark) = self.marking.take_sought()
+        if let Some(mark) = self.shore_selection.take_approach_target()
             && let Some(shores) = model.shores()
         {
             let extent_m = extent_m(shores, model.site_names(), mark);

@@ -7,11 +7,11 @@ use protocol::tile::TileKey;
 use robot_edge::clock::Monotonic;
 
 use super::chunks::TILE_CELLS;
+use super::layer_stack::LayerStack;
 use super::probe_source;
-use super::stack::LayerStack;
 use crate::model::{ConsoleModel, MapSync};
 use crate::panels::data_age::DataAge;
-use crate::panels::wording::{count, signed};
+use crate::panels::formatting::{count, signed};
 
 /// One point of the map.
 #[derive(Clone, Debug, PartialEq)]

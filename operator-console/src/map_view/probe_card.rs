@@ -7,7 +7,7 @@ use robot_edge::clock::Monotonic;
 
 use super::card_place::{CardPlace, Others};
 use super::chunks::TILE_CELLS;
-use super::edges::OVER_SCALE_BAR;
+use super::map_controls::OVER_SCALE_BAR;
 use super::overlays::compass;
 use super::probe::ProbeData;
 use super::{CARD_MARGIN, MapView};
@@ -19,18 +19,18 @@ const INNER: f32 = 8.0;
 /// On narrower maps the card says less, so that it has few lines, points.
 const NARROW: f32 = 480.0;
 /// What ages in the card are those of: once over their column, for all rows.
-const OF_TILES: &str = "Tile changed";
+const TILE_CHANGED: &str = "Tile changed";
 
 impl MapView {
     /// The card with what is read where it was pinned, or where somebody points at, if anywhere.
     pub(super) fn probe_ui(
         &mut self,
         ui: &Ui,
-        aim: Option<Pos2>,
+        probed_place: Option<Pos2>,
         model: &ConsoleModel,
         now: Monotonic,
     ) {
-        let aimed_at = aim.map(|at| self.camera.to_odom(self.screen, at));
+        let aimed_at = probed_place.map(|at| self.camera.to_odom(self.screen, at));
         let Some(point_m) = self.pinned_m.or(aimed_at) else {
             return;
         };
@@ -38,7 +38,7 @@ impl MapView {
         let is_pinned = self.pinned_m.is_some();
         let others = Others {
             screen: self.screen,
-            roof: self.roof,
+            map_top: self.map_top,
             bar: self.screen.bottom() - OVER_SCALE_BAR,
             legend: self.legends_place(),
             buttons: self.buttons,
@@ -60,7 +60,7 @@ impl MapView {
                 probe_card_ui(ui, &data, is_pinned, (place.width, is_narrow))
             });
         self.card_size = card.response.rect.size();
-        self.standing.push(card.response.rect);
+        self.occluders.push(card.response.rect);
         if card.inner {
             self.pinned_m = None;
         }
@@ -133,7 +133,7 @@ fn probe_card_ui(
 fn head_ui(ui: &mut Ui, ink: Color32) {
     ui.small("");
     ui.small("");
-    let head = RichText::new(OF_TILES).small().color(ink);
+    let head = RichText::new(TILE_CHANGED).small().color(ink);
     let hint = format!(
         "The newest change of the {TILE_CELLS} × {TILE_CELLS} cells around this one, which may be older itself"
     );

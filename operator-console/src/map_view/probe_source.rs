@@ -10,29 +10,29 @@ use protocol::message::{SensorFault, SensorInfo, SensorKind, SensorStatus};
 use robot_edge::clock::Monotonic;
 
 use crate::model::ConsoleModel;
+use crate::panels::formatting::age;
 use crate::panels::stale::StaleData;
-use crate::panels::wording::age;
 
 /// More are counted, and not named.
 const MAX_NAMED: usize = 2;
 
 /// The sensors of `model` that feed a layer; `None` where it names none.
 pub(super) fn source(model: &ConsoleModel, layer: LayerId, now: Monotonic) -> Option<String> {
-    let statuses = if model.says_ended() || StaleData::new(model, now).is_some() {
+    let statuses = if model.reports_ended() || StaleData::new(model, now).is_some() {
         // Whether it is so now is not known.
         &[]
     } else {
         model.sensor_statuses()
     };
-    words(layer, model.sensors(), statuses, model.since_statuses(now))
+    words(layer, model.sensors(), statuses, model.status_delay(now))
 }
 
-/// `since_told`: since `statuses` were told.
+/// `since_update`: since `statuses` were told.
 fn words(
     layer: LayerId,
     sensors: &[SensorInfo],
     statuses: &[SensorStatus],
-    since_told: Duration,
+    since_update: Duration,
 ) -> Option<String> {
     let feeding: Vec<_> = sensors
         .iter()
@@ -55,7 +55,7 @@ fn words(
     // Also of those that are only counted: what is wrong is never left out.
     let faults = feeding.iter().filter_map(|sensor| {
         let status = statuses.iter().find(|status| status.name == sensor.name)?;
-        Some(fault_words(status, status.fault?, since_told))
+        Some(fault_text(status, status.fault?, since_update))
     });
     let faults: Vec<_> = faults.collect();
     Some(if faults.is_empty() {
@@ -65,16 +65,16 @@ fn words(
     })
 }
 
-/// What is wrong with a sensor now, `since_told` after it was told.
-fn fault_words(status: &SensorStatus, fault: SensorFault, since_told: Duration) -> String {
+/// What is wrong with a sensor now, `since_update` after it was told.
+fn fault_text(status: &SensorStatus, fault: SensorFault, since_update: Duration) -> String {
     let name = &status.name;
     match (fault, status.age_ms) {
         (SensorFault::Silent, Some(ms)) => {
-            let since = Duration::from_millis(ms.into()).saturating_add(since_told);
+            let since = Duration::from_millis(ms.into()).saturating_add(since_update);
             format!("{name} silent for {}", age(since))
         }
         (SensorFault::Silent, None) => format!("{name} silent from the start"),
-        (SensorFault::Clock, _) => format!("{name}'s clock leapt"),
+        (SensorFault::Clock, _) => format!("{name}'s clock jumped"),
         (SensorFault::AllInvalid, _) => format!("{name} sees nothing now"),
         (SensorFault::Blocked, _) => format!("{name} blocked now"),
         (SensorFault::Slow, _) => format!("{name} slow now"),
@@ -103,7 +103,7 @@ mod tests {
 
     use super::*;
     use crate::model::RequestId;
-    use crate::pretend::{answers, at, says, scout};
+    use crate::test_support::{at, inject, inject_reply, scout};
 
     fn info(name: &str, kind: SensorKind) -> SensorInfo {
         SensorInfo {
@@ -178,13 +178,13 @@ mod tests {
         );
         check(
             &[("left", SensorFault::Clock)],
-            "from laser, sonar and 1 more (left's clock leapt)",
+            "from laser, sonar and 1 more (left's clock jumped)",
         );
         let never = SensorStatus {
             age_ms: None,
             ..status("sonar", None)
         };
-        let words = fault_words(&never, SensorFault::Silent, Duration::ZERO);
+        let words = fault_text(&never, SensorFault::Silent, Duration::ZERO);
         assert_eq!(words, "sonar silent from the start");
     }
 
@@ -195,7 +195,7 @@ mod tests {
             sensors: vec![info("laser", SensorKind::PlanarLaser)],
             ..Info::default()
         };
-        answers(&mut model, RequestId(0), Topic::Info, &described, at(1_000));
+        inject_reply(&mut model, RequestId(0), Topic::Info, &described, at(1_000));
         let mut told = Status {
             sensors: vec![status("laser", Some(SensorFault::Slow))],
             ..Status::default()
@@ -207,7 +207,7 @@ mod tests {
         ] {
             if now != 61_000 {
                 told.has_ended = has_ended;
-                says(&mut model, Topic::Status, &told, at(now));
+                inject(&mut model, Topic::Status, &told, at(now));
             }
             let source = source(&model, LayerId::Cost, at(now));
             assert_eq!(source.as_deref(), Some(words), "{now}");

@@ -1,6 +1,6 @@
 //! Measuring on the map: how far it is along a line of points, in which direction, and how much higher. Pure.
 
-use crate::panels::wording::{direction, signed};
+use crate::panels::formatting::{direction, signed};
 
 /// Points of a line at most.
 pub(super) const MAX_POINTS: usize = 100;
@@ -38,7 +38,7 @@ impl Ruler {
     }
 
     /// Takes the last point back.
-    pub(super) fn take_back(&mut self) {
+    pub(super) fn undo_point(&mut self) {
         self.points_m.pop();
     }
 
@@ -150,7 +150,7 @@ mod tests {
             assert!(ruler.add([index as f64, 0.0]));
         }
         assert!(!ruler.add([0.0, 0.0]));
-        ruler.take_back();
+        ruler.undo_point();
         assert_eq!(ruler.points_m().len(), MAX_POINTS - 1);
     }
 }

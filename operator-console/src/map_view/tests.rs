@@ -9,7 +9,7 @@ use egui_kittest::kittest::Queryable;
 
 use super::probe::tests::{model_of, store};
 use super::*;
-use crate::pretend::{BOOT, announces, at, pushes, resting, says_of};
+use crate::test_support::{BOOT, announce_map, at, inject_at, pose_at_rest, push_tile};
 use protocol::keys::Topic;
 use protocol::tile::TileCells;
 use protocol::tile_store::TileStore;
@@ -64,7 +64,7 @@ fn maps(window: &mut Harness<'_, Rig>, robot: &mut TileStore, tx: i32, code: u16
     robot.set_stamp(stamp_ns);
     drop(robot.publish(key, TileCells::from_fn(|_, _| code)).unwrap());
     let model = &mut window.state_mut().model;
-    pushes(model, robot, key, at(2_400));
+    push_tile(model, robot, key, at(2_400));
     window.run_steps(4);
 }
 
@@ -82,7 +82,7 @@ fn the_newest_of_a_layer_is_what_is_still_there() {
     let second_ns = -1_000_000_000;
     robot.erase_layer(LayerId::Obstacle).unwrap();
     let now = at(2_400);
-    announces(&mut window.state_mut().model, &robot, now);
+    announce_map(&mut window.state_mut().model, &robot, now);
     window.run_steps(4);
     assert_eq!(newest(&window), None, "the layer was erased");
     maps(&mut window, &mut robot, 0, 1, 9 * second_ns);
@@ -105,11 +105,17 @@ fn a_tile_of_before_the_data_began_again_is_the_newest_only_where_all_are() {
     let mut robot = store();
     robot.set_stamp(0);
     robot.erase_layer(LayerId::Obstacle).unwrap();
-    announces(&mut window.state_mut().model, &robot, at(2_400));
+    announce_map(&mut window.state_mut().model, &robot, at(2_400));
     let second_ns = 1_000_000_000;
     let newest = |window: &mut Harness<'_, Rig>, data_s: i64, ms: u64| {
         let model = &mut window.state_mut().model;
-        says_of(model, data_s * second_ns, Topic::Pose, &resting(), at(ms));
+        inject_at(
+            model,
+            data_s * second_ns,
+            Topic::Pose,
+            &pose_at_rest(),
+            at(ms),
+        );
         window.run_steps(2);
         let newest = window.state().view.newest(LayerId::Obstacle)?;
         let age = window.state().model.map().ages().age(newest, at(ms));
@@ -126,7 +132,7 @@ fn a_tile_of_before_the_data_began_again_is_the_newest_only_where_all_are() {
     robot.set_stamp(70 * second_ns);
     let key = TileKey { layer, tx, ty };
     drop(robot.publish(key, TileCells::from_fn(|_, _| 1)).unwrap());
-    pushes(&mut window.state_mut().model, &robot, key, at(4_500));
+    push_tile(&mut window.state_mut().model, &robot, key, at(4_500));
     assert_eq!(newest(&mut window, 4, 4_600), Some((3, Some(0))));
     assert_eq!(newest(&mut window, 4, 5_501), Some((2, Some(4))));
 }
@@ -181,7 +187,7 @@ fn keys_read_and_measure_what_is_in_the_middle() {
     window.run_steps(1);
     assert_eq!(window.state().view.pinned_m(), Some([2.0, 3.0]));
     window.get_by_label("x\u{a0}2.00\u{a0}m  y\u{a0}3.00\u{a0}m");
-    look(&mut window, Look::TakeBack);
+    look(&mut window, Look::UndoPoint);
     assert_eq!(window.state().view.pinned_m(), None);
 
     look(&mut window, Look::Measure(true));
@@ -194,7 +200,7 @@ fn keys_read_and_measure_what_is_in_the_middle() {
     look(&mut window, Look::Point);
     look(&mut window, Look::At([5.0, 9.0]));
     look(&mut window, Look::Point);
-    look(&mut window, Look::TakeBack);
+    look(&mut window, Look::UndoPoint);
     let points_m = window.state().view.ruler().unwrap().points_m();
     assert_eq!(points_m, [[2.0, 3.0], [5.0, 7.0]]);
 
@@ -246,7 +252,7 @@ fn the_wheel_magnifies_about_the_pointer_and_a_drag_moves() {
     let view = &window.state().view;
     assert!(view.camera.points_per_m() > 1.1 * before);
     assert!(view.place_of(held_m).distance(place) < 0.5);
-    assert_eq!(view.sight(), Sight::Free);
+    assert_eq!(view.camera_mode(), CameraMode::Free);
 }
 
 #[test]
@@ -256,14 +262,14 @@ fn a_look_is_kept_and_shows_something_of_any_robot() {
     view.look(Look::Draw(Overlay::Grid, true));
     view.look(Look::Follow(false));
     let model = model_of(&store());
-    view.obey(LayerCommand::Only(LayerId::Shore), &model);
-    let kept = view.look_state().clone();
-    assert_eq!(kept.sight, Sight::Free);
+    view.apply(LayerCommand::Only(LayerId::Shore), &model);
+    let kept = view.settings().clone();
+    assert_eq!(kept.camera_mode, CameraMode::Free);
 
     let mut next = MapView::default();
     next.restore(kept);
-    assert_eq!(next.sight(), Sight::Whole);
-    assert!(next.look_state().has(Overlay::Grid));
+    assert_eq!(next.camera_mode(), CameraMode::FitMap);
+    assert!(next.settings().has(Overlay::Grid));
     assert_eq!(next.shown_layers(), [LayerId::Shore].into());
 
     // A robot that maps nothing but costs.
@@ -278,10 +284,10 @@ fn a_look_is_kept_and_shows_something_of_any_robot() {
     next.forget();
     next.update(&mut model);
     assert!(next.shown_layers().contains(&LayerId::Cost));
-    next.obey(LayerCommand::Only(LayerId::Cost), &model);
+    next.apply(LayerCommand::Only(LayerId::Cost), &model);
     let shown = [LayerId::Cost, LayerId::Shore];
     assert_eq!(next.shown_layers(), shown.into(), "Shore is another's");
-    next.obey(LayerCommand::Show(LayerId::Cost, false), &model);
+    next.apply(LayerCommand::Show(LayerId::Cost, false), &model);
     next.update(&mut model);
     assert!(!next.shown_layers().contains(&LayerId::Cost), "as chosen");
 }
@@ -346,7 +352,7 @@ fn the_card_of_a_small_map_covers_neither_what_is_read_nor_the_vehicle() {
     let mut window = window_of(280.0, 390.0);
     let model = model_of(&store());
     let view = &mut window.state_mut().view;
-    view.obey(LayerCommand::Only(LayerId::Elevation), &model);
+    view.apply(LayerCommand::Only(LayerId::Elevation), &model);
     window.run_steps(2);
     let card = |window: &Harness<'_, Rig>| {
         let text = window.get_by_label_contains("m  y\u{a0}").rect();

@@ -12,10 +12,10 @@ use eframe::egui::{
 use protocol::tile::TILE_SIDE;
 
 use super::camera::{Camera, around};
-use super::chunk_build::{ChunkBuild, LayerLook};
+use super::chunk_builder::{ChunkBuilder, LayerStyle};
 use super::chunks::{ChunkKey, Level, TILE_CELLS};
 use super::frame_time::FrameTime;
-use super::quads::{WHOLE, corners, paint_quad, part_of};
+use super::tile_mesh::{WHOLE, corners, paint_quad, part_of};
 
 /// The base is the finest level at which the map has this many chunks to a side at most.
 const BASE_SIDE: i64 = 2;
@@ -34,14 +34,14 @@ struct Chunk {
     /// Not as the texture has them.
     changed: BTreeSet<(i32, i32)>,
     /// To be made anew.
-    is_old: bool,
+    is_outdated: bool,
 }
 
 /// The textures of a layer.
 #[derive(Default)]
 pub(super) struct TileTextures {
     chunks: BTreeMap<ChunkKey, Chunk>,
-    build: Option<ChunkBuild>,
+    build: Option<ChunkBuilder>,
     /// On the screen, of the level that suits it.
     visible: BTreeSet<ChunkKey>,
     base: BTreeSet<ChunkKey>,
@@ -58,7 +58,7 @@ impl TileTextures {
         for level in Level::all() {
             let key = ChunkKey::of_tile(level, (i64::from(tile.0), i64::from(tile.1)));
             if let Some(chunk) = self.chunks.get_mut(&key)
-                && !chunk.is_old
+                && !chunk.is_outdated
             {
                 chunk.change(tile);
             }
@@ -72,7 +72,7 @@ impl TileTextures {
     pub(super) fn recolor(&mut self) {
         self.build = None;
         for chunk in self.chunks.values_mut() {
-            chunk.is_old = true;
+            chunk.is_outdated = true;
             chunk.changed.clear();
         }
     }
@@ -87,7 +87,7 @@ impl TileTextures {
     pub(super) fn prepare(
         &mut self,
         ctx: &Context,
-        look: LayerLook<'_>,
+        style: LayerStyle<'_>,
         (camera, screen): (&Camera, Rect),
         bounds_cells: Option<[i64; 4]>,
         allowance: usize,
@@ -99,20 +99,20 @@ impl TileTextures {
         };
         self.base = base_chunks(bounds_cells);
         let pixels_per_cell =
-            look.cell_m * camera.points_per_m() * f64::from(ctx.pixels_per_point());
-        let level = Level::for_scale(pixels_per_cell, look.coloring.has_patterns());
+            style.cell_m * camera.points_per_m() * f64::from(ctx.pixels_per_point());
+        let level = Level::for_scale(pixels_per_cell, style.coloring.has_patterns());
         let room = allowance.saturating_sub(self.base.len()).max(1);
-        self.visible = visible_chunks(level, look.cell_m, camera, screen, bounds_cells, room);
-        self.drop_unseen(look.cell_m, camera, allowance);
-        self.bring_changes(look, time);
-        self.make(ctx, look, camera, time) && self.is_current()
+        self.visible = visible_chunks(level, style.cell_m, camera, screen, bounds_cells, room);
+        self.evict(style.cell_m, camera, allowance);
+        self.upload_changes(style, time);
+        self.make(ctx, style, camera, time) && self.is_current()
     }
 
     fn is_current(&self) -> bool {
         let mut wanted = self.visible.iter().chain(&self.base);
         wanted.all(|key| {
             let chunk = self.chunks.get(key);
-            chunk.is_none_or(|chunk| !chunk.is_old && chunk.changed.is_empty())
+            chunk.is_none_or(|chunk| !chunk.is_outdated && chunk.changed.is_empty())
         })
     }
 
@@ -130,7 +130,7 @@ impl TileTextures {
                 let corners = corners(key.edges_m(cell_m), camera, screen);
                 paint_quad(painter, &chunk.texture, corners, WHOLE, tint);
             } else {
-                for (chunk, edges_m, part) in self.stand_ins(*key, cell_m) {
+                for (chunk, edges_m, part) in self.fallbacks(*key, cell_m) {
                     let corners = corners(edges_m, camera, screen);
                     paint_quad(painter, &chunk.texture, corners, part, tint);
                 }
@@ -140,7 +140,7 @@ impl TileTextures {
 
     /// What is drawn for a chunk that is not made: pieces that do not overlap, where they are in `odom`, and which part
     /// of their texture it is.
-    fn stand_ins(&self, key: ChunkKey, cell_m: f64) -> Vec<(&Chunk, [f64; 4], Rect)> {
+    fn fallbacks(&self, key: ChunkKey, cell_m: f64) -> Vec<(&Chunk, [f64; 4], Rect)> {
         let coarser = std::iter::successors(key.level.coarser(), |level| level.coarser());
         for level in coarser {
             let whole = ChunkKey::of_tile(level, key.first_tile());
@@ -171,7 +171,7 @@ impl TileTextures {
     }
 
     /// Brings the tiles that changed into the chunks that are seen.
-    fn bring_changes(&mut self, look: LayerLook<'_>, time: &mut FrameTime) {
+    fn upload_changes(&mut self, style: LayerStyle<'_>, time: &mut FrameTime) {
         for key in self.visible.iter().chain(&self.base) {
             let Some(chunk) = self.chunks.get_mut(key) else {
                 continue;
@@ -181,7 +181,7 @@ impl TileTextures {
                     return;
                 }
                 chunk.changed.remove(&tile);
-                let image = look.image(tile, *key);
+                let image = style.image(tile, *key);
                 chunk
                     .texture
                     .set_partial(key.texel_of(tile), image, OPTIONS);
@@ -193,7 +193,7 @@ impl TileTextures {
     fn make(
         &mut self,
         ctx: &Context,
-        look: LayerLook<'_>,
+        style: LayerStyle<'_>,
         camera: &Camera,
         time: &mut FrameTime,
     ) -> bool {
@@ -202,10 +202,10 @@ impl TileTextures {
         {
             self.build = None;
         }
-        let lacks = |key: &&ChunkKey| self.chunks.get(key).is_none_or(|chunk| chunk.is_old);
+        let lacks = |key: &&ChunkKey| self.chunks.get(key).is_none_or(|chunk| chunk.is_outdated);
         let mut lacking: Vec<_> = self.visible.iter().filter(lacks).copied().collect();
         lacking.sort_by(|a, b| {
-            let distance = |key: &ChunkKey| distance_squared(key, look.cell_m, camera);
+            let distance = |key: &ChunkKey| distance_squared(key, style.cell_m, camera);
             distance(a).total_cmp(&distance(b))
         });
         let base = self.base.iter().filter(lacks).copied();
@@ -218,11 +218,11 @@ impl TileTextures {
         };
         for key in lacking {
             let under_way = self.build.take_if(|build| build.key == key);
-            let Some(mut build) = under_way.or_else(|| ChunkBuild::begin(key, look)) else {
+            let Some(mut build) = under_way.or_else(|| ChunkBuilder::begin(key, style)) else {
                 self.chunks.remove(&key);
                 continue;
             };
-            if !build.go_on(look, time) || !time.take_upload() {
+            if !build.advance(style, time) || !time.take_upload() {
                 self.build = Some(build);
                 return false;
             }
@@ -231,7 +231,7 @@ impl TileTextures {
         true
     }
 
-    fn finish(&mut self, ctx: &Context, mut build: ChunkBuild) {
+    fn finish(&mut self, ctx: &Context, mut build: ChunkBuilder) {
         let (key, changed) = (build.key, std::mem::take(&mut build.changed));
         let image = build.into_image();
         let mut chunk = match self.chunks.remove(&key) {
@@ -242,10 +242,10 @@ impl TileTextures {
             None => Chunk {
                 texture: ctx.load_texture("map", image, OPTIONS),
                 changed: BTreeSet::new(),
-                is_old: false,
+                is_outdated: false,
             },
         };
-        chunk.is_old = false;
+        chunk.is_outdated = false;
         chunk.changed.clear();
         for tile in changed {
             chunk.change(tile);
@@ -254,11 +254,11 @@ impl TileTextures {
     }
 
     /// Drops what is beyond the allowance, other levels and what is far away first, and what has old colours.
-    fn drop_unseen(&mut self, cell_m: f64, camera: &Camera, allowance: usize) {
+    fn evict(&mut self, cell_m: f64, camera: &Camera, allowance: usize) {
         let (visible, base) = (&self.visible, &self.base);
         let is_wanted = |key: &ChunkKey| visible.contains(key) || base.contains(key);
         self.chunks
-            .retain(|key, chunk| !chunk.is_old || is_wanted(key));
+            .retain(|key, chunk| !chunk.is_outdated || is_wanted(key));
         let lacking = visible.union(base);
         let lacking = lacking.filter(|key| !self.chunks.contains_key(key)).count();
         let excess = (self.chunks.len() + lacking).saturating_sub(allowance);
@@ -285,7 +285,7 @@ impl Chunk {
         self.changed.insert(tile);
         if self.changed.len() > MAX_CHANGED {
             self.changed.clear();
-            self.is_old = true;
+            self.is_outdated = true;
         }
     }
 }

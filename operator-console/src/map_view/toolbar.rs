@@ -2,7 +2,7 @@
 
 use eframe::egui::{Button, Frame, Ui};
 
-use super::look::{Orientation, Overlay, Sight};
+use super::view_settings::{CameraMode, Orientation, Overlay};
 use crate::command::Look;
 use crate::theme;
 
@@ -13,7 +13,7 @@ pub(super) const HEIGHT: f32 = 36.0;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ToolbarData {
     /// What is kept in sight.
-    pub sight: Sight,
+    pub camera_mode: CameraMode,
     /// What is up.
     pub orientation: Orientation,
     /// Whether the grid is drawn.
@@ -37,13 +37,13 @@ pub(super) fn toolbar_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
         ui.horizontal(|ui| {
             ui.spacing_mut().item_spacing.x = 4.0;
             let look = if is_narrow {
-                let menu = ui.menu_button("Look", |ui| entries_ui(ui, data));
+                let menu = ui.menu_button("Tools", |ui| entries_ui(ui, data));
                 menu.inner.flatten()
             } else {
                 entries_ui(ui, data)
             };
-            let farther = entry_ui(ui, &("−", "Farther (−)", false, Look::Out));
-            let closer = entry_ui(ui, &("+", "Closer (+)", false, Look::In));
+            let farther = entry_ui(ui, &("−", "Zoom out (−)", false, Look::Out));
+            let closer = entry_ui(ui, &("+", "Zoom in (+)", false, Look::In));
             look.or(farther).or(closer)
         })
         .inner
@@ -55,13 +55,13 @@ pub(super) fn toolbar_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
 type Entry = (&'static str, &'static str, bool, Look);
 
 fn entries_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
-    let is_following = data.sight == Sight::Vehicle;
+    let is_following = data.camera_mode == CameraMode::FollowVehicle;
     let is_robot_up = data.orientation == Orientation::RobotUp;
     let entries: [Entry; 5] = [
         (
             "Whole map",
             "Keep the whole map in sight (F)",
-            data.sight == Sight::Whole,
+            data.camera_mode == CameraMode::FitMap,
             Look::Whole,
         ),
         (
@@ -114,7 +114,7 @@ mod tests {
     fn everything_can_be_asked_for_on_a_wide_map_and_on_a_narrow_one() {
         for width in [700.0, 250.0] {
             let data = ToolbarData {
-                sight: Sight::Whole,
+                camera_mode: CameraMode::FitMap,
                 orientation: Orientation::NorthUp,
                 has_grid: false,
                 is_measuring: false,
@@ -132,7 +132,7 @@ mod tests {
                 ("+", Look::In),
             ] {
                 if width < NARROW && label != "+" {
-                    window.get_by_label("Look").click();
+                    window.get_by_label("Tools").click();
                     window.run_steps(2);
                 }
                 let button = window.get_by_label(label);

@@ -5,7 +5,7 @@
 //! tells how much older it gets, so that it ages by what it should even where the robot's clock is set. Pure: the present is
 //! a parameter.
 
-mod standing;
+mod clock_stall;
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -14,10 +14,10 @@ use protocol::layer::LayerId;
 use protocol::tile::TileKey;
 use robot_edge::clock::Monotonic;
 
-use standing::{Standing, Stood};
+use clock_stall::{ClockStall, ClockStallDetector};
 
 /// A pose with the stamp of a tile's data, or a newer one, comes within this where any come.
-const POSE_COMES: Duration = Duration::from_secs(1);
+const POSE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Stamps ahead of the poses that are remembered; a pose comes before there are so many.
 const MAX_AHEAD: usize = 10_000;
@@ -38,47 +38,50 @@ pub struct Ages {
     /// The newest stamp that was told of, nanoseconds, and when that was first.
     newest: Option<(i64, Monotonic)>,
     /// The number of the message that told so last, and when.
-    told: Option<(u64, Monotonic)>,
-    standing: Standing,
+    last_update: Option<(u64, Monotonic)>,
+    clock_stall: ClockStallDetector,
     times_set_back: u32,
-    tiles: BTreeMap<TileKey, Came>,
+    tiles: BTreeMap<TileKey, TileArrival>,
     /// Tiles of which nobody knows how old they were, since nothing as new was told of yet; by stamp.
     ahead: BTreeMap<i64, Vec<TileKey>>,
 }
 
 /// A tile that came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Came {
+struct TileArrival {
     stamp_ns: i64,
     at: Monotonic,
     /// How old it was.
     before: Option<Duration>,
     /// How long the clock of the data stood since.
-    stood: Duration,
+    stalled: Duration,
     times_set_back: u32,
 }
 
-impl Came {
+impl TileArrival {
     /// How old it is, where it is known how old it was.
     fn age(&self, now: Monotonic) -> Option<Duration> {
         let age = now.since(self.at).saturating_add(self.before?);
-        Some(age.saturating_sub(self.stood))
+        Some(age.saturating_sub(self.stalled))
     }
 }
 
 impl Ages {
     /// The robot told of its newest data in message `seq`, `stamp_ns` being its stamp.
-    pub(super) fn tell(&mut self, seq: u64, stamp_ns: i64, now: Monotonic) {
-        if self.told.is_some_and(|(newest_seq, _)| seq < newest_seq) {
+    pub(super) fn update_clock(&mut self, seq: u64, stamp_ns: i64, now: Monotonic) {
+        if self
+            .last_update
+            .is_some_and(|(newest_seq, _)| seq < newest_seq)
+        {
             // It was overtaken on its way: poses wait for nothing that is sent again.
             return;
         }
-        let last = self.newest.zip(self.told);
-        let last = last.map(|((newest_ns, _), (_, told))| (newest_ns, told));
-        if let Some(stood) = self.standing.look(last, stamp_ns, now) {
-            self.stood(stood, now);
+        let last = self.newest.zip(self.last_update);
+        let last = last.map(|((newest_ns, _), (_, last_update))| (newest_ns, last_update));
+        if let Some(stalled) = self.clock_stall.update(last, stamp_ns, now) {
+            self.stalled(stalled, now);
         }
-        self.told = Some((seq, now));
+        self.last_update = Some((seq, now));
         match self.newest {
             Some((newest_ns, _)) if stamp_ns == newest_ns => return,
             Some((newest_ns, _)) => self.times_set_back += u32::from(stamp_ns < newest_ns),
@@ -91,36 +94,36 @@ impl Ages {
             let (ahead_ns, keys) = first.remove_entry();
             let apart = apart(stamp_ns, ahead_ns).unwrap_or_default();
             for key in keys {
-                if let Some(came) = self.tiles.get_mut(&key)
-                    && came.stamp_ns == ahead_ns
+                if let Some(arrival) = self.tiles.get_mut(&key)
+                    && arrival.stamp_ns == ahead_ns
                 {
-                    came.before = Some(apart.saturating_sub(now.since(came.at)));
+                    arrival.before = Some(apart.saturating_sub(now.since(arrival.at)));
                 }
             }
         }
     }
 
     /// What is counted from before the clock of the data stood was counted too long.
-    fn stood(&mut self, stood: Stood, now: Monotonic) {
-        let since = now.since(stood.from);
-        for came in self.tiles.values_mut() {
-            if came.age(now).is_some_and(|age| age >= since) {
-                came.stood += stood.time;
+    fn stalled(&mut self, stalled: ClockStall, now: Monotonic) {
+        let since = now.since(stalled.from);
+        for arrival in self.tiles.values_mut() {
+            if arrival.age(now).is_some_and(|age| age >= since) {
+                arrival.stalled += stalled.time;
             }
         }
     }
 
     /// The data's time begins anew, where it began or elsewhere: a recording was wound, or maps were erased.
-    pub(super) fn begin_anew(&mut self) {
+    pub(super) fn restart(&mut self) {
         self.newest = None;
-        self.standing = Standing::default();
+        self.clock_stall = ClockStallDetector::default();
     }
 
     /// A tile came whose newest data has this stamp.
-    pub(super) fn came(&mut self, key: TileKey, stamp_ns: i64, now: Monotonic) {
-        let before = self.newest.and_then(|(newest_ns, told)| {
+    pub(super) fn on_tile(&mut self, key: TileKey, stamp_ns: i64, now: Monotonic) {
+        let before = self.newest.and_then(|(newest_ns, last_update)| {
             // The data went on since it was told of; a new stamp would have been told.
-            Some(apart(newest_ns, stamp_ns)?.saturating_add(now.since(told)))
+            Some(apart(newest_ns, stamp_ns)?.saturating_add(now.since(last_update)))
         });
         if before.is_none() {
             self.ahead.entry(stamp_ns).or_default().push(key);
@@ -129,49 +132,52 @@ impl Ages {
                 self.ahead.pop_last();
             }
         }
-        let came = Came {
+        let arrival = TileArrival {
             stamp_ns,
             at: now,
             before,
-            stood: Duration::ZERO,
+            stalled: Duration::ZERO,
             times_set_back: self.times_set_back,
         };
-        self.tiles.insert(key, came);
+        self.tiles.insert(key, arrival);
     }
 
     /// How old a tile is; `None` where nobody knows, as the clock of the data was set back behind it.
     pub fn age(&self, key: TileKey, now: Monotonic) -> Option<Duration> {
-        let came = self.tiles.get(&key)?;
-        came.age(now)
-            .or_else(|| (!self.is_ahead(came)).then(|| now.since(came.at)))
+        let arrival = self.tiles.get(&key)?;
+        arrival
+            .age(now)
+            .or_else(|| (!self.is_ahead(arrival)).then(|| now.since(arrival.at)))
     }
 
     /// Whether the data goes on, and still has not come to where a tile was measured. Where nothing was told since that
     /// came, nobody knows.
-    fn is_ahead(&self, came: &Came) -> bool {
-        let told = self.told.map(|(_, told)| told.since(came.at));
-        came.before.is_none() && told > Some(POSE_COMES)
+    fn is_ahead(&self, arrival: &TileArrival) -> bool {
+        let last_update = self
+            .last_update
+            .map(|(_, last_update)| last_update.since(arrival.at));
+        arrival.before.is_none() && last_update > Some(POSE_TIMEOUT)
     }
 
     /// How long before the newest data a tile was measured.
     pub fn before_newest(&self, key: TileKey) -> Duration {
         let both = self.newest.zip(self.tiles.get(&key));
-        let apart = both.and_then(|((newest_ns, _), came)| apart(newest_ns, came.stamp_ns));
+        let apart = both.and_then(|((newest_ns, _), arrival)| apart(newest_ns, arrival.stamp_ns));
         apart.unwrap_or_default()
     }
 
     /// When a tile came.
-    pub fn when_came(&self, key: TileKey) -> Option<Monotonic> {
-        self.tiles.get(&key).map(|came| came.at)
+    pub fn received_at(&self, key: TileKey) -> Option<Monotonic> {
+        self.tiles.get(&key).map(|arrival| arrival.at)
     }
 
     /// Which of two tiles is newer, as far as it is known by now.
     pub fn order(&self, key: TileKey) -> Option<AgeOrder> {
-        let came = self.tiles.get(&key)?;
+        let arrival = self.tiles.get(&key)?;
         Some(AgeOrder {
-            has_age: !self.is_ahead(came),
-            times_set_back: came.times_set_back,
-            stamp_ns: came.stamp_ns,
+            has_age: !self.is_ahead(arrival),
+            times_set_back: arrival.times_set_back,
+            stamp_ns: arrival.stamp_ns,
         })
     }
 
@@ -209,7 +215,7 @@ fn apart(later_ns: i64, earlier_ns: i64) -> Option<Duration> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pretend::at;
+    use crate::test_support::at;
 
     const SECOND_NS: i64 = 1_000_000_000;
 
@@ -219,9 +225,9 @@ mod tests {
     }
 
     /// Each message is behind the one before.
-    fn tell(ages: &mut Ages, stamp_ns: i64, now: Monotonic) {
-        let seq = ages.told.map_or(0, |(seq, _)| seq + 1);
-        ages.tell(seq, stamp_ns, now);
+    fn update_clock(ages: &mut Ages, stamp_ns: i64, now: Monotonic) {
+        let seq = ages.last_update.map_or(0, |(seq, _)| seq + 1);
+        ages.update_clock(seq, stamp_ns, now);
     }
 
     fn secs(ages: &Ages, tx: i32, ms: u64) -> Option<f64> {
@@ -231,15 +237,15 @@ mod tests {
     #[test]
     fn what_comes_late_is_as_old_as_it_is() {
         let mut ages = Ages::default();
-        tell(&mut ages, 100 * SECOND_NS, at(5_000));
-        ages.came(key(0), 60 * SECOND_NS, at(5_020));
+        update_clock(&mut ages, 100 * SECOND_NS, at(5_000));
+        ages.on_tile(key(0), 60 * SECOND_NS, at(5_020));
         assert_eq!(secs(&ages, 0, 5_020), Some(40.02));
         assert_eq!(secs(&ages, 0, 8_020), Some(43.02));
-        assert_eq!(ages.when_came(key(0)), Some(at(5_020)));
+        assert_eq!(ages.received_at(key(0)), Some(at(5_020)));
         // While the robot's own clock is set on, it ages on by this one.
-        tell(&mut ages, 5_000 * SECOND_NS, at(6_000));
+        update_clock(&mut ages, 5_000 * SECOND_NS, at(6_000));
         assert_eq!(secs(&ages, 0, 8_020), Some(43.02));
-        ages.came(key(1), 4_999 * SECOND_NS, at(6_000));
+        ages.on_tile(key(1), 4_999 * SECOND_NS, at(6_000));
         assert_eq!(secs(&ages, 1, 6_000), Some(1.0));
         assert!(ages.order(key(1)) > ages.order(key(0)));
     }
@@ -248,15 +254,15 @@ mod tests {
     fn data_that_stands_still_grows_old() {
         let mut ages = Ages::default();
         for ms in (0..=600_000).step_by(50) {
-            tell(&mut ages, 9 * SECOND_NS, at(ms));
+            update_clock(&mut ages, 9 * SECOND_NS, at(ms));
         }
-        ages.came(key(0), 8 * SECOND_NS, at(600_000));
+        ages.on_tile(key(0), 8 * SECOND_NS, at(600_000));
         assert_eq!(secs(&ages, 0, 600_000), Some(601.0));
         assert_eq!(ages.before_newest(key(0)), Duration::from_secs(1));
         // It goes on, and a tile overtakes the pose of its data.
-        ages.came(key(1), 10 * SECOND_NS, at(600_500));
+        ages.on_tile(key(1), 10 * SECOND_NS, at(600_500));
         assert_eq!(secs(&ages, 1, 600_600), Some(0.1));
-        tell(&mut ages, 10 * SECOND_NS, at(600_600));
+        update_clock(&mut ages, 10 * SECOND_NS, at(600_600));
         assert_eq!(secs(&ages, 1, 601_500), Some(1.0));
     }
 
@@ -265,20 +271,20 @@ mod tests {
         const MS_NS: i64 = 1_000_000;
         let mut ages = Ages::default();
         for n in 0..=40 {
-            tell(&mut ages, 50 * MS_NS * n, at(50 * n as u64));
+            update_clock(&mut ages, 50 * MS_NS * n, at(50 * n as u64));
         }
-        ages.came(key(0), 1_900 * MS_NS, at(2_000));
+        ages.on_tile(key(0), 1_900 * MS_NS, at(2_000));
         assert_eq!(secs(&ages, 0, 8_000), Some(6.1), "nobody knows more yet");
         // It was suspended for 7 s with a tile on its way, and another comes when it goes on.
-        ages.came(key(1), 1_800 * MS_NS, at(9_000));
+        ages.on_tile(key(1), 1_800 * MS_NS, at(9_000));
         for n in 0..=25 {
-            tell(
+            update_clock(
                 &mut ages,
                 (2_000 + 50 * n) * MS_NS,
                 at(9_000 + 50 * n as u64),
             );
             if n == 10 {
-                ages.came(key(2), 2_400 * MS_NS, at(9_500));
+                ages.on_tile(key(2), 2_400 * MS_NS, at(9_500));
             }
         }
         let old = [0, 1, 2].map(|tx| secs(&ages, tx, 10_250));
@@ -289,29 +295,29 @@ mod tests {
     #[test]
     fn what_was_behind_a_cut_is_as_old_as_the_first_pose_says() {
         let mut ages = Ages::default();
-        tell(&mut ages, 100 * SECOND_NS, at(0));
+        update_clock(&mut ages, 100 * SECOND_NS, at(0));
         // The link was gone for 30 s, and the tile comes first.
-        ages.came(key(0), 101 * SECOND_NS, at(30_000));
-        tell(&mut ages, 130 * SECOND_NS, at(30_040));
+        ages.on_tile(key(0), 101 * SECOND_NS, at(30_000));
+        update_clock(&mut ages, 130 * SECOND_NS, at(30_040));
         assert_eq!(secs(&ages, 0, 30_040), Some(29.0));
     }
 
     #[test]
     fn nobody_knows_how_old_it_is_where_the_clock_was_set_back() {
         let mut ages = Ages::default();
-        tell(&mut ages, 3_600 * SECOND_NS, at(0));
-        ages.came(key(0), 3_599 * SECOND_NS, at(0));
-        tell(&mut ages, SECOND_NS, at(1_000));
+        update_clock(&mut ages, 3_600 * SECOND_NS, at(0));
+        ages.on_tile(key(0), 3_599 * SECOND_NS, at(0));
+        update_clock(&mut ages, SECOND_NS, at(1_000));
         assert_eq!(secs(&ages, 0, 1_000), Some(2.0), "this console was there");
-        ages.came(key(1), SECOND_NS, at(1_000));
+        ages.on_tile(key(1), SECOND_NS, at(1_000));
         assert!(ages.order(key(1)) > ages.order(key(0)));
         assert_eq!(secs(&ages, 1, 1_500), Some(0.5));
         // One that comes now.
         let mut late = Ages::default();
-        tell(&mut late, 5 * SECOND_NS, at(5_000));
-        late.came(key(0), 3_599 * SECOND_NS, at(5_000));
+        update_clock(&mut late, 5 * SECOND_NS, at(5_000));
+        late.on_tile(key(0), 3_599 * SECOND_NS, at(5_000));
         assert_eq!(secs(&late, 0, 9_000), Some(4.0), "nothing came since");
-        tell(&mut late, 6 * SECOND_NS, at(6_001));
+        update_clock(&mut late, 6 * SECOND_NS, at(6_001));
         assert_eq!(secs(&late, 0, 6_001), None);
         assert_eq!(late.before_newest(key(0)), Duration::ZERO);
         assert_eq!(secs(&late, 7, 6_001), None, "it is not there");
@@ -320,25 +326,25 @@ mod tests {
     #[test]
     fn what_is_ahead_of_the_data_is_not_the_newest() {
         let mut ages = Ages::default();
-        tell(&mut ages, 5 * SECOND_NS, at(5_000));
-        ages.came(key(0), 50 * SECOND_NS, at(5_000));
-        ages.came(key(1), 4 * SECOND_NS, at(5_000));
+        update_clock(&mut ages, 5 * SECOND_NS, at(5_000));
+        ages.on_tile(key(0), 50 * SECOND_NS, at(5_000));
+        ages.on_tile(key(1), 4 * SECOND_NS, at(5_000));
         assert!(ages.order(key(0)) > ages.order(key(1)), "a pose may come");
-        tell(&mut ages, 6 * SECOND_NS + 1, at(6_001));
+        update_clock(&mut ages, 6 * SECOND_NS + 1, at(6_001));
         assert!(ages.order(key(0)) < ages.order(key(1)));
         // The data comes to where it was measured, or it is measured anew.
-        tell(&mut ages, 50 * SECOND_NS, at(50_000));
+        update_clock(&mut ages, 50 * SECOND_NS, at(50_000));
         assert!(ages.order(key(0)) > ages.order(key(1)));
-        ages.came(key(1), 50 * SECOND_NS, at(50_000));
+        ages.on_tile(key(1), 50 * SECOND_NS, at(50_000));
         assert!(ages.order(key(0)) <= ages.order(key(1)));
     }
 
     #[test]
     fn overtaken_messages_set_no_clock_back() {
         let mut ages = Ages::default();
-        ages.tell(10, 100 * SECOND_NS, at(1_000));
-        ages.tell(9, 99 * SECOND_NS, at(1_100));
-        ages.came(key(0), 100 * SECOND_NS, at(1_100));
+        ages.update_clock(10, 100 * SECOND_NS, at(1_000));
+        ages.update_clock(9, 99 * SECOND_NS, at(1_100));
+        ages.on_tile(key(0), 100 * SECOND_NS, at(1_100));
         assert_eq!(secs(&ages, 0, 1_100), Some(0.1));
         let order = |times_set_back, secs| {
             Some(AgeOrder {
@@ -348,13 +354,13 @@ mod tests {
             })
         };
         assert_eq!(ages.order(key(0)), order(0, 100));
-        ages.tell(11, 99 * SECOND_NS, at(1_200));
-        ages.came(key(1), 99 * SECOND_NS, at(1_200));
+        ages.update_clock(11, 99 * SECOND_NS, at(1_200));
+        ages.on_tile(key(1), 99 * SECOND_NS, at(1_200));
         assert_eq!(ages.order(key(1)), order(1, 99));
         // A recording that is wound back erases its maps.
-        ages.begin_anew();
-        ages.came(key(1), 50 * SECOND_NS, at(1_300));
-        ages.tell(12, 50 * SECOND_NS, at(1_350));
+        ages.restart();
+        ages.on_tile(key(1), 50 * SECOND_NS, at(1_300));
+        ages.update_clock(12, 50 * SECOND_NS, at(1_350));
         assert_eq!(ages.before_newest(key(1)), Duration::ZERO);
         assert_eq!(secs(&ages, 1, 1_350), Some(0.05));
     }
@@ -362,14 +368,14 @@ mod tests {
     #[test]
     fn what_was_erased_has_no_age() {
         let mut ages = Ages::default();
-        ages.came(key(0), SECOND_NS, at(0));
-        ages.came(key(1), 2 * SECOND_NS, at(0));
+        ages.on_tile(key(0), SECOND_NS, at(0));
+        ages.on_tile(key(1), 2 * SECOND_NS, at(0));
         ages.remove(key(0));
         assert_eq!((ages.len(), secs(&ages, 0, 0)), (1, None));
         ages.forget(LayerId::Occupancy);
         assert_eq!((ages.len(), ages.ahead.len()), (0, 0));
-        tell(&mut ages, i64::MAX, at(0));
-        ages.came(key(0), i64::MIN, at(u64::MAX / 2_000_000));
+        update_clock(&mut ages, i64::MAX, at(0));
+        ages.on_tile(key(0), i64::MIN, at(u64::MAX / 2_000_000));
         let oldest = ages.age(key(0), at(0)).unwrap();
         assert!(oldest > Duration::from_nanos(u64::MAX), "{oldest:?}");
     }

@@ -18,7 +18,7 @@ const PING_TIMEOUT: Duration = Duration::from_secs(5);
 pub const SILENT_AFTER: Duration = Duration::from_millis(400);
 /// The same where poses do not come steadily: before the first, without any (a status comes twice a second), and for a
 /// second after a silence, so that a link that only just holds is not called lost with every breath.
-pub const SLOWLY_SILENT_AFTER: Duration = Duration::from_millis(1500);
+pub const SILENT_AFTER_UNSTEADY: Duration = Duration::from_millis(1500);
 
 /// What the link is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,11 +33,11 @@ pub enum LinkState {
 
 /// What was heard of the robot before this link to it began.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct HeardBefore {
+pub struct LastContact {
     /// When that was last.
     pub last: Monotonic,
     /// From when on it is missed: a link takes its time to be opened.
-    pub missed_from: Monotonic,
+    pub expected_from: Monotonic,
     /// It had said that its data had ended.
     pub had_ended: bool,
 }
@@ -45,7 +45,7 @@ pub struct HeardBefore {
 /// Measures the link from what arrives.
 #[derive(Clone, Debug, Default)]
 pub struct Connection {
-    before: Option<HeardBefore>,
+    before: Option<LastContact>,
     last_message: Option<Monotonic>,
     /// Whether poses came often enough to miss them soon.
     is_steady: bool,
@@ -66,7 +66,7 @@ impl Connection {
     pub fn state(&self, now: Monotonic) -> LinkState {
         match (self.last_message, self.before) {
             (Some(at), _) if now.since(at) <= self.silent_after() => LinkState::Live,
-            (None, before) if before.is_none_or(|before| now < before.missed_from) => {
+            (None, before) if before.is_none_or(|before| now < before.expected_from) => {
                 LinkState::Waiting
             }
             (Some(_) | None, _) => LinkState::Silent,
@@ -78,7 +78,7 @@ impl Connection {
         if self.is_steady {
             SILENT_AFTER
         } else {
-            SLOWLY_SILENT_AFTER
+            SILENT_AFTER_UNSTEADY
         }
     }
 
@@ -94,7 +94,7 @@ impl Connection {
     }
 
     /// When the newest message came by this link; `None` before the first.
-    pub const fn heard_at(&self) -> Option<Monotonic> {
+    pub const fn last_message_at(&self) -> Option<Monotonic> {
         self.last_message
     }
 
@@ -123,7 +123,7 @@ impl Connection {
         self.is_present
     }
 
-    pub(super) fn arrived(&mut self, bytes: usize, now: Monotonic) {
+    pub(super) fn add_bytes(&mut self, bytes: usize, now: Monotonic) {
         self.bytes += bytes as u64;
         self.messages += 1;
         let slice = RATE_WINDOW / 10;
@@ -140,12 +140,12 @@ impl Connection {
         }
     }
 
-    pub(super) const fn set_before(&mut self, before: HeardBefore) {
+    pub(super) const fn set_last_contact(&mut self, before: LastContact) {
         self.before = Some(before);
     }
 
     /// A message of the robot made sense.
-    pub(super) fn heard(&mut self, now: Monotonic) {
+    pub(super) fn on_message(&mut self, now: Monotonic) {
         self.last_message = Some(now);
     }
 
@@ -177,13 +177,13 @@ impl Connection {
         self.last_ping.is_none_or(|at| now.since(at) >= PING_PERIOD)
     }
 
-    pub(super) fn pinged(&mut self, request: RequestId, now: Monotonic) {
+    pub(super) fn on_ping(&mut self, request: RequestId, now: Monotonic) {
         self.last_ping = Some(now);
         self.pings.push_back((request, now));
     }
 
     /// An answer came; true if it was to a ping.
-    pub(super) fn ponged(&mut self, request: RequestId, now: Monotonic) -> bool {
+    pub(super) fn on_pong(&mut self, request: RequestId, now: Monotonic) -> bool {
         let Some(index) = self.pings.iter().position(|(asked, _)| *asked == request) else {
             return false;
         };
@@ -198,13 +198,13 @@ impl Connection {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pretend::at;
+    use crate::test_support::at;
 
     #[test]
     fn rates_are_those_of_the_last_seconds() {
         let mut link = Connection::default();
         for ms in (0..10_000).step_by(50) {
-            link.arrived(100, at(ms));
+            link.add_bytes(100, at(ms));
         }
         // 2000 bytes a second.
         assert!(
@@ -221,49 +221,49 @@ mod tests {
     fn silence_and_round_trips_are_seen() {
         let mut link = Connection::default();
         assert_eq!(link.state(at(0)), LinkState::Waiting);
-        link.heard(at(100));
+        link.on_message(at(100));
         assert_eq!(link.state(at(1_600)), LinkState::Live);
         assert_eq!(link.state(at(1_601)), LinkState::Silent);
         link.set_steady(true);
         assert_eq!(link.state(at(500)), LinkState::Live);
         assert_eq!(link.state(at(501)), LinkState::Silent);
         assert!(link.is_ping_due(at(0)));
-        link.pinged(RequestId(1), at(0));
+        link.on_ping(RequestId(1), at(0));
         assert!(!link.is_ping_due(at(900)));
-        assert!(!link.ponged(RequestId(2), at(50)));
-        assert!(link.ponged(RequestId(1), at(70)));
+        assert!(!link.on_pong(RequestId(2), at(50)));
+        assert!(link.on_pong(RequestId(1), at(70)));
         assert_eq!(link.round_trip(), Some(Duration::from_millis(70)));
-        link.pinged(RequestId(3), at(1_000));
+        link.on_ping(RequestId(3), at(1_000));
         assert!(link.is_ping_due(at(6_000)));
         link.expire_pings(at(6_000));
-        assert_eq!(link.round_trip(), None, "nobody answers any more");
+        assert_eq!(link.round_trip(), None, "no answer any more");
     }
 
     #[test]
     fn a_robot_that_was_heard_before_is_missed_and_its_age_counts_from_then() {
         let mut link = Connection::default();
-        link.set_before(HeardBefore {
+        link.set_last_contact(LastContact {
             last: at(1_000),
-            missed_from: at(5_000),
+            expected_from: at(5_000),
             had_ended: false,
         });
-        let told = |link: &Connection, ms| (link.state(at(ms)), link.age(at(ms)).unwrap());
+        let state_and_age = |link: &Connection, ms| (link.state(at(ms)), link.age(at(ms)).unwrap());
         let s = Duration::from_secs;
-        assert_eq!(told(&link, 4_000), (LinkState::Waiting, s(3)));
-        assert_eq!(told(&link, 5_000), (LinkState::Silent, s(4)));
-        link.heard(at(9_000));
-        assert_eq!(told(&link, 10_000), (LinkState::Live, s(1)));
-        assert_eq!(told(&link, 11_000), (LinkState::Silent, s(2)));
+        assert_eq!(state_and_age(&link, 4_000), (LinkState::Waiting, s(3)));
+        assert_eq!(state_and_age(&link, 5_000), (LinkState::Silent, s(4)));
+        link.on_message(at(9_000));
+        assert_eq!(state_and_age(&link, 10_000), (LinkState::Live, s(1)));
+        assert_eq!(state_and_age(&link, 11_000), (LinkState::Silent, s(2)));
     }
 
     #[test]
     fn one_ping_that_is_lost_takes_nothing_from_those_around_it() {
         let mut link = Connection::default();
         for (n, ms) in [(1, 0), (2, 1_000), (3, 2_000)] {
-            link.pinged(RequestId(n), at(ms));
+            link.on_ping(RequestId(n), at(ms));
         }
-        assert!(link.ponged(RequestId(1), at(30)));
-        assert!(link.ponged(RequestId(3), at(2_050)));
+        assert!(link.on_pong(RequestId(1), at(30)));
+        assert!(link.on_pong(RequestId(3), at(2_050)));
         link.expire_pings(at(6_500));
         assert_eq!(link.round_trip(), Some(Duration::from_millis(50)));
         assert_eq!(link.pings, []);

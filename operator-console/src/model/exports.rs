@@ -8,9 +8,9 @@ use super::{ConsoleModel, TrajectoryProgress, VoxelsProgress};
 
 impl ConsoleModel {
     /// Follows these layers too, whatever is shown: an export wants them.
-    pub fn follow_too(&mut self, layers: BTreeSet<LayerId>) {
+    pub fn want_for_export(&mut self, layers: BTreeSet<LayerId>) {
         self.exported = layers;
-        self.follow();
+        self.update_wanted_layers();
     }
 
     /// Fetches the octree's files as they are now, for an export.

@@ -28,7 +28,7 @@ const DOUBT_PAUSE: Duration = Duration::from_secs(30);
 
 /// What is asked of the robot about a layer.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Question {
+pub(super) enum Query {
     /// Which tiles are newer than this revision.
     Digests { newer_than: u64 },
     /// These tiles.
@@ -60,7 +60,7 @@ pub(super) struct LayerSync {
     /// Up to this revision every tile is known to be held.
     confirmed: u64,
     /// Whether the roots have been equal in this boot and epoch.
-    was_in_step: bool,
+    was_synchronized: bool,
     /// Since when they differ.
     differs_since: Option<Monotonic>,
     last_push: Option<Monotonic>,
@@ -84,7 +84,7 @@ impl LayerSync {
     pub(super) fn new() -> Self {
         Self {
             confirmed: 0,
-            was_in_step: false,
+            was_synchronized: false,
             differs_since: None,
             last_push: None,
             last_equal: None,
@@ -102,7 +102,7 @@ impl LayerSync {
     /// The roots are equal at a head of this revision.
     pub(super) fn equal(&mut self, head_revision: u64, now: Monotonic) {
         self.confirmed = head_revision;
-        self.was_in_step = true;
+        self.was_synchronized = true;
         self.differs_since = None;
         self.last_equal = Some(now);
         self.is_urgent = false;
@@ -249,14 +249,14 @@ impl LayerSync {
 
     /// What to ask now, if anything; `order` sorts the tiles that are lacking, `room` says how many
     /// questions for tiles may still be asked.
-    pub(super) fn question(
+    pub(super) fn query(
         &self,
         now: Monotonic,
         room: usize,
         limit: usize,
         order: impl Fn((i32, i32)) -> f64,
         is_asked: impl Fn((i32, i32)) -> bool,
-    ) -> Option<Question> {
+    ) -> Option<Query> {
         self.differs_since?;
         if now < self.not_before {
             return None;
@@ -265,18 +265,18 @@ impl LayerSync {
             from, page: None, ..
         }) = self.listing
         {
-            return Some(Question::Digests { newer_than: from });
+            return Some(Query::Digests { newer_than: from });
         }
         if !self.missing.is_empty() && room > 0 {
             let tiles = self.missing.keys().copied();
             let mut tiles: Vec<_> = tiles.filter(|tile| !is_asked(*tile)).collect();
             tiles.sort_by(|a, b| order(*a).total_cmp(&order(*b)).then(a.cmp(b)));
             tiles.truncate(limit);
-            return (!tiles.is_empty()).then_some(Question::Tiles(tiles));
+            return (!tiles.is_empty()).then_some(Query::Tiles(tiles));
         }
         let is_idle = self.missing.is_empty() && self.pulls.is_empty() && self.listing.is_none();
         let is_due = is_idle && (self.is_urgent || self.is_overdue(now));
-        is_due.then_some(Question::Digests {
+        is_due.then_some(Query::Digests {
             newer_than: self.confirmed,
         })
     }
@@ -293,9 +293,9 @@ impl LayerSync {
     }
 
     /// A question was asked.
-    pub(super) fn asked(&mut self, request: RequestId, question: &Question) {
-        match question {
-            Question::Digests { newer_than } => {
+    pub(super) fn asked(&mut self, request: RequestId, query: &Query) {
+        match query {
+            Query::Digests { newer_than } => {
                 let listing = self.listing.get_or_insert(Listing {
                     newer_than: *newer_than,
                     from: *newer_than,
@@ -304,7 +304,7 @@ impl LayerSync {
                 });
                 listing.page = Some((request, *newer_than));
             }
-            Question::Tiles(_) => {
+            Query::Tiles(_) => {
                 self.pulls.insert(request, false);
             }
         }
@@ -317,11 +317,11 @@ impl LayerSync {
 
     /// When the roots were last equal; `None` if never in this boot and epoch.
     pub(super) fn last_equal(&self) -> Option<Monotonic> {
-        self.last_equal.filter(|_| self.was_in_step)
+        self.last_equal.filter(|_| self.was_synchronized)
     }
 
     /// Whether the roots differ now, or are not known.
     pub(super) const fn is_different(&self) -> bool {
-        self.differs_since.is_some() || !self.was_in_step
+        self.differs_since.is_some() || !self.was_synchronized
     }
 }

@@ -44,7 +44,7 @@ impl Stream {
 pub struct LinkSample {
     /// When.
     pub at: Monotonic,
-    /// Round trip; none while nobody answers.
+    /// Round trip; none while no answer.
     pub round_trip: Option<Duration>,
     /// Poses that came a second.
     pub pose_hz: f32,
@@ -104,7 +104,7 @@ impl LinkQuality {
         &self.samples
     }
 
-    pub(super) fn heard(&mut self, stream: Stream, now: Monotonic) {
+    pub(super) fn on_message(&mut self, stream: Stream, now: Monotonic) {
         self.last[stream as usize] = Some(now);
     }
 
@@ -117,7 +117,7 @@ impl LinkQuality {
     }
 
     pub(super) fn pose(&mut self, now: Monotonic) {
-        self.heard(Stream::Pose, now);
+        self.on_message(Stream::Pose, now);
         while self.poses.len() >= MAX_POSES
             || self
                 .poses
@@ -167,7 +167,7 @@ mod tests {
     #![expect(clippy::float_cmp, reason = "whole numbers of poses in two seconds")]
 
     use super::*;
-    use crate::pretend::at;
+    use crate::test_support::at;
 
     fn after(comes: impl Fn(u64) -> bool) -> LinkQuality {
         let mut quality = LinkQuality::default();

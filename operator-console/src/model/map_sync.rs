@@ -1,4 +1,4 @@
-//! The map as this console holds it, and what it does to be in step with the robot's.
+//! The map as this console holds it, and what it does to be synchronized with the robot's.
 
 mod listing;
 
@@ -16,7 +16,7 @@ use robot_edge::clock::Monotonic;
 use super::ages::Ages;
 use super::incoming::RequestId;
 use super::layer_sync::{LayerSync, SILENCE};
-use super::refusals::Refusal;
+use super::reject_reason::RejectReason;
 use super::tile_intake::TileIntake;
 
 /// Ages that are kept before those of tiles that are gone are dropped.
@@ -24,14 +24,14 @@ const MAX_AGES: usize = 200_000;
 
 /// A question about a layer, for the link to ask.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum MapQuestion {
+pub(super) enum MapQuery {
     Digests(LayerId, DigestsRequest),
     Tiles(LayerId, TilesRequest),
 }
 
 /// How far a layer is behind the robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LayerStep {
+pub struct LayerSyncState {
     /// Which layer.
     pub layer: LayerId,
     /// Whether the robot's last announcement and this map are the same, cell for cell.
@@ -43,7 +43,7 @@ pub struct LayerStep {
 }
 
 /// A question that is not answered yet.
-pub(super) struct Asked {
+pub(super) struct PendingQuery {
     pub(super) layer: LayerId,
     /// Asked for; empty where a list was.
     pub(super) tiles: Vec<(i32, i32)>,
@@ -65,7 +65,7 @@ pub struct MapSync {
     pub(super) ages: Ages,
     /// Tiles named by the lists that are arriving.
     listed: BTreeMap<LayerId, BTreeSet<(i32, i32)>>,
-    pub(super) asked: BTreeMap<RequestId, Asked>,
+    pub(super) asked: BTreeMap<RequestId, PendingQuery>,
     /// The digest of a tile of which nothing is known.
     unknown: TileDigest,
     pub(super) wanted: BTreeSet<LayerId>,
@@ -73,13 +73,13 @@ pub struct MapSync {
 }
 
 impl MapSync {
-    /// An empty map that takes `store_mb` megabytes at most.
+    /// An empty map that takes `tile_store_mb` megabytes at most.
     ///
     /// # Errors
     /// Where zstd cannot be set up.
-    pub(super) fn new(store_mb: u32) -> io::Result<Self> {
+    pub(super) fn new(tile_store_mb: u32) -> io::Result<Self> {
         Ok(Self {
-            store: TileStore::new(BootId([0; 16]), store_mb),
+            store: TileStore::new(BootId([0; 16]), tile_store_mb),
             intake: TileIntake::new()?,
             head: None,
             has_boot: false,
@@ -106,18 +106,19 @@ impl MapSync {
     }
 
     /// A message whose stamp is that of the robot's newest data came.
-    pub(super) fn tell_clock(&mut self, header: Header, now: Monotonic) {
+    pub(super) fn update_clock(&mut self, header: Header, now: Monotonic) {
         if self.has_boot && header.boot == self.store.boot() {
-            self.ages.tell(header.seq, header.robot_time_ns, now);
+            self.ages
+                .update_clock(header.seq, header.robot_time_ns, now);
         }
     }
 
     /// How far each layer that the robot announces and this console wants is behind.
-    pub fn steps(&self) -> impl Iterator<Item = LayerStep> {
+    pub fn layer_states(&self) -> impl Iterator<Item = LayerSyncState> {
         self.layers
             .iter()
             .filter(|(layer, _)| self.wanted.contains(layer))
-            .map(|(layer, sync)| LayerStep {
+            .map(|(layer, sync)| LayerSyncState {
                 layer: *layer,
                 is_equal: !sync.is_different(),
                 last_equal: sync.last_equal(),
@@ -131,8 +132,8 @@ impl MapSync {
     }
 
     /// Whether every layer that is wanted equals the robot's last announcement.
-    pub fn is_in_step(&self) -> bool {
-        self.head.is_some() && self.steps().all(|step| step.is_equal)
+    pub fn is_synchronized(&self) -> bool {
+        self.head.is_some() && self.layer_states().all(|step| step.is_equal)
     }
 
     /// When the robot last announced what its map is.
@@ -160,7 +161,7 @@ impl MapSync {
     }
 
     /// Whether what changes of a layer is asked for. What is known of one that is not stays as it was.
-    pub fn is_followed(&self, layer: LayerId) -> bool {
+    pub fn is_wanted(&self, layer: LayerId) -> bool {
         self.wanted.contains(&layer)
     }
 
@@ -190,7 +191,7 @@ impl MapSync {
         head: MapHead,
         boot: BootId,
         now: Monotonic,
-    ) -> Result<bool, Refusal> {
+    ) -> Result<bool, RejectReason> {
         let is_new = !self.has_boot || boot != self.store.boot();
         if is_new {
             let before: Vec<_> = LayerId::ALL
@@ -199,14 +200,14 @@ impl MapSync {
                 .map(|(key, _)| key)
                 .collect();
             if !self.store.adopt_boot(boot) {
-                return Err(Refusal::OtherBoot);
+                return Err(RejectReason::OtherBoot);
             }
             self.changed.extend(before);
             self.has_boot = true;
             self.layers.clear();
             self.roots.clear();
             self.ages = Ages::default();
-            self.forget_questions();
+            self.forget_queries();
         }
         let was_silent = self.head_at().is_none_or(|at| now.since(at) > SILENCE);
         for layer in &head.layers {
@@ -222,18 +223,18 @@ impl MapSync {
             }
         }
         if was_silent {
-            self.forget_questions();
+            self.forget_queries();
         }
         self.head = Some((head, now));
         Ok(is_new)
     }
 
     /// What is of another run than the map cannot be put into it.
-    fn of_this_boot(&self, boot: BootId) -> Result<(), Refusal> {
+    fn of_this_boot(&self, boot: BootId) -> Result<(), RejectReason> {
         if !self.has_boot {
-            Err(Refusal::BeforeJoin)
+            Err(RejectReason::BeforeJoin)
         } else if boot != self.store.boot() {
-            Err(Refusal::OtherBoot)
+            Err(RejectReason::OtherBoot)
         } else {
             Ok(())
         }
@@ -247,10 +248,10 @@ impl MapSync {
         band: &TileBand,
         request: Option<RequestId>,
         now: Monotonic,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), RejectReason> {
         self.of_this_boot(header.boot)?;
         if self.store.cell_m(key.layer).is_none() {
-            return Err(Refusal::UnknownLayer);
+            return Err(RejectReason::UnknownLayer);
         }
         let revision = band.revision;
         let at = (key.tx, key.ty);
@@ -260,13 +261,16 @@ impl MapSync {
         let tile = self
             .intake
             .take(key, header, band)
-            .map_err(|why| refusal(&why))?;
+            .map_err(|why| reject_reason(&why))?;
         let Some(tile) = tile else { return Ok(()) };
         if tile.epoch > self.store.epoch(key.layer) {
             self.erase_layer(key.layer, tile.epoch);
         }
         let stamp_ns = tile.stamp_ns;
-        let applied = self.store.apply(tile).map_err(|_why| Refusal::BadTile)?;
+        let applied = self
+            .store
+            .apply(tile)
+            .map_err(|_why| RejectReason::BadTile)?;
         let sync = self.layers.entry(key.layer).or_insert_with(LayerSync::new);
         match request {
             Some(_) => sync.held(at, revision),
@@ -276,16 +280,16 @@ impl MapSync {
             Applied::Stored => {
                 self.roots.remove(&key.layer);
                 self.changed.insert(key);
-                self.ages.came(key, stamp_ns, now);
+                self.ages.on_tile(key, stamp_ns, now);
                 if self.ages.len() > MAX_AGES {
                     let store = &self.store;
                     self.ages.retain(|key| store.get(key).is_some());
                 }
                 Ok(())
             }
-            Applied::OldBoot => Err(Refusal::OtherBoot),
-            Applied::OldEpoch => Err(Refusal::OldEpoch),
-            Applied::OldRevision => Err(Refusal::OldRevision),
+            Applied::OldBoot => Err(RejectReason::OtherBoot),
+            Applied::OldEpoch => Err(RejectReason::OldEpoch),
+            Applied::OldRevision => Err(RejectReason::OldRevision),
         }
     }
 
@@ -297,7 +301,7 @@ impl MapSync {
         reply: &TilesReply,
         request: RequestId,
         now: Monotonic,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), RejectReason> {
         let key = TileKey {
             layer,
             tx: reply.tx,
@@ -308,7 +312,7 @@ impl MapSync {
 
     /// No more replies to a question will come.
     pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) {
-        let Some(Asked { layer, tiles, .. }) = self.asked.remove(&request) else {
+        let Some(PendingQuery { layer, tiles, .. }) = self.asked.remove(&request) else {
             return;
         };
         if let Some(sync) = self.layers.get_mut(&layer) {
@@ -323,7 +327,7 @@ impl MapSync {
         self.roots.remove(&layer);
         self.store.adopt_epoch(layer, epoch);
         self.ages.forget(layer);
-        self.ages.begin_anew();
+        self.ages.restart();
         self.layers.insert(layer, LayerSync::new());
     }
 
@@ -339,20 +343,20 @@ impl MapSync {
     }
 
     /// What was asked over a link that is gone is not answered any more.
-    fn forget_questions(&mut self) {
+    fn forget_queries(&mut self) {
         self.asked.clear();
         self.listed.clear();
     }
 
     /// Halves of tiles that were given up.
-    pub fn halves_given_up(&self) -> u64 {
-        self.intake.given_up()
+    pub fn abandoned_halves(&self) -> u64 {
+        self.intake.abandoned()
     }
 }
 
-fn refusal(why: &DecodeError) -> Refusal {
+fn reject_reason(why: &DecodeError) -> RejectReason {
     match why {
-        DecodeError::Version(_) => Refusal::OtherProtocol,
+        DecodeError::Version(_) => RejectReason::OtherProtocol,
         DecodeError::Truncated(_)
         | DecodeError::TooLong(_)
         | DecodeError::Coding(_)
@@ -361,6 +365,6 @@ fn refusal(why: &DecodeError) -> Refusal {
         | DecodeError::Length { .. }
         | DecodeError::Code(_)
         | DecodeError::DuplicateRow(_)
-        | DecodeError::Incomplete(_) => Refusal::BadTile,
+        | DecodeError::Incomplete(_) => RejectReason::BadTile,
     }
 }

@@ -5,35 +5,35 @@
 
 mod ages;
 mod connection;
-mod ending;
+mod data_end;
 mod exports;
-mod following;
-mod guarding;
-mod history;
+mod handle_message;
 mod incoming;
-mod kept_names;
 mod layer_sync;
 mod link_quality;
-mod map_questions;
+mod map_queries;
 mod map_sync;
+mod monitor_history;
 mod motion;
-mod recent;
-mod refusals;
-mod repeated;
+mod outgoing;
+mod reject_reason;
+mod retry;
+mod robot_run;
+mod saved_site_names;
 mod scans;
-mod sending;
 mod shore_outlines;
 mod shores_sync;
-mod sight;
 mod site_names;
-mod soundness;
-mod stillness;
-mod taking;
+mod standstill_detector;
+mod stuck_detector;
 mod tile_intake;
+mod time_window;
 mod trail;
 mod trail_sync;
 mod trajectory_sync;
+mod validation;
 mod vehicle;
+mod visible_change;
 mod voxels_sync;
 
 use std::collections::{BTreeSet, VecDeque};
@@ -49,14 +49,14 @@ use protocol::tile::BootId;
 use robot_edge::clock::Monotonic;
 
 pub use ages::{AgeOrder, Ages};
-pub use connection::{Connection, HeardBefore, LinkState, SILENT_AFTER, SLOWLY_SILENT_AFTER};
-pub use guarding::{Guarding, LEAST_MPS, LEAST_RADPS, way};
+pub use connection::{Connection, LastContact, LinkState, SILENT_AFTER, SILENT_AFTER_UNSTEADY};
 pub use incoming::{Incoming, OpenSessions, Outgoing, RequestId};
-pub use kept_names::KeptSiteNames;
 pub use link_quality::{LinkQuality, LinkSample, Stream};
-pub use map_sync::{LayerStep, MapSync};
-pub use motion::{DRIFTING_MPS, OwnMotion};
-pub use refusals::{Refusal, Refusals};
+pub use map_sync::{LayerSyncState, MapSync};
+pub use monitor_history::{MIN_SHOWN_MPS, MIN_SHOWN_RADPS, MonitorReport, direction_signs};
+pub use motion::{DRIFTING_MPS, UncommandedMotion};
+pub use reject_reason::{RejectCounts, RejectReason};
+pub use saved_site_names::SavedSiteNames;
 pub use scans::LastScan;
 pub use shore_outlines::{Neighbour, Outline, ShoreOutlines};
 pub use site_names::{SiteName, SiteNames};
@@ -64,7 +64,7 @@ pub use trajectory_sync::TrajectoryProgress;
 pub use vehicle::Vehicle;
 pub use voxels_sync::{FetchedVoxels, VoxelsProgress};
 
-use guarding::Guardings;
+use monitor_history::MonitorHistory;
 use motion::Motion;
 use scans::Scans;
 use shores_sync::ShoresSync;
@@ -77,7 +77,7 @@ const MAX_EVENTS: usize = 200;
 const HEAD_LIFETIME: Duration = Duration::from_millis(2500);
 
 /// Statuses come more often.
-const STATUSES_COME: Duration = Duration::from_millis(1500);
+const STATUS_TIMEOUT: Duration = Duration::from_millis(1500);
 
 /// What a console is and wants.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,14 +87,14 @@ pub struct ModelSettings {
     /// This run of the console: random.
     pub session: BootId,
     /// Most memory for tiles, megabytes (10⁶ bytes).
-    pub store_mb: u32,
+    pub tile_store_mb: u32,
     /// The layers that are wanted.
     pub layers: BTreeSet<LayerId>,
 }
 
 /// What a robot told of when an emergency stop was heard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BeforeEStop {
+pub struct StopBeforeEStop {
     /// The last stop on the way.
     pub last_stop: Option<StopReason>,
 }
@@ -105,7 +105,7 @@ pub struct ConsoleModel {
     map: MapSync,
     vehicle: Vehicle,
     shores: ShoresSync,
-    kept_names: Option<KeptSiteNames>,
+    saved_site_names: Option<SavedSiteNames>,
     voxels: VoxelsSync,
     trajectory: TrajectorySync,
     trail: TrailSync,
@@ -114,30 +114,30 @@ pub struct ConsoleModel {
     wants_scan: bool,
     connection: Connection,
     quality: LinkQuality,
-    refusals: Refusals,
+    reject_counts: RejectCounts,
     info: Option<(Info, BootId)>,
     status: Option<(Status, Monotonic)>,
     /// The run of the robot that told it.
     status_run: Option<BootId>,
     motion: Motion,
-    guardings: Guardings,
+    monitor_history: MonitorHistory,
     /// The number of the message that first said that the robot's data has ended, and of the newest head.
     ended_seq: Option<u64>,
     head_seq: u64,
     events: VecDeque<(Event, Monotonic)>,
     /// The last stop on the way that was told of when an emergency stop was heard last, in this run of the robot.
-    before_estop: Option<BeforeEStop>,
+    stop_before_estop: Option<StopBeforeEStop>,
     /// Layers that an export wants, shown or not.
     exported: BTreeSet<LayerId>,
     rectangle_m: [f32; 4],
-    asked_info: Option<(RequestId, Monotonic)>,
-    told_view: Option<Monotonic>,
+    info_request: Option<(RequestId, Monotonic)>,
+    last_view_sent: Option<Monotonic>,
     requests: u64,
     seq: u64,
     /// Counts changes that somebody may want to draw at once.
     changes: u64,
     /// Counts what the sensors of a vehicle bring all the time, whatever it does.
-    surveys: u64,
+    sensor_updates: u64,
 }
 
 impl ConsoleModel {
@@ -146,14 +146,14 @@ impl ConsoleModel {
     /// # Errors
     /// Where zstd cannot be set up.
     pub fn new(settings: ModelSettings) -> io::Result<Self> {
-        let mut map = MapSync::new(settings.store_mb)?;
+        let mut map = MapSync::new(settings.tile_store_mb)?;
         map.set_wanted(settings.layers.clone(), [0.0; 2]);
         Ok(Self {
             settings,
             map,
             vehicle: Vehicle::default(),
             shores: ShoresSync::default(),
-            kept_names: None,
+            saved_site_names: None,
             voxels: VoxelsSync::default(),
             trajectory: TrajectorySync::default(),
             trail: TrailSync::default(),
@@ -162,24 +162,24 @@ impl ConsoleModel {
             wants_scan: false,
             connection: Connection::default(),
             quality: LinkQuality::default(),
-            refusals: Refusals::default(),
+            reject_counts: RejectCounts::default(),
             info: None,
             status: None,
             status_run: None,
             motion: Motion::default(),
-            guardings: Guardings::default(),
+            monitor_history: MonitorHistory::default(),
             ended_seq: None,
             head_seq: 0,
             events: VecDeque::new(),
-            before_estop: None,
+            stop_before_estop: None,
             exported: BTreeSet::new(),
             rectangle_m: [0.0; 4],
-            asked_info: None,
-            told_view: None,
+            info_request: None,
+            last_view_sent: None,
             requests: 0,
             seq: 0,
             changes: 0,
-            surveys: 0,
+            sensor_updates: 0,
         })
     }
 
@@ -194,16 +194,16 @@ impl ConsoleModel {
     }
 
     /// Whether the map equals what the robot announced, and that lately.
-    pub fn is_in_step(&self, now: Monotonic) -> bool {
+    pub fn is_synchronized(&self, now: Monotonic) -> bool {
         let head_at = self.map.head_at();
-        head_at.is_some_and(|at| now.since(at) <= HEAD_LIFETIME) && self.holds_what_was_announced()
+        head_at.is_some_and(|at| now.since(at) <= HEAD_LIFETIME) && self.matches_last_head()
     }
 
     /// Whether the map equals what the robot announced last, however long ago, and the shores are known, where there
     /// are any.
-    pub fn holds_what_was_announced(&self) -> bool {
-        let knows_shores = !self.has_shores() || self.shores.is_told(self.ended_seq);
-        self.map.is_in_step() && knows_shores
+    pub fn matches_last_head(&self) -> bool {
+        let knows_shores = !self.has_shores() || self.shores.is_current(self.ended_seq);
+        self.map.is_synchronized() && knows_shores
     }
 
     /// Whether the robot tells of shores.
@@ -215,7 +215,7 @@ impl ConsoleModel {
         })
     }
 
-    /// Whether there is more to fetch once the map is in step: a robot whose data has ended waits for that.
+    /// Whether there is more to fetch once the map is synchronized: a robot whose data has ended waits for that.
     pub const fn set_unfinished(&mut self, is_unfinished: bool) {
         self.is_unfinished = is_unfinished;
     }
@@ -241,8 +241,8 @@ impl ConsoleModel {
     }
 
     /// What was not taken.
-    pub const fn refusals(&self) -> &Refusals {
-        &self.refusals
+    pub const fn reject_counts(&self) -> &RejectCounts {
+        &self.reject_counts
     }
 
     /// Who the robot is, once it has said so.
@@ -292,16 +292,16 @@ impl ConsoleModel {
     }
 
     /// What the robot told of when an emergency stop was heard; `None` where no such was heard since it began to run.
-    pub const fn before_estop(&self) -> Option<BeforeEStop> {
-        self.before_estop
+    pub const fn stop_before_estop(&self) -> Option<StopBeforeEStop> {
+        self.stop_before_estop
     }
 
     /// What is to be added to the ages of sensors that the robot told last. Nothing while its statuses come, twice a second: until
     /// the next one says so, a sensor that measures as it should has measured again.
-    pub fn since_statuses(&self, now: Monotonic) -> Duration {
+    pub fn status_delay(&self, now: Monotonic) -> Duration {
         let since = self.status().map(|(_, at)| now.since(*at));
         since
-            .filter(|since| *since >= STATUSES_COME)
+            .filter(|since| *since >= STATUS_TIMEOUT)
             .unwrap_or_default()
     }
 
@@ -312,8 +312,8 @@ impl ConsoleModel {
 
     /// Rises with tiles and sweeps that were pushed, which come all the time. Who draws need not draw again while this
     /// and [`Self::changes`] stand still.
-    pub const fn surveys(&self) -> u64 {
-        self.surveys
+    pub const fn sensor_updates(&self) -> u64 {
+        self.sensor_updates
     }
 
     /// Draws this way of the vehicle instead of the poses that arrived: oldest first, metres in `odom`.
@@ -322,22 +322,22 @@ impl ConsoleModel {
     }
 
     /// What is on the screen: lowest and greatest x and y in `odom`, metres, and the layers that are wanted.
-    pub fn look_at(&mut self, rectangle_m: [f32; 4], layers: BTreeSet<LayerId>) {
+    pub fn set_view(&mut self, rectangle_m: [f32; 4], layers: BTreeSet<LayerId>) {
         if rectangle_m.iter().all(|edge| edge.is_finite()) {
             self.rectangle_m = rectangle_m;
             self.settings.layers = layers;
-            self.follow();
+            self.update_wanted_layers();
         }
     }
 
-    fn follow(&mut self) {
+    fn update_wanted_layers(&mut self) {
         let [low_x, low_y, high_x, high_y] = self.rectangle_m.map(f64::from);
         let focus_m = [0.5 * (low_x + high_x), 0.5 * (low_y + high_y)];
-        self.map.set_wanted(self.followed(), focus_m);
+        self.map.set_wanted(self.wanted_layers(), focus_m);
     }
 
     /// The layers that are asked for.
-    fn followed(&self) -> BTreeSet<LayerId> {
+    fn wanted_layers(&self) -> BTreeSet<LayerId> {
         &self.settings.layers | &self.exported
     }
 
@@ -345,7 +345,7 @@ impl ConsoleModel {
     pub fn apply(&mut self, incoming: Incoming, now: Monotonic) {
         let taken = match incoming {
             Incoming::Sample { key, payload } => {
-                self.connection.arrived(payload.len(), now);
+                self.connection.add_bytes(payload.len(), now);
                 self.take(&key, &payload, None, now)
             }
             Incoming::Reply {
@@ -353,7 +353,7 @@ impl ConsoleModel {
                 key,
                 payload,
             } => {
-                self.connection.arrived(payload.len(), now);
+                self.connection.add_bytes(payload.len(), now);
                 self.take(&key, &payload, Some(request), now)
             }
             Incoming::Ended { request } => {
@@ -367,8 +367,9 @@ impl ConsoleModel {
                 Ok(())
             }
             Incoming::Lost { overrun, oversized } => {
-                self.refusals.add_many(Refusal::Overrun, overrun);
-                self.refusals.add_many(Refusal::Oversized, oversized);
+                self.reject_counts.add_many(RejectReason::Overrun, overrun);
+                self.reject_counts
+                    .add_many(RejectReason::Oversized, oversized);
                 Ok(())
             }
             Incoming::Presence(is_present) => {
@@ -381,7 +382,7 @@ impl ConsoleModel {
             Ok(()) => {}
             Err(why) => {
                 tracing::debug!(why = why.name(), "a message was not taken");
-                self.refusals.add(why);
+                self.reject_counts.add(why);
             }
         }
     }

@@ -6,9 +6,9 @@ use std::time::Duration;
 use protocol::message::{Info, Pose, Status, TeleopState};
 use robot_edge::clock::Monotonic;
 
-use super::following::Following;
-use super::stillness::Stillness;
-use super::{ConsoleModel, LinkState, SLOWLY_SILENT_AFTER};
+use super::standstill_detector::StandstillDetector;
+use super::stuck_detector::StuckDetector;
+use super::{ConsoleModel, LinkState, SILENT_AFTER_UNSTEADY};
 
 /// A vehicle that is slower than this stands, m/s and rad/s.
 pub(super) const MOVING: f32 = 0.05;
@@ -21,60 +21,67 @@ const LONGEST_RAMP: Duration = Duration::from_secs(30);
 
 /// What moves a vehicle that nobody drives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum OwnMotion {
+pub enum UncommandedMotion {
     /// Its own program, or a simulated tour.
-    ByItself,
+    Autonomous,
     /// That, or a current that is faster than usual: of a boat nobody knows.
-    OrAdrift,
+    MaybeDrifting,
 }
 
 /// What its statuses tell of how a vehicle moves.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Motion {
-    pub(super) following: Following,
-    pub(super) stillness: Stillness,
+    pub(super) stuck_detector: StuckDetector,
+    pub(super) standstill: StandstillDetector,
     braking: Braking,
 }
 
 impl Motion {
     /// The robot tells what its motors are told; `pose` is the newest.
-    pub(super) fn hear(
+    pub(super) fn update(
         &mut self,
         status: &Status,
         pose: Option<&Pose>,
         info: Option<&Info>,
         now: Monotonic,
     ) {
-        self.following.hear(status, pose, now);
-        self.stillness.hear(pose, now);
-        self.braking.hear(status, pose, info, now);
+        self.stuck_detector.update(status, pose, now);
+        self.standstill.update(pose, now);
+        self.braking.update(status, pose, info, now);
     }
 }
 
-/// Until when a vehicle may move that was told to stand, whoever told it: its operator, the collision guard, or a stop.
+/// Until when a vehicle may move that was told to stand, whoever told it: its operator, the collision monitor, or a stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Braking {
     /// Whether its motors were told to move when they were heard of last.
-    is_told: bool,
-    stands_by: Option<Monotonic>,
+    is_commanded: bool,
+    stops_by: Option<Monotonic>,
 }
 
 impl Braking {
-    fn hear(&mut self, status: &Status, pose: Option<&Pose>, info: Option<&Info>, now: Monotonic) {
+    fn update(
+        &mut self,
+        status: &Status,
+        pose: Option<&Pose>,
+        info: Option<&Info>,
+        now: Monotonic,
+    ) {
         let applied = status.teleop.as_ref().map(|teleop| teleop.applied);
-        let is_told = applied
-            .is_some_and(|told| told.linear_mps.abs() > 0.0 || told.angular_radps.abs() > 0.0);
-        let was_told = std::mem::replace(&mut self.is_told, is_told);
-        if is_told {
-            self.stands_by = None;
-        } else if was_told {
+        let is_commanded = applied.is_some_and(|commanded| {
+            commanded.linear_mps.abs() > 0.0 || commanded.angular_radps.abs() > 0.0
+        });
+        let was_commanded = std::mem::replace(&mut self.is_commanded, is_commanded);
+        if is_commanded {
+            self.stops_by = None;
+        } else if was_commanded {
             let ramp = pose.zip(info).map(|(pose, info)| ramp(pose, info));
-            self.stands_by = Some(now + ramp.unwrap_or_default() + LAG);
+            self.stops_by = Some(now + ramp.unwrap_or_default() + LAG);
         }
     }
 
     fn may_move(self, now: Monotonic) -> bool {
-        self.stands_by.is_some_and(|stands_by| now < stands_by)
+        self.stops_by.is_some_and(|stops_by| now < stops_by)
     }
 }
 
@@ -105,19 +112,19 @@ impl ConsoleModel {
     }
 
     /// What moves a vehicle that nobody drives, where it is heard and does.
-    pub fn own_motion(&self, now: Monotonic) -> Option<OwnMotion> {
+    pub fn uncommanded_motion(&self, now: Monotonic) -> Option<UncommandedMotion> {
         let teleop = self.teleop()?;
         let (_, at) = self.vehicle.pose()?;
         let is_fresh = self.connection.state(now) == LinkState::Live
-            && now.since(at) <= SLOWLY_SILENT_AFTER
-            && !self.says_ended()
+            && now.since(at) <= SILENT_AFTER_UNSTEADY
+            && !self.reports_ended()
             && !self.awaits_status();
         let is_undriven = teleop.state == TeleopState::Idle && !self.brakes(now);
         let speed_mps = self.moves().filter(|_| is_fresh && is_undriven)?;
         if self.floats() {
-            (speed_mps.abs() > DRIFTING_MPS).then_some(OwnMotion::OrAdrift)
+            (speed_mps.abs() > DRIFTING_MPS).then_some(UncommandedMotion::MaybeDrifting)
         } else {
-            Some(OwnMotion::ByItself)
+            Some(UncommandedMotion::Autonomous)
         }
     }
 
@@ -139,7 +146,9 @@ mod tests {
 
     use super::*;
     use crate::model::RequestId;
-    use crate::pretend::{answers, at, resting, says, scout, standing, starts};
+    use crate::test_support::{
+        announce_boot, at, idle_teleop_status, inject, inject_reply, pose_at_rest, scout,
+    };
 
     fn robot(is_boat: bool) -> ConsoleModel {
         let mut model = scout();
@@ -148,7 +157,7 @@ mod tests {
             stop_decel_mps2: 1.0,
             ..Info::default()
         };
-        answers(&mut model, RequestId(0), Topic::Info, &info, at(0));
+        inject_reply(&mut model, RequestId(0), Topic::Info, &info, at(0));
         model
     }
 
@@ -161,9 +170,9 @@ mod tests {
     ) {
         let pose = Pose {
             speed_mps,
-            ..resting()
+            ..pose_at_rest()
         };
-        let mut teleop = standing();
+        let mut teleop = idle_teleop_status();
         teleop.state = state;
         teleop.applied = Velocity {
             linear_mps,
@@ -173,8 +182,8 @@ mod tests {
             teleop: Some(teleop),
             ..Status::default()
         };
-        says(model, Topic::Pose, &pose, at(ms));
-        says(model, Topic::Status, &status, at(ms));
+        inject(model, Topic::Pose, &pose, at(ms));
+        inject(model, Topic::Status, &status, at(ms));
     }
 
     #[test]
@@ -217,28 +226,28 @@ mod tests {
             let mut model = robot(is_boat);
             hears(&mut model, 1_000, TeleopState::Idle, [0.0; 2]);
             hears(&mut model, 1_500, state, speeds);
-            model.own_motion(at(ms))
+            model.uncommanded_motion(at(ms))
         };
         let idle = TeleopState::Idle;
-        let by_itself = Some(OwnMotion::ByItself);
+        let by_itself = Some(UncommandedMotion::Autonomous);
         assert_eq!(moved_by(false, idle, [-0.5, 0.0], 1_600), by_itself);
         assert_eq!(moved_by(false, idle, [0.01, 0.0], 1_600), None, "it stands");
         assert_eq!(moved_by(false, TeleopState::Held, [0.5, 0.0], 1_600), None);
         assert_eq!(moved_by(false, idle, [0.5, 0.0], 9_000), None, "silent");
         assert_eq!(moved_by(true, idle, [0.4, 0.0], 1_600), None, "it drifts");
-        let or_adrift = Some(OwnMotion::OrAdrift);
+        let or_adrift = Some(UncommandedMotion::MaybeDrifting);
         assert_eq!(moved_by(true, idle, [1.5, 0.0], 1_600), or_adrift);
         // Who has given back a vehicle that brakes has not left it to itself.
         let mut left = robot(false);
         hears(&mut left, 1_000, TeleopState::Driving, [1.0, 1.0]);
         hears(&mut left, 1_500, idle, [0.5, 0.0]);
-        assert_eq!(left.own_motion(at(1_500)), None);
+        assert_eq!(left.uncommanded_motion(at(1_500)), None);
         // It has restarted: what it does now, it has not said.
         let mut restarted = robot(false);
         hears(&mut restarted, 1_000, idle, [0.5, 0.0]);
-        assert_eq!(restarted.own_motion(at(1_100)), by_itself);
-        starts(&mut restarted, BootId([9; 16]), at(1_200));
+        assert_eq!(restarted.uncommanded_motion(at(1_100)), by_itself);
+        announce_boot(&mut restarted, BootId([9; 16]), at(1_200));
         assert!(restarted.awaits_status());
-        assert_eq!(restarted.own_motion(at(1_200)), None);
+        assert_eq!(restarted.uncommanded_motion(at(1_200)), None);
     }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use protocol::message::{MAX_SENSORS, Scan};
 use robot_edge::clock::Monotonic;
 
-use super::refusals::Refusal;
+use super::reject_reason::RejectReason;
 
 /// The last sweep of a sensor.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,7 +17,7 @@ pub struct LastScan {
     /// When it was measured, nanoseconds on the robot's sensor clock.
     pub stamp_ns: i64,
     /// When it was heard.
-    pub heard: Monotonic,
+    pub received_at: Monotonic,
 }
 
 /// One sweep a sensor, the newest.
@@ -33,17 +33,17 @@ impl Scans {
         &mut self,
         scan: Scan,
         stamp_ns: i64,
-        heard: Monotonic,
-    ) -> Result<(), Refusal> {
-        let points_m = scan.points_m().ok_or(Refusal::Malformed)?;
+        received_at: Monotonic,
+    ) -> Result<(), RejectReason> {
+        let points_m = scan.points_m().ok_or(RejectReason::Malformed)?;
         if self.0.len() >= MAX_SENSORS && !self.0.contains_key(&scan.sensor) {
-            return Err(Refusal::Malformed);
+            return Err(RejectReason::Malformed);
         }
         let last = LastScan {
             origin_m: scan.origin_m,
             points_m,
             stamp_ns,
-            heard,
+            received_at,
         };
         self.0.insert(scan.sensor, last);
         Ok(())
@@ -79,13 +79,13 @@ mod tests {
             origin_m: [1.0, 2.0],
             points_m: vec![[1.0, 5.5]],
             stamp_ns: 2,
-            heard: at(20),
+            received_at: at(20),
         };
         assert_eq!(held, [("laser", &expected)]);
         for n in 1..MAX_SENSORS {
             assert_eq!(scans.take(scan(&n.to_string(), &[]), 3, at(30)), Ok(()));
         }
-        let refused = Err(Refusal::Malformed);
+        let refused = Err(RejectReason::Malformed);
         assert_eq!(scans.take(scan("one more", &[]), 4, at(40)), refused);
         assert_eq!(scans.take(scan("laser", &[]), 4, at(40)), Ok(()));
         let mut senseless = scan("laser", &[]);

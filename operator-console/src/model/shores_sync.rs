@@ -8,13 +8,13 @@
 
 use std::time::Duration;
 
-use protocol::message::{Shores, ShoresNews, ShoresRequest};
+use protocol::message::{Shores, ShoresReply, ShoresRequest};
 use robot_edge::clock::Monotonic;
 
 use super::ConsoleModel;
 use super::incoming::RequestId;
-use super::refusals::Refusal;
-use super::repeated::Repeated;
+use super::reject_reason::RejectReason;
+use super::retry::RetryTimer;
 use super::shore_outlines::ShoreOutlines;
 use super::site_names::{SiteName, SiteNames};
 
@@ -53,8 +53,8 @@ pub(super) struct ShoresSync {
     /// The epoch of the maps that the shores are part of, once one was heard of.
     epoch: Option<u32>,
     /// Number of the newest message that told of them; `None` before the first.
-    told_seq: Option<u64>,
-    question: Repeated,
+    last_seq: Option<u64>,
+    query: RetryTimer,
 }
 
 impl ShoresSync {
@@ -74,14 +74,14 @@ impl ShoresSync {
     }
 
     /// Whether the robot has said what there is; if its data ended with message `ended_seq`, after that.
-    pub(super) fn is_told(&self, ended_seq: Option<u64>) -> bool {
-        self.told_seq
+    pub(super) fn is_current(&self, ended_seq: Option<u64>) -> bool {
+        self.last_seq
             .is_some_and(|seq| ended_seq.is_none_or(|ended_seq| seq > ended_seq))
     }
 
     /// Another run of the robot began.
     pub(super) fn forget(&mut self) {
-        self.begin_anew(0, None);
+        self.restart(0, None);
     }
 
     /// The robot's maps are of this epoch; whether that is a new one. Then what was told of those before is void, as their
@@ -92,14 +92,14 @@ impl ShoresSync {
         let is_new = before.is_some_and(|before| epoch > before);
         if is_new {
             // What is held may be of the new maps already: then this asks for it once more.
-            self.begin_anew(self.revision.saturating_sub(1), self.epoch);
+            self.restart(self.revision.saturating_sub(1), self.epoch);
         }
         is_new
     }
 
-    fn begin_anew(&mut self, revision: u64, epoch: Option<u32>) {
+    fn restart(&mut self, revision: u64, epoch: Option<u32>) {
         let mut names = std::mem::take(&mut self.names);
-        names.begin_anew();
+        names.restart();
         *self = Self {
             revision,
             names,
@@ -114,7 +114,7 @@ impl ShoresSync {
     }
 
     /// Goes on with names that were kept, where they are of the same maps and no site was named yet; whether it does.
-    pub(super) fn go_on_with(&mut self, epoch: Option<u32>, names: &SiteNames) -> bool {
+    pub(super) fn restore(&mut self, epoch: Option<u32>, names: &SiteNames) -> bool {
         let is_same = self.epoch.is_some() && self.epoch == epoch && self.shores.is_none();
         if is_same {
             self.names = names.clone();
@@ -124,20 +124,20 @@ impl ShoresSync {
 
     /// Asks as soon as may be.
     pub(super) fn hurry(&mut self) {
-        self.question.rests_until(Monotonic::default());
+        self.query.wait_until(Monotonic::default());
     }
 
     /// What to ask now; `number` numbers the question.
-    pub(super) fn question(
+    pub(super) fn query(
         &mut self,
         now: Monotonic,
         number: impl FnOnce() -> RequestId,
     ) -> Option<(RequestId, ShoresRequest)> {
-        if !self.question.is_due_after(PATIENCE, now) {
+        if !self.query.is_due_after(PATIENCE, now) {
             return None;
         }
         let request = number();
-        self.question.ask(request, now);
+        self.query.ask(request, now);
         let newer_than = self.revision;
         Some((request, ShoresRequest { newer_than }))
     }
@@ -145,28 +145,28 @@ impl ShoresSync {
     /// Shores were pushed, or answered a question, in message `seq`; whether they are others than before.
     pub(super) fn take(
         &mut self,
-        news: ShoresNews,
+        news: ShoresReply,
         seq: u64,
         request: Option<RequestId>,
         now: Monotonic,
-    ) -> Result<bool, Refusal> {
-        let ShoresNews { revision, shores } = news;
+    ) -> Result<bool, RejectReason> {
+        let ShoresReply { revision, shores } = news;
         if shores.as_ref().is_some_and(|shores| !shores.is_valid()) {
-            return Err(Refusal::Malformed);
+            return Err(RejectReason::Malformed);
         }
-        if request.is_some_and(|request| self.question.is_answered(request)) {
-            self.question.goes_well();
-            self.question.rests_until(now + PERIOD);
+        if request.is_some_and(|request| self.query.is_answered(request)) {
+            self.query.succeed();
+            self.query.wait_until(now + PERIOD);
         }
         if revision < self.revision {
-            return Err(Refusal::OldRevision);
+            return Err(RejectReason::OldRevision);
         }
         let is_newer = revision > self.revision;
         if is_newer && shores.is_none() {
             // It answers a question that was asked with another revision.
             return Ok(false);
         }
-        self.told_seq = self.told_seq.max(Some(seq));
+        self.last_seq = self.last_seq.max(Some(seq));
         if is_newer {
             self.revision = revision;
             let sites = shores.as_ref().map_or(&[][..], |shores| &shores.sites);
@@ -179,7 +179,7 @@ impl ShoresSync {
 
     /// No more answers to a question will come; true if it was asked here.
     pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) -> bool {
-        self.question.ended(request, now)
+        self.query.ended(request, now)
     }
 }
 
@@ -189,10 +189,10 @@ mod tests {
 
     use super::super::shore_outlines::Outline;
     use super::*;
-    use crate::pretend::at;
+    use crate::test_support::at;
 
-    fn news(revision: u64, cell_m: f64) -> ShoresNews {
-        ShoresNews {
+    fn news(revision: u64, cell_m: f64) -> ShoresReply {
+        ShoresReply {
             revision,
             shores: Some(Shores {
                 cell_m,
@@ -201,8 +201,8 @@ mod tests {
         }
     }
 
-    fn nothing(revision: u64) -> ShoresNews {
-        ShoresNews {
+    fn nothing(revision: u64) -> ShoresReply {
+        ShoresReply {
             revision,
             shores: None,
         }
@@ -213,8 +213,8 @@ mod tests {
         (from_ms..from_ms + 60_000)
             .step_by(100)
             .find_map(|ms| {
-                let (_, question) = sync.question(at(ms), || RequestId(request))?;
-                Some((ms, question.newer_than))
+                let (_, query) = sync.query(at(ms), || RequestId(request))?;
+                Some((ms, query.newer_than))
             })
             .unwrap()
     }
@@ -223,19 +223,19 @@ mod tests {
     fn it_asks_at_once_and_then_with_what_it_holds() {
         let mut sync = ShoresSync::default();
         assert_eq!(next(&mut sync, 1_000, 1), (1_000, 0));
-        assert!(!sync.is_told(None));
+        assert!(!sync.is_current(None));
         assert_eq!(
             sync.take(news(4, 0.3), 9, Some(RequestId(1)), at(1_100)),
             Ok(true)
         );
         assert!(!sync.ended(RequestId(1), at(1_100)));
-        assert!(sync.is_told(None) && sync.is_told(Some(8)) && !sync.is_told(Some(9)));
+        assert!(sync.is_current(None) && sync.is_current(Some(8)) && !sync.is_current(Some(9)));
         assert_eq!(next(&mut sync, 1_200, 2), (3_100, 4));
         assert_eq!(
             sync.take(nothing(4), 12, Some(RequestId(2)), at(3_200)),
             Ok(false)
         );
-        assert!(sync.is_told(Some(11)));
+        assert!(sync.is_current(Some(11)));
         assert_eq!(sync.shores().map(|shores| shores.cell_m), Some(0.3));
         // A push in between changes what the next question says, not when.
         assert_eq!(sync.take(news(5, 0.4), 13, None, at(3_300)), Ok(true));
@@ -248,18 +248,21 @@ mod tests {
         assert_eq!(sync.take(news(5, 0.4), 1, None, at(0)), Ok(true));
         assert_eq!(
             sync.take(news(4, 0.3), 2, None, at(0)),
-            Err(Refusal::OldRevision)
+            Err(RejectReason::OldRevision)
         );
         let wrong = news(6, f64::NAN);
-        assert_eq!(sync.take(wrong, 3, None, at(0)), Err(Refusal::Malformed));
+        assert_eq!(
+            sync.take(wrong, 3, None, at(0)),
+            Err(RejectReason::Malformed)
+        );
         // An answer to the question before a push was lost: there is more than it says.
         assert_eq!(sync.take(nothing(6), 4, None, at(0)), Ok(false));
-        assert!(!sync.is_told(Some(1)));
+        assert!(!sync.is_current(Some(1)));
         assert_eq!(sync.shores().map(|shores| shores.cell_m), Some(0.4));
     }
 
     /// With docking sites at these places, metres in x.
-    fn sites(revision: u64, places_m: &[f32]) -> ShoresNews {
+    fn sites(revision: u64, places_m: &[f32]) -> ShoresReply {
         let site = |x_m: &f32| DockingSite {
             center_m: [*x_m, 0.0],
             heading_rad: 0.0,
@@ -267,7 +270,7 @@ mod tests {
             mean_cost: 0.2,
         };
         let sites = places_m.iter().map(site).collect();
-        ShoresNews {
+        ShoresReply {
             revision,
             shores: Some(Shores::gather(0.3, None, Vec::new(), sites)),
         }
@@ -284,7 +287,7 @@ mod tests {
         // An answer that tells nothing new, and one that is refused, change no name.
         assert_eq!(sync.take(nothing(2), 3, None, at(0)), Ok(false));
         let old = sync.take(sites(1, &[0.0, 9.0]), 4, None, at(0));
-        assert_eq!(old, Err(Refusal::OldRevision));
+        assert_eq!(old, Err(RejectReason::OldRevision));
         assert_eq!(sync.site_names(), [first[1], first[0]]);
         sync.forget();
         assert_eq!(sync.site_names(), []);
@@ -296,7 +299,7 @@ mod tests {
     #[test]
     fn what_follows_from_shores_is_made_once_for_each_report() {
         /// A bush, so many metres from a docking site.
-        fn report(revision: u64, away_m: f32) -> ShoresNews {
+        fn report(revision: u64, away_m: f32) -> ShoresReply {
             let bush = ShoreCluster {
                 number: 3,
                 class: ShoreClass::Solid,
@@ -330,7 +333,7 @@ mod tests {
         let second = known(&sync);
         assert!(second.0 != first.0 && second.1 > 5.9, "{second:?}");
         let old = sync.take(report(1, 4.0), 5, None, at(0));
-        assert_eq!(old, Err(Refusal::OldRevision));
+        assert_eq!(old, Err(RejectReason::OldRevision));
         assert_eq!(known(&sync), second);
         sync.forget();
         assert_eq!(sync.outlines(), &ShoreOutlines::default());
@@ -351,17 +354,17 @@ mod tests {
         assert_eq!(sync.site_names(), first);
         assert!(sync.of_epoch(4));
         assert_eq!((sync.shores(), sync.site_names()), (None, &[][..]));
-        assert!(!sync.is_told(None));
+        assert!(!sync.is_current(None));
         // The present list may have come before the announcement: it is taken once more, and none from before it.
         assert_eq!(next(&mut sync, 100, 2), (100, 6));
         let late = sync.take(sites(5, &[9.0]), 2, None, at(100));
-        assert_eq!(late, Err(Refusal::OldRevision));
+        assert_eq!(late, Err(RejectReason::OldRevision));
         let request = Some(RequestId(2));
         assert_eq!(
             sync.take(sites(7, &[9.0, 0.0]), 3, request, at(200)),
             Ok(true)
         );
-        assert!(sync.is_told(None) && !sync.of_epoch(4));
+        assert!(sync.is_current(None) && !sync.of_epoch(4));
         let anew: Vec<_> = sync.site_names().iter().map(SiteName::to_string).collect();
         assert_eq!(anew, ["A", "B"]);
         assert!(first.iter().all(|name| !sync.site_names().contains(name)));

@@ -113,7 +113,7 @@ impl SiteNames {
     }
 
     /// The maps began anew, and with them the letters. No name of before equals one from now on.
-    pub fn begin_anew(&mut self) {
+    pub fn restart(&mut self) {
         *self = Self {
             beginning: self.beginning.wrapping_add(1),
             ..Self::default()

@@ -10,7 +10,9 @@ use protocol::wire::{self, Header};
 use serde::Serialize;
 
 use super::*;
-use crate::pretend::{BOOT, answers, at, console, says, scout, standing, starts};
+use crate::test_support::{
+    BOOT, announce_boot, at, console, idle_teleop_status, inject, inject_reply, scout,
+};
 
 fn say<T: Serialize>(model: &mut ConsoleModel, topic: Topic, boot: BootId, body: &T, ms: u64) {
     let header = Header {
@@ -26,7 +28,7 @@ fn say<T: Serialize>(model: &mut ConsoleModel, topic: Topic, boot: BootId, body:
 }
 
 fn answer_info(model: &mut ConsoleModel, info: &Info, ms: u64) {
-    answers(model, RequestId(1), Topic::Info, info, at(ms));
+    inject_reply(model, RequestId(1), Topic::Info, info, at(ms));
 }
 
 fn asks_for_info(model: &mut ConsoleModel, ms: u64) -> bool {
@@ -101,12 +103,12 @@ fn sweeps_are_taken_while_they_are_wanted_and_forgotten_with_their_robot() {
         (name, held.points_m.as_slice()),
         ("laser", &[[3.0, 4.0]][..])
     );
-    assert_eq!((held.stamp_ns, held.heard), (99, at(1_001)));
+    assert_eq!((held.stamp_ns, held.received_at), (99, at(1_001)));
 
     let mut far = scan();
     far.steps_cm = vec![(i32::MAX, 0)];
     say(&mut model, Topic::Scan, BOOT, &far, 1_002);
-    assert_eq!(model.refusals().count(Refusal::Malformed), 1);
+    assert_eq!(model.reject_counts().count(RejectReason::Malformed), 1);
     assert_eq!(model.scans().count(), 1);
 
     say(
@@ -118,7 +120,7 @@ fn sweeps_are_taken_while_they_are_wanted_and_forgotten_with_their_robot() {
     );
     assert_eq!(model.scans().count(), 0, "of the run before");
     say(&mut model, Topic::Scan, BOOT, &scan(), 1_004);
-    assert_eq!(model.refusals().count(Refusal::OtherBoot), 1);
+    assert_eq!(model.reject_counts().count(RejectReason::OtherBoot), 1);
     say(&mut model, Topic::Scan, BootId([8; 16]), &scan(), 1_005);
     model.want_scan(false);
     assert_eq!(model.scans().count(), 0);
@@ -171,7 +173,7 @@ fn what_nobody_could_show_is_refused() {
     };
     answer_info(&mut model, &info, 4);
     assert!(model.info().is_none() && model.sensors().is_empty());
-    assert_eq!(model.refusals().count(Refusal::Malformed), 3);
+    assert_eq!(model.reject_counts().count(RejectReason::Malformed), 3);
 }
 
 #[test]
@@ -188,7 +190,7 @@ fn a_link_without_maps_is_used_for_the_rest_and_measured() {
         turn_rate_radps: 0.0,
         token: None,
     };
-    says(&mut model, Topic::Pose, &pose, at(0));
+    inject(&mut model, Topic::Pose, &pose, at(0));
     let asked = model.outgoing(control, at(20));
     let keys: Vec<_> = asked
         .iter()
@@ -220,7 +222,7 @@ fn the_stop_before_an_emergency_stop_is_that_which_is_told_with_it() {
                 number,
                 is_stored: true,
             }),
-            ..standing()
+            ..idle_teleop_status()
         }),
         ..Status::default()
     };
@@ -229,13 +231,17 @@ fn the_stop_before_an_emergency_stop_is_that_which_is_told_with_it() {
         severity: Severity::Alarm,
         message: "emergency stop 1, by anna".to_owned(),
     };
-    let before = |model: &ConsoleModel| model.before_estop().and_then(|before| before.last_stop);
+    let before = |model: &ConsoleModel| {
+        model
+            .stop_before_estop()
+            .and_then(|before| before.last_stop)
+    };
     // Keys are let go, and the stop is pressed before the next status.
-    says(&mut model, Topic::Status, &status(None, None), at(0));
-    says(&mut model, Topic::Event, &estop, at(100));
+    inject(&mut model, Topic::Status, &status(None, None), at(0));
+    inject(&mut model, Topic::Event, &estop, at(100));
     assert_eq!(before(&model), None);
     let released = Some(StopReason::Released);
-    says(
+    inject(
         &mut model,
         Topic::Status,
         &status(released, Some(1)),
@@ -244,7 +250,7 @@ fn the_stop_before_an_emergency_stop_is_that_which_is_told_with_it() {
     assert_eq!(before(&model), released);
     // What is told after the reset came after it.
     let old = Some(StopReason::Age);
-    says(&mut model, Topic::Status, &status(old, None), at(300));
+    inject(&mut model, Topic::Status, &status(old, None), at(300));
     assert_eq!(before(&model), released);
 }
 
@@ -265,12 +271,12 @@ fn tiles_before_the_robot_has_told_its_run_are_no_tiles_of_another_run() {
         rows: vec![0; 40],
     };
     let counts = |model: &ConsoleModel| {
-        let count = |why| model.refusals().count(why);
-        [Refusal::BeforeJoin, Refusal::OtherBoot].map(count)
+        let count = |why| model.reject_counts().count(why);
+        [RejectReason::BeforeJoin, RejectReason::OtherBoot].map(count)
     };
-    says(&mut model, tile, &band, at(0));
+    inject(&mut model, tile, &band, at(0));
     assert_eq!(counts(&model), [1, 0]);
-    starts(&mut model, BootId([8; 16]), at(1));
-    says(&mut model, tile, &band, at(2));
+    announce_boot(&mut model, BootId([8; 16]), at(1));
+    inject(&mut model, tile, &band, at(2));
     assert_eq!(counts(&model), [1, 1]);
 }

@@ -16,7 +16,7 @@ pub(super) struct TileIntake {
     decoder: Decoder,
     /// By tile, boot and revision: halves of different publications do not belong together.
     halves: BTreeMap<(TileKey, BootId, u64), PartialTile>,
-    given_up: u64,
+    abandoned: u64,
 }
 
 impl TileIntake {
@@ -24,7 +24,7 @@ impl TileIntake {
         Ok(Self {
             decoder: Decoder::new()?,
             halves: BTreeMap::new(),
-            given_up: 0,
+            abandoned: 0,
         })
     }
 
@@ -83,8 +83,8 @@ impl TileIntake {
     }
 
     /// Halves that were given up.
-    pub(super) const fn given_up(&self) -> u64 {
-        self.given_up
+    pub(super) const fn abandoned(&self) -> u64 {
+        self.abandoned
     }
 
     fn keep_limit(&mut self) {
@@ -94,7 +94,7 @@ impl TileIntake {
         let oldest = self.halves.keys().min_by_key(|(_, _, revision)| *revision);
         if let Some(oldest) = oldest.copied() {
             self.halves.remove(&oldest);
-            self.given_up += 1;
+            self.abandoned += 1;
         }
     }
 }
@@ -177,7 +177,7 @@ mod tests {
             intake.take(key(tx), HEADER, &bands[0]).unwrap();
         }
         assert_eq!(intake.halves.len(), MAX_HALVES);
-        assert_eq!(intake.given_up(), 103 - MAX_HALVES as u64);
+        assert_eq!(intake.abandoned(), 103 - MAX_HALVES as u64);
         let garbage = TileBand {
             rows: vec![9; 40],
             ..newer

@@ -7,7 +7,7 @@ use protocol::message::{TrajectoryPart, TrajectoryRequest};
 use robot_edge::clock::Monotonic;
 
 use super::incoming::RequestId;
-use super::repeated::Repeated;
+use super::retry::RetryTimer;
 use super::trajectory_sync::MAX_POSES;
 
 /// Without a pose for so long, the way has a gap.
@@ -15,12 +15,12 @@ pub(super) const GAP: Duration = Duration::from_secs(1);
 /// Poses that are fetched for a gap: about 20 kB, whatever lies behind.
 const POINTS: u64 = 1000;
 /// How often it is asked how many poses there are, so that a later gap is not looked for in all that was heard.
-const LOOK: Duration = Duration::from_secs(20);
+const COUNT_PERIOD: Duration = Duration::from_secs(20);
 
 /// Fetches what the trail lacks, coarsely.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TrailSync {
-    question: Repeated,
+    query: RetryTimer,
     state: State,
     /// Another gap came while this one is filled.
     is_open_again: bool,
@@ -55,22 +55,22 @@ impl TrailSync {
     }
 
     /// What to ask now; `number` numbers the question.
-    pub(super) fn question(
+    pub(super) fn query(
         &mut self,
         now: Monotonic,
         number: impl FnOnce() -> RequestId,
     ) -> Option<(RequestId, TrajectoryRequest)> {
         let (from, step) = match self.state {
             State::Unknown => return None,
-            State::Whole { looked } if now.since(looked) < LOOK => return None,
+            State::Whole { looked } if now.since(looked) < COUNT_PERIOD => return None,
             State::Whole { .. } | State::Open => (self.covered, NonZeroU32::MAX),
             State::Filling { next, step, .. } => (next, step),
         };
-        if !self.question.is_due(now) {
+        if !self.query.is_due(now) {
             return None;
         }
         let request = number();
-        self.question.ask(request, now);
+        self.query.ask(request, now);
         let body = TrajectoryRequest {
             trajectory: self.trajectory,
             from,
@@ -87,16 +87,16 @@ impl TrailSync {
         request: RequestId,
         now: Monotonic,
     ) -> Option<Vec<(i64, [f64; 2])>> {
-        if !self.question.is_answered(request) {
+        if !self.query.is_answered(request) {
             return None;
         }
-        self.question.goes_well();
+        self.query.succeed();
         let is_other = self.trajectory.replace(part.trajectory) != Some(part.trajectory);
         if is_other {
             self.covered = 0;
             if matches!(self.state, State::Filling { .. }) {
                 self.state = State::Open;
-                self.question.backs_off(now);
+                self.query.fail(now);
                 return Some(Vec::new());
             }
         }
@@ -142,7 +142,7 @@ impl TrailSync {
 
     /// No more answers to a question will come; true if it was asked here.
     pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) -> bool {
-        self.question.ended(request, now)
+        self.query.ended(request, now)
     }
 }
 
@@ -169,7 +169,7 @@ mod tests {
     /// Asks until nothing is lacking: the stamps that came, and how many questions that took.
     fn fetch(sync: &mut TrailSync, trajectory: u64, poses: u64, ms: u64) -> (Vec<i64>, u64) {
         let (mut stamps, mut number) = (Vec::new(), 0);
-        while let Some((request, body)) = sync.question(at(ms), || RequestId(number)) {
+        while let Some((request, body)) = sync.query(at(ms), || RequestId(number)) {
             number += 1;
             let part = robot(trajectory, poses, body);
             let points = sync.take(&part, request, at(ms)).unwrap();
@@ -214,9 +214,9 @@ mod tests {
     fn a_gap_while_another_is_filled_is_filled_behind_it() {
         let mut sync = TrailSync::default();
         sync.gap();
-        let (open, body) = sync.question(at(0), || RequestId(1)).unwrap();
+        let (open, body) = sync.query(at(0), || RequestId(1)).unwrap();
         assert_eq!(sync.take(&robot(0, 900, body), open, at(0)), Some(vec![]));
-        let (first, body) = sync.question(at(0), || RequestId(2)).unwrap();
+        let (first, body) = sync.query(at(0), || RequestId(2)).unwrap();
         sync.gap();
         let points = sync.take(&robot(0, 950, body), first, at(0)).unwrap();
         assert_eq!(points.len(), 500, "what was asked for is not thrown away");
@@ -228,9 +228,9 @@ mod tests {
     fn a_trajectory_that_begins_anew_while_it_is_filled_is_fetched_whole() {
         let mut sync = TrailSync::default();
         sync.gap();
-        let (open, body) = sync.question(at(0), || RequestId(1)).unwrap();
+        let (open, body) = sync.query(at(0), || RequestId(1)).unwrap();
         assert_eq!(sync.take(&robot(0, 900, body), open, at(0)), Some(vec![]));
-        let (first, body) = sync.question(at(0), || RequestId(2)).unwrap();
+        let (first, body) = sync.query(at(0), || RequestId(2)).unwrap();
         assert_eq!(sync.take(&robot(1, 20, body), first, at(0)), Some(vec![]));
         assert_eq!(fetch(&mut sync, 1, 30, 1_000).0, stamps(0, 30, 1));
     }
@@ -251,7 +251,7 @@ mod tests {
         let mut sync = TrailSync::default();
         sync.gap();
         let mut asked = 0;
-        while let Some((request, _)) = sync.question(at(0), || RequestId(asked)) {
+        while let Some((request, _)) = sync.query(at(0), || RequestId(asked)) {
             asked += 1;
             let pose = StampedPose::new(0, [0.0; 3], [0.0; 4]);
             let part = TrajectoryPart::new(0, u64::MAX, [pose].into_iter());
@@ -261,7 +261,7 @@ mod tests {
         let mut sync = TrailSync::default();
         sync.gap();
         let mut asked = 0;
-        while let Some((request, _)) = sync.question(at(0), || RequestId(asked)) {
+        while let Some((request, _)) = sync.query(at(0), || RequestId(asked)) {
             asked += 1;
             sync.take(&robot(asked, 9, sync_request()), request, at(0));
         }
@@ -280,14 +280,14 @@ mod tests {
     fn a_robot_that_tells_nothing_is_asked_ever_more_seldom() {
         let mut sync = TrailSync::default();
         sync.gap();
-        let (first, _) = sync.question(at(0), || RequestId(1)).unwrap();
-        assert_eq!(sync.question(at(11_999), || RequestId(2)), None);
+        let (first, _) = sync.query(at(0), || RequestId(1)).unwrap();
+        assert_eq!(sync.query(at(11_999), || RequestId(2)), None);
         assert!(sync.ended(first, at(10)) && !sync.ended(first, at(10)));
-        assert_eq!(sync.question(at(509), || RequestId(2)), None);
-        let (second, _) = sync.question(at(510), || RequestId(2)).unwrap();
+        assert_eq!(sync.query(at(509), || RequestId(2)), None);
+        let (second, _) = sync.query(at(510), || RequestId(2)).unwrap();
         assert!(sync.ended(second, at(510)));
-        assert_eq!(sync.question(at(1509), || RequestId(3)), None);
-        assert!(sync.question(at(1510), || RequestId(3)).is_some());
+        assert_eq!(sync.query(at(1509), || RequestId(3)), None);
+        assert!(sync.query(at(1510), || RequestId(3)).is_some());
         assert_eq!(
             sync.take(&robot(0, 1, sync_request()), first, at(1510)),
             None

@@ -8,8 +8,8 @@ use protocol::message::{TrajectoryPart, TrajectoryRequest};
 use robot_edge::clock::Monotonic;
 
 use super::incoming::RequestId;
-use super::refusals::Refusal;
-use super::repeated::Repeated;
+use super::reject_reason::RejectReason;
+use super::retry::RetryTimer;
 
 /// Longest way. A robot keeps no more poses.
 pub(super) const MAX_POSES: u64 = 1_000_000;
@@ -36,7 +36,7 @@ pub enum TrajectoryProgress {
 /// Fetches the trajectory of one run of a robot.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TrajectorySync {
-    question: Repeated,
+    query: RetryTimer,
     phase: Phase,
 }
 
@@ -96,7 +96,7 @@ impl TrajectorySync {
     }
 
     /// What to ask now; `number` numbers the question.
-    pub(super) fn question(
+    pub(super) fn query(
         &mut self,
         now: Monotonic,
         number: impl FnOnce() -> RequestId,
@@ -104,11 +104,11 @@ impl TrajectorySync {
         let Phase::Fetching { of, poses } = &self.phase else {
             return None;
         };
-        if !self.question.is_due(now) {
+        if !self.query.is_due(now) {
             return None;
         }
         let request = number();
-        self.question.ask(request, now);
+        self.query.ask(request, now);
         let body = TrajectoryRequest {
             trajectory: of.map(|(trajectory, _)| trajectory),
             from: poses.len() as u64,
@@ -126,26 +126,26 @@ impl TrajectorySync {
         part: &TrajectoryPart,
         request: RequestId,
         now: Monotonic,
-    ) -> Result<bool, Refusal> {
-        if !self.question.is_answered(request) {
+    ) -> Result<bool, RejectReason> {
+        if !self.query.is_answered(request) {
             return Ok(false);
         }
         let Phase::Fetching { of, poses } = &mut self.phase else {
-            return Err(Refusal::OldRevision);
+            return Err(RejectReason::OldRevision);
         };
         if of.is_some_and(|(trajectory, _)| trajectory != part.trajectory) {
             self.phase = Phase::begin();
-            self.question.backs_off(now);
+            self.query.fail(now);
             return Ok(true);
         }
         let (_, wanted) = *of.get_or_insert((part.trajectory, part.poses));
         let is_less = part.rows.is_empty() && (poses.len() as u64) < wanted;
         if is_less || wanted > MAX_POSES {
             self.phase = Phase::begin();
-            self.question.backs_off(now);
-            return Err(Refusal::Malformed);
+            self.query.fail(now);
+            return Err(RejectReason::Malformed);
         }
-        self.question.goes_well();
+        self.query.succeed();
         poses.extend(part.part());
         if poses.len() as u64 >= wanted {
             self.phase = Phase::Ready(std::mem::take(poses).into());
@@ -155,7 +155,7 @@ impl TrajectorySync {
 
     /// No more answers to a question will come; true if it was asked here.
     pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) -> bool {
-        self.question.ended(request, now)
+        self.query.ended(request, now)
     }
 }
 
@@ -186,7 +186,7 @@ mod tests {
 
     fn ask(sync: &mut TrajectorySync, number: u64) -> Option<TrajectoryRequest> {
         let now = Monotonic::default();
-        let asked = sync.question(now, || RequestId(number));
+        let asked = sync.query(now, || RequestId(number));
         asked.map(|(_, body)| body)
     }
 
@@ -194,7 +194,7 @@ mod tests {
         sync: &mut TrajectorySync,
         part: &TrajectoryPart,
         number: u64,
-    ) -> Result<bool, Refusal> {
+    ) -> Result<bool, RejectReason> {
         sync.take(part, RequestId(number), Monotonic::default())
     }
 
@@ -245,7 +245,7 @@ mod tests {
             "not at once: it may be wound on and on"
         );
         let later = Monotonic::default() + Duration::from_millis(500);
-        let (_, request) = sync.question(later, || RequestId(3)).unwrap();
+        let (_, request) = sync.query(later, || RequestId(3)).unwrap();
         assert_eq!(request.from, 0);
         assert_eq!(take(&mut sync, &part(8, 3, 0), 3), Ok(true));
         let ready = TrajectoryProgress::Ready((0..3).map(pose).collect());
@@ -265,7 +265,7 @@ mod tests {
         ] {
             sync.want();
             ask(&mut sync, 2);
-            assert_eq!(take(&mut sync, &nonsense, 2), Err(Refusal::Malformed));
+            assert_eq!(take(&mut sync, &nonsense, 2), Err(RejectReason::Malformed));
             assert_eq!(sync.progress(), TrajectoryProgress::Waiting);
             assert_eq!(ask(&mut sync, 3), None, "not at once");
         }

@@ -6,8 +6,8 @@ use protocol::export::StampedPose;
 use protocol::message::Pose;
 use robot_edge::clock::Monotonic;
 
-use super::sight::is_elsewhere;
 use super::trail::Trail;
+use super::visible_change::pose_changed;
 
 /// Poses kept for the export; a longer run is thinned to every second pose, again and again.
 const MAX_POSES: usize = 500_000;
@@ -19,7 +19,7 @@ pub struct Vehicle {
     trail: Trail,
     poses: Vec<StampedPose>,
     stride: u64,
-    came: u64,
+    received: u64,
     /// The pose that was last worth a frame.
     drawn: Option<Pose>,
 }
@@ -61,11 +61,11 @@ impl Vehicle {
         }
         let [x, y, _] = pose.position_m;
         self.trail.add(stamp_ns, [x, y]);
-        let is_elsewhere = self.drawn.is_none_or(|drawn| is_elsewhere(&drawn, &pose));
-        if is_elsewhere {
+        let pose_changed = self.drawn.is_none_or(|drawn| pose_changed(&drawn, &pose));
+        if pose_changed {
             self.drawn = Some(pose);
         }
-        is_elsewhere
+        pose_changed
     }
 
     /// The way so far, where it is known better than from poses that arrived: oldest first, metres in `odom`.
@@ -86,7 +86,7 @@ impl Vehicle {
 
     fn keep(&mut self, pose: Pose, stamp_ns: i64) {
         let stride = self.stride.max(1);
-        if self.came.is_multiple_of(stride) {
+        if self.received.is_multiple_of(stride) {
             if self.poses.len() >= MAX_POSES {
                 let mut index = 0u64;
                 self.poses.retain(|_| {
@@ -101,7 +101,7 @@ impl Vehicle {
                 pose.quaternion_xyzw.map(f64::from),
             ));
         }
-        self.came += 1;
+        self.received += 1;
     }
 }
 

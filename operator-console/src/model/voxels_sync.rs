@@ -9,8 +9,8 @@ use protocol::packed_file::PackedFile;
 use robot_edge::clock::Monotonic;
 
 use super::incoming::RequestId;
-use super::refusals::Refusal;
-use super::repeated::{PATIENCE, Repeated};
+use super::reject_reason::RejectReason;
+use super::retry::{ANSWER_TIMEOUT, RetryTimer};
 
 /// Until files that are being made are asked for again.
 const PREPARING: Duration = Duration::from_millis(500);
@@ -60,9 +60,9 @@ pub enum VoxelsProgress {
 pub(super) struct VoxelsSync {
     phase: Phase,
     /// When the next question may be asked.
-    question: Repeated,
+    query: RetryTimer,
     /// What was asked, in the order in which it is answered.
-    under_way: VecDeque<Asked>,
+    under_way: VecDeque<PendingQuery>,
     /// Questions that may be under way beyond the first.
     ahead: usize,
     /// Since when. Answers to what was asked before say nothing of it.
@@ -70,7 +70,7 @@ pub(super) struct VoxelsSync {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Asked {
+struct PendingQuery {
     request: RequestId,
     what: VoxelsRequest,
     at: Monotonic,
@@ -140,17 +140,17 @@ impl VoxelsSync {
     }
 
     /// What to ask now, until it is nothing; `number` numbers the question.
-    pub(super) fn question(
+    pub(super) fn query(
         &mut self,
         now: Monotonic,
         number: impl FnOnce() -> RequestId,
     ) -> Option<(RequestId, VoxelsRequest)> {
-        if !self.is_wanted() || !self.question.is_due(now) {
+        if !self.is_wanted() || !self.query.is_due(now) {
             return None;
         }
         let oldest = self.under_way.front();
-        if oldest.is_some_and(|asked| now.since(asked.at) >= PATIENCE) {
-            self.ask_anew();
+        if oldest.is_some_and(|asked| now.since(asked.at) >= ANSWER_TIMEOUT) {
+            self.query_again();
         }
         let Phase::Fetching(fetching) = &self.phase else {
             return None;
@@ -162,7 +162,7 @@ impl VoxelsSync {
         };
         let request = number();
         let at = now;
-        self.under_way.push_back(Asked { request, what, at });
+        self.under_way.push_back(PendingQuery { request, what, at });
         Some((request, what))
     }
 
@@ -173,25 +173,25 @@ impl VoxelsSync {
         stamp_ns: i64,
         request: RequestId,
         now: Monotonic,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), RejectReason> {
         let oldest = self.under_way.front().copied();
         let Some(asked) = oldest.filter(|asked| asked.request == request) else {
             // What lies before it has not come, and will not.
             if self.is_under_way(request) {
-                self.ask_anew();
+                self.query_again();
             }
-            return Err(Refusal::OldRevision);
+            return Err(RejectReason::OldRevision);
         };
         self.under_way.pop_front();
         let Phase::Fetching(fetching) = &mut self.phase else {
-            return Err(Refusal::OldRevision);
+            return Err(RejectReason::OldRevision);
         };
         match reply {
             VoxelsReply::None => self.phase = Phase::None,
-            VoxelsReply::Preparing => self.question.rests_until(now + PREPARING),
+            VoxelsReply::Preparing => self.query.wait_until(now + PREPARING),
             VoxelsReply::Gone => {
                 self.want();
-                self.question.backs_off(now);
+                self.query.fail(now);
                 return Ok(());
             }
             VoxelsReply::Part(part) => {
@@ -201,8 +201,8 @@ impl VoxelsSync {
                 }
                 let taken = fetching.take(part, stamp_ns);
                 if taken.is_err() {
-                    self.ask_anew();
-                    self.question.backs_off(now);
+                    self.query_again();
+                    self.query.fail(now);
                     return taken;
                 }
                 if asked.at >= self.ahead_since {
@@ -220,11 +220,11 @@ impl VoxelsSync {
                 let next = self.under_way.front();
                 if next.is_some_and(|next| next.what != expected) {
                     // The part was shorter than what is asked for.
-                    self.ask_anew();
+                    self.query_again();
                 }
             }
         }
-        self.question.goes_well();
+        self.query.succeed();
         Ok(())
     }
 
@@ -232,8 +232,8 @@ impl VoxelsSync {
     pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) -> bool {
         let is_unanswered = self.is_under_way(request);
         if is_unanswered {
-            self.ask_anew();
-            self.question.backs_off(now);
+            self.query_again();
+            self.query.fail(now);
         }
         is_unanswered
     }
@@ -243,7 +243,7 @@ impl VoxelsSync {
     }
 
     /// What is under way is of no use any more: it is asked for again, one part at a time first.
-    fn ask_anew(&mut self) {
+    fn query_again(&mut self) {
         self.under_way.clear();
         self.ahead = 0;
     }
@@ -290,7 +290,7 @@ impl Fetching {
         (is_begun && offset < self.packed_bytes).then_some(VoxelsRequest { offset, ..asked })
     }
 
-    fn take(&mut self, part: VoxelsPart, stamp_ns: i64) -> Result<(), Refusal> {
+    fn take(&mut self, part: VoxelsPart, stamp_ns: i64) -> Result<(), RejectReason> {
         let expected = self.next();
         let is_asked_for = part.file == expected.file
             && part.offset == expected.offset
@@ -300,7 +300,7 @@ impl Fetching {
             && part.packed.len() <= MAX_PART_BYTES
             && end <= part.packed_bytes;
         if !is_asked_for || !is_part {
-            return Err(Refusal::Malformed);
+            return Err(RejectReason::Malformed);
         }
         if part.offset == 0 {
             self.packed_bytes = part.packed_bytes;
@@ -310,12 +310,12 @@ impl Fetching {
                 packed: part.packed,
             });
         } else {
-            let last = self.files.last_mut().ok_or(Refusal::Malformed)?;
+            let last = self.files.last_mut().ok_or(RejectReason::Malformed)?;
             let is_same = last.bytes == part.bytes
                 && last.digest == part.digest
                 && self.packed_bytes == part.packed_bytes;
             if !is_same {
-                return Err(Refusal::Malformed);
+                return Err(RejectReason::Malformed);
             }
             last.packed.extend(part.packed);
         }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use eframe::egui::{Align, Button, CollapsingHeader, Label, Layout, RichText, TextStyle, Ui};
 
-use super::command_line::with_options;
+use super::command_line::with_monospace_options;
 use crate::command::Command;
 use crate::link::{AddressState, FoundRobot, place};
 use crate::theme::Tone;
@@ -22,7 +22,7 @@ pub struct ListedAddress {
 
 /// What is said of an address.
 #[derive(Clone, Debug, PartialEq, Eq)]
-struct Words {
+struct AddressText {
     tone: Tone,
     state: String,
     /// What to look at.
@@ -73,65 +73,66 @@ impl ListedAddress {
     }
 
     /// How it is there; `has_keys`: this console asks with keys.
-    fn words(&self, has_keys: bool) -> Words {
+    fn text(&self, has_keys: bool) -> AddressText {
         let (host, port) = place(&self.address).unwrap_or((&self.address, 0));
-        let warning = |state: String, hint: String| Words {
+        let warning = |state: String, hint: String| AddressText {
             tone: Tone::Warning,
             state,
             hint: Some(hint),
         };
         let is_started = || format!("Is the robot started, and is {port} the right port?");
         match &self.state {
-            None => Words {
+            None => AddressText {
                 tone: Tone::Waiting,
                 state: "not asked".to_owned(),
                 hint: None,
             },
-            Some(AddressState::Asking) => Words {
+            Some(AddressState::Asking) => AddressText {
                 tone: Tone::Waiting,
                 state: "asking…".to_owned(),
                 hint: None,
             },
-            Some(AddressState::Found) => Words {
+            Some(AddressState::Found) => AddressText {
                 tone: Tone::Good,
                 state: "answers".to_owned(),
                 hint: None,
             },
             Some(AddressState::NoRobot) if has_keys => warning(
                 "no robot there".to_owned(),
-                "A router answers. No robot is behind it, or none that has you on its list of operators."
+                "A router answers, but no robot behind it, or none that lists you as an operator."
                     .to_owned(),
             ),
             Some(AddressState::NoRobot) => {
                 warning("no robot there".to_owned(), no_robot(host, port))
             }
-            Some(AddressState::Untold { robot, by_quic }) => {
+            Some(AddressState::AccessDenied { robot, by_quic }) => {
                 let tiles = port_before(host, port).filter(|_| !by_quic);
-                let tiles = tiles.map(|asked| format!(" Or this is its port for tiles: try {asked}"));
+                let tiles =
+                    tiles.map(|asked| format!(" Or this is its port for tiles: try {asked}"));
                 warning(
-                    "tells you nothing".to_owned(),
+                    "denies access".to_owned(),
                     format!(
-                        "{robot} answers, but does not have you on its list of operators. Whoever is added is let in \
-                         within two seconds.{}",
+                        "{robot} answers, but you are not on its list of operators. Access is granted \
+                         within two seconds of being added.{}",
                         tiles.unwrap_or_default()
                     ),
                 )
             }
             Some(AddressState::UnknownName) => warning(
-                "name not known".to_owned(),
+                "unknown host".to_owned(),
                 format!("No computer is called {host}. Type its IP address instead."),
             ),
-            Some(AddressState::Refused) => warning("nobody listens".to_owned(), is_started()),
+            Some(AddressState::Refused) => warning("connection refused".to_owned(), is_started()),
             Some(AddressState::Silent) => warning(
-                "nobody answers".to_owned(),
+                "no answer".to_owned(),
                 format!("{} Is its network reached from here?", is_started()),
             ),
-            Some(AddressState::Foreign) if has_keys => warning(
+            Some(AddressState::WrongProtocol) if has_keys => warning(
                 "answers without TLS of this fleet".to_owned(),
                 "Was the robot started with --keys, and is its certificate of this fleet?"
                     .to_owned(),
             ),
-            Some(AddressState::Foreign) => warning(
+            Some(AddressState::WrongProtocol) => warning(
                 "does not answer as a robot".to_owned(),
                 format!(
                     "A robot with keys is asked at quic/{host}:{port}, by a console that was started with --keys."
@@ -144,7 +145,7 @@ impl ListedAddress {
 
 /// Who may answer at a port where there is no robot.
 fn no_robot(host: &str, port: u16) -> String {
-    let who = "Whoever answers is a router, or a robot that is still starting";
+    let who = "This is a router, or a robot that is still starting";
     match port_before(host, port) {
         Some(asked) => format!("{who}. Or this is a robot's port for tiles: try {asked}"),
         None => who.to_owned(),
@@ -169,7 +170,7 @@ pub(super) fn unanswered_ui(
 ) -> Option<Command> {
     let mut command = None;
     for listed in addresses.iter().filter(|listed| listed.is_unanswered()) {
-        let Words { tone, state, hint } = listed.words(has_keys);
+        let AddressText { tone, state, hint } = listed.text(has_keys);
         ui.horizontal_wrapped(|ui| {
             ui.label(RichText::new(&listed.address).small());
             let color = tone.color(ui.visuals());
@@ -178,7 +179,7 @@ pub(super) fn unanswered_ui(
         });
         if let Some(hint) = hint {
             let weak = ui.visuals().weak_text_color();
-            ui.add(Label::new(with_options(ui, &hint, &TextStyle::Small, weak)).wrap());
+            ui.add(Label::new(with_monospace_options(ui, &hint, &TextStyle::Small, weak)).wrap());
         }
     }
     command
@@ -210,7 +211,7 @@ pub(super) fn remembered_ui(ui: &mut Ui, addresses: &[ListedAddress]) -> Option<
 /// How many there are, in as many words as there is room for: a heading has one line. `are_others`: some are listed
 /// above.
 fn remembered_heading(ui: &Ui, number: usize, are_others: bool) -> String {
-    let words = if are_others {
+    let text = if are_others {
         ["Other remembered addresses", "Others remembered", "Others"]
     } else {
         ["Remembered addresses", "Remembered", "Remembered"]
@@ -219,13 +220,11 @@ fn remembered_heading(ui: &Ui, number: usize, are_others: bool) -> String {
     let room = ui.available_width() - spacing.indent - spacing.button_padding.x;
     let font = TextStyle::Button.resolve(ui.style());
     let ink = ui.visuals().text_color();
-    let fits = |words: &String| {
-        let galley = ui
-            .painter()
-            .layout_no_wrap(words.clone(), font.clone(), ink);
+    let fits = |text: &String| {
+        let galley = ui.painter().layout_no_wrap(text.clone(), font.clone(), ink);
         galley.size().x <= room
     };
-    let [long, short, shortest] = words.map(|words| format!("{words} ({number})"));
+    let [long, short, shortest] = text.map(|text| format!("{text} ({number})"));
     let mut longer = [long, short].into_iter();
     longer.find(fits).unwrap_or(shortest)
 }
@@ -244,7 +243,7 @@ fn buttons_ui(ui: &mut Ui, listed: &ListedAddress) -> Option<Command> {
         let ask = Button::new(RichText::new("Ask").small());
         let hint = format!("Ask {address} too: with --connect it is not asked by itself");
         let ink = ui.visuals().text_color();
-        let hint = with_options(ui, &hint, &TextStyle::Body, ink);
+        let hint = with_monospace_options(ui, &hint, &TextStyle::Body, ink);
         if ui.add(ask).on_hover_text(hint).clicked() {
             command = Some(Command::AddAddress(address.clone()));
         }

@@ -1,17 +1,17 @@
 //! A box for the address of a robot or router.
 
-mod mistake;
+mod address_error;
 
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::text_edit::TextEditState;
 use eframe::egui::{Id, Key, Label, TextEdit, TextStyle, Ui};
 use robot_edge::link::endpoints::{DEFAULT_PORT, check_console};
 
-use super::command_line::with_options;
+use super::command_line::with_monospace_options;
 use crate::command::Command;
 use crate::shortcuts::Action;
 
-use mistake::mistake;
+use address_error::address_error;
 
 /// The address as it is being typed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -28,7 +28,7 @@ impl AddressEntry {
     }
 
     /// What was refused is not typed for the robot that is chosen instead: it goes, and the words about it.
-    pub fn forget_mistake(&mut self) {
+    pub fn clear_error(&mut self) {
         if self.error.is_some() {
             *self = Self::default();
         }
@@ -52,7 +52,7 @@ impl AddressEntry {
             return Some(Command::AddAddress(address));
         }
         // Why not is said there for who starts a program, and not for who types into a box.
-        self.error = Some(mistake(self.text.trim(), has_keys));
+        self.error = Some(address_error(self.text.trim(), has_keys));
         None
     }
 }
@@ -100,7 +100,7 @@ pub(super) fn address_ui(ui: &mut Ui, entry: &mut AddressEntry, has_keys: bool) 
     });
     if let Some(error) = &entry.error {
         let color = ui.visuals().warn_fg_color;
-        ui.add(Label::new(with_options(ui, error, &TextStyle::Small, color)).wrap());
+        ui.add(Label::new(with_monospace_options(ui, error, &TextStyle::Small, color)).wrap());
     }
     command
 }
@@ -159,7 +159,7 @@ mod tests {
             let (command, entry) = submit(typed, has_keys);
             assert_eq!(command, None, "{typed}");
             assert_eq!(entry.text, typed, "what was typed can be mended");
-            assert_eq!(entry.error, Some(mistake(typed, has_keys)));
+            assert_eq!(entry.error, Some(address_error(typed, has_keys)));
         }
         assert_eq!(submit("  ", false).1.error, None);
     }

@@ -4,7 +4,7 @@ use eframe::egui::{Align, Button, Layout, RichText, Ui};
 use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
-use super::wording::age;
+use super::formatting::age;
 use crate::alerts::{Alarm, FleetAlerts};
 use crate::command::Command;
 use crate::shortcuts::Action;
@@ -19,7 +19,7 @@ pub struct AlertsData {
     /// Those of the robot that is shown first, the newest first.
     pub lines: Vec<AlertLine>,
     /// How many nobody has seen.
-    pub unseen: usize,
+    pub unacknowledged: usize,
 }
 
 /// One alert.
@@ -46,9 +46,9 @@ impl AlertsData {
             let is_shown = alerts.shows(robot);
             let since = age(now.since(alert.since));
             let lasts = match (alert.is_active, is_shown) {
-                (true, true) => "still so",
+                (true, true) => "still active",
                 // Of most of it nothing is heard.
-                (true, false) => "still so when last heard of",
+                (true, false) => "still active at last contact",
                 (false, _) => "over",
             };
             let times = match alert.times {
@@ -70,7 +70,7 @@ impl AlertsData {
         });
         Self {
             lines: lines.collect(),
-            unseen: alerts.unseen(),
+            unacknowledged: alerts.unacknowledged(),
         }
     }
 }
@@ -83,7 +83,7 @@ pub fn alerts_ui(ui: &mut Ui, data: &AlertsData) -> Option<Command> {
         return None;
     }
     ui.horizontal(|ui| {
-        let is_any = data.unseen > 0;
+        let is_any = data.unacknowledged > 0;
         let button = ui.add_enabled(is_any, Button::new("Acknowledge all"));
         let keys = Action::AcknowledgeAll.keys();
         if button
@@ -96,20 +96,20 @@ pub fn alerts_ui(ui: &mut Ui, data: &AlertsData) -> Option<Command> {
     for line in &data.lines {
         ui.separator();
         if ui.available_width() < NARROW {
-            words_ui(ui, line);
-            command = command.take().or(seen_ui(ui, line));
+            alert_text_ui(ui, line);
+            command = command.take().or(acknowledge_ui(ui, line));
         } else {
             // The button first: words give way to it, not it to words.
             ui.with_layout(Layout::right_to_left(Align::Min), |ui| {
-                command = command.take().or(seen_ui(ui, line));
-                ui.with_layout(Layout::top_down(Align::Min), |ui| words_ui(ui, line));
+                command = command.take().or(acknowledge_ui(ui, line));
+                ui.with_layout(Layout::top_down(Align::Min), |ui| alert_text_ui(ui, line));
             });
         }
     }
     command
 }
 
-fn words_ui(ui: &mut Ui, line: &AlertLine) {
+fn alert_text_ui(ui: &mut Ui, line: &AlertLine) {
     let tone = match (line.is_active, line.is_acknowledged) {
         (_, false) => Tone::Warning,
         (true, true) => Tone::Waiting,
@@ -120,7 +120,7 @@ fn words_ui(ui: &mut Ui, line: &AlertLine) {
 }
 
 /// Says that somebody has seen it, or lets somebody say so.
-fn seen_ui(ui: &mut Ui, line: &AlertLine) -> Option<Command> {
+fn acknowledge_ui(ui: &mut Ui, line: &AlertLine) -> Option<Command> {
     if line.is_acknowledged {
         ui.weak("Acknowledged");
         return None;
@@ -138,33 +138,38 @@ mod tests {
     use protocol::message::Status;
 
     use super::*;
-    use crate::alerts::Subject;
-    use crate::pretend::{at, console, says};
+    use crate::alerts::AlertSource;
+    use crate::test_support::{at, console, inject};
 
     #[test]
     fn alerts_of_robots_that_are_not_shown_say_whose_they_are() {
         let mut model = console("boat", &[]);
-        says(&mut model, Topic::Status, &Status::default(), at(0));
+        inject(&mut model, Topic::Status, &Status::default(), at(0));
         let [boat, scout] = ["boat", "scout"].map(|name| name.parse().unwrap());
         let mut alerts = FleetAlerts::default();
         alerts.change_to(&boat, at(0));
         let shown = alerts.shown_mut().unwrap();
-        assert_eq!(shown.look(&model, Subject::Robot, &[], at(4_000)).len(), 1);
+        assert_eq!(
+            shown
+                .update(&model, AlertSource::Robot, &[], at(4_000))
+                .len(),
+            1
+        );
         let listed = |alerts: &FleetAlerts| {
             let data = AlertsData::new(alerts, at(9_000));
             let lines = data.lines.into_iter();
             let texts = lines
                 .map(|line| [line.text, line.detail])
                 .collect::<Vec<_>>();
-            (data.unseen, texts)
+            (data.unacknowledged, texts)
         };
-        let silent = "Nothing is heard of the robot";
-        let line = [silent, "5.0 s ago, still so"].map(str::to_owned);
+        let silent = "No data from the robot";
+        let line = [silent, "5.0 s ago, still active"].map(str::to_owned);
         assert_eq!(listed(&alerts), (1, vec![line]));
         alerts.change_to(&scout, at(5_000));
         let [text, detail] = [
-            "boat: Nothing is heard of the robot",
-            "5.0 s ago, still so when last heard of",
+            "boat: No data from the robot",
+            "5.0 s ago, still active at last contact",
         ];
         let line = [text, detail].map(str::to_owned);
         assert_eq!(listed(&alerts), (1, vec![line]));
@@ -192,11 +197,11 @@ mod tests {
                 alarm: Alarm::EStop,
                 text: "laser: Silent. Nothing comes from it. Look at its power and its cable."
                     .to_owned(),
-                detail: "12 s ago, 2 times, still so".to_owned(),
+                detail: "12 s ago, 2 times, still active".to_owned(),
                 is_active: true,
                 is_acknowledged: false,
             }],
-            unseen: 1,
+            unacknowledged: 1,
         };
         let words = data.lines[0].text.clone();
         for width in [180.0, 240.0, 340.0] {

@@ -4,7 +4,12 @@ use eframe::egui::text::LayoutJob;
 use eframe::egui::{Color32, FontFamily, FontId, TextFormat, TextStyle, Ui};
 
 /// `words`, of which options (`--keys`) are in the font of code.
-pub fn with_options(ui: &Ui, words: &str, style: &TextStyle, color: Color32) -> LayoutJob {
+pub fn with_monospace_options(
+    ui: &Ui,
+    words: &str,
+    style: &TextStyle,
+    color: Color32,
+) -> LayoutJob {
     let font = style.resolve(ui.style());
     let code = FontId::new(font.size, FontFamily::Monospace);
     let mut job = LayoutJob::default();
@@ -20,9 +25,9 @@ fn pieces(words: &str) -> Vec<(bool, &str)> {
     let mut pieces = Vec::new();
     let mut rest = words;
     while let Some(begin) = rest.find("--") {
-        let is_of_name = |sign: char| sign.is_ascii_alphanumeric() || sign == '-';
+        let is_name_char = |sign: char| sign.is_ascii_alphanumeric() || sign == '-';
         let option = &rest[begin..];
-        let end = option.find(|sign| !is_of_name(sign));
+        let end = option.find(|sign| !is_name_char(sign));
         let (option, behind) = option.split_at(end.unwrap_or(option.len()));
         if begin > 0 {
             pieces.push((false, &rest[..begin]));
@@ -47,12 +52,12 @@ mod tests {
     #[test]
     fn options_are_pieces_of_their_own() {
         assert_eq!(
-            pieces("with --keys, or --stay."),
+            pieces("with --keys, or --keep-serving."),
             [
                 (false, "with "),
                 (true, "--keys"),
                 (false, ", or "),
-                (true, "--stay"),
+                (true, "--keep-serving"),
                 (false, ".")
             ]
         );
@@ -67,7 +72,7 @@ mod tests {
         let window = Harness::builder()
             .with_size(vec2(300.0, 60.0))
             .build_ui(|ui| {
-                let job = with_options(ui, words, &TextStyle::Small, Color32::BLACK);
+                let job = with_monospace_options(ui, words, &TextStyle::Small, Color32::BLACK);
                 let families = job.sections.iter().map(|one| &one.format.font_id.family);
                 assert!(families.eq([
                     &FontFamily::Proportional,

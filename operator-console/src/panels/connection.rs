@@ -7,36 +7,36 @@ use eframe::egui::{TextStyle, Ui};
 use protocol::keys::RobotId;
 use robot_edge::clock::Monotonic;
 
-use super::command_line::with_options;
+use super::command_line::with_monospace_options;
+use super::formatting::{age, count};
 use super::rows::{Row, row, rows_ui};
-use super::wording::{age, count};
 use crate::link::Transport;
 use crate::model::{ConsoleModel, LinkState, MapSync};
 use crate::theme::{Tone, long_state_ui, state_ui};
 
 /// Pushed tiles are compared once a second; while they keep coming a map that was equal so lately is not
 /// behind.
-pub(super) const EQUAL_ENOUGH: Duration = Duration::from_secs(5);
+pub(super) const SYNCHRONIZED_FOR: Duration = Duration::from_secs(5);
 /// What is said of a map that is the robot's, and of one that is not.
-const IN_STEP: &str = "In step";
+const SYNCHRONIZED: &str = "Synchronized";
 const BEHIND: &str = "Behind";
 const NO_MAP: &str = "No map";
 const OLD: &str = "Old";
 /// Of a robot that fell silent before it has announced its map: that of an earlier link is not kept.
-const FETCHED_AGAIN: &str = "Its map is fetched when it is heard";
+const FETCHED_ON_RECONNECTION: &str = "Its map is fetched on reconnection";
 /// All that a map may be in a word or two.
-pub(super) const SHORT_MAPS: [&str; 4] = [IN_STEP, BEHIND, NO_MAP, OLD];
+pub(super) const SHORT_MAP_STATES: [&str; 4] = [SYNCHRONIZED, BEHIND, NO_MAP, OLD];
 /// What is said of the map of a recording that plays faster than it is drawn: nothing of it is asked for, or late.
 const DRAWING: &str = "Drawing";
 const ENDED: &str = "Ended";
 /// Of a recording that cannot be shown, or not to its end.
 pub(super) const FAILED: &str = "Failed";
 /// All that the map of a recording may be.
-pub(super) const SHORT_RECORDED: [&str; 3] = [IN_STEP, DRAWING, NO_MAP];
+pub(super) const SHORT_RECORDING_MAP_STATES: [&str; 3] = [SYNCHRONIZED, DRAWING, NO_MAP];
 
 /// What is known of the sessions.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct LinkSight {
+pub struct LinkStatus {
     /// Whether that for control is open.
     pub is_connected: bool,
     /// Why one of them is not.
@@ -51,7 +51,7 @@ pub struct LinkSight {
     pub recordings: Option<PathBuf>,
 }
 
-impl LinkSight {
+impl LinkStatus {
     /// What is shown, by name: the file of a recording, else the robot.
     pub fn name_of(&self, robot: &RobotId) -> String {
         self.recording.clone().unwrap_or_else(|| robot.to_string())
@@ -79,7 +79,7 @@ pub struct ConnectionData {
 
 impl ConnectionData {
     /// The state at `now`.
-    pub fn new(model: &ConsoleModel, link: &LinkSight, now: Monotonic) -> Self {
+    pub fn new(model: &ConsoleModel, link: &LinkStatus, now: Monotonic) -> Self {
         let connection = model.connection();
         let state = match (connection.state(now), &link.recording) {
             // It has no link to lose: why it ends, its time line says.
@@ -87,7 +87,7 @@ impl ConnectionData {
             (state, _) => state,
         };
         let robot = model.robot();
-        let has_ended = model.says_ended();
+        let has_ended = model.reports_ended();
         let (tone, word, advice) = match state {
             _ if link.failure.is_some() => (Tone::Warning, FAILED.to_owned(), link.failure.clone()),
             // What comes out of a file is never live.
@@ -111,23 +111,23 @@ impl ConnectionData {
             LinkState::Waiting => {
                 let advice = match (&link.problem, link.is_connected) {
                     (Some(problem), _) => problem.clone(),
-                    (None, true) => format!("Connected. Waiting for {robot} to speak."),
+                    (None, true) => format!("Connected. Waiting for data of {robot}."),
                     (None, false) => format!("Connecting to {robot}."),
                 };
                 (Tone::Waiting, "Waiting".to_owned(), Some(advice))
             }
-            LinkState::Silent if model.may_fall_silent() => {
-                let advice = "Its data has ended, and nothing is heard of it any more.";
+            LinkState::Silent if model.is_silence_expected() => {
+                let advice = "Its data has ended, and no more data comes from it.";
                 (Tone::Waiting, ENDED.to_owned(), Some(advice.to_owned()))
             }
             LinkState::Silent => {
                 let advice = match (&link.problem, connection.is_present()) {
                     (Some(problem), _) => problem.clone(),
                     (None, Some(false)) => {
-                        format!("{robot} is not on the network. It is joined again when it is.")
+                        format!("{robot} is not on the network. It is reconnected when it is.")
                     }
                     (None, Some(true) | None) => {
-                        format!("{robot} does not answer. It is joined again when it does.")
+                        format!("{robot} does not answer. It is reconnected when it does.")
                     }
                 };
                 (Tone::Warning, "Silent".to_owned(), Some(advice))
@@ -138,7 +138,9 @@ impl ConnectionData {
             // Nothing more comes, whatever there is.
             (_, _, NO_MAP) if link.failure.is_some() => (Tone::Warning, NO_MAP.to_owned(), NO_MAP),
             (tone, _, BEHIND) if link.recording.is_some() => drawing(tone, missing(model.map())),
-            (Tone::Warning, text, short) if model.may_fall_silent() => (Tone::Waiting, text, short),
+            (Tone::Warning, text, short) if model.is_silence_expected() => {
+                (Tone::Waiting, text, short)
+            }
             state => state,
         };
         Self {
@@ -169,7 +171,7 @@ fn rows(model: &ConsoleModel, state: LinkState, now: Monotonic) -> Vec<Row> {
     let heard = connection
         .age(now)
         .map_or_else(none, |time| format!("{} ago", age(time)));
-    let mut rows = vec![row("Last heard", heard)];
+    let mut rows = vec![row("Last message", heard)];
     // Of what is not heard nothing is measured: there is room for what to do instead.
     if state != LinkState::Silent {
         rows.push(row("Round trip", round_trip));
@@ -180,9 +182,9 @@ fn rows(model: &ConsoleModel, state: LinkState, now: Monotonic) -> Vec<Row> {
 }
 
 /// Whether all that a robot that is heard, or a recording, has told of its map is here, as the bar says it.
-pub(super) fn is_in_step(map: &MapSync, now: Monotonic) -> bool {
+pub(super) fn is_synchronized(map: &MapSync, now: Monotonic) -> bool {
     let heard = (LinkState::Live, Duration::ZERO);
-    map_state(map, heard, now).2 == IN_STEP
+    map_state(map, heard, now).2 == SYNCHRONIZED
 }
 
 /// Whether the map is the robot's, in a few words and in fewer.
@@ -193,25 +195,25 @@ fn map_state(
 ) -> (Tone, String, &'static str) {
     let Some(_announced) = map.head_at() else {
         if state == LinkState::Silent {
-            return (Tone::Warning, FETCHED_AGAIN.to_owned(), NO_MAP);
+            return (Tone::Warning, FETCHED_ON_RECONNECTION.to_owned(), NO_MAP);
         }
         return (Tone::Waiting, format!("{NO_MAP} yet"), NO_MAP);
     };
-    let equal_at = map.steps().map(|step| step.last_equal).min().flatten();
+    let equal_at = map.layer_states().map(|step| step.last_equal).min().flatten();
     if state == LinkState::Silent {
         // What counted as equal while the link lived, counts so now.
         let before = equal_at.map(|at| now.since(at).saturating_sub(heard));
         let text = match before {
-            _ if map.is_in_step() => "Was in step when last heard".to_owned(),
-            Some(before) if before < EQUAL_ENOUGH => {
-                format!("Was in step {} before it fell silent", age(before))
+            _ if map.is_synchronized() => "Was synchronized at last contact".to_owned(),
+            Some(before) if before < SYNCHRONIZED_FOR => {
+                format!("Was synchronized {} before the link was lost", age(before))
             }
-            Some(_) | None => "Was not in step when last heard".to_owned(),
+            Some(_) | None => "Was not synchronized at last contact".to_owned(),
         };
         return (Tone::Warning, text, OLD);
     }
-    if map.is_in_step() {
-        return (Tone::Good, IN_STEP.to_owned(), IN_STEP);
+    if map.is_synchronized() {
+        return (Tone::Good, SYNCHRONIZED.to_owned(), SYNCHRONIZED);
     }
     let missing = missing(map);
     if missing > 0 {
@@ -219,9 +221,9 @@ fn map_state(
         return (Tone::Waiting, text, BEHIND);
     }
     match equal_at.map(|at| now.since(at)) {
-        Some(since) if since < EQUAL_ENOUGH => {
-            let text = format!("{IN_STEP} {} ago", age(since));
-            (Tone::Good, text, IN_STEP)
+        Some(since) if since < SYNCHRONIZED_FOR => {
+            let text = format!("{SYNCHRONIZED} {} ago", age(since));
+            (Tone::Good, text, SYNCHRONIZED)
         }
         Some(_) | None => {
             let text = format!("{BEHIND}, asking what is missing");
@@ -232,7 +234,7 @@ fn map_state(
 
 /// How many tiles are known to be missing.
 fn missing(map: &MapSync) -> usize {
-    map.steps().map(|step| step.missing).sum()
+    map.layer_states().map(|step| step.missing).sum()
 }
 
 fn tiles(number: usize) -> String {
@@ -254,7 +256,7 @@ pub fn connection_ui(ui: &mut Ui, data: &ConnectionData) {
     state_ui(ui, data.tone, &data.state, 24.0);
     if let Some(advice) = &data.advice {
         let ink = ui.visuals().text_color();
-        ui.label(with_options(ui, advice, &TextStyle::Small, ink));
+        ui.label(with_monospace_options(ui, advice, &TextStyle::Small, ink));
     }
     long_state_ui(ui, data.map_tone, &data.map, 16.0);
     rows_ui(ui, "connection", &data.rows);

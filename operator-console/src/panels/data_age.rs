@@ -5,12 +5,12 @@ use std::time::Duration;
 use protocol::tile::TileKey;
 use robot_edge::clock::Monotonic;
 
-use super::wording::age;
+use super::formatting::age;
 use crate::model::ConsoleModel;
 use crate::playback::is_recording;
 
 /// Nothing comes closer to the end than this.
-const AT_ONCE: Duration = Duration::from_millis(50);
+const NEGLIGIBLE: Duration = Duration::from_millis(50);
 
 /// How old something is that was measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,7 +32,7 @@ impl DataAge {
             // It stands while it is paused.
             return Self::Old(before_newest());
         }
-        if model.says_ended() {
+        if model.reports_ended() {
             return Self::BeforeEnd(before_newest());
         }
         ages.age(key, now).map_or(Self::Unknown, Self::Old)
@@ -42,7 +42,7 @@ impl DataAge {
     pub fn words(self) -> String {
         match self {
             Self::Old(time) => format!("{} old", age(time)),
-            Self::BeforeEnd(time) if time < AT_ONCE => "as of the end".to_owned(),
+            Self::BeforeEnd(time) if time < NEGLIGIBLE => "as of the end".to_owned(),
             Self::BeforeEnd(time) => format!("{} before the end", age(time)),
             Self::Unknown => "of before the data began again".to_owned(),
         }
@@ -52,7 +52,7 @@ impl DataAge {
     pub fn moment(self) -> String {
         match self {
             Self::Old(time) => format!("{} ago", age(time)),
-            Self::BeforeEnd(time) if time < AT_ONCE => "at the end".to_owned(),
+            Self::BeforeEnd(time) if time < NEGLIGIBLE => "at the end".to_owned(),
             Self::BeforeEnd(time) => format!("{} before the end", age(time)),
             Self::Unknown => "before the data began again".to_owned(),
         }
@@ -69,7 +69,9 @@ mod tests {
 
     use super::*;
     use crate::model::RequestId;
-    use crate::pretend::{BOOT, announces, answers, at, console, pushes, resting, says_of};
+    use crate::test_support::{
+        BOOT, announce_map, at, console, inject_at, inject_reply, pose_at_rest, push_tile,
+    };
 
     const LAYER: LayerId = LayerId::Occupancy;
     const KEY: TileKey = TileKey {
@@ -99,15 +101,15 @@ mod tests {
             }],
             ..Info::default()
         };
-        announces(&mut model, &store, at(1_000));
-        answers(&mut model, RequestId(1), Topic::Info, &info, at(1_000));
+        announce_map(&mut model, &store, at(1_000));
+        inject_reply(&mut model, RequestId(1), Topic::Info, &info, at(1_000));
         stands(&mut model, 1_000);
-        pushes(&mut model, &store, KEY, at(1_000));
+        push_tile(&mut model, &store, KEY, at(1_000));
         model
     }
 
     fn stands(model: &mut ConsoleModel, ms: u64) {
-        says_of(model, 100 * SECOND_NS, Topic::Pose, &resting(), at(ms));
+        inject_at(model, 100 * SECOND_NS, Topic::Pose, &pose_at_rest(), at(ms));
     }
 
     fn words(model: &ConsoleModel, ms: u64) -> String {
@@ -131,7 +133,7 @@ mod tests {
             has_ended: true,
             ..Status::default()
         };
-        says_of(
+        inject_at(
             &mut ended,
             100 * SECOND_NS,
             Topic::Status,
@@ -160,7 +162,7 @@ mod tests {
         for code in [8, 9] {
             drop(store.publish(KEY, TileCells::from_fn(|_, _| code)).unwrap());
         }
-        pushes(&mut model, &store, KEY, at(1_500));
+        push_tile(&mut model, &store, KEY, at(1_500));
         stands(&mut model, 2_501);
         assert_eq!(words(&model, 2_600), "of before the data began again");
         let moment = DataAge::new(&model, KEY, at(2_600)).moment();

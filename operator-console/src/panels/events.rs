@@ -5,7 +5,7 @@ use eframe::egui::{
     ComboBox, Grid, Label, RichText, ScrollArea, TextEdit, TextStyle, Ui, WidgetInfo,
 };
 
-use super::command_line::with_options;
+use super::command_line::with_monospace_options;
 use super::elide::elided;
 use crate::event_log::{Entry, EventLog, Severity, Source};
 use crate::theme::Tone;
@@ -52,7 +52,7 @@ pub struct EventLine {
 impl EventFilter {
     fn passes(&self, entry: &Entry, needle: &str) -> bool {
         let has = |text: &str| text.to_lowercase().contains(needle);
-        let is_meant = || has(&entry.text) || has(&entry.kind) || has(teller(entry));
+        let is_meant = || has(&entry.text) || has(&entry.kind) || has(source_name(entry));
         entry.severity >= self.least && (needle.is_empty() || is_meant())
     }
 }
@@ -76,7 +76,7 @@ impl EventsData {
     }
 }
 
-fn teller(entry: &Entry) -> &str {
+fn source_name(entry: &Entry) -> &str {
     match &entry.source {
         Source::Robot(name) => name,
         Source::Console => "console",
@@ -84,7 +84,7 @@ fn teller(entry: &Entry) -> &str {
 }
 
 fn line(entry: &Entry) -> EventLine {
-    let who = elided(teller(entry), |name| name.chars().count() <= MAX_NAME);
+    let who = elided(source_name(entry), |name| name.chars().count() <= MAX_NAME);
     EventLine {
         time: entry.time.clone(),
         severity: entry.severity,
@@ -125,20 +125,20 @@ pub fn events_ui(ui: &mut Ui, data: &EventsData, filter: &mut EventFilter) {
 fn filter_ui(ui: &mut Ui, filter: &mut EventFilter, left_out: Option<&str>, is_narrow: bool) {
     ui.horizontal(|ui| {
         let (words, width): (fn(Severity) -> &'static str, f32) = if is_narrow {
-            (short_least_words, 84.0)
+            (short_filter_label, 84.0)
         } else {
-            (least_words, 150.0)
+            (filter_label, 150.0)
         };
         let severity = ComboBox::from_id_salt("least severity")
             .selected_text(words(filter.least))
             .width(width)
             .show_ui(ui, |ui| {
                 for severity in Severity::ALL {
-                    let words = least_words(severity);
+                    let words = filter_label(severity);
                     ui.selectable_value(&mut filter.least, severity, words);
                 }
             });
-        let chosen = least_words(filter.least);
+        let chosen = filter_label(filter.least);
         severity.response.widget_info(|| {
             WidgetInfo::labeled(Role::ComboBox, true, format!("Least severity: {chosen}"))
         });
@@ -199,35 +199,35 @@ fn heading_ui(ui: &mut Ui, line: &EventLine) {
     let tone = tone(line.severity).color(ui.visuals());
     let heading = RichText::new(&line.heading).size(13.0);
     ui.label(match line.severity {
-        Severity::Note => heading.weak(),
+        Severity::Info => heading.weak(),
         Severity::Warning | Severity::Alarm => heading.color(tone),
     })
-    .on_hover_text(line.severity.words());
+    .on_hover_text(line.severity.label());
 }
 
 fn text_of_ui(ui: &mut Ui, line: &EventLine, style: &TextStyle) {
     let ink = ui.visuals().text_color();
-    ui.add(Label::new(with_options(ui, &line.text, style, ink)).wrap());
+    ui.add(Label::new(with_monospace_options(ui, &line.text, style, ink)).wrap());
 }
 
 const fn tone(severity: Severity) -> Tone {
     match severity {
-        Severity::Note => Tone::Waiting,
+        Severity::Info => Tone::Waiting,
         Severity::Warning | Severity::Alarm => Tone::Warning,
     }
 }
 
-const fn least_words(least: Severity) -> &'static str {
+const fn filter_label(least: Severity) -> &'static str {
     match least {
-        Severity::Note => "Everything",
+        Severity::Info => "Everything",
         Severity::Warning => "Warnings and alarms",
         Severity::Alarm => "Alarms only",
     }
 }
 
-const fn short_least_words(least: Severity) -> &'static str {
+const fn short_filter_label(least: Severity) -> &'static str {
     match least {
-        Severity::Note => "All",
+        Severity::Info => "All",
         Severity::Warning => "Warnings",
         Severity::Alarm => "Alarms",
     }

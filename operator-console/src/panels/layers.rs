@@ -12,12 +12,12 @@ use robot_edge::clock::Monotonic;
 
 use dragging::{drop_ui, grip_ui};
 
-use super::connection::{EQUAL_ENOUGH, LinkSight};
+use super::connection::{LinkStatus, SYNCHRONIZED_FOR};
 use super::data_age::DataAge;
+use super::formatting::{age, count};
 use super::stale::StaleData;
-use super::wording::{age, count};
 use crate::map_view::{LayerCommand, MapView};
-use crate::model::{ConsoleModel, LayerStep};
+use crate::model::{ConsoleModel, LayerSyncState};
 use crate::theme::Tone;
 
 /// Narrower panels have the name of a layer and its place in two lines, points.
@@ -25,8 +25,8 @@ const NARROW: f32 = 210.0;
 
 /// What is usually said of a layer has room in any case, so that nothing below moves when the words change.
 const USUAL: [&str; 3] = [
-    "8\u{a0}888 tiles, in step 8.8 s ago, newest 888 min old",
-    "8\u{a0}888 tiles, not in step for 8.8 s, newest 888 min old",
+    "8\u{a0}888 tiles, synchronized 8.8 s ago, newest 888 min old",
+    "8\u{a0}888 tiles, not synchronized for 8.8 s, newest 888 min old",
     "8\u{a0}888 tiles, 888 missing for 8.8 s, newest 888 min old",
 ];
 
@@ -64,7 +64,7 @@ pub struct LayerRow {
 
 impl LayersData {
     /// The layers of `model` as `view` draws them, of a robot or of a recording, as `link` says.
-    pub fn new(model: &ConsoleModel, link: &LinkSight, view: &MapView, now: Monotonic) -> Self {
+    pub fn new(model: &ConsoleModel, link: &LinkStatus, view: &MapView, now: Monotonic) -> Self {
         let offered = model.info().map(|info| info.layers.as_slice());
         let offered = offered.unwrap_or_default();
         let is_offered = |layer| offered.iter().any(|offered| offered.layer == layer);
@@ -83,11 +83,11 @@ impl LayersData {
         };
         let rows = stacked.iter().enumerate().map(|(index, held)| {
             let layer = held.layer;
-            let step = model.map().steps().find(|step| step.layer == layer);
+            let step = model.map().layer_states().find(|step| step.layer == layer);
             let (tone, mut state) = if !held.is_shown {
                 (Tone::Waiting, hidden.to_owned())
             } else if let Some(stale) = &stale {
-                stale_words(*stale)
+                stale_text(*stale)
             } else {
                 state_of(step, view.tiles(layer), link.recording.is_some(), now)
             };
@@ -118,7 +118,7 @@ impl LayersData {
     }
 }
 
-fn stale_words(stale: StaleData) -> (Tone, String) {
+fn stale_text(stale: StaleData) -> (Tone, String) {
     if stale.had_ended {
         return (Tone::Waiting, "as it was at the end of its data".to_owned());
     }
@@ -127,7 +127,7 @@ fn stale_words(stale: StaleData) -> (Tone, String) {
 }
 
 fn state_of(
-    step: Option<LayerStep>,
+    step: Option<LayerSyncState>,
     tiles: usize,
     is_recording: bool,
     now: Monotonic,
@@ -141,11 +141,11 @@ fn state_of(
         return (Tone::Waiting, extent);
     };
     if step.is_equal {
-        return (Tone::Good, format!("{extent}, in step"));
+        return (Tone::Good, format!("{extent}, synchronized"));
     }
     let since = step.last_equal.map(|at| now.since(at));
-    if let Some(since) = since.filter(|since| step.missing == 0 && *since < EQUAL_ENOUGH) {
-        let words = format!("{extent}, in step {} ago", age(since));
+    if let Some(since) = since.filter(|since| step.missing == 0 && *since < SYNCHRONIZED_FOR) {
+        let words = format!("{extent}, synchronized {} ago", age(since));
         return (Tone::Good, words);
     }
     // What is recorded comes over no link: it is mapped here, and drawn when there is time.
@@ -157,7 +157,7 @@ fn state_of(
         return (Tone::Waiting, format!("{extent}, {comes}"));
     }
     let lacks = match step.missing {
-        0 => "not in step".to_owned(),
+        0 => "not synchronized".to_owned(),
         missing => format!("{} missing", count(missing as u64)),
     };
     let since = since.map_or_else(String::new, |since| format!(" for {}", age(since)));

@@ -8,8 +8,8 @@ use eframe::egui::{
 };
 use protocol::layer::{LayerId, Legend, Palette, Ramp, Swatch};
 
+use super::formatting::capitalised;
 use super::layers::layer_name;
-use super::wording::capitalised;
 use crate::theme;
 
 const BAR_HEIGHT: f32 = 10.0;

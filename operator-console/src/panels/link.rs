@@ -7,9 +7,9 @@ mod plots;
 use eframe::egui::{RichText, Ui};
 use robot_edge::clock::Monotonic;
 
-use super::connection::{ConnectionData, LinkSight, connection_ui};
+use super::connection::{ConnectionData, LinkStatus, connection_ui};
+use super::formatting::age;
 use super::rows::{Row, row, rows_ui};
-use super::wording::age;
 use crate::link::Transport;
 use crate::model::{ConsoleModel, LinkSample, Stream};
 use crate::theme::Tone;
@@ -50,7 +50,7 @@ pub type Segments = Vec<Vec<[f64; 2]>>;
 
 impl LinkData {
     /// The link at `now`.
-    pub fn new(model: &ConsoleModel, link: &LinkSight, now: Monotonic) -> Self {
+    pub fn new(model: &ConsoleModel, link: &LinkStatus, now: Monotonic) -> Self {
         if let Some(recording) = &link.recording {
             return Self {
                 connection: ConnectionData::new(model, link, now),
@@ -93,7 +93,7 @@ impl LinkData {
         let streams = Stream::ALL
             .map(|stream| {
                 let old = quality.age(stream, now).map_or_else(
-                    || "Never heard".to_owned(),
+                    || "Never received".to_owned(),
                     |old| format!("{} ago", age(old)),
                 );
                 row(stream_name(stream), old)
@@ -103,7 +103,7 @@ impl LinkData {
             .collect();
         Self {
             connection: ConnectionData::new(model, link, now),
-            transport: link.transport.map(transport_words),
+            transport: link.transport.map(transport_text),
             note: None,
             streams,
             plots: vec![
@@ -117,7 +117,7 @@ impl LinkData {
 }
 
 /// How a transport is told.
-fn transport_words(transport: Transport) -> (Tone, String) {
+fn transport_text(transport: Transport) -> (Tone, String) {
     let (tone, words) = match transport {
         Transport::Quic => (Tone::Good, "QUIC, secured"),
         Transport::Tls => (Tone::Good, "TLS, secured"),
@@ -211,7 +211,7 @@ mod tests {
     use egui_kittest::kittest::Queryable as _;
 
     use super::*;
-    use crate::pretend::{at, scout};
+    use crate::test_support::{at, scout};
     use crate::theme;
 
     #[test]
@@ -253,18 +253,18 @@ mod tests {
 
     #[test]
     fn the_way_that_messages_take_is_told() {
-        let (tone, words) = transport_words(Transport::TlsInstead);
+        let (tone, words) = transport_text(Transport::TlsInstead);
         assert_eq!(tone, Tone::Warning);
         assert!(words.contains("QUIC does not answer"));
-        assert_eq!(transport_words(Transport::Quic).0, Tone::Good);
-        assert!(transport_words(Transport::Tcp).1.contains("not secured"));
+        assert_eq!(transport_text(Transport::Quic).0, Tone::Good);
+        assert!(transport_text(Transport::Tcp).1.contains("not secured"));
     }
 
     /// The panel with its longest words, on so wide a window; it may be higher than that, for it scrolls.
     fn window(width: f32) -> Harness<'static> {
-        let mut data = LinkData::new(&scout(), &LinkSight::default(), at(1_000));
-        data.connection.map = "Was in step 1.0 s before it fell silent".to_owned();
-        data.transport = Some(transport_words(Transport::TlsInstead));
+        let mut data = LinkData::new(&scout(), &LinkStatus::default(), at(1_000));
+        data.connection.map = "Was synchronized 1.0 s before the link was lost".to_owned();
+        data.transport = Some(transport_text(Transport::TlsInstead));
         let mut window = Harness::builder()
             .with_size(vec2(width, 300.0))
             .build_ui(move |ui| {

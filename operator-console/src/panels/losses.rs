@@ -4,8 +4,8 @@ mod hints;
 
 use eframe::egui::Ui;
 
+use super::formatting::count;
 use super::rows::{hinted_rows_ui, row};
-use super::wording::count;
 use crate::model::ConsoleModel;
 
 /// What the panel shows.
@@ -29,9 +29,9 @@ impl LossesData {
             .iter()
             .map(|reason| (reason.name.as_str(), reason.count))
             .chain([("refused messages", refused), ("tiles waiting", waiting)]);
-        let halves = model.map().halves_given_up();
+        let halves = model.map().abandoned_halves();
         let console = model
-            .refusals()
+            .reject_counts()
             .iter()
             .map(|(why, times)| (why.name(), times))
             .chain([("incomplete tiles", halves)]);
@@ -57,7 +57,7 @@ pub fn losses_ui(ui: &mut Ui, data: &LossesData) {
             "drops",
             &data.robot,
         ),
-        ("Not taken by this console", "refusals", &data.console),
+        ("Rejected by this console", "refusals", &data.console),
     ] {
         ui.strong(who);
         if rows.is_empty() {

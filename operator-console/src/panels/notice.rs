@@ -45,7 +45,7 @@ impl NoticeData {
         Some(Self {
             text: entry.text.clone(),
             tone: match entry.severity {
-                Severity::Note => Tone::Good,
+                Severity::Info => Tone::Good,
                 Severity::Warning | Severity::Alarm => Tone::Warning,
             },
             rest: SHOWN_FOR.saturating_sub(now.since(entry.at)),
@@ -109,7 +109,7 @@ mod tests {
     use eframe::egui::pos2;
 
     use super::*;
-    use crate::pretend::at;
+    use crate::test_support::at;
 
     #[test]
     fn a_notice_is_as_low_as_what_stands_there_allows() {
@@ -135,10 +135,10 @@ mod tests {
     fn what_was_saved_is_news_for_a_while_and_what_a_robot_says_is_not() {
         let mut log = EventLog::default();
         assert_eq!(NoticeData::new(&log, at(0)), None);
-        log.note(Severity::Note, "link", "scout is heard", at(0), 0);
+        log.note(Severity::Info, "link", "scout is connected", at(0), 0);
         assert_eq!(NoticeData::new(&log, at(0)), None);
-        log.note(Severity::Note, "screenshot", "Saved as a.png", at(1_000), 1);
-        log.note(Severity::Note, "link", "Connected by QUIC", at(2_000), 2);
+        log.note(Severity::Info, "screenshot", "Saved as a.png", at(1_000), 1);
+        log.note(Severity::Info, "link", "Connected by QUIC", at(2_000), 2);
         let news = NoticeData::new(&log, at(2_000)).unwrap();
         assert_eq!(
             (news.text.as_str(), news.tone, news.rest),

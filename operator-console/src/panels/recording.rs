@@ -6,14 +6,14 @@ use eframe::egui::{Button, Label, RichText, TextStyle, Ui, vec2};
 use protocol::message::{Answer, RecordingState, RecordingStatus, Setting};
 use robot_edge::clock::Monotonic;
 
-use super::command_line::with_options;
-use super::driving::words;
+use super::command_line::with_monospace_options;
+use super::driving::labels;
+use super::formatting::{age, bytes, count};
 use super::rows::{Row, row, rows_ui};
-use super::wording::{age, bytes, count};
 use crate::command::Command;
-use crate::helm::{Asked, HelmSight, Intent, Note};
 use crate::model::{ConsoleModel, LinkState};
 use crate::playback::is_recording;
+use crate::teleop_client::{Intent, RequestKind, TeleopClientState, TeleopNotification};
 use crate::theme::{Tone, state_ui};
 
 /// Panels that are at least so wide have two columns; the width of that with the buttons. Points.
@@ -51,11 +51,11 @@ pub struct RecordingButton {
 }
 
 impl RecordingData {
-    /// The recording at `now`; `helm` is of this console, where it can ask the robot for anything; `folder` is that of the
+    /// The recording at `now`; `teleop_client` is of this console, where it can ask the robot for anything; `folder` is that of the
     /// robot's recordings, where it is on this machine.
     pub fn new(
         model: &ConsoleModel,
-        helm: Option<&HelmSight>,
+        teleop_client: Option<&TeleopClientState>,
         folder: Option<&Path>,
         now: Monotonic,
     ) -> Self {
@@ -63,21 +63,23 @@ impl RecordingData {
         let Some((recording, (status, at))) = model.recording().zip(model.status()) else {
             return Self::unavailable(model);
         };
-        let (tone, state, said) = state_words(recording.state, is_live, status.has_ended);
+        let (tone, state, said) = state_text(recording.state, is_live, status.has_ended);
         let told = (!is_live).then(|| format!("As of {} ago", age(now.since(*at))));
         let advice: Vec<_> = said.map(str::to_owned).into_iter().chain(told).collect();
         let is_running = recording.state == RecordingState::Recording;
         // Files grow after the robot has told of them last: by what was on its way to the disk, too.
         let may_be_more = is_running && (!is_live || status.has_ended);
-        let blocked = match helm {
-            _ if !is_live => Some("The robot is not heard"),
+        let blocked = match teleop_client {
+            _ if !is_live => Some("No data from the robot"),
             _ if status.has_ended => Some("Its data has ended"),
-            None => Some("Nobody here is its operator"),
-            Some(helm) if helm.only_watches() => {
-                Some("You watch: observers start and stop no recording")
+            None => Some("No operator name is set"),
+            Some(teleop_client) if teleop_client.is_observer() => {
+                Some("Observers start and stop no recording")
             }
-            Some(helm) if helm.is_asking => Some("The robot is being asked"),
-            Some(helm) if helm.token_age.is_none() => Some("The robot takes no requests"),
+            Some(teleop_client) if teleop_client.is_asking => Some("The robot is being asked"),
+            Some(teleop_client) if teleop_client.token_age.is_none() => {
+                Some("The robot takes no requests")
+            }
             Some(_) => None,
         };
         Self {
@@ -91,13 +93,15 @@ impl RecordingData {
                 starts: !is_running || status.has_ended,
                 blocked,
             }),
-            refusal: helm.and_then(|helm| helm.notice.as_ref()).and_then(refusal),
+            refusal: teleop_client
+                .and_then(|teleop_client| teleop_client.notice.as_ref())
+                .and_then(refusal),
         }
     }
 
     fn unavailable(model: &ConsoleModel) -> Self {
         let (state, advice) = if model.status().is_none() {
-            ("Nothing is known of it yet", None)
+            ("No data yet", None)
         } else if is_recording(model.robot()) {
             let advice = "What robots record is started and stopped here while one is shown.";
             ("This is a recording itself", Some(advice.to_owned()))
@@ -132,7 +136,7 @@ fn played(model: &ConsoleModel) -> Option<&str> {
 }
 
 /// What it is, as far as that is known of a robot that is not heard, and what there is to do or to know.
-fn state_words(
+fn state_text(
     state: RecordingState,
     is_live: bool,
     has_ended: bool,
@@ -223,31 +227,34 @@ fn clock(secs: u32) -> String {
 }
 
 /// That a wish about recording was not done.
-fn refusal(note: &Note) -> Option<String> {
+fn refusal(note: &TeleopNotification) -> Option<String> {
     match note {
-        Note::Answered(Asked::Set(Setting::Recording(_)), Answer::Refused(_))
-        | Note::NotAnswered(Asked::Set(Setting::Recording(_)))
-        | Note::NotSent(Asked::Set(Setting::Recording(_)), _) => {
-            let (mut words, _) = words::note(note);
+        TeleopNotification::Answered(
+            RequestKind::Set(Setting::Recording(_)),
+            Answer::Refused(_),
+        )
+        | TeleopNotification::RequestTimedOut(RequestKind::Set(Setting::Recording(_)))
+        | TeleopNotification::NotSent(RequestKind::Set(Setting::Recording(_)), _) => {
+            let (mut words, _) = labels::note(note);
             if let Some(first) = words.get_mut(..1) {
                 first.make_ascii_uppercase();
             }
             Some(words)
         }
-        Note::Answered(..)
-        | Note::NotAnswered(_)
-        | Note::NotSent(..)
-        | Note::LeaseGained(_)
-        | Note::LeaseLost
-        | Note::LeaseGivenBack
-        | Note::ResetEndedDriving
-        | Note::EStopPressed
-        | Note::EStopAcknowledged(_)
-        | Note::EStopRefused(_)
-        | Note::EStopNotInForce
-        | Note::NothingToStop
-        | Note::OnlyWatches
-        | Note::Lost(_) => None,
+        TeleopNotification::Answered(..)
+        | TeleopNotification::RequestTimedOut(_)
+        | TeleopNotification::NotSent(..)
+        | TeleopNotification::LeaseGained(_)
+        | TeleopNotification::LeaseLost
+        | TeleopNotification::LeaseReleased
+        | TeleopNotification::LeaseEndedByReset
+        | TeleopNotification::EStopPressed
+        | TeleopNotification::EStopAcknowledged(_)
+        | TeleopNotification::EStopRefused(_)
+        | TeleopNotification::EStopNotInForce
+        | TeleopNotification::NotDrivable
+        | TeleopNotification::ObserverOnly
+        | TeleopNotification::InputLocked(_) => None,
     }
 }
 
@@ -273,7 +280,7 @@ fn state_and_buttons_ui(ui: &mut Ui, data: &RecordingData) -> Option<Command> {
     state_ui(ui, data.tone, &data.state, 20.0);
     if let Some(advice) = &data.advice {
         let ink = ui.visuals().text_color();
-        let advice = with_options(ui, advice, &TextStyle::Small, ink);
+        let advice = with_monospace_options(ui, advice, &TextStyle::Small, ink);
         ui.add(Label::new(advice).wrap());
     }
     let asked = ui.horizontal_wrapped(|ui| {

@@ -3,10 +3,10 @@
 use eframe::egui::Ui;
 use robot_edge::clock::{Monotonic, utc_label};
 
-use super::connection::is_in_step;
+use super::connection::is_synchronized;
+use super::formatting::{age, capitalised, count, direction, signed, turn};
 use super::rows::{Row, row, rows_ui};
 use super::stale::is_position_old;
-use super::wording::{age, capitalised, count, direction, signed, turn};
 use crate::model::{ConsoleModel, LinkState};
 use crate::playback::is_recording;
 
@@ -39,7 +39,7 @@ impl RobotData {
                 // While it stands still, its map shows the scans that wait for a pose, too: no status counts
                 // them as mapped. Nobody else sees it.
                 // Until that is drawn, it is the count of where it was played before.
-                let read = is_in_step(model.map(), now).then(|| format!("{came} read"));
+                let read = is_synchronized(model.map(), now).then(|| format!("{came} read"));
                 rows.push(row(
                     "Scans",
                     read.unwrap_or_else(|| "being read".to_owned()),
@@ -50,10 +50,10 @@ impl RobotData {
             }
         }
         let is_silent = model.connection().state(now) == LinkState::Silent;
-        let has_ended = model.says_ended();
+        let has_ended = model.reports_ended();
         let note = match (is_silent, model.vehicle().pose()) {
             (true, Some((_, at))) => Some(format!("As of {} ago", age(now.since(at)))),
-            (true, None) => Some("Nothing was heard of its position".to_owned()),
+            (true, None) => Some("No position received".to_owned()),
             (false, Some((_, at))) if is_position_old(model, now) => {
                 Some(format!("Position is {} old", age(now.since(at))))
             }
@@ -88,7 +88,7 @@ fn pose_rows(model: &ConsoleModel) -> Vec<Row> {
         .to_degrees();
     let knows_north = model.shores().is_some_and(|shores| shores.datum.is_some());
     // Nothing new will come: the last that was measured is no speed of now.
-    let has_ended = model.says_ended();
+    let has_ended = model.reports_ended();
     let now = |words: String| if has_ended { "–".to_owned() } else { words };
     let speed = format!("{} m/s", signed(f64::from(pose.speed_mps), 2));
     let turning = turn(f64::from(pose.turn_rate_radps));
@@ -113,7 +113,7 @@ pub fn robot_ui(ui: &mut Ui, data: &RobotData) {
         ui.strong(note);
     }
     if data.rows.is_empty() {
-        ui.label("Nothing is known of it yet.");
+        ui.label("No data yet.");
     }
     rows_ui(ui, "robot", &data.rows);
 }
@@ -125,7 +125,7 @@ mod tests {
     use protocol::tile_store::TileStore;
 
     use super::*;
-    use crate::pretend::{BOOT, announces, at, console, says, scout};
+    use crate::test_support::{BOOT, announce_map, at, console, inject, scout};
 
     #[test]
     fn a_recording_counts_no_scan_as_unmapped_that_its_map_shows() {
@@ -136,12 +136,12 @@ mod tests {
         };
         let model = |robot| {
             let mut model = console(robot, &[]);
-            says(&mut model, Topic::Status, &status, at(1_000));
+            inject(&mut model, Topic::Status, &status, at(1_000));
             model
         };
         let rows = |robot| {
             let mut model = model(robot);
-            announces(&mut model, &TileStore::new(BOOT, 10), at(1_000));
+            announce_map(&mut model, &TileStore::new(BOOT, 10), at(1_000));
             RobotData::new(&model, at(1_100)).rows
         };
         // It is wound, and what is told is of where it was played before.
@@ -163,7 +163,7 @@ mod tests {
             turn_rate_radps: -0.21,
             token: None,
         };
-        says(&mut model, Topic::Pose, &pose, at(1_000));
+        inject(&mut model, Topic::Pose, &pose, at(1_000));
         let rows = RobotData::new(&model, at(1_100)).rows;
         let moves = [row("Speed", "−0.50 m/s"), row("Turning", "12 °/s right")];
         assert_eq!(rows[rows.len() - 2..], moves);
@@ -171,7 +171,7 @@ mod tests {
             has_ended: true,
             ..Status::default()
         };
-        says(&mut model, Topic::Status, &ended, at(1_100));
+        inject(&mut model, Topic::Status, &ended, at(1_100));
         let rows = RobotData::new(&model, at(1_100)).rows;
         assert!(rows.contains(&row("Speed", "–")) && rows.contains(&row("Turning", "–")));
     }

@@ -13,11 +13,11 @@ use robot_edge::clock::Monotonic;
 
 use super::address_list::{ListedAddress, remembered_ui, unanswered_ui};
 use super::addresses::{AddressEntry, address_ui};
-use super::command_line::with_options;
-use super::wording::age;
+use super::command_line::with_monospace_options;
+use super::formatting::age;
 use crate::command::Command;
-use crate::link::{FleetState, FoundRobot, SEEN_LATELY, Sighting};
-use crate::model::{LinkState, OwnMotion};
+use crate::link::{DiscoveredRobot, FleetState, FoundRobot, SEEN_RECENTLY};
+use crate::model::{LinkState, UncommandedMotion};
 use crate::shortcuts::Action;
 use crate::theme::Tone;
 
@@ -47,7 +47,7 @@ pub struct RobotsData {
 
 /// Which robot is waited for while none is shown.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Sought<'a> {
+pub enum SearchTarget<'a> {
     /// Whichever there is.
     Any,
     /// The one that the command line asks for.
@@ -85,64 +85,64 @@ impl RobotLine {
 
 /// A robot that may be a line.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Seen {
+pub struct RobotEntry {
     /// Where, when, and how it was.
-    pub sighting: Sighting,
+    pub discovered: DiscoveredRobot,
     /// Its own colour.
     pub color: Color32,
     /// Its alerts that nobody has seen.
     pub alerts: usize,
     /// What moves it, where it is shown and nobody drives it: others do not tell that from afar.
-    pub own_motion: Option<OwnMotion>,
+    pub uncommanded_motion: Option<UncommandedMotion>,
 }
 
 impl RobotsData {
     /// `current`: the robot that is shown, and how its link is, which is newer than what was seen of it before.
     pub fn new(
-        seen: &[Seen],
+        seen: &[RobotEntry],
         current: Option<(&RobotId, LinkState)>,
-        sought: Sought<'_>,
+        search_target: SearchTarget<'_>,
         problem: Option<String>,
         now: Monotonic,
     ) -> Self {
         let mut known = BTreeSet::new();
         let found: Vec<_> = seen
             .iter()
-            .filter(|seen| known.insert(&seen.sighting.found.robot))
+            .filter(|seen| known.insert(&seen.discovered.found.robot))
             .map(|seen| {
-                let sighting = &seen.sighting;
+                let discovered = &seen.discovered;
                 let link = current
-                    .filter(|(robot, _)| **robot == sighting.found.robot)
+                    .filter(|(robot, _)| **robot == discovered.found.robot)
                     .map(|(_, link)| link);
-                let (tone, state) = state_words(sighting, link, seen.own_motion, now);
+                let (tone, state) = robot_state_text(discovered, link, seen.uncommanded_motion, now);
                 let (tone, state) = match seen.alerts {
                     0 => (tone, state),
                     n => (Tone::Warning, format!("{state}, {}", alerts(n))),
                 };
                 RobotLine {
-                    found: sighting.found.clone(),
+                    found: discovered.found.clone(),
                     color: seen.color,
                     tone,
                     state,
-                    is_forgettable: link.is_none() && is_missed(sighting, now),
+                    is_forgettable: link.is_none() && is_overdue(discovered, now),
                 }
             })
             .collect();
-        let heading = match &sought {
-            Sought::Demo { failure: None } => "Starting the demo…",
-            Sought::Demo { failure: Some(_) } => "The demo has ended",
-            Sought::Any | Sought::Named(_) if found.is_empty() => "Looking for robots",
-            Sought::Any | Sought::Named(_) => "Robots were found",
+        let heading = match &search_target {
+            SearchTarget::Demo { failure: None } => "Starting the demo…",
+            SearchTarget::Demo { failure: Some(_) } => "The demo has ended",
+            SearchTarget::Any | SearchTarget::Named(_) if found.is_empty() => "Looking for robots",
+            SearchTarget::Any | SearchTarget::Named(_) => "Robots were found",
         };
-        let is_up_to_operator = sought != Sought::Demo { failure: None };
-        let advice = match (current, sought) {
+        let is_up_to_operator = search_target != SearchTarget::Demo { failure: None };
+        let advice = match (current, search_target) {
             (Some(_), _) => None,
-            (None, Sought::Demo { failure }) => failure,
-            (None, Sought::Named(named)) => Some(format!(
+            (None, SearchTarget::Demo { failure }) => failure,
+            (None, SearchTarget::Named(named)) => Some(format!(
                 "Looking for {named}. Start it, or type its address."
             )),
-            (None, Sought::Any) if found.is_empty() => Some("No robot found yet.".to_owned()),
-            (None, Sought::Any) => Some("Choose one on the left.".to_owned()),
+            (None, SearchTarget::Any) if found.is_empty() => Some("No robot found yet.".to_owned()),
+            (None, SearchTarget::Any) => Some("Choose one on the left.".to_owned()),
         };
         Self {
             found,
@@ -157,7 +157,7 @@ impl RobotsData {
     }
 
     /// Says that nobody looks but at these addresses.
-    pub fn looks_only_at(&mut self, addresses: &[String]) {
+    pub fn set_search_addresses(&mut self, addresses: &[String]) {
         if self.current.is_none() && self.found.is_empty() && self.is_up_to_operator {
             let are = if addresses.len() > 1 { "are" } else { "is" };
             let addresses = addresses.join(", ");
@@ -169,7 +169,7 @@ impl RobotsData {
     }
 
     /// Says that these robots answer and tell nothing, where that is why none is shown.
-    pub fn is_told_nothing_by(&mut self, robots: &BTreeSet<RobotId>) {
+    pub fn set_denied_by(&mut self, robots: &BTreeSet<RobotId>) {
         if self.current.is_some() || !self.found.is_empty() || !self.is_up_to_operator {
             return;
         }
@@ -177,8 +177,8 @@ impl RobotsData {
         if !names.is_empty() {
             let names = names.join(", ");
             self.advice = Some(format!(
-                "{names} answers, and tells you nothing: you are not on its list of operators. Whoever is added is let \
-                 in within two seconds."
+                "{names} answers, but denies access: you are not on its list of operators. Access is granted \
+                 within two seconds of being added."
             ));
         }
     }
@@ -199,38 +199,40 @@ pub fn alerts(count: usize) -> String {
 }
 
 /// Whether it was not seen for too long.
-fn is_missed(sighting: &Sighting, now: Monotonic) -> bool {
-    now.since(sighting.seen) > SEEN_LATELY
+fn is_overdue(discovered: &DiscoveredRobot, now: Monotonic) -> bool {
+    now.since(discovered.seen) > SEEN_RECENTLY
 }
 
-fn state_words(
-    sighting: &Sighting,
+fn robot_state_text(
+    discovered: &DiscoveredRobot,
     link: Option<LinkState>,
-    own_motion: Option<OwnMotion>,
+    uncommanded_motion: Option<UncommandedMotion>,
     now: Monotonic,
 ) -> (Tone, String) {
-    let seen = format!("last seen {} ago", age(now.since(sighting.seen)));
-    let has_ended = sighting.has_ended();
+    let seen = format!("last seen {} ago", age(now.since(discovered.seen)));
+    let has_ended = discovered.has_ended();
     match link {
         // Its silence is no news.
         Some(LinkState::Silent) if has_ended => return (Tone::Waiting, format!("ended, {seen}")),
-        None if has_ended && is_missed(sighting, now) => {
+        None if has_ended && is_overdue(discovered, now) => {
             return (Tone::Waiting, format!("ended, {seen}"));
         }
         Some(LinkState::Silent) => return (Tone::Warning, format!("silent, {seen}")),
         Some(LinkState::Waiting) => return (Tone::Waiting, seen),
-        None if is_missed(sighting, now) => return (Tone::Warning, format!("silent, {seen}")),
+        None if is_overdue(discovered, now) => return (Tone::Warning, format!("silent, {seen}")),
         Some(LinkState::Live) | None => {}
     }
-    match &sighting.state {
+    match &discovered.state {
         None => (Tone::Waiting, "there".to_owned()),
-        Some(FleetState::Undriven) => (Tone::Waiting, "cannot be driven".to_owned()),
+        Some(FleetState::NotDrivable) => (Tone::Waiting, "cannot be driven".to_owned()),
         Some(FleetState::Ended) => (Tone::Waiting, "ended".to_owned()),
         // The same marks and words as while it is driven.
-        Some(FleetState::Free) => match own_motion {
+        Some(FleetState::Free) => match uncommanded_motion {
             None => (Tone::Good, "free".to_owned()),
-            Some(OwnMotion::ByItself) => (Tone::Waiting, "moving by itself".to_owned()),
-            Some(OwnMotion::OrAdrift) => (Tone::Warning, "moving or adrift".to_owned()),
+            Some(UncommandedMotion::Autonomous) => (Tone::Waiting, "moving by itself".to_owned()),
+            Some(UncommandedMotion::MaybeDrifting) => {
+                (Tone::Warning, "moving or adrift".to_owned())
+            }
         },
         Some(FleetState::DrivenBy(operator)) => (Tone::Waiting, format!("{operator} drives")),
         Some(FleetState::EStop { .. }) => (Tone::Warning, "emergency stop".to_owned()),
@@ -244,7 +246,7 @@ pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Op
     let numbers = (1..u8::MAX).chain(iter::repeat(u8::MAX));
     for (line, number) in data.found.iter().zip(numbers) {
         let is_current = data.current.as_ref() == Some(&line.found.robot);
-        let mut is_told = false;
+        let mut state_fits = false;
         ui.horizontal(|ui| {
             swatch_ui(ui, line.color);
             let name = line.found.robot.to_string();
@@ -262,14 +264,14 @@ pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Op
                     command = Some(Command::ForgetRobot(line.found.robot.clone()));
                 }
                 let state = line.state_text(ui);
-                is_told = state.size().x <= ui.available_width();
-                if is_told {
+                state_fits = state.size().x <= ui.available_width();
+                if state_fits {
                     ui.label(state);
                 }
             });
         });
         // Beside a long name there is no room for it.
-        if !is_told {
+        if !state_fits {
             ui.horizontal(|ui| {
                 ui.add_space(SWATCH.x + ui.spacing().item_spacing.x);
                 let state = line.state_text(ui);
@@ -286,7 +288,12 @@ pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Op
     }
     if let Some(problem) = &data.problem {
         let color = ui.visuals().warn_fg_color;
-        ui.label(with_options(ui, problem, &TextStyle::Small, color));
+        ui.label(with_monospace_options(
+            ui,
+            problem,
+            &TextStyle::Small,
+            color,
+        ));
     }
     ui.add_space(4.0);
     let typed = address_ui(ui, entry, data.has_keys);

@@ -7,7 +7,7 @@ use protocol::message::{SensorFault, SensorInfo, SensorKind, SensorStatus};
 use robot_edge::clock::Monotonic;
 
 use super::data_age::DataAge;
-use super::wording::{age, count};
+use super::formatting::{age, count};
 use crate::model::{ConsoleModel, LinkState};
 use crate::playback::is_recording;
 use crate::theme::{Tone, state_ui};
@@ -48,29 +48,29 @@ pub struct SensorLine {
 impl SensorsData {
     /// The sensors at `now`.
     pub fn new(model: &ConsoleModel, now: Monotonic) -> Self {
-        let since_told = model.status().map(|(_, at)| now.since(*at));
+        let since_update = model.status().map(|(_, at)| now.since(*at));
         // A recording has no link to lose, and ages with the moment that is shown.
         let is_recording = is_recording(model.robot());
         let is_silent = !is_recording && model.connection().state(now) == LinkState::Silent;
-        let sight = match (is_silent, model.says_ended()) {
-            (true, _) => Sight::Silent,
-            (false, true) => Sight::Ended,
-            (false, false) => Sight::Live,
+        let data_state = match (is_silent, model.reports_ended()) {
+            (true, _) => DataState::Silent,
+            (false, true) => DataState::Ended,
+            (false, false) => DataState::Live,
         };
         let described = model.sensors();
-        let since_statuses = if is_recording {
+        let status_delay = if is_recording {
             Duration::ZERO
         } else {
-            model.since_statuses(now)
+            model.status_delay(now)
         };
         let lines = model.sensor_statuses().iter().map(|status| {
             let info = described.iter().find(|info| info.name == status.name);
-            line(status, info, since_statuses, sight)
+            line(status, info, status_delay, data_state)
         });
         let sensors: Vec<_> = lines.collect();
-        let note = match (sensors.is_empty(), since_told) {
-            (true, None) => Some("Nothing is known of its sensors yet.".to_owned()),
-            (true, Some(_)) => Some("It tells of no sensors.".to_owned()),
+        let note = match (sensors.is_empty(), since_update) {
+            (true, None) => Some("No sensor data yet.".to_owned()),
+            (true, Some(_)) => Some("It reports no sensors.".to_owned()),
             (false, Some(since)) if is_silent => Some(format!("As of {} ago", age(since))),
             (false, _) => None,
         };
@@ -80,9 +80,9 @@ impl SensorsData {
 
 /// How what is told of sensors is to be taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Sight {
+enum DataState {
     Live,
-    /// The robot is not heard.
+    /// No data from the robot.
     Silent,
     /// Its data has ended.
     Ended,
@@ -91,23 +91,21 @@ enum Sight {
 fn line(
     status: &SensorStatus,
     info: Option<&SensorInfo>,
-    since_told: Duration,
-    sight: Sight,
+    since_update: Duration,
+    data_state: DataState,
 ) -> SensorLine {
     let kind = info.map(|info| info.kind);
     let (tone, state, advice) = match (status.fault, status.messages) {
-        (Some(fault), _) => fault_words(fault, kind),
+        (Some(fault), _) => fault_text(fault, kind),
         (None, 0) => (Tone::Waiting, "Waiting", "Nothing has come from it yet."),
         // What was well when the link fell silent may not be any more.
-        (None, _) if sight == Sight::Silent => (
+        (None, _) if data_state == DataState::Silent => {
+            (Tone::Waiting, "Was good", "State at the last contact.")
+        }
+        (None, _) if data_state == DataState::Ended => (
             Tone::Waiting,
             "Was good",
-            "So it was when the robot was heard last.",
-        ),
-        (None, _) if sight == Sight::Ended => (
-            Tone::Waiting,
-            "Was good",
-            "So it was when the robot's data ended.",
+            "State when the robot's data ended.",
         ),
         (None, _) => (Tone::Good, "Good", "It measures as it should."),
     };
@@ -116,10 +114,10 @@ fn line(
         || "never".to_owned(),
         |ms| {
             let before = Duration::from_millis(ms.into());
-            match sight {
-                Sight::Ended => DataAge::BeforeEnd(before).words(),
-                Sight::Live | Sight::Silent => {
-                    format!("{} ago", age(before.saturating_add(since_told)))
+            match data_state {
+                DataState::Ended => DataAge::BeforeEnd(before).words(),
+                DataState::Live | DataState::Silent => {
+                    format!("{} ago", age(before.saturating_add(since_update)))
                 }
             }
         },
@@ -129,7 +127,7 @@ fn line(
         state: state.to_owned(),
         advice,
         name: status.name.clone(),
-        kind: kind.map_or("–", kind_words),
+        kind: kind.map_or("–", kind_label),
         rate: rate(status.rate_hz, nominal),
         last_seen,
         dropped: count(status.dropped),
@@ -144,7 +142,7 @@ fn rate(rate_hz: f32, nominal_hz: Option<f32>) -> String {
 }
 
 /// How a fault looks, in a word or two and in a sentence.
-pub fn fault_words(
+pub fn fault_text(
     fault: SensorFault,
     kind: Option<SensorKind>,
 ) -> (Tone, &'static str, &'static str) {
@@ -154,8 +152,8 @@ pub fn fault_words(
             "Nothing comes from it. Look at its power, its cable and its driver.",
         ),
         SensorFault::Clock => (
-            "Clock leapt",
-            "Its stamps leapt: what it measures may be drawn in the wrong place.",
+            "Clock jump",
+            "Its stamps jumped: what it measures may be drawn in the wrong place.",
         ),
         SensorFault::AllInvalid if kind == Some(SensorKind::SatelliteReceiver) => (
             "No fix",
@@ -182,7 +180,7 @@ pub fn fault_words(
 }
 
 /// What a sensor is.
-pub const fn kind_words(kind: SensorKind) -> &'static str {
+pub const fn kind_label(kind: SensorKind) -> &'static str {
     match kind {
         SensorKind::PlanarLaser => "Laser",
         SensorKind::TiltingLaser => "Tilting laser",

@@ -1,7 +1,7 @@
 //! Shores and docking sites: what stands along the water, how dense, how far away.
 
-mod away;
 mod columns;
+mod distance;
 mod list;
 mod order;
 
@@ -9,11 +9,11 @@ use protocol::layer::{LayerId, Swatch};
 use protocol::message::{DockingSite, ShoreCluster};
 use protocol::shores::DOCKING_SITE_CODE;
 
-use super::wording::{count, signed};
+use super::formatting::{count, signed};
 use crate::map_view::{MapView, ShoreMark};
 use crate::model::{ConsoleModel, Neighbour, Outline, SiteName};
 
-pub(crate) use away::Away;
+pub(crate) use distance::Distance;
 pub use list::shores_ui;
 
 /// What the panel shows.
@@ -94,14 +94,14 @@ impl ShoresData {
             return Some(Self {
                 shores: Vec::new(),
                 sites: Vec::new(),
-                notes: vec!["Nothing was heard of shores yet.".to_owned()],
+                notes: vec!["No shore data yet.".to_owned()],
                 marked,
                 hovered,
             });
         };
         let mut notes = Vec::new();
         if shores.clusters.is_empty() && shores.sites.is_empty() {
-            notes.push("No shore in sight.".to_owned());
+            notes.push("No shore detected.".to_owned());
         }
         for (left_out, what) in [
             (shores.clusters_left_out, "smaller shores"),
@@ -173,7 +173,7 @@ fn shore_row(
     (cluster, outline): (&ShoreCluster, &Outline),
     vehicle_m: Option<[f64; 2]>,
 ) -> ShoreRow {
-    let away = Away::of_shore(outline, vehicle_m);
+    let away = Distance::of_shore(outline, vehicle_m);
     let share = format!("{:.0} %", 100.0 * cluster.ratio());
     let size = count(cluster.voxels.into());
     let (number, class) = (cluster.number, class_swatch(cluster.class.code()));
@@ -202,7 +202,7 @@ fn site_row(
     (name, rank): (SiteName, u32),
     vehicle_m: Option<[f64; 2]>,
 ) -> ShoreRow {
-    let away = Away::of_site(site, vehicle_m);
+    let away = Distance::of_site(site, vehicle_m);
     let share = format!("{:.2}", site.mean_cost);
     let size = format!("{} m", signed(site.width_m.into(), 1));
     ShoreRow {

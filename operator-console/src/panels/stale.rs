@@ -5,7 +5,7 @@ use std::time::Duration;
 use eframe::egui::{Color32, RichText, Ui, Visuals};
 use robot_edge::clock::Monotonic;
 
-use super::wording::age;
+use super::formatting::age;
 use crate::model::{ConsoleModel, LinkState};
 use crate::playback::is_recording;
 use crate::theme;
@@ -34,7 +34,7 @@ impl StaleData {
             LinkState::Waiting | LinkState::Live => None,
             LinkState::Silent => Some(Self {
                 silent_for: connection.age(now).unwrap_or_default(),
-                had_ended: model.may_fall_silent(),
+                had_ended: model.is_silence_expected(),
                 is_vehicle: model.is_vehicle(),
                 is_shown: model.map().head_at().is_some() || model.vehicle().pose().is_some(),
             }),
@@ -53,10 +53,10 @@ impl StaleData {
     /// What the banner says: what is so, and what that means.
     pub fn words(&self) -> [String; 2] {
         let silent = age(self.silent_for);
-        let unknown = "What the robot does now is not known here.";
+        let unknown = "Robot state unknown (no data).";
         if self.had_ended {
             let why = "robot-edge has closed, or the link is lost.";
-            let since = format!("Nothing heard for {silent}: {why}");
+            let since = format!("No data for {silent}: {why}");
             let meaning = if self.is_vehicle {
                 format!("{since} {unknown}")
             } else {
@@ -69,7 +69,7 @@ impl StaleData {
         } else {
             unknown.to_owned()
         };
-        [format!("Link lost: nothing heard for {silent}"), meaning]
+        [format!("Link lost: no data for {silent}"), meaning]
     }
 
     /// The ground of the banner, and what is written on it. What had ended warns of nothing.
@@ -100,16 +100,16 @@ mod tests {
     use protocol::message::Status;
 
     use super::*;
-    use crate::pretend::{at, says, scout, standing};
+    use crate::test_support::{at, idle_teleop_status, inject, scout};
 
     fn banner(has_ended: bool, can_be_driven: bool) -> StaleData {
         let mut model = scout();
         let status = Status {
             has_ended,
-            teleop: can_be_driven.then(standing),
+            teleop: can_be_driven.then(idle_teleop_status),
             ..Status::default()
         };
-        says(&mut model, Topic::Status, &status, at(1_000));
+        inject(&mut model, Topic::Status, &status, at(1_000));
         assert_eq!(StaleData::new(&model, at(1_100)), None);
         StaleData::new(&model, at(4_100)).unwrap()
     }
@@ -117,8 +117,8 @@ mod tests {
     #[test]
     fn who_says_that_its_data_has_ended_and_closes_has_lost_no_link() {
         let visuals = Visuals::dark();
-        let meaning = "What the robot does now is not known here.".to_owned();
-        let closed = "Nothing heard for 3.1 s: robot-edge has closed, or the link is lost.";
+        let meaning = "Robot state unknown (no data).".to_owned();
+        let closed = "No data for 3.1 s: robot-edge has closed, or the link is lost.";
         let of_a_vehicle = format!("{closed} {meaning}");
         for (can_be_driven, says) in [(false, closed), (true, of_a_vehicle.as_str())] {
             let calm = banner(true, can_be_driven);
@@ -126,7 +126,7 @@ mod tests {
             assert_ne!(calm.colors(&visuals), theme::BANNER);
         }
         for lost in [banner(false, false), banner(false, true)] {
-            let headline = "Link lost: nothing heard for 3.1 s".to_owned();
+            let headline = "Link lost: no data for 3.1 s".to_owned();
             assert_eq!(lost.words(), [headline.clone(), meaning.clone()]);
             let is_shown = true;
             let old = StaleData { is_shown, ..lost }.words();

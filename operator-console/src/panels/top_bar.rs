@@ -1,6 +1,6 @@
 //! Always in sight, in one line: which robot, how its link is, how long ago it was heard, who drives, and the stop.
 
-mod room;
+mod layout;
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
@@ -9,17 +9,19 @@ use eframe::egui::{
 };
 use robot_edge::clock::Monotonic;
 
-use super::connection::{ConnectionData, FAILED, LinkSight, SHORT_MAPS, SHORT_RECORDED};
-use super::driving::{DrivingData, EStopFace, disabled_ui};
+use super::connection::{
+    ConnectionData, FAILED, LinkStatus, SHORT_MAP_STATES, SHORT_RECORDING_MAP_STATES,
+};
+use super::driving::{DrivingData, EStopButton, disabled_ui};
 use super::elide::elided;
+use super::formatting::age;
 use super::robots::{alerts, swatch_ui};
-use super::wording::age;
 use crate::command::Command;
-use crate::helm::{HelmSight, Intent};
 use crate::model::{ConsoleModel, LinkState};
+use crate::teleop_client::{Intent, TeleopClientState};
 use crate::theme::{self, Tone, short_state_ui, state_ui};
 
-use room::{Room, Wanted};
+use layout::{Wanted, Widths};
 
 const NO_ALERTS: &str = "No alerts";
 const FEW_ALERTS: &str = "9 alerts";
@@ -57,23 +59,24 @@ pub struct TopBarData {
     /// Who drives; none where nobody can.
     pub driver: Option<String>,
     /// The stop, where there is something to stop.
-    pub estop: Option<EStopFace>,
+    pub estop: Option<EStopButton>,
 }
 
 impl TopBarData {
     /// The robot at `now`.
     pub fn new(
         model: &ConsoleModel,
-        link: &LinkSight,
-        helm: Option<&HelmSight>,
+        link: &LinkStatus,
+        teleop_client: Option<&TeleopClientState>,
         color: Option<Color32>,
         now: Monotonic,
     ) -> Self {
         let connection = ConnectionData::new(model, link, now);
-        let driving = helm.and_then(|helm| DrivingData::new(model, helm, now));
+        let driving =
+            teleop_client.and_then(|teleop_client| DrivingData::new(model, teleop_client, now));
         let is_recording = link.recording.is_some();
         let is_live = model.connection().state(now) == LinkState::Live;
-        let has_ended = model.says_ended();
+        let has_ended = model.reports_ended();
         let says_nothing = is_recording || (is_live && has_ended);
         let old = model.connection().age(now).filter(|_| !says_nothing);
         // A live robot was heard some milliseconds ago: figures that flicker say less than this.
@@ -94,7 +97,7 @@ impl TopBarData {
             // A stop that is on its way is seen before anything is heard of the robot.
             estop: driving
                 .map(|driving| driving.estop)
-                .or_else(|| helm.and_then(EStopFace::underway)),
+                .or_else(|| teleop_client.and_then(EStopButton::underway)),
         }
     }
 }
@@ -108,9 +111,9 @@ pub fn robot_bar_ui(ui: &mut Ui, data: &TopBarData) {
     let mark = 0.8 * SIZE + gap;
     let line = LINE + gap;
     let (links, maps): (&[_], &[_]) = if RECORDINGS.contains(&&*data.link.1) {
-        (&RECORDINGS, &SHORT_RECORDED)
+        (&RECORDINGS, &SHORT_RECORDING_MAP_STATES)
     } else {
-        (&LINKS, &SHORT_MAPS)
+        (&LINKS, &SHORT_MAP_STATES)
     };
     let wanted = Wanted {
         name: width(ui, &data.name),
@@ -129,7 +132,7 @@ pub fn robot_bar_ui(ui: &mut Ui, data: &TopBarData) {
         before_map: gap + line,
         gaps: gap,
     };
-    let room = Room::new(ui.available_width(), wanted);
+    let room = Widths::new(ui.available_width(), wanted);
     name_ui(ui, &data.name, room.name);
     link_ui(ui, &data.link, room.has_link_words.then_some(wanted.link));
     if let Some((age, (room, is_long))) = data.age.as_ref().zip(room.age) {
@@ -286,37 +289,37 @@ pub struct RightBar {
 }
 
 /// Always the same size at the same place, whatever it says.
-fn stop_ui(ui: &mut Ui, face: &EStopFace) -> Option<Intent> {
+fn stop_ui(ui: &mut Ui, face: &EStopButton) -> Option<Intent> {
     let size = vec2(96.0, 28.0);
     let [danger, on_danger] = theme::DANGER;
     let [banner, on_banner] = theme::BANNER;
     let refused;
     let (words, fill, ink, hint) = match face {
-        EStopFace::Ready => (
+        EStopButton::Ready => (
             "Stop",
             danger,
             on_danger,
             "Emergency stop: stops at once, and stays stopped until it is reset (Space)",
         ),
-        EStopFace::Refused(why) => {
+        EStopButton::Refused(why) => {
             refused = format!("The robot does not stop for you: {why}. Press again if you like");
             ("Refused", banner, on_banner, &*refused)
         }
-        EStopFace::Watching => {
+        EStopButton::ReadOnly => {
             disabled_ui(ui, "Stop", size);
             return None;
         }
-        EStopFace::Sending(_) => (
+        EStopButton::Sending(_) => (
             "Stopping…",
             banner,
             on_banner,
             "The emergency stop is being sent and is not acknowledged; press again if you like",
         ),
-        EStopFace::InForce { .. } => (
+        EStopButton::InForce { .. } => (
             "Stopped",
             on_danger,
             danger,
-            "An emergency stop is in force; it is reset in the driving panel",
+            "An emergency stop is active; it is reset in the driving panel",
         ),
     };
     let text = RichText::new(words).strong().color(ink);

@@ -1,7 +1,7 @@
 //! What can be asked of a recording.
 
 use robot_edge::pacer::Rate;
-use robot_edge::replay_control::{ReplayControl, ReplaySight, ReplayState};
+use robot_edge::replay_control::{ReplayControl, ReplayState, ReplayStatus};
 use robot_edge::robot_time::RobotDuration;
 
 /// Speeds to choose from, slowest first.
@@ -44,22 +44,22 @@ pub enum PlaybackCommand {
 
 impl PlaybackCommand {
     /// Does it; whether the recording stays open.
-    pub(super) fn give(self, control: &ReplayControl) -> bool {
+    pub(super) fn apply_to(self, control: &ReplayControl) -> bool {
         match self {
             Self::Play => control.play(),
             Self::Pause => control.pause(),
             Self::PlayOrPause => {
-                if is_going(&control.sight()) {
+                if is_playing(&control.status()) {
                     control.pause();
                 } else {
                     control.play();
                 }
             }
             Self::SetRate(rate) => control.set_rate(rate),
-            Self::Slower => control.set_rate(neighbour(control.sight().rate, false)),
-            Self::Faster => control.set_rate(neighbour(control.sight().rate, true)),
+            Self::Slower => control.set_rate(neighbour(control.status().rate, false)),
+            Self::Faster => control.set_rate(neighbour(control.status().rate, true)),
             Self::SetLooping(is_looping) => control.set_looping(is_looping),
-            Self::ToggleLooping => control.set_looping(!control.sight().is_looping),
+            Self::ToggleLooping => control.set_looping(!control.status().is_looping),
             Self::Seek(to) => control.seek(to),
             Self::Step(by) => control.step(by),
             Self::Close => return false,
@@ -69,8 +69,8 @@ impl PlaybackCommand {
 }
 
 /// Whether it is not to stand still.
-pub fn is_going(sight: &ReplaySight) -> bool {
-    !sight.is_paused && sight.state != ReplayState::Ended
+pub fn is_playing(status: &ReplayStatus) -> bool {
+    !status.is_paused && status.state != ReplayState::Ended
 }
 
 /// The speed before or behind this one.
@@ -96,15 +96,15 @@ mod tests {
     fn one_wish_plays_and_pauses_and_plays_what_has_ended() {
         let control = ReplayControl::new(Rate::Times(1.0));
         for is_paused in [true, false, true] {
-            assert!(PlaybackCommand::PlayOrPause.give(&control));
-            assert_eq!(control.sight().is_paused, is_paused);
+            assert!(PlaybackCommand::PlayOrPause.apply_to(&control));
+            assert_eq!(control.status().is_paused, is_paused);
         }
-        let ended = ReplaySight {
+        let ended = ReplayStatus {
             state: ReplayState::Ended,
             is_paused: false,
-            ..control.sight()
+            ..control.status()
         };
-        assert!(!is_going(&ended), "it is played from the beginning");
+        assert!(!is_playing(&ended), "it is played from the beginning");
     }
 
     #[test]
@@ -115,14 +115,14 @@ mod tests {
             (PlaybackCommand::Faster, 5.0),
             (PlaybackCommand::Slower, 2.0),
         ] {
-            assert!(command.give(&control));
-            assert_eq!(control.sight().rate, Rate::Times(rate));
+            assert!(command.apply_to(&control));
+            assert_eq!(control.status().rate, Rate::Times(rate));
         }
         for is_looping in [true, false] {
-            assert!(PlaybackCommand::ToggleLooping.give(&control));
-            assert_eq!(control.sight().is_looping, is_looping);
+            assert!(PlaybackCommand::ToggleLooping.apply_to(&control));
+            assert_eq!(control.status().is_looping, is_looping);
         }
-        assert!(!PlaybackCommand::Close.give(&control));
+        assert!(!PlaybackCommand::Close.apply_to(&control));
     }
 
     #[test]

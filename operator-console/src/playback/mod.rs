@@ -21,7 +21,7 @@ use robot_edge::cli::{Cli, Command, Replay, VehicleOptions};
 use robot_edge::link::random_id;
 use robot_edge::pacer::Rate;
 use robot_edge::recording::Format;
-use robot_edge::replay_control::{ReplayControl, ReplaySight};
+use robot_edge::replay_control::{ReplayControl, ReplayStatus};
 
 use crate::demo::free_endpoint;
 use crate::link::FoundRobot;
@@ -30,7 +30,7 @@ use crate::panels::timeline::clock;
 
 use damage::Damage;
 
-pub use command::{PlaybackCommand, RATES, is_going};
+pub use command::{PlaybackCommand, RATES, is_playing};
 pub use drop_hint::drop_hint_ui;
 pub use open_dialog::OpenDialog;
 
@@ -58,7 +58,7 @@ pub struct Playback {
     is_over: Arc<AtomicBool>,
     failed: Receiver<anyhow::Error>,
     failure: Option<String>,
-    is_failure_told: bool,
+    is_failure_reported: bool,
     damage: Damage,
     /// Where the vehicle was, and the version of that.
     trail: (u64, Vec<[f64; 2]>),
@@ -96,7 +96,7 @@ impl Playback {
             is_over,
             failed,
             failure: None,
-            is_failure_told: false,
+            is_failure_reported: false,
             damage: Damage::default(),
             trail: (0, Vec::new()),
         })
@@ -119,18 +119,18 @@ impl Playback {
     }
 
     /// How it is going.
-    pub fn sight(&self) -> ReplaySight {
-        self.control.sight()
+    pub fn status(&self) -> ReplayStatus {
+        self.control.status()
     }
 
     /// Looks for what could not be read, in what it was seen to do.
-    pub fn look_for_damage(&mut self, sight: &ReplaySight) {
-        self.damage.look(&sight.marks);
+    pub fn update_damage(&mut self, status: &ReplayStatus) {
+        self.damage.update(&status.marks);
     }
 
     /// What of that nobody was told yet, in words.
-    pub fn damage_to_tell(&mut self) -> Vec<String> {
-        self.damage.take_news(|mark| clock(mark.at))
+    pub fn take_new_damage(&mut self) -> Vec<String> {
+        self.damage.take_unreported(|mark| clock(mark.at))
     }
 
     /// Shows the way of the vehicle in the model of it, which may have heard only now and then where it was.
@@ -142,22 +142,22 @@ impl Playback {
     }
 
     /// Does what was asked for; whether it stays open.
-    pub fn obey(&self, command: PlaybackCommand) -> bool {
-        command.give(&self.control)
+    pub fn execute(&self, command: PlaybackCommand) -> bool {
+        command.apply_to(&self.control)
     }
 
     /// Why nothing more comes, in words.
     pub fn failure(&mut self) -> Option<&str> {
         if let Ok(why) = self.failed.try_recv() {
-            self.failure = Some(with_what_to_do(in_words(&why)));
+            self.failure = Some(with_advice(in_words(&why)));
         }
         self.failure.as_deref()
     }
 
     /// The same, once.
-    pub fn failure_to_tell(&mut self) -> Option<String> {
+    pub fn take_failure(&mut self) -> Option<String> {
         let failure = self.failure().map(str::to_owned);
-        let is_told = std::mem::replace(&mut self.is_failure_told, failure.is_some());
+        let is_told = std::mem::replace(&mut self.is_failure_reported, failure.is_some());
         failure.filter(|_| !is_told)
     }
 }
@@ -169,7 +169,7 @@ impl Drop for Playback {
 }
 
 /// Where options help, where they go.
-fn with_what_to_do(words: String) -> String {
+fn with_advice(words: String) -> String {
     const OPTIONS: [&str; 3] = ["--set ", "--topic ", "--vehicle "];
     if OPTIONS.iter().any(|option| words.contains(option)) {
         format!("{words} (beside --open; `robot-edge info FILE` says all that it needs)")
@@ -271,11 +271,11 @@ mod tests {
     #[test]
     fn where_options_help_it_is_said_where_they_go() {
         let says = "several topics carry scans. Choose one, for example --topic laser=/rear_scan";
-        let words = with_what_to_do(says.to_owned());
+        let words = with_advice(says.to_owned());
         assert!(
             words.starts_with(says) && words.contains("beside --open; `robot-edge info FILE` says"),
             "{words}"
         );
-        assert_eq!(with_what_to_do("it is empty".to_owned()), "it is empty");
+        assert_eq!(with_advice("it is empty".to_owned()), "it is empty");
     }
 }

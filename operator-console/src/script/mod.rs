@@ -1,7 +1,7 @@
 //! `--headless drive --script FILE`: timed inputs through the same helm as the window's.
 
 mod parse;
-mod words;
+mod status_line;
 
 use std::collections::{BTreeSet, VecDeque};
 use std::fs;
@@ -19,15 +19,15 @@ use robot_edge::exit::{Exit, Interrupted, UsageError};
 use robot_edge::link::sessions::Endpoints;
 use robot_edge::link::{random_id, zenoh_config_file};
 
-use crate::cockpit::Cockpit;
-use crate::helm::{EStopSight, Intent};
 use crate::identity::Identity;
 use crate::link::RobotSession;
 use crate::model::{LinkState, ModelSettings};
-use crate::panels::driving::words::note as note_in_words;
-use crate::role::{WATCHES, only_watches};
-use crate::target::{Inquiry, Target};
+use crate::panels::driving::labels::note as note_in_words;
+use crate::role::{OBSERVER_HINT, is_observer};
+use crate::target::{Target, WaitForRobot};
+use crate::teleop_client::{EStopState, Intent};
 use crate::teleop_input::{DriveKey, InputEvent};
+use crate::teleop_session::TeleopSession;
 
 pub use parse::{Action, LANGUAGE, ScriptError, State, Step, parse};
 
@@ -69,8 +69,8 @@ pub fn run(
     is_interrupted: impl Fn() -> bool,
     out: &mut dyn Write,
 ) -> anyhow::Result<Exit> {
-    if only_watches(settings.identity.role) {
-        return Err(UsageError(WATCHES.to_owned()).into());
+    if is_observer(settings.identity.role) {
+        return Err(UsageError(OBSERVER_HINT.to_owned()).into());
     }
     let steps = load(&settings.script)?;
     let target = Target {
@@ -82,11 +82,11 @@ pub fn run(
         quiet: settings.quiet,
     };
     let found = target.find(&is_interrupted)?;
-    let inquiry = target.inquiry(&found);
+    let wait_for_robot = target.wait_for_robot(&found);
     let model = ModelSettings {
         robot: found.robot.clone(),
         session: BootId(random_id()?),
-        store_mb: STORE_MB,
+        tile_store_mb: STORE_MB,
         layers: BTreeSet::new(),
     };
     let endpoints = Endpoints {
@@ -99,33 +99,33 @@ pub fn run(
     let link = session
         .take_driving()
         .ok_or_else(|| anyhow!("the robot is driven already"))?;
-    let mut cockpit = Cockpit::new(found.robot, settings.identity.clone(), link)?;
+    let mut teleop_session = TeleopSession::new(found.robot, settings.identity.clone(), link)?;
     // A terminal does not tell whether somebody is there; a script is.
-    cockpit.apply(InputEvent::Focus(true));
-    let info = abilities(&session, inquiry, target.timeout, &is_interrupted)?;
-    cockpit.hear_of(&info);
+    teleop_session.apply(InputEvent::Focus(true));
+    let info = abilities(&session, wait_for_robot, target.timeout, &is_interrupted)?;
+    teleop_session.set_robot_info(&info);
 
-    let mut play = Play {
+    let mut runner = ScriptRunner {
         session,
-        cockpit,
+        teleop_session,
         steps: steps.into(),
         started: Monotonic::now(),
         waited: Duration::ZERO,
         awaiting: None,
         ended: None,
-        said: words::Said::default(),
-        greatest_age_ms: 0,
+        status_line: status_line::StatusLine::default(),
+        peak_age_ms: 0,
         failures: 0,
         out,
     };
-    let is_whole = play.run(&is_interrupted)?;
+    let is_whole = runner.run(&is_interrupted)?;
     // While there is still a session to say it on.
-    play.cockpit.leave();
-    play.tell_end()?;
+    runner.teleop_session.shut_down();
+    runner.print_summary()?;
     if !is_whole {
         return Err(Interrupted.into());
     }
-    Ok(if play.failures == 0 {
+    Ok(if runner.failures == 0 {
         Exit::Done
     } else {
         Exit::Failed
@@ -141,7 +141,7 @@ fn load(path: &Path) -> anyhow::Result<Vec<Step>> {
 /// What the robot can do, as soon as it tells and can be driven.
 fn abilities(
     session: &RobotSession,
-    mut inquiry: Inquiry,
+    mut wait_for_robot: WaitForRobot,
     timeout: Duration,
     is_interrupted: &impl Fn() -> bool,
 ) -> anyhow::Result<Info> {
@@ -156,12 +156,12 @@ fn abilities(
             }
             let now = Monotonic::now();
             if model.connection().state(now) == LinkState::Waiting {
-                inquiry.complain(now);
+                wait_for_robot.report_progress(now);
             }
             if deadline.since(now).is_zero() {
                 if model.connection().totals().1 == 0 {
                     drop(model);
-                    return Err(inquiry.conclusion(is_interrupted));
+                    return Err(wait_for_robot.conclusion(is_interrupted));
                 }
                 let why = match (session.problem(), model.info()) {
                     (Some(problem), _) => problem,
@@ -178,9 +178,9 @@ fn abilities(
 }
 
 /// A script that is being played.
-struct Play<'a> {
+struct ScriptRunner<'a> {
     session: RobotSession,
-    cockpit: Cockpit,
+    teleop_session: TeleopSession,
     steps: VecDeque<Step>,
     started: Monotonic,
     /// What was spent waiting: the script's clock stands still then.
@@ -188,21 +188,21 @@ struct Play<'a> {
     awaiting: Option<(State, Monotonic, Duration, usize)>,
     /// When nothing was left to do.
     ended: Option<Monotonic>,
-    said: words::Said,
-    greatest_age_ms: u32,
+    status_line: status_line::StatusLine,
+    peak_age_ms: u32,
     failures: u32,
     out: &'a mut dyn Write,
 }
 
-impl Play<'_> {
+impl ScriptRunner<'_> {
     /// Whether it was played to its end.
     fn run(&mut self, is_interrupted: &impl Fn() -> bool) -> io::Result<bool> {
         loop {
             let now = Monotonic::now();
-            self.cockpit.begin(now);
+            self.teleop_session.begin(now);
             let freeze = self.act(now)?;
-            self.cockpit.end(Monotonic::now());
-            self.tell_news()?;
+            self.teleop_session.end(Monotonic::now());
+            self.print_changes()?;
             if let Some(freeze) = freeze
                 && !clock::sleep_until(Monotonic::now() + freeze, is_interrupted)
             {
@@ -213,22 +213,22 @@ impl Play<'_> {
                     // Nobody's hands are on anything while answers are waited for.
                     let keys = DriveKey::ALL.map(InputEvent::Release);
                     for event in keys.into_iter().chain([InputEvent::PadGone]) {
-                        self.cockpit.apply(event);
+                        self.teleop_session.apply(event);
                     }
                 }
                 let ended = *self.ended.get_or_insert(now);
-                let sight = self.cockpit.sight(now);
-                let is_stopping = matches!(sight.estop, EStopSight::Sending(_));
-                if !sight.is_asking && !is_stopping {
+                let state = self.teleop_session.state(now);
+                let is_stopping = matches!(state.estop, EStopState::Sending(_));
+                if !state.is_asking && !is_stopping {
                     return Ok(true);
                 }
                 if now.since(ended) >= LAST_ANSWER {
-                    self.fail("what was asked for last was not answered")?;
+                    self.fail("the last request was not answered")?;
                     return Ok(true);
                 }
             }
             let mut next = now + PERIOD;
-            next = next.min(self.cockpit.due(now).unwrap_or(next));
+            next = next.min(self.teleop_session.due(now).unwrap_or(next));
             if let Some(step) = self.steps.front() {
                 next = next.min(self.started + self.waited + step.at);
             }
@@ -250,13 +250,13 @@ impl Play<'_> {
             match step.action {
                 Action::Input(events) => {
                     for event in events {
-                        self.cockpit.apply(event);
+                        self.teleop_session.apply(event);
                     }
                 }
-                Action::Want(intent) => self.cockpit.want(intent, now),
+                Action::Intent(intent) => self.teleop_session.submit(intent, now),
                 Action::Reset => {
                     if let Some(estop) = self.teleop().and_then(|teleop| teleop.estop) {
-                        self.cockpit.want(Intent::Reset(estop.number), now);
+                        self.teleop_session.submit(Intent::Reset(estop.number), now);
                     } else {
                         let words = format!("line {}: there is no emergency stop", step.line);
                         self.fail(&words)?;
@@ -281,7 +281,7 @@ impl Play<'_> {
             return Ok(true);
         };
         let is_so = match state {
-            State::Lease => self.cockpit.sight(now).lease.held().is_some(),
+            State::Lease => self.teleop_session.state(now).lease.held().is_some(),
             State::Idle
             | State::Held
             | State::Driving
@@ -313,8 +313,8 @@ impl Play<'_> {
         model.status()?.0.teleop.clone()
     }
 
-    fn tell_news(&mut self) -> io::Result<()> {
-        let notes: Vec<_> = self.cockpit.take_notes().collect();
+    fn print_changes(&mut self) -> io::Result<()> {
+        let notes: Vec<_> = self.teleop_session.take_notifications().collect();
         for (_, note) in notes {
             match note_in_words(&note) {
                 (words, true) => self.fail(&words)?,
@@ -322,24 +322,22 @@ impl Play<'_> {
             }
         }
         if let Some(teleop) = self.teleop() {
-            self.greatest_age_ms = self
-                .greatest_age_ms
-                .max(teleop.greatest_age_ms.unwrap_or(0));
-            if let Some(news) = self.said.news(&teleop) {
-                self.say(&news)?;
+            self.peak_age_ms = self.peak_age_ms.max(teleop.peak_age_ms.unwrap_or(0));
+            if let Some(line) = self.status_line.changed_line(&teleop) {
+                self.say(&line)?;
             }
         }
         Ok(())
     }
 
-    fn tell_end(&mut self) -> io::Result<()> {
+    fn print_summary(&mut self) -> io::Result<()> {
         let Some(teleop) = self.teleop() else {
             return Ok(());
         };
         let counters = &teleop.counters;
         self.say(&format!(
             "{} commands accepted, greatest age {} ms, {} involuntary stops",
-            counters.accepted, self.greatest_age_ms, counters.involuntary_stops
+            counters.accepted, self.peak_age_ms, counters.involuntary_stops
         ))?;
         for refused in &counters.refused {
             self.say(&format!("{} refused: {}", refused.count, refused.reason))?;

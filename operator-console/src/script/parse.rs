@@ -5,7 +5,7 @@ use std::time::Duration;
 use protocol::keys::OperatorId;
 use protocol::message::{LeaseRequest, Setting, TeleopState};
 
-use crate::helm::Intent;
+use crate::teleop_client::Intent;
 use crate::teleop_input::{DriveKey, InputEvent, PadReading, SpeedStep};
 
 /// Said in `--help`.
@@ -16,22 +16,22 @@ A script has one action a line, behind the second at which it happens; `#` begin
   2.0 release forward           also: all
   2.5 speed 3                   1 (slowest) to 5
   3.0 pad 0.5 -0.2              a gamepad's stick, forwards and to the left; pad off
-  3.5 focus off                 as if the window lost the keyboard; focus on
+  3.5 focus off                 as if the window lost focus; focus on
   4.0 freeze 1.5                the program stands still for so many seconds
   5.0 estop
   6.0 await estop 5             waits for a state, at most so many seconds, and shifts what follows;
                                 where it does not come, the script ends there
-  6.0 reset                     ends the emergency stop that is in force
+  6.0 reset                     ends the active emergency stop
   7.0 budget 128                kbit/s for tiles; guard on|off; recording on|off
 States that `await` knows, and what the output says of them:
   idle                          \"Nobody drives\"
   held                          \"Standing\": somebody has the lease
-  driving                       \"Driving\", also where it is \"held back by the collision guard\"
+  driving                       \"Driving\", also where it is \"limited by the collision monitor\"
   stopping                      \"Stopping\", and why
   estop                         \"Emergency stop\"
   fault                         \"Fault\", and why
   lease                         \"lease held\": this console has it, whatever the vehicle does
-At its end all keys are let go, and the answer to what was asked for last is waited for (5 s at most).
+At its end all keys are released, and the answer to what was asked for last is waited for (5 s at most).
 Options that choose the robot go before it: operator-console --demo rooms --headless drive --script FILE";
 
 /// Longest script, bytes: a day of one action a second.
@@ -57,7 +57,7 @@ pub enum Action {
     /// The hands.
     Input(Vec<InputEvent>),
     /// What a panel would ask for.
-    Want(Intent),
+    Intent(Intent),
     /// The end of the emergency stop in force, whichever it is.
     Reset,
     /// The program stands still.
@@ -187,14 +187,14 @@ fn time_of(word: &str) -> Result<Duration, String> {
 
 fn action_of(words: &[&str]) -> Result<Action, String> {
     Ok(match words {
-        ["lease", rest @ ..] => Action::Want(Intent::Lease(lease_of(rest)?)),
+        ["lease", rest @ ..] => Action::Intent(Intent::Lease(lease_of(rest)?)),
         ["press", key] => Action::Input(vec![InputEvent::Press(key_of(key)?)]),
         ["release", "all"] => Action::Input(DriveKey::ALL.map(InputEvent::Release).to_vec()),
         ["release", key] => Action::Input(vec![InputEvent::Release(key_of(key)?)]),
         ["speed", number] => {
             let step = number.parse().ok().and_then(SpeedStep::new);
             let step = step.ok_or_else(|| format!("{number:?} is no speed: 1 to 5"))?;
-            Action::Want(Intent::Step(step))
+            Action::Intent(Intent::Step(step))
         }
         ["pad", "off"] => Action::Input(vec![InputEvent::PadGone]),
         ["pad", forward, left] => Action::Input(vec![InputEvent::Pad(PadReading {
@@ -204,7 +204,7 @@ fn action_of(words: &[&str]) -> Result<Action, String> {
         })]),
         ["focus", switch] => Action::Input(vec![InputEvent::Focus(switch_of(switch)?)]),
         ["freeze", time] => Action::Freeze(time_of(time)?),
-        ["estop"] => Action::Want(Intent::EStop),
+        ["estop"] => Action::Intent(Intent::EStop),
         ["reset"] => Action::Reset,
         ["await", state] => Action::Await(state_of(state)?, AWAIT),
         ["await", state, time] => Action::Await(state_of(state)?, time_of(time)?),
@@ -212,10 +212,14 @@ fn action_of(words: &[&str]) -> Result<Action, String> {
             let kbps = kbps
                 .parse()
                 .map_err(|_why| format!("{kbps:?} is no number of kbit/s"))?;
-            Action::Want(Intent::Set(Setting::BudgetKbps(kbps)))
+            Action::Intent(Intent::Set(Setting::BudgetKbps(kbps)))
         }
-        ["guard", switch] => Action::Want(Intent::Set(Setting::Guard(switch_of(switch)?))),
-        ["recording", switch] => Action::Want(Intent::Set(Setting::Recording(switch_of(switch)?))),
+        ["guard", switch] => {
+            Action::Intent(Intent::Set(Setting::CollisionMonitor(switch_of(switch)?)))
+        }
+        ["recording", switch] => {
+            Action::Intent(Intent::Set(Setting::Recording(switch_of(switch)?)))
+        }
         [] => return Err("there is no action behind the time".to_owned()),
         words => {
             return Err(format!(
@@ -235,7 +239,7 @@ fn lease_of(words: &[&str]) -> Result<LeaseRequest, String> {
         ["request"] => LeaseRequest::Request,
         ["release"] => LeaseRequest::Release,
         ["take-over"] => LeaseRequest::TakeOver,
-        ["consent", operator] => LeaseRequest::Consent(name(operator)?),
+        ["consent", operator] => LeaseRequest::HandOver(name(operator)?),
         ["refuse", operator] => LeaseRequest::Refuse(name(operator)?),
         words => {
             return Err(format!(
@@ -284,8 +288,8 @@ mod tests {
     use protocol::message::{FaultReason, StopReason};
 
     use super::*;
-    use crate::helm::Note;
-    use crate::panels::driving::words;
+    use crate::panels::driving::labels;
+    use crate::teleop_client::TeleopNotification;
 
     #[test]
     fn what_help_shows_is_a_script() {
@@ -313,8 +317,8 @@ mod tests {
             let begin = words.split([':', ',']).next().unwrap_or_default();
             format!("\"{begin}\"")
         };
-        let says = |state| begins(words::state(state));
-        let (lease, _) = words::note(&Note::LeaseGained(4));
+        let says = |state| begins(labels::state(state));
+        let (lease, _) = labels::note(&TeleopNotification::LeaseGained(4));
         let fault = TeleopState::Fault(FaultReason::Actuator);
         let stopping = TeleopState::Stopping(StopReason::Released);
         for (state, says) in [
@@ -338,8 +342,8 @@ mod tests {
     fn comments_and_empty_lines_are_none_of_it() {
         let steps = parse("# a\n\n  1 estop # b\n2 lease consent bert\n").unwrap();
         assert_eq!(steps[0].line, 3);
-        let consent = LeaseRequest::Consent("bert".parse().unwrap());
-        assert_eq!(steps[1].action, Action::Want(Intent::Lease(consent)));
+        let consent = LeaseRequest::HandOver("bert".parse().unwrap());
+        assert_eq!(steps[1].action, Action::Intent(Intent::Lease(consent)));
         assert_eq!(parse(""), Ok(Vec::new()));
     }
 

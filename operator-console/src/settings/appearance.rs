@@ -42,7 +42,7 @@ impl ThemeChoice {
     pub const ALL: [Self; 3] = [Self::System, Self::Dark, Self::Light];
 
     /// In the menu.
-    pub const fn words(self) -> &'static str {
+    pub const fn label(self) -> &'static str {
         match self {
             Self::System => "As the system",
             Self::Dark => "Dark",
@@ -66,7 +66,7 @@ impl Appearance {
     const STEP: u16 = 10;
 
     /// Whether the scale is one.
-    pub fn is_sound(&self) -> bool {
+    pub fn is_valid(&self) -> bool {
         Self::SCALES.contains(&self.scale_percent)
     }
 

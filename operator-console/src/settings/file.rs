@@ -96,7 +96,7 @@ fn parse(path: &Path) -> Result<Option<(Settings, Vec<String>)>, String> {
     let mut settings: Settings =
         serde_json::from_value(value).map_err(|error| error.to_string())?;
     settings.version = VERSION;
-    let mended = settings.mend();
+    let mended = settings.repair();
     Ok(Some((settings, mended)))
 }
 

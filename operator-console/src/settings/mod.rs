@@ -5,18 +5,18 @@
 
 mod appearance;
 mod file;
-mod keeper;
-mod repeats;
+mod repeat_filter;
 mod robot_colors;
+mod writer;
 
 use serde::{Deserialize, Serialize};
 
 pub use appearance::{Appearance, ThemeChoice};
 pub use file::{ConfigPath, Read, default_file, read};
-pub use keeper::Keeper;
 pub use robot_colors::RobotColors;
+pub use writer::SettingsWriter;
 
-use crate::map_view::MapLook;
+use crate::map_view::ViewSettings;
 use crate::workspace::Layout;
 
 /// What is written by this version. A file of a greater one is not touched.
@@ -41,7 +41,7 @@ pub struct Settings {
     /// Colours of robots, by name.
     pub robots: RobotColors,
     /// How the map was looked at.
-    pub map: Option<MapLook>,
+    pub map: Option<ViewSettings>,
     /// Whether the folder of an export is shown when all is in it.
     pub opens_exports: bool,
 }
@@ -89,9 +89,9 @@ impl Settings {
     }
 
     /// Puts defaults where a file says what makes no sense; what that was, in words.
-    fn mend(&mut self) -> Vec<String> {
+    fn repair(&mut self) -> Vec<String> {
         let mut mended = Vec::new();
-        if !self.appearance.is_sound() {
+        if !self.appearance.is_valid() {
             mended.push(format!(
                 "the scale of {} % is not between {} % and {} %",
                 self.appearance.scale_percent,
@@ -100,7 +100,7 @@ impl Settings {
             ));
             self.appearance.scale_percent = Appearance::default().scale_percent;
         }
-        if self.window.is_some_and(|place| !place.is_sound()) {
+        if self.window.is_some_and(|place| !place.is_valid()) {
             mended.push("the window's place is on no screen".to_owned());
             self.window = None;
         }
@@ -121,7 +121,7 @@ impl Settings {
 
 impl WindowPlace {
     /// Whether there could be a screen with such a window.
-    pub fn is_sound(&self) -> bool {
+    pub fn is_valid(&self) -> bool {
         let is_size = self
             .size
             .iter()

@@ -160,10 +160,10 @@ fn addresses_and_colours_are_bounded_and_kept() {
 fn what_was_changed_is_on_the_disk_within_a_second_and_the_rest_at_the_end() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("console.json");
-    let mut keeper = Keeper::start(path.clone(), Settings::default());
-    keeper.keep(Settings::default());
+    let mut settings_writer = SettingsWriter::start(path.clone(), Settings::default());
+    settings_writer.save(Settings::default());
     let started = Monotonic::now();
-    keeper.keep(some());
+    settings_writer.save(some());
     while !path.exists() {
         assert!(
             started.elapsed() < Duration::from_secs(5),
@@ -176,9 +176,9 @@ fn what_was_changed_is_on_the_disk_within_a_second_and_the_rest_at_the_end() {
     for percent in 50..=300 {
         let mut settings = some();
         settings.appearance.scale_percent = percent;
-        keeper.keep(settings);
+        settings_writer.save(settings);
     }
-    drop(keeper);
+    drop(settings_writer);
     assert_eq!(read(&path).settings.appearance.scale_percent, 300);
     assert_eq!(files(folder.path()), ["console.json"]);
 }
@@ -188,11 +188,12 @@ fn a_folder_that_cannot_be_written_is_said_once() {
     let folder = tempfile::tempdir().unwrap();
     let blocked = folder.path().join("file");
     fs::write(&blocked, "").unwrap();
-    let mut keeper = Keeper::start(blocked.join("console.json"), Settings::default());
-    keeper.keep(some());
+    let mut settings_writer =
+        SettingsWriter::start(blocked.join("console.json"), Settings::default());
+    settings_writer.save(some());
     let started = Monotonic::now();
     let problem = loop {
-        if let Some(problem) = keeper.take_problem() {
+        if let Some(problem) = settings_writer.take_problem() {
             break problem;
         }
         assert!(
@@ -202,7 +203,7 @@ fn a_folder_that_cannot_be_written_is_said_once() {
         sleep(Duration::from_millis(5));
     };
     assert!(problem.contains("cannot be kept"), "{problem}");
-    assert_eq!(keeper.take_problem(), None);
+    assert_eq!(settings_writer.take_problem(), None);
 }
 
 #[test]

@@ -25,7 +25,7 @@ pub enum Action {
     /// Measure to the middle of the map, or read what is there.
     Point,
     /// As if the last point had not been pointed at.
-    TakeBack,
+    UndoPoint,
     /// Closer.
     ZoomIn,
     /// Farther.
@@ -51,11 +51,11 @@ pub enum Action {
     /// Show a second before in the recording.
     StepBack,
     /// Show a second later.
-    StepOn,
+    StepForward,
     /// Show ten seconds before.
-    LeapBack,
+    JumpBack,
     /// Show ten seconds later.
-    LeapOn,
+    JumpForward,
     /// Play the recording slower.
     Slower,
     /// Play it faster.
@@ -71,7 +71,7 @@ pub enum Action {
     /// Put all panels back where they were at first.
     ResetLayout,
     /// Light where it is dark, dark where it is light.
-    OtherTheme,
+    ToggleTheme,
     /// Everything larger.
     ScaleUp,
     /// Everything smaller.
@@ -126,9 +126,9 @@ impl Action {
                 | Self::ZoomIn
                 | Self::ZoomOut
                 | Self::StepBack
-                | Self::StepOn
-                | Self::LeapBack
-                | Self::LeapOn
+                | Self::StepForward
+                | Self::JumpBack
+                | Self::JumpForward
                 | Self::NextPanel
                 | Self::PreviousPanel
                 | Self::ScaleUp

@@ -7,7 +7,7 @@ use super::{Action, Binding, Group, bindings, fits};
 
 /// What decides which keys count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct KeyScene {
+pub struct KeyContext {
     /// This operator drives, and arrows do.
     pub is_driving: bool,
     /// A recording is open, which can be wound and paced.
@@ -30,7 +30,7 @@ pub struct Pressed {
 ///
 /// While text is typed, plain keys are text. While this operator drives, arrows drive, and a widget that has the
 /// keyboard may need them itself.
-pub fn pressed(ctx: &Context, scene: KeyScene) -> Pressed {
+pub fn pressed(ctx: &Context, scene: KeyContext) -> Pressed {
     let is_typing = scene.was_typing || ctx.text_edit_focused();
     let is_on_widget = ctx.memory(|memory| memory.focused().is_some());
     let mut actions = Vec::new();
@@ -53,7 +53,7 @@ pub fn pressed(ctx: &Context, scene: KeyScene) -> Pressed {
             else {
                 return true;
             };
-            let Some(binding) = meant(*key, *physical_key, *modifiers) else {
+            let Some(binding) = find_binding(*key, *physical_key, *modifiers) else {
                 return true;
             };
             let action = binding.action;
@@ -83,7 +83,7 @@ pub fn pressed(ctx: &Context, scene: KeyScene) -> Pressed {
 }
 
 /// What is printed on a key counts; where that means nothing, its place may.
-fn meant(key: Key, place: Option<Key>, held: Modifiers) -> Option<&'static Binding> {
+fn find_binding(key: Key, place: Option<Key>, held: Modifiers) -> Option<&'static Binding> {
     let find = |is_it: &dyn Fn(KeyboardShortcut) -> bool| {
         let mut bindings = bindings().iter();
         bindings.find(|binding| binding.keys.iter().any(|keys| is_it(*keys)))
@@ -91,13 +91,13 @@ fn meant(key: Key, place: Option<Key>, held: Modifiers) -> Option<&'static Bindi
     let printed = find(&|keys| fits(keys, key, held));
     printed.or_else(|| {
         let place = place?;
-        find(&|keys| has_place(keys) && fits(keys, place, held))
+        find(&|keys| matches_physical_key(keys) && fits(keys, place, held))
     })
 }
 
 /// Comma and period are side by side, and it is for that that they step. What Shift makes of them differs between
 /// keyboards.
-const fn has_place(keys: KeyboardShortcut) -> bool {
+const fn matches_physical_key(keys: KeyboardShortcut) -> bool {
     matches!(keys.logical_key, Key::Comma | Key::Period)
 }
 

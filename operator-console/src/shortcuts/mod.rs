@@ -5,17 +5,17 @@
 
 mod action;
 mod handler;
-mod late_stop;
 mod sheet;
+mod space_after_text;
 mod table;
 mod type_ahead;
 
 use eframe::egui::{Key, KeyboardShortcut, Modifiers};
 
 pub use action::{Action, Edge};
-pub use handler::{KeyScene, Pressed, pressed};
-pub use late_stop::has_space_behind_text;
+pub use handler::{KeyContext, Pressed, pressed};
 pub use sheet::Sheet;
+pub use space_after_text::has_space_after_text;
 pub use table::{Binding, Group, bindings};
 pub use type_ahead::TypeAhead;
 

@@ -223,9 +223,9 @@ mod tests {
             assert!(rows.iter().any(|row| is_it(&row)), "{keys}: {words}");
         };
         says("Ctrl+1 … 9", "Robot 1 to 9");
-        says("R", "Loop at the end, on or off");
+        says("R", "Toggle looping");
         says("Ctrl+Shift+D", "Switch dark and light");
-        says("+ or =", "Closer");
+        says("+ or =", "Zoom in");
         says("PgUp, PgDn", "Scroll opened legends");
         says("Tab", "To the next control");
         let keyless = bindings().iter().filter(|binding| binding.keys.is_empty());

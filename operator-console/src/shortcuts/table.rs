@@ -113,10 +113,10 @@ fn layers() -> Vec<Binding> {
 fn map() -> Vec<Binding> {
     let pan = |edge, words, key| (Action::Pan(edge), words, [(PLAIN, key)]);
     let pans = [
-        pan(Edge::Top, "Look up, unless you drive", Key::ArrowUp),
-        pan(Edge::Left, "Look left, unless you drive", Key::ArrowLeft),
-        pan(Edge::Bottom, "Look down, unless you drive", Key::ArrowDown),
-        pan(Edge::Right, "Look right, unless you drive", Key::ArrowRight),
+        pan(Edge::Top, "Pan up, unless you drive", Key::ArrowUp),
+        pan(Edge::Left, "Pan left, unless you drive", Key::ArrowLeft),
+        pan(Edge::Bottom, "Pan down, unless you drive", Key::ArrowDown),
+        pan(Edge::Right, "Pan right, unless you drive", Key::ArrowRight),
     ];
     let mut bindings = rows(
         Group::Map,
@@ -129,20 +129,20 @@ fn map() -> Vec<Binding> {
             (Action::Measure, "Measure", &[(PLAIN, Key::M)]),
             (
                 Action::Point,
-                "Read or measure the middle",
+                "Read or measure the center",
                 &[(PLAIN, Key::C)],
             ),
             (
-                Action::TakeBack,
-                "Take the last point back",
+                Action::UndoPoint,
+                "Undo the last point",
                 &[(PLAIN, Key::Backspace)],
             ),
             (
                 Action::ZoomIn,
-                "Closer",
+                "Zoom in",
                 &[(PLAIN, Key::Plus), (PLAIN, Key::Equals)],
             ),
-            (Action::ZoomOut, "Farther", &[(PLAIN, Key::Minus)]),
+            (Action::ZoomOut, "Zoom out", &[(PLAIN, Key::Minus)]),
         ],
     );
     bindings.extend(rows(
@@ -172,7 +172,7 @@ fn robots() -> Vec<Binding> {
             (Action::TypeAddress, "Type an address", &[(CTRL, Key::L)]),
             (
                 Action::Lease,
-                "Ask to drive, or give back",
+                "Request or release control",
                 &[(CTRL, Key::G)],
             ),
             (
@@ -191,16 +191,20 @@ fn recording() -> Vec<Binding> {
         &[
             (Action::PlayOrPause, "Play or pause", &[(PLAIN, Key::P)]),
             (Action::StepBack, "1 second back", &[(PLAIN, Key::Comma)]),
-            (Action::StepOn, "1 second on", &[(PLAIN, Key::Period)]),
-            (Action::LeapBack, "10 seconds back", &[(SHIFT, Key::Comma)]),
-            (Action::LeapOn, "10 seconds on", &[(SHIFT, Key::Period)]),
+            (
+                Action::StepForward,
+                "1 second forward",
+                &[(PLAIN, Key::Period)],
+            ),
+            (Action::JumpBack, "10 seconds back", &[(SHIFT, Key::Comma)]),
+            (
+                Action::JumpForward,
+                "10 seconds forward",
+                &[(SHIFT, Key::Period)],
+            ),
             (Action::Slower, "Slower", &[(PLAIN, Key::OpenBracket)]),
             (Action::Faster, "Faster", &[(PLAIN, Key::CloseBracket)]),
-            (
-                Action::Loop,
-                "Loop at the end, on or off",
-                &[(PLAIN, Key::R)],
-            ),
+            (Action::Loop, "Toggle looping", &[(PLAIN, Key::R)]),
         ],
     )
 }
@@ -222,10 +226,10 @@ fn window() -> Vec<Binding> {
         Group::Window,
         &[
             (Action::NextPanel, "Next panel", &[(PLAIN, Key::F6)]),
-            (Action::PreviousPanel, "Panel before", &[(SHIFT, Key::F6)]),
+            (Action::PreviousPanel, "Previous panel", &[(SHIFT, Key::F6)]),
             (Action::ResetLayout, "Reset layout", &[]),
             (
-                Action::OtherTheme,
+                Action::ToggleTheme,
                 "Switch dark and light",
                 &[(CTRL_SHIFT, Key::D)],
             ),
@@ -235,11 +239,7 @@ fn window() -> Vec<Binding> {
                 &[(CTRL, Key::Plus), (CTRL, Key::Equals)],
             ),
             (Action::ScaleDown, "Smaller", &[(CTRL, Key::Minus)]),
-            (
-                Action::ScaleReset,
-                "As large as at first",
-                &[(CTRL, Key::Num0)],
-            ),
+            (Action::ScaleReset, "Reset zoom", &[(CTRL, Key::Num0)]),
             (
                 Action::ShortcutSheet,
                 "Keyboard shortcuts",

@@ -66,19 +66,19 @@ fn no_action_has_a_key_that_drives() {
 #[test]
 fn keys_are_told_in_words() {
     assert_eq!(Action::Screenshot.keys(), "Ctrl+S");
-    assert_eq!(Action::OtherTheme.keys(), "Ctrl+Shift+D");
+    assert_eq!(Action::ToggleTheme.keys(), "Ctrl+Shift+D");
     assert_eq!(Action::Pan(Edge::Left).keys(), "Left");
     assert_eq!(Action::ResetLayout.keys(), "");
     assert_eq!(Action::Layer(LayerId::Elevation).keys(), "Alt+2");
     assert_eq!(Action::Export.words(), "Export maps…");
-    assert_eq!(Action::LeapBack.keys(), "Shift+Comma");
+    assert_eq!(Action::JumpBack.keys(), "Shift+Comma");
     assert_eq!(Action::Faster.keys(), "]");
 }
 
 /// What a frame makes of a key.
 #[derive(Clone, Copy)]
 struct Frame {
-    scene: KeyScene,
+    scene: KeyContext,
     /// Whether a text field has the keyboard.
     has_field: bool,
     /// Where the key is, by what is printed there on an American keyboard.
@@ -86,7 +86,7 @@ struct Frame {
 }
 
 const QUIET: Frame = Frame {
-    scene: KeyScene {
+    scene: KeyContext {
         is_driving: false,
         has_recording: false,
         was_typing: false,
@@ -105,7 +105,7 @@ impl Frame {
 
     const fn with_recording() -> Self {
         Self {
-            scene: KeyScene {
+            scene: KeyContext {
                 has_recording: true,
                 ..QUIET.scene
             },
@@ -193,9 +193,9 @@ fn a_recording_has_keys_while_it_is_open() {
         (Key::P, shift, None),
         (Key::P, Modifiers::COMMAND, None),
         (Key::Comma, none, Some(Action::StepBack)),
-        (Key::Period, none, Some(Action::StepOn)),
-        (Key::Comma, shift, Some(Action::LeapBack)),
-        (Key::Period, shift, Some(Action::LeapOn)),
+        (Key::Period, none, Some(Action::StepForward)),
+        (Key::Comma, shift, Some(Action::JumpBack)),
+        (Key::Period, shift, Some(Action::JumpForward)),
         (Key::Period, Modifiers::COMMAND, None),
         (Key::OpenBracket, none, Some(Action::Slower)),
         (Key::CloseBracket, none, Some(Action::Faster)),
@@ -223,9 +223,9 @@ fn comma_and_period_are_found_where_shift_makes_something_else_of_them() {
     };
     let shift = Modifiers::SHIFT;
     let back = german(Key::Comma).press(Key::Semicolon, shift);
-    assert_eq!(back, Some(Action::LeapBack));
+    assert_eq!(back, Some(Action::JumpBack));
     let on = german(Key::Period).press(Key::Colon, shift);
-    assert_eq!(on, Some(Action::LeapOn));
+    assert_eq!(on, Some(Action::JumpForward));
     // Where Dvorak has its V there is a period in America: what is printed counts first.
     let dvorak = german(Key::Period).press(Key::V, Modifiers::NONE);
     assert_eq!(dvorak, Some(Action::Follow));

@@ -79,7 +79,7 @@ pub(super) const fn is_typed(event: &Event) -> bool {
 mod tests {
     use eframe::egui::{Key, Modifiers, RawInput, TextEdit};
 
-    use super::super::{Action, KeyScene, Pressed, pressed};
+    use super::super::{Action, KeyContext, Pressed, pressed};
     use super::*;
 
     /// A window with a text field that opens some frames after its keys.
@@ -108,7 +108,7 @@ mod tests {
                 let Pressed {
                     actions,
                     typed_ahead,
-                } = pressed(ui.ctx(), KeyScene::default());
+                } = pressed(ui.ctx(), KeyContext::default());
                 if let Some(typed) = typed_ahead {
                     self.type_ahead.wait(ui.ctx(), typed);
                     self.has_field = self.opens_in.is_some();

@@ -44,7 +44,7 @@ impl DriveKey {
     }
 
     /// What it asks for: forwards and to the left, each −1, 0 or 1.
-    pub(super) const fn pull(self) -> [f32; 2] {
+    pub(super) const fn direction(self) -> [f32; 2] {
         match self {
             Self::W | Self::Up => [1.0, 0.0],
             Self::S | Self::Down => [-1.0, 0.0],

@@ -1,6 +1,6 @@
 //! What the operator's hands ask for: hold to drive, let go to stop, and nothing by itself.
 //!
-//! Pure: events in, a [`Wish`] out; no clock, window or device. The rule of the design ("Teleop", States) is kept here
+//! Pure: events in, a [`DriveInput`] out; no clock, window or device. The rule of the design ("Teleop", States) is kept here
 //! as well as on the vehicle: after any loss (focus, sight, link, lease, emergency stop …) a key that is still down asks
 //! for nothing until everything was let go and it is pressed anew.
 
@@ -16,14 +16,14 @@ use gamepad::without_dead_zone;
 
 /// What is asked for, as shares of the vehicle's greatest speed and turn rate: −1 … 1, always finite.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Wish {
+pub struct DriveInput {
     /// Forwards.
     pub forward: f32,
     /// To the left.
     pub left: f32,
 }
 
-impl Wish {
+impl DriveInput {
     /// Nothing is asked for.
     pub const NEUTRAL: Self = Self {
         forward: 0.0,
@@ -38,11 +38,11 @@ impl Wish {
 
 /// Why what is held down counts for nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Loss {
+pub enum InputLockReason {
     /// Keys went elsewhere.
     Focus,
     /// The window could not be seen.
-    Sight,
+    WindowHidden,
     /// Keys were text.
     Typing,
     /// The gamepad went away.
@@ -54,33 +54,33 @@ pub enum Loss {
     /// Somebody else drives, or nobody does, or it was down before the grant.
     Lease,
     /// The lease was asked for anew by who had it: this is another grant.
-    Renewed,
+    LeaseRenewed,
     /// The emergency stop.
     EStop,
     /// The robot stopped by itself, and told why.
     Stopped,
     /// This program did not run for a while.
-    Frozen,
+    LoopStalled,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Hold {
+enum KeyState {
     #[default]
     Up,
     /// Down, and counts for nothing until it is let go.
-    Dead,
-    Live,
+    Ignored,
+    Active,
 }
 
 /// Whether what the hands do is meant for the robot.
 #[derive(Clone, Copy, Debug)]
-struct Attention {
+struct InputFocus {
     has_focus: bool,
     is_visible: bool,
     is_typing: bool,
 }
 
-impl Attention {
+impl InputFocus {
     const fn is_whole(self) -> bool {
         self.has_focus && self.is_visible && !self.is_typing
     }
@@ -89,13 +89,13 @@ impl Attention {
 /// The operator's hands.
 #[derive(Clone, Debug)]
 pub struct TeleopInput {
-    keys: [Hold; DriveKey::ALL.len()],
-    deadman: Hold,
-    stick: Wish,
+    keys: [KeyState; DriveKey::ALL.len()],
+    deadman: KeyState,
+    stick: DriveInput,
     step: SpeedStep,
-    attention: Attention,
+    input_focus: InputFocus,
     /// Since when presses do not count; `None` while they do.
-    locked_by: Option<Loss>,
+    locked_by: Option<InputLockReason>,
     is_estop_pressed: bool,
 }
 
@@ -103,16 +103,16 @@ impl Default for TeleopInput {
     /// Nobody's hands: a window says when it has the keyboard.
     fn default() -> Self {
         Self {
-            keys: [Hold::Up; DriveKey::ALL.len()],
-            deadman: Hold::Up,
-            stick: Wish::NEUTRAL,
+            keys: [KeyState::Up; DriveKey::ALL.len()],
+            deadman: KeyState::Up,
+            stick: DriveInput::NEUTRAL,
             step: SpeedStep::default(),
-            attention: Attention {
+            input_focus: InputFocus {
                 has_focus: false,
                 is_visible: true,
                 is_typing: false,
             },
-            locked_by: Some(Loss::Focus),
+            locked_by: Some(InputLockReason::Focus),
             is_estop_pressed: false,
         }
     }
@@ -123,93 +123,93 @@ impl TeleopInput {
     pub fn apply(&mut self, event: InputEvent) {
         match event {
             InputEvent::Press(key) => {
-                if self.keys[key as usize] == Hold::Up {
-                    self.keys[key as usize] = self.new_hold();
+                if self.keys[key as usize] == KeyState::Up {
+                    self.keys[key as usize] = self.new_key_state();
                 }
             }
             InputEvent::StillDown(key) => {
-                if self.keys[key as usize] == Hold::Up {
-                    self.keys[key as usize] = Hold::Dead;
+                if self.keys[key as usize] == KeyState::Up {
+                    self.keys[key as usize] = KeyState::Ignored;
                 }
             }
-            InputEvent::Release(key) => self.keys[key as usize] = Hold::Up,
+            InputEvent::Release(key) => self.keys[key as usize] = KeyState::Up,
             InputEvent::EStop => {
                 self.is_estop_pressed = true;
-                self.lose(Loss::EStop);
+                self.lock_input(InputLockReason::EStop);
             }
             InputEvent::Step(step) => self.step = step,
             InputEvent::Pad(reading) => self.take_pad(reading),
             InputEvent::PadGone => {
-                let was_live = self.deadman == Hold::Live;
-                self.deadman = Hold::Up;
-                self.stick = Wish::NEUTRAL;
+                let was_live = self.deadman == KeyState::Active;
+                self.deadman = KeyState::Up;
+                self.stick = DriveInput::NEUTRAL;
                 if was_live {
-                    self.lose(Loss::Gamepad);
+                    self.lock_input(InputLockReason::Gamepad);
                 }
             }
             InputEvent::Focus(has_focus) => {
-                self.attention.has_focus = has_focus;
+                self.input_focus.has_focus = has_focus;
                 if !has_focus {
                     // Where keys go up from now on is told to somebody else.
-                    self.keys = [Hold::Up; DriveKey::ALL.len()];
-                    self.lose(Loss::Focus);
+                    self.keys = [KeyState::Up; DriveKey::ALL.len()];
+                    self.lock_input(InputLockReason::Focus);
                 }
             }
             InputEvent::Visible(is_visible) => {
-                self.attention.is_visible = is_visible;
+                self.input_focus.is_visible = is_visible;
                 if !is_visible {
-                    self.lose(Loss::Sight);
+                    self.lock_input(InputLockReason::WindowHidden);
                 }
             }
             InputEvent::Typing(is_typing) => {
-                self.attention.is_typing = is_typing;
+                self.input_focus.is_typing = is_typing;
                 if is_typing {
-                    self.lose(Loss::Typing);
+                    self.lock_input(InputLockReason::Typing);
                 }
             }
         }
-        self.unlock_if_all_is_let_go();
+        self.unlock_if_all_released();
     }
 
     /// From now on nothing that is down counts.
-    pub fn lose(&mut self, loss: Loss) {
+    pub fn lock_input(&mut self, loss: InputLockReason) {
         for hold in self.keys.iter_mut().chain([&mut self.deadman]) {
-            if *hold == Hold::Live {
-                *hold = Hold::Dead;
+            if *hold == KeyState::Active {
+                *hold = KeyState::Ignored;
             }
         }
         self.locked_by = Some(loss);
-        self.unlock_if_all_is_let_go();
+        self.unlock_if_all_released();
     }
 
     /// What is asked for now.
-    pub fn wish(&self) -> Wish {
-        if !self.attention.is_whole() {
-            return Wish::NEUTRAL;
+    pub fn drive_input(&self) -> DriveInput {
+        if !self.input_focus.is_whole() {
+            return DriveInput::NEUTRAL;
         }
         let mut live = self.keys().peekable();
-        let pull = if live.peek().is_some() {
-            let sum = live.map(DriveKey::pull).fold([0.0; 2], add);
+        let direction = if live.peek().is_some() {
+            let sum = live.map(DriveKey::direction).fold([0.0; 2], add);
             // Both forward keys are no more than one.
-            sum.map(|pull: f32| pull.clamp(-1.0, 1.0))
-        } else if self.deadman == Hold::Live {
+            sum.map(|direction: f32| direction.clamp(-1.0, 1.0))
+        } else if self.deadman == KeyState::Active {
             [self.stick.forward, self.stick.left]
         } else {
             [0.0; 2]
         };
-        let [forward, left] = pull.map(|pull| pull * self.step.share());
-        Wish { forward, left }
+        let [forward, left] = direction.map(|direction| direction * self.step.share());
+        DriveInput { forward, left }
     }
 
     /// The keys that are held and count, whatever they ask for together.
     pub fn keys(&self) -> impl Iterator<Item = DriveKey> {
-        let is_live = |key: &DriveKey| self.keys[*key as usize] == Hold::Live;
+        let is_live = |key: &DriveKey| self.keys[*key as usize] == KeyState::Active;
         DriveKey::ALL.into_iter().filter(is_live)
     }
 
     /// Why what is down counts for nothing; `None` where it counts, or nothing is down.
-    pub fn ignored_because(&self) -> Option<Loss> {
-        self.locked_by.filter(|_| self.is_something_down())
+    pub fn lock_reason(&self) -> Option<InputLockReason> {
+        self.locked_by.filter(|_| self.is_any_pressed())
     }
 
     /// Whether a press would count.
@@ -228,33 +228,33 @@ impl TeleopInput {
     }
 
     fn take_pad(&mut self, reading: PadReading) {
-        self.stick = Wish {
+        self.stick = DriveInput {
             forward: without_dead_zone(reading.forward),
             left: without_dead_zone(reading.left),
         };
         self.deadman = match (reading.is_deadman_held, self.deadman) {
-            (false, _) => Hold::Up,
-            (true, Hold::Up) => self.new_hold(),
+            (false, _) => KeyState::Up,
+            (true, KeyState::Up) => self.new_key_state(),
             (true, held) => held,
         };
     }
 
     /// What becomes of a key that goes down now.
-    const fn new_hold(&self) -> Hold {
-        if self.locked_by.is_none() && self.attention.is_whole() {
-            Hold::Live
+    const fn new_key_state(&self) -> KeyState {
+        if self.locked_by.is_none() && self.input_focus.is_whole() {
+            KeyState::Active
         } else {
-            Hold::Dead
+            KeyState::Ignored
         }
     }
 
-    fn is_something_down(&self) -> bool {
+    fn is_any_pressed(&self) -> bool {
         let mut holds = self.keys.iter().chain([&self.deadman]);
-        holds.any(|hold| *hold != Hold::Up)
+        holds.any(|hold| *hold != KeyState::Up)
     }
 
-    fn unlock_if_all_is_let_go(&mut self) {
-        if self.attention.is_whole() && !self.is_something_down() {
+    fn unlock_if_all_released(&mut self) {
+        if self.input_focus.is_whole() && !self.is_any_pressed() {
             self.locked_by = None;
         }
     }

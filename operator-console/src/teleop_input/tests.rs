@@ -5,14 +5,14 @@ use proptest::prelude::*;
 use super::*;
 
 /// Hands on a window that has the keyboard.
-fn hands() -> TeleopInput {
+fn focused_input() -> TeleopInput {
     let mut input = TeleopInput::default();
     input.apply(InputEvent::Focus(true));
     input
 }
 
 fn after(events: &[InputEvent]) -> TeleopInput {
-    let mut input = hands();
+    let mut input = focused_input();
     input.apply(InputEvent::Step(SpeedStep::new(5).unwrap()));
     for event in events {
         input.apply(*event);
@@ -20,8 +20,8 @@ fn after(events: &[InputEvent]) -> TeleopInput {
     input
 }
 
-fn wish(events: &[InputEvent]) -> [f32; 2] {
-    let Wish { forward, left } = after(events).wish();
+fn drive_input(events: &[InputEvent]) -> [f32; 2] {
+    let DriveInput { forward, left } = after(events).drive_input();
     [forward, left]
 }
 
@@ -37,59 +37,70 @@ use InputEvent::{Focus, Press, Release, StillDown, Typing, Visible};
 
 #[test]
 fn keys_drive_while_they_are_held() {
-    assert_eq!(wish(&[]), [0.0, 0.0]);
-    assert_eq!(wish(&[Press(DriveKey::W)]), [1.0, 0.0]);
+    assert_eq!(drive_input(&[]), [0.0, 0.0]);
+    assert_eq!(drive_input(&[Press(DriveKey::W)]), [1.0, 0.0]);
     assert_eq!(
-        wish(&[Press(DriveKey::W), Release(DriveKey::W)]),
+        drive_input(&[Press(DriveKey::W), Release(DriveKey::W)]),
         [0.0, 0.0]
     );
-    assert_eq!(wish(&[Press(DriveKey::W), Press(DriveKey::A)]), [1.0, 1.0]);
     assert_eq!(
-        wish(&[Press(DriveKey::Down), Press(DriveKey::D)]),
+        drive_input(&[Press(DriveKey::W), Press(DriveKey::A)]),
+        [1.0, 1.0]
+    );
+    assert_eq!(
+        drive_input(&[Press(DriveKey::Down), Press(DriveKey::D)]),
         [-1.0, -1.0]
     );
     let both_hands = [Press(DriveKey::W), Press(DriveKey::Up)];
-    assert_eq!(wish(&both_hands), [1.0, 0.0]);
-    assert_eq!(wish(&[Press(DriveKey::W), Press(DriveKey::S)]), [0.0, 0.0]);
+    assert_eq!(drive_input(&both_hands), [1.0, 0.0]);
+    assert_eq!(
+        drive_input(&[Press(DriveKey::W), Press(DriveKey::S)]),
+        [0.0, 0.0]
+    );
 }
 
 #[test]
 fn keys_that_count_are_known_also_where_they_ask_for_nothing_together() {
     let mut input = after(&[Press(DriveKey::S), Press(DriveKey::W)]);
-    assert!(input.wish().is_neutral());
+    assert!(input.drive_input().is_neutral());
     let counting: Vec<_> = input.keys().collect();
     assert_eq!(counting, [DriveKey::W, DriveKey::S]);
-    input.lose(Loss::Link);
+    input.lock_input(InputLockReason::Link);
     assert_eq!(input.keys().count(), 0, "they are down, and do not count");
 }
 
 #[test]
 fn a_step_scales_what_is_asked_for() {
-    let mut input = hands();
+    let mut input = focused_input();
     input.apply(Press(DriveKey::Left));
-    assert!((input.wish().left - 0.4).abs() < 1e-6);
+    assert!((input.drive_input().left - 0.4).abs() < 1e-6);
     input.apply(InputEvent::Step(SpeedStep::new(1).unwrap()));
-    assert!((input.wish().left - 0.2).abs() < 1e-6);
+    assert!((input.drive_input().left - 0.2).abs() < 1e-6);
 }
 
 #[test]
 fn after_a_loss_a_key_that_is_still_down_asks_for_nothing() {
-    for loss in [Loss::Link, Loss::Lease, Loss::Stopped, Loss::Frozen] {
+    for loss in [
+        InputLockReason::Link,
+        InputLockReason::Lease,
+        InputLockReason::Stopped,
+        InputLockReason::LoopStalled,
+    ] {
         let mut input = after(&[Press(DriveKey::W)]);
-        input.lose(loss);
-        assert!(input.wish().is_neutral());
-        assert_eq!(input.ignored_because(), Some(loss));
+        input.lock_input(loss);
+        assert!(input.drive_input().is_neutral());
+        assert_eq!(input.lock_reason(), Some(loss));
         input.apply(StillDown(DriveKey::W));
         input.apply(Press(DriveKey::W));
-        assert!(input.wish().is_neutral(), "a repeat is no press");
+        assert!(input.drive_input().is_neutral(), "a repeat is no press");
         input.apply(Press(DriveKey::D));
-        assert!(input.wish().is_neutral(), "W is still down");
+        assert!(input.drive_input().is_neutral(), "W is still down");
         input.apply(Release(DriveKey::W));
-        assert!(input.wish().is_neutral(), "D was pressed too early");
+        assert!(input.drive_input().is_neutral(), "D was pressed too early");
         input.apply(Release(DriveKey::D));
-        assert_eq!(input.ignored_because(), None);
+        assert_eq!(input.lock_reason(), None);
         input.apply(Press(DriveKey::W));
-        assert_eq!(input.wish().forward, 1.0);
+        assert_eq!(input.drive_input().forward, 1.0);
     }
 }
 
@@ -104,12 +115,12 @@ fn a_key_held_while_the_window_was_left_asks_for_nothing() {
         Press(DriveKey::W),
         StillDown(DriveKey::W),
     ];
-    assert_eq!(wish(&held), [0.0, 0.0]);
+    assert_eq!(drive_input(&held), [0.0, 0.0]);
     let left = [Press(DriveKey::W), Focus(false), Press(DriveKey::W)];
-    assert_eq!(wish(&left), [0.0, 0.0]);
+    assert_eq!(drive_input(&left), [0.0, 0.0]);
     let mut anew = held.to_vec();
     anew.extend([Release(DriveKey::W), Press(DriveKey::W)]);
-    assert_eq!(wish(&anew), [1.0, 0.0]);
+    assert_eq!(drive_input(&anew), [1.0, 0.0]);
 }
 
 #[test]
@@ -119,11 +130,11 @@ fn a_window_that_is_hidden_or_typed_into_does_not_drive() {
         (Typing(true), Typing(false)),
     ] {
         let w = DriveKey::W;
-        assert_eq!(wish(&[Press(w), lost]), [0.0, 0.0]);
-        assert_eq!(wish(&[Press(w), lost, back]), [0.0, 0.0]);
-        assert_eq!(wish(&[lost, Press(w), back]), [0.0, 0.0]);
+        assert_eq!(drive_input(&[Press(w), lost]), [0.0, 0.0]);
+        assert_eq!(drive_input(&[Press(w), lost, back]), [0.0, 0.0]);
+        assert_eq!(drive_input(&[lost, Press(w), back]), [0.0, 0.0]);
         assert_eq!(
-            wish(&[Press(w), lost, back, Release(w), Press(w)]),
+            drive_input(&[Press(w), lost, back, Release(w), Press(w)]),
             [1.0, 0.0]
         );
     }
@@ -131,26 +142,32 @@ fn a_window_that_is_hidden_or_typed_into_does_not_drive() {
 
 #[test]
 fn a_gamepad_drives_while_its_dead_man_button_is_held() {
-    assert_eq!(wish(&[pad(false, 1.0)]), [0.0, 0.0]);
-    assert_eq!(wish(&[pad(true, 1.0)]), [1.0, 0.0]);
-    assert_eq!(wish(&[pad(true, 1.0), pad(false, 1.0)]), [0.0, 0.0]);
-    assert_eq!(wish(&[pad(true, 1.0), InputEvent::PadGone]), [0.0, 0.0]);
-    assert_eq!(wish(&[pad(true, f32::NAN)]), [0.0, 0.0]);
+    assert_eq!(drive_input(&[pad(false, 1.0)]), [0.0, 0.0]);
+    assert_eq!(drive_input(&[pad(true, 1.0)]), [1.0, 0.0]);
+    assert_eq!(drive_input(&[pad(true, 1.0), pad(false, 1.0)]), [0.0, 0.0]);
+    assert_eq!(
+        drive_input(&[pad(true, 1.0), InputEvent::PadGone]),
+        [0.0, 0.0]
+    );
+    assert_eq!(drive_input(&[pad(true, f32::NAN)]), [0.0, 0.0]);
     // Keys go before.
-    assert_eq!(wish(&[pad(true, 1.0), Press(DriveKey::S)]), [-1.0, 0.0]);
+    assert_eq!(
+        drive_input(&[pad(true, 1.0), Press(DriveKey::S)]),
+        [-1.0, 0.0]
+    );
     let mut input = after(&[pad(true, 1.0)]);
-    input.lose(Loss::Link);
+    input.lock_input(InputLockReason::Link);
     input.apply(pad(true, 0.9));
-    assert!(input.wish().is_neutral());
+    assert!(input.drive_input().is_neutral());
     input.apply(pad(false, 0.9));
     input.apply(pad(true, 1.0));
-    assert_eq!(input.wish().forward, 1.0);
+    assert_eq!(input.drive_input().forward, 1.0);
 }
 
 #[test]
 fn the_emergency_stop_is_taken_once_and_lets_nothing_go_on() {
     let mut input = after(&[Press(DriveKey::W), InputEvent::EStop]);
-    assert!(input.wish().is_neutral());
+    assert!(input.drive_input().is_neutral());
     assert!(input.take_estop() && !input.take_estop());
     let mut unfocused = TeleopInput::default();
     unfocused.apply(InputEvent::EStop);
@@ -162,37 +179,37 @@ fn the_emergency_stop_is_taken_once_and_lets_nothing_go_on() {
 
 /// Something that happens to the hands or to what they drive.
 #[derive(Clone, Copy, Debug)]
-enum Happening {
+enum TestEvent {
     Input(InputEvent),
-    Loss(Loss),
+    Lock(InputLockReason),
 }
 
-fn happening() -> impl Strategy<Value = Happening> {
+fn test_event() -> impl Strategy<Value = TestEvent> {
     let key = prop::sample::select(&DriveKey::ALL);
     prop_oneof![
-        8 => (key.clone(), 0..5u8).prop_map(|(key, what)| Happening::Input(match what {
+        8 => (key.clone(), 0..5u8).prop_map(|(key, what)| TestEvent::Input(match what {
             0 | 1 => Press(key),
             2 => StillDown(key),
             _ => Release(key),
         })),
-        2 => (any::<bool>(), any::<f32>()).prop_map(|(held, forward)| Happening::Input(pad(held, forward))),
-        1 => Just(Happening::Input(InputEvent::PadGone)),
-        2 => any::<bool>().prop_map(|is| Happening::Input(Focus(is))),
-        1 => any::<bool>().prop_map(|is| Happening::Input(Visible(is))),
-        1 => any::<bool>().prop_map(|is| Happening::Input(Typing(is))),
-        1 => Just(Happening::Input(InputEvent::EStop)),
-        1 => prop::sample::select(vec![Loss::Link, Loss::Lease, Loss::Stopped, Loss::Frozen])
-            .prop_map(Happening::Loss),
+        2 => (any::<bool>(), any::<f32>()).prop_map(|(held, forward)| TestEvent::Input(pad(held, forward))),
+        1 => Just(TestEvent::Input(InputEvent::PadGone)),
+        2 => any::<bool>().prop_map(|is| TestEvent::Input(Focus(is))),
+        1 => any::<bool>().prop_map(|is| TestEvent::Input(Visible(is))),
+        1 => any::<bool>().prop_map(|is| TestEvent::Input(Typing(is))),
+        1 => Just(TestEvent::Input(InputEvent::EStop)),
+        1 => prop::sample::select(vec![InputLockReason::Link, InputLockReason::Lease, InputLockReason::Stopped, InputLockReason::LoopStalled])
+            .prop_map(TestEvent::Lock),
     ]
 }
 
 /// What the rule says, told from the whole history instead of from a state.
-fn may_move(history: &[Happening]) -> bool {
-    let is_loss = |happening: &Happening| {
+fn may_move(history: &[TestEvent]) -> bool {
+    let is_loss = |test_event: &TestEvent| {
         matches!(
-            happening,
-            Happening::Loss(_)
-                | Happening::Input(
+            test_event,
+            TestEvent::Lock(_)
+                | TestEvent::Input(
                     Focus(false) | Visible(false) | Typing(true) | InputEvent::EStop
                 )
         )
@@ -205,8 +222,8 @@ fn may_move(history: &[Happening]) -> bool {
     let mut down = [false; 9];
     let mut all_let_go = false;
     let mut pressed_anew = [false; 9];
-    for (index, happening) in history.iter().enumerate() {
-        if let Happening::Input(input) = happening {
+    for (index, test_event) in history.iter().enumerate() {
+        if let TestEvent::Input(input) = test_event {
             match input {
                 Focus(is) => {
                     focus = *is;
@@ -254,17 +271,17 @@ proptest! {
 
     #[test]
     fn nothing_is_asked_for_but_by_a_press_after_all_was_let_go(
-        history in prop::collection::vec(happening(), 0..60)
+        history in prop::collection::vec(test_event(), 0..60)
     ) {
         let mut input = TeleopInput::default();
-        for (index, happening) in history.iter().enumerate() {
-            match *happening {
-                Happening::Input(event) => input.apply(event),
-                Happening::Loss(loss) => input.lose(loss),
+        for (index, test_event) in history.iter().enumerate() {
+            match *test_event {
+                TestEvent::Input(event) => input.apply(event),
+                TestEvent::Lock(loss) => input.lock_input(loss),
             }
-            let Wish { forward, left } = input.wish();
+            let DriveInput { forward, left } = input.drive_input();
             prop_assert!(forward.abs() <= 1.0 && left.abs() <= 1.0);
-            if !input.wish().is_neutral() {
+            if !input.drive_input().is_neutral() {
                 prop_assert!(may_move(&history[..=index]), "{:?}", &history[..=index]);
             }
         }
@@ -272,26 +289,26 @@ proptest! {
 
     #[test]
     fn whoever_lets_go_of_everything_stands(
-        history in prop::collection::vec(happening(), 0..60)
+        history in prop::collection::vec(test_event(), 0..60)
     ) {
         let mut input = TeleopInput::default();
-        for happening in history {
-            match happening {
-                Happening::Input(event) => input.apply(event),
-                Happening::Loss(loss) => input.lose(loss),
+        for test_event in history {
+            match test_event {
+                TestEvent::Input(event) => input.apply(event),
+                TestEvent::Lock(loss) => input.lock_input(loss),
             }
         }
         for key in DriveKey::ALL {
             input.apply(Release(key));
         }
         input.apply(pad(false, 1.0));
-        prop_assert!(input.wish().is_neutral());
+        prop_assert!(input.drive_input().is_neutral());
         // And from there a press drives again.
         for back in [Focus(true), Visible(true), Typing(false)] {
             input.apply(back);
         }
         prop_assert!(input.is_ready());
         input.apply(Press(DriveKey::W));
-        prop_assert!(input.wish().forward > 0.0);
+        prop_assert!(input.drive_input().forward > 0.0);
     }
 }

@@ -14,7 +14,7 @@ use super::PanelId;
 pub(super) struct Docking<'a> {
     pub(super) draw: &'a mut dyn FnMut(&mut Ui, PanelId),
     /// The tabs that show none as long as they have one panel.
-    pub(super) bare: Option<TileId>,
+    pub(super) tabless: Option<TileId>,
     pub(super) wanted_focus: Option<PanelId>,
     pub(super) focused: Option<(TileId, PanelId)>,
     pub(super) closed: Option<PanelId>,
@@ -77,7 +77,7 @@ impl Behavior<PanelId> for Docking<'_> {
     }
 
     fn is_tab_bar_visible(&self, tile: TileId, tabs: &Tabs) -> bool {
-        self.bare != Some(tile) || tabs.children.len() > 1
+        self.tabless != Some(tile) || tabs.children.len() > 1
     }
 
     fn simplification_options(&self) -> SimplificationOptions {

@@ -9,7 +9,7 @@ use egui_tiles::{Container, Linear, LinearDir, Tabs, Tile, TileId, Tiles, Tree};
 use serde::{Deserialize, Serialize};
 
 use super::PanelId;
-use super::nesting::unnested;
+use super::flattening::flattened;
 
 /// Widths and heights of the panels around the map, points.
 pub(super) const LEFT: f32 = 280.0;
@@ -94,9 +94,9 @@ impl Layout {
     }
 
     /// The same with nothing but panels in tabs, of which `dropped` were put there by hand just now.
-    pub(super) fn unnested(self, dropped: &BTreeSet<PanelId>) -> Self {
+    pub(super) fn flattened(self, dropped: &BTreeSet<PanelId>) -> Self {
         Self {
-            root: unnested(self.root, dropped),
+            root: flattened(self.root, dropped),
             ..self
         }
     }

@@ -2,12 +2,12 @@
 //!
 //! What a panel shows is not known here. The screen draws it; this says where, and which can be seen at the moment.
 
+mod active_tabs;
 mod docking;
-mod fronts;
+mod flattening;
 mod layout;
-mod nesting;
+mod min_layout;
 mod panel_id;
-mod room;
 mod sizes;
 
 use std::collections::BTreeSet;
@@ -16,18 +16,18 @@ use eframe::egui::Ui;
 use egui_tiles::{Tile, TileId, Tree};
 
 pub use layout::Layout;
+pub use min_layout::is_tight;
 pub use panel_id::PanelId;
-pub use room::is_tight;
 
+use active_tabs::ActiveTabs;
 use docking::Docking;
-use fronts::Fronts;
 
 /// The panels and where they are.
 pub struct Workspace {
     tree: Tree<PanelId>,
     /// Closed by the operator.
     hidden: BTreeSet<PanelId>,
-    fronts: Fronts,
+    active_tabs: ActiveTabs,
     /// Whose turn it is to have the keyboard, from the next frame on.
     wanted_focus: Option<PanelId>,
     /// Who has it.
@@ -44,9 +44,9 @@ impl Workspace {
     /// The panels of a layout that was kept.
     pub fn of(layout: &Layout) -> Self {
         Self {
-            tree: layout.clone().unnested(&BTreeSet::new()).tree(),
+            tree: layout.clone().flattened(&BTreeSet::new()).tree(),
             hidden: layout.hidden.clone(),
-            fronts: Fronts::default(),
+            active_tabs: ActiveTabs::default(),
             wanted_focus: None,
             focused: None,
         }
@@ -54,7 +54,7 @@ impl Workspace {
 
     /// What is to be kept.
     pub fn layout(&self) -> Layout {
-        Layout::of(&self.fronts.of(&self.tree), self.hidden.clone())
+        Layout::of(&self.active_tabs.of(&self.tree), self.hidden.clone())
     }
 
     /// Puts every panel back where it was at first.
@@ -134,14 +134,14 @@ impl Workspace {
             let is_shown = !panel.can_be_closed() || self.is_wanted(panel) && has_content(panel);
             self.tree.set_visible(id, is_shown);
         }
-        self.fronts.restore(&mut self.tree);
+        self.active_tabs.restore(&mut self.tree);
         if let Some(map) = map {
-            sizes::give_to_the_map(&mut self.tree, map, ui.available_size());
+            sizes::resize_for_map(&mut self.tree, map, ui.available_size());
         }
         let mut docking = Docking {
             draw,
             // A map that shares its place with nothing needs no tab.
-            bare: map.and_then(|map| self.tree.tiles.parent_of(map)),
+            tabless: map.and_then(|map| self.tree.tiles.parent_of(map)),
             wanted_focus: self.wanted_focus.take(),
             focused: None,
             closed: None,
@@ -149,7 +149,7 @@ impl Workspace {
         };
         let dragged = self.dragged(ui);
         self.tree.ui(&mut docking, ui);
-        self.fronts.note(&self.tree);
+        self.active_tabs.record_choices(&self.tree);
         let is_dropped = docking.is_dropped;
         let (focused, closed) = (docking.focused, docking.closed);
         self.focused = focused.map(|(_, panel)| panel);
@@ -157,7 +157,7 @@ impl Workspace {
             self.set_wanted(panel, false);
         }
         if is_dropped {
-            self.unnest(&dragged);
+            self.flatten(&dragged);
             ui.ctx().request_repaint();
         }
     }
@@ -179,13 +179,13 @@ impl Workspace {
     }
 
     /// Takes tabs and rows out of tabs that these panels were dropped into.
-    fn unnest(&mut self, dropped: &BTreeSet<PanelId>) {
+    fn flatten(&mut self, dropped: &BTreeSet<PanelId>) {
         let layout = self.layout();
-        let unnested = layout.clone().unnested(dropped);
-        if unnested != layout {
-            self.tree = unnested.tree();
+        let flattened = layout.clone().flattened(dropped);
+        if flattened != layout {
+            self.tree = flattened.tree();
             // The tabs are new ones; what is in front of each is in the layout.
-            self.fronts = Fronts::default();
+            self.active_tabs = ActiveTabs::default();
         }
     }
 }

@@ -12,11 +12,11 @@ pub(super) const LEAST_SHARE: f32 = 0.4;
 /// What has just been put beside the map gets this, points: the library gives it next to nothing.
 const NEW: f32 = 250.0;
 /// No panel was ever made so small by hand.
-const NOTHING: f32 = 20.0;
+const COLLAPSED: f32 = 20.0;
 
 /// In rows and columns that the map is in, shares are points. All other panels that can be seen keep theirs, and the map
 /// has what is left of `size`.
-pub(super) fn give_to_the_map(tree: &mut Tree<PanelId>, map: TileId, size: Vec2) {
+pub(super) fn resize_for_map(tree: &mut Tree<PanelId>, map: TileId, size: Vec2) {
     let mut way = vec![map];
     while let Some(parent) = tree.tiles.parent_of(way[way.len() - 1]) {
         way.push(parent);
@@ -43,7 +43,7 @@ pub(super) fn give_to_the_map(tree: &mut Tree<PanelId>, map: TileId, size: Vec2)
         let mut taken = 0.0;
         for other in others {
             let mut points = share_of(linear, other);
-            if points < NOTHING {
+            if points < COLLAPSED {
                 points = NEW;
                 linear.shares.set_share(other, points);
             }

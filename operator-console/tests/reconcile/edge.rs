@@ -9,7 +9,7 @@ use protocol::tile::codec::Encoder;
 use protocol::tile::{BootId, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 use protocol::wire::{self, Header};
-use robot_edge::streaming::answers;
+use robot_edge::streaming::replies;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -71,7 +71,7 @@ impl Edge {
                 };
         }
         let _published = self.store.get_mut().unwrap().publish(key, cells).unwrap();
-        let bands = answers::bands(&self.store, &mut self.encoder, key);
+        let bands = replies::bands(&self.store, &mut self.encoder, key);
         bands
             .iter()
             .map(|(_, band)| self.message(Topic::Tile(key), band))
@@ -99,7 +99,7 @@ impl Edge {
                 vec![self.message(topic, &info)]
             }
             Topic::Tiles(layer) => {
-                let replies = answers::tiles(
+                let replies = replies::tiles(
                     &self.store,
                     &mut self.encoder,
                     layer,
@@ -112,7 +112,7 @@ impl Edge {
                     .collect()
             }
             Topic::Digests(layer) => {
-                let replies = [answers::digests(&self.store, layer, request(payload))];
+                let replies = [replies::digests(&self.store, layer, request(payload))];
                 replies
                     .iter()
                     .map(|reply| self.message(topic, reply))
@@ -135,7 +135,7 @@ impl Edge {
     }
 
     pub(super) fn head(&mut self) -> (String, Vec<u8>) {
-        let head = answers::head(&self.store);
+        let head = replies::head(&self.store);
         self.message(Topic::MapHead, &head)
     }
 }

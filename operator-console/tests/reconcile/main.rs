@@ -1,4 +1,4 @@
-//! The model gets in step with the robot's map over any link: an edge's real store and answers, a console's
+//! The model gets synchronized with the robot's map over any link: an edge's real store and answers, a console's
 //! real model, and a link that loses, delays, cuts and restarts in simulated time.
 
 #![allow(clippy::unwrap_used, reason = "all of it is tests")]
@@ -74,7 +74,7 @@ impl Run {
         let settings = ModelSettings {
             robot: "scout".parse().unwrap(),
             session: BootId([200; 16]),
-            store_mb: 64,
+            tile_store_mb: 64,
             layers: LayerId::ALL.into_iter().collect(),
         };
         Self {
@@ -173,8 +173,8 @@ impl Run {
             self.step();
             assert!(
                 self.now_ms - from_ms < 60_000,
-                "not in step after a minute: {:?}",
-                self.model.map().steps().collect::<Vec<_>>()
+                "not synchronized after a minute: {:?}",
+                self.model.map().layer_states().collect::<Vec<_>>()
             );
         }
         Duration::from_millis(self.now_ms - from_ms).as_secs_f64()
@@ -182,7 +182,7 @@ impl Run {
 
     fn is_same(&mut self) -> bool {
         let store = self.edge.store.get_mut().unwrap();
-        self.model.map().is_in_step()
+        self.model.map().is_synchronized()
             && LAYERS.iter().all(|layer| {
                 store.root_digest(*layer) == self.model.map().store().root_digest(*layer)
             })

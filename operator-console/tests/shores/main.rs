@@ -14,7 +14,7 @@ use protocol::keys::{RobotId, Topic};
 use protocol::layer::LayerId;
 use protocol::message::{
     Datum, DockingSite, Info, LayerHead, LayerInfo, MapHead, ShoreClass, ShoreCluster, Shores,
-    ShoresNews, ShoresRequest, Status,
+    ShoresReply, ShoresRequest, Status,
 };
 use protocol::shores::convex_outline;
 use protocol::tile::BootId;
@@ -60,7 +60,7 @@ fn settings() -> ModelSettings {
     ModelSettings {
         robot: robot(),
         session: BootId([1; 16]),
-        store_mb: 10,
+        tile_store_mb: 10,
         layers: LayerId::ALL.into_iter().collect(),
     }
 }
@@ -180,14 +180,14 @@ impl Rig {
     }
 }
 
-fn news(revision: u64, voxels: u32) -> ShoresNews {
-    ShoresNews {
+fn news(revision: u64, voxels: u32) -> ShoresReply {
+    ShoresReply {
         revision,
         shores: Some(shores(voxels)),
     }
 }
 
-const NOTHING_NEWER: fn(u64) -> ShoresNews = |revision| ShoresNews {
+const NOTHING_NEWER: fn(u64) -> ShoresReply = |revision| ShoresReply {
     revision,
     shores: None,
 };
@@ -195,12 +195,15 @@ const NOTHING_NEWER: fn(u64) -> ShoresNews = |revision| ShoresNews {
 #[test]
 fn who_joins_late_asks_and_who_missed_a_push_asks_again() {
     let mut rig = Rig::new();
-    assert!(!rig.model.is_in_step(at(0)), "the shores are not known");
+    assert!(
+        !rig.model.is_synchronized(at(0)),
+        "the shores are not known"
+    );
     let (request, newer_than) = rig.asked_shores(10).unwrap();
     assert_eq!(newer_than, 0);
     rig.reply(request, Topic::Shores, &news(4, 100), 20);
     assert_eq!(rig.voxels(), Some(100));
-    assert!(rig.model.is_in_step(at(20)));
+    assert!(rig.model.is_synchronized(at(20)));
     rig.say(Topic::Shores, &news(5, 200), 500);
     assert_eq!(rig.voxels(), Some(200));
     // Revision 6 is lost on its way.
@@ -216,18 +219,18 @@ fn a_console_is_not_in_step_with_a_robot_that_ended_before_it_knows_its_last_sho
     let mut rig = Rig::new();
     let (request, _) = rig.asked_shores(10).unwrap();
     rig.reply(request, Topic::Shores, &news(1, 100), 20);
-    assert!(rig.model.is_in_step(at(20)));
+    assert!(rig.model.is_synchronized(at(20)));
     let ended = Status {
         has_ended: true,
         ..Status::default()
     };
     rig.say(Topic::Status, &ended, 100);
     rig.announce(110);
-    assert!(rig.model.has_ended() && !rig.model.is_in_step(at(110)));
+    assert!(rig.model.has_ended() && !rig.model.is_synchronized(at(110)));
     let (request, newer_than) = rig.asked_shores(120).unwrap();
     assert_eq!(newer_than, 1);
     rig.reply(request, Topic::Shores, &NOTHING_NEWER(1), 130);
-    assert!(rig.model.is_in_step(at(130)));
+    assert!(rig.model.is_synchronized(at(130)));
 }
 
 #[test]
@@ -253,14 +256,14 @@ fn shores_of_another_run_are_forgotten_and_not_taken() {
 
 #[test]
 fn docking_sites_keep_their_names_until_a_recording_is_wound_back() {
-    let told = |revision, places_m: [[f32; 2]; 2]| {
+    let shores_news = |revision, places_m: [[f32; 2]; 2]| {
         let mut shores = shores(100);
         let [site] = shores.sites[..] else {
             panic!("{shores:?}");
         };
         let at = |center_m| DockingSite { center_m, ..site };
         shores.sites = places_m.map(at).to_vec();
-        ShoresNews {
+        ShoresReply {
             revision,
             shores: Some(shores),
         }
@@ -271,10 +274,10 @@ fn docking_sites_keep_their_names_until_a_recording_is_wound_back() {
     };
     let (ramp, bank) = ([4.0, -9.0], [4.0, 9.0]);
     let mut rig = Rig::new();
-    rig.say(Topic::Shores, &told(1, [ramp, bank]), 100);
+    rig.say(Topic::Shores, &shores_news(1, [ramp, bank]), 100);
     assert_eq!(letters(&rig), "AB");
     let first = rig.model.site_names().to_vec();
-    rig.say(Topic::Shores, &told(2, [bank, ramp]), 200);
+    rig.say(Topic::Shores, &shores_news(2, [bank, ramp]), 200);
     assert_eq!(letters(&rig), "BA");
     let changes = rig.model.changes();
     rig.announce(300);
@@ -290,7 +293,7 @@ fn docking_sites_keep_their_names_until_a_recording_is_wound_back() {
         newer_than, 1,
         "what came last may have been of the new maps"
     );
-    rig.reply(request, Topic::Shores, &told(3, [bank, ramp]), 410);
+    rig.reply(request, Topic::Shores, &shores_news(3, [bank, ramp]), 410);
     assert_eq!(letters(&rig), "AB");
     assert!(
         first
@@ -305,7 +308,7 @@ fn letters_are_kept_while_another_robot_is_shown() {
         center_m: [100.0 * n as f32, 0.0],
         ..shores(1).sites[0]
     });
-    let told = |revision, sites: &[DockingSite]| ShoresNews {
+    let shores_news = |revision, sites: &[DockingSite]| ShoresReply {
         revision,
         shores: Some(Shores {
             sites: sites.to_vec(),
@@ -321,18 +324,18 @@ fn letters_are_kept_while_another_robot_is_shown() {
     };
     let mut before = Rig::new();
     before.announce(0);
-    before.say(Topic::Shores, &told(1, &[ramp, bank]), 100);
+    before.say(Topic::Shores, &shores_news(1, &[ramp, bank]), 100);
     assert_eq!(letters(&before), "AB");
     let kept = before.model.take_site_names().unwrap();
 
     // Others came meanwhile, in another order.
     let mut again = Rig::new();
-    again.model.keep_site_names(kept.clone());
-    again.say(Topic::Shores, &told(5, &[bank, ramp]), 100);
+    again.model.restore_site_names(kept.clone());
+    again.say(Topic::Shores, &shores_news(5, &[bank, ramp]), 100);
     assert_eq!(letters(&again), "BA");
 
     let mut anew = Rig::of_epoch(1);
-    anew.model.keep_site_names(kept);
-    anew.say(Topic::Shores, &told(5, &[bank, ramp]), 100);
+    anew.model.restore_site_names(kept);
+    anew.say(Topic::Shores, &shores_news(5, &[bank, ramp]), 100);
     assert_eq!(letters(&anew), "AB", "these are other maps");
 }

@@ -11,10 +11,10 @@ use operator_console::model::ModelSettings;
 use protocol::export::write_shores;
 use protocol::tile::BootId;
 use robot_edge::clock::{self, Monotonic};
-use robot_edge::driving::operators::NewerList;
+use robot_edge::driving::operators::PendingOperatorList;
 use robot_edge::link::edge::{EdgeLink, EdgeSettings};
+use robot_edge::link::publish_state::PublishState;
 use robot_edge::link::sessions::Endpoints;
-use robot_edge::link::shared::Shared;
 use robot_edge::robot_time::RobotTime;
 
 use super::{empty_store, info, robot, settings, shores};
@@ -40,7 +40,7 @@ fn wait_for(session: &RobotSession, voxels: u32) {
             .unwrap_or_default()
             .first()
             .map(|cluster| cluster.voxels);
-        first == Some(voxels) && model.is_in_step(Monotonic::now())
+        first == Some(voxels) && model.is_synchronized(Monotonic::now())
     };
     let was_there = !clock::sleep_until(Monotonic::now() + Duration::from_secs(20), is_there);
     assert!(was_there, "no shores of {voxels} voxels");
@@ -50,7 +50,7 @@ fn wait_for(session: &RobotSession, voxels: u32) {
 fn shores_arrive_and_both_sides_export_the_same() {
     let endpoint = free_endpoint();
     let boot = BootId([7; 16]);
-    let shared = Arc::new(Shared::default());
+    let publish_state = Arc::new(PublishState::default());
     let edge = EdgeSettings {
         driving: None,
         robot: robot(),
@@ -59,21 +59,21 @@ fn shores_arrive_and_both_sides_export_the_same() {
             listen: vec![endpoint.clone()],
             ..Endpoints::default()
         },
-        newer_people: NewerList::default(),
+        newer_operators: PendingOperatorList::default(),
         budget_kbps: 256,
         info: info(),
     };
     let store = Arc::new(Mutex::new(empty_store(boot)));
-    let link = EdgeLink::open(edge, store, Arc::clone(&shared)).unwrap();
+    let link = EdgeLink::open(edge, store, Arc::clone(&publish_state)).unwrap();
     let stamp = RobotTime::from_nanos(5);
-    shared.set_shores(stamp, Arc::new(shores(100)));
+    publish_state.set_shores(stamp, Arc::new(shores(100)));
     let endpoints = Endpoints {
         connect: vec![endpoint],
         ..Endpoints::default()
     };
     let first = RobotSession::open(settings(), &endpoints, || {}).unwrap();
     wait_for(&first, 100);
-    shared.set_shores(stamp, Arc::new(shores(200)));
+    publish_state.set_shores(stamp, Arc::new(shores(200)));
     wait_for(&first, 200);
     let late = ModelSettings {
         session: BootId([2; 16]),

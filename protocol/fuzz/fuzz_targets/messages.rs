@@ -3,7 +3,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use protocol::message::{
-    Answer, Digests, DigestsRequest, Event, Info, MapHead, Pong, Pose, Scan, ShoresNews,
+    Answer, Digests, DigestsRequest, Event, Info, MapHead, Pong, Pose, Scan, ShoresReply,
     ShoresRequest, Status, TileBand, TilesReply, TilesRequest, TrajectoryPart,
     TrajectoryRequest, View, VoxelsReply, VoxelsRequest,
 };
@@ -35,7 +35,7 @@ fuzz_target!(|bytes: &[u8]| {
     check::<DigestsRequest>(bytes);
     check::<Digests>(bytes);
     check::<ShoresRequest>(bytes);
-    check::<ShoresNews>(bytes);
+    check::<ShoresReply>(bytes);
     check::<VoxelsRequest>(bytes);
     check::<VoxelsReply>(bytes);
     check::<TrajectoryRequest>(bytes);

@@ -14,7 +14,7 @@ use tiff::tags::{CompressionMethod, PhotometricInterpretation, SampleFormat, Tag
 use tiff::{TiffError, TiffResult};
 
 use super::ExportError;
-use super::whole_file::write_whole;
+use super::atomic_file::write_atomically;
 use crate::layer::{LayerId, SampleType};
 use crate::mosaic::Raster;
 
@@ -27,7 +27,7 @@ const GDAL_METADATA: Tag = Tag::Unknown(42112);
 
 /// Writes `raster` as a `GeoTIFF` with the layer's values.
 pub fn write_geotiff(path: &Path, raster: &Raster) -> Result<(), ExportError> {
-    write_whole(path, |writer| {
+    write_atomically(path, |writer| {
         encode(writer, raster).map_err(|error| {
             let path = path.to_owned();
             if let TiffError::IoError(source) = error {

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::ExportError;
-use super::whole_file::write_whole;
+use super::atomic_file::write_atomically;
 use crate::mosaic::Raster;
 
 /// At least this probability is occupied; `map_saver`'s default.
@@ -68,11 +68,11 @@ pub fn write_map_server(
         let path = path.to_owned();
         move |source| ExportError::Io { path, source }
     };
-    write_whole(&pgm, |writer| {
+    write_atomically(&pgm, |writer| {
         write_pgm(writer, raster).map_err(io_error(&pgm))
     })?;
     let ([x_m, y_m], _) = raster.corners_m();
-    write_whole(&yaml, |writer| {
+    write_atomically(&yaml, |writer| {
         write!(
             writer,
             "image: {name}.pgm\n\

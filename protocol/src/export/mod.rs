@@ -3,12 +3,12 @@
 //! Every file is written under a temporary name and renamed when it is complete, so a reader never sees
 //! half of one and an export that fails leaves the previous file as it was.
 
+mod atomic_file;
 mod geotiff;
 mod map_server;
 mod picture;
 mod shores;
 mod trajectory;
-mod whole_file;
 
 use std::io;
 use std::path::{Path, PathBuf};

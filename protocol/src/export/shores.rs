@@ -9,12 +9,12 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::ExportError;
-use super::whole_file::write_whole;
+use super::atomic_file::write_atomically;
 use crate::geodesy::TangentPlane;
 use crate::message::{DockingSite, ShoreCluster, Shores};
 
 const ON_EARTH: &str = "WGS-84: longitude and latitude in degrees";
-const IN_ODOM: &str = "NOT WGS-84: x and y in metres in odom, for want of a satellite fix";
+const IN_ODOM: &str = "NOT WGS-84: x and y in metres in odom, because there was no satellite fix";
 
 #[derive(Serialize)]
 struct Feature<P> {
@@ -131,7 +131,7 @@ pub fn write_shores(dir: &Path, shores: &Shores) -> Result<PathBuf, ExportError>
         source,
     };
     std::fs::create_dir_all(dir).map_err(io_error)?;
-    write_whole(&path, |writer| {
+    write_atomically(&path, |writer| {
         write_collection(writer, shores).map_err(io_error)
     })?;
     Ok(path)
@@ -217,7 +217,7 @@ mod tests {
         assert_eq!(
             text,
             "{\"type\":\"FeatureCollection\",\n\
-             \"coordinate_reference\":\"NOT WGS-84: x and y in metres in odom, for want of a satellite fix\",\n\
+             \"coordinate_reference\":\"NOT WGS-84: x and y in metres in odom, because there was no satellite fix\",\n\
              \"outlines\":\"convex, of 12 corners at most\",\n\
              \"shores_left_out\":4,\n\
              \"docking_sites_left_out\":0,\n\

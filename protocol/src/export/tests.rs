@@ -1,6 +1,6 @@
 //! Exports read back.
 
-mod great_map;
+mod large_map;
 
 use std::fs::{self, File};
 

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 
 use super::ExportError;
-use super::whole_file::write_whole;
+use super::atomic_file::write_atomically;
 
 /// Parts of a metre in [`StampedPose::position`]: steps of 0.1 µm.
 const PER_M: f64 = 1e7;
@@ -61,7 +61,7 @@ pub fn write_trajectory(
     path: &Path,
     poses: impl IntoIterator<Item = StampedPose>,
 ) -> Result<(), ExportError> {
-    write_whole(path, |writer| {
+    write_atomically(path, |writer| {
         let mut lines = poses.into_iter();
         lines
             .try_for_each(|pose| write_line(writer, pose))

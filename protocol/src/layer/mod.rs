@@ -30,7 +30,7 @@ pub enum LayerId {
     Elevation,
     /// Free or obstacle, from the elevation.
     Obstacle,
-    /// Slope cost: 0 flat or clear … 1 fatal.
+    /// Slope cost: 0 flat or clear … 1 lethal.
     Cost,
     /// Whether a vehicle could push through what stands there.
     Rigidity,
@@ -68,7 +68,7 @@ pub struct Class {
 }
 
 const OBSTACLE: [Class; 2] = [class("free", -1), class("obstacle", 1)];
-const RIGIDITY: [Class; 2] = [class("trespassable", 1), class("rigid", 2)];
+const RIGIDITY: [Class; 2] = [class("traversable", 1), class("rigid", 2)];
 const SHORE: [Class; 4] = [
     class("sparse", 1),
     class("dense", 2),
@@ -109,7 +109,7 @@ impl LayerId {
             Self::Occupancy => "probability of being occupied",
             Self::Elevation => "height above ground plane",
             Self::Obstacle => "obstacle",
-            Self::Cost => "slope cost: 0 flat or clear, 1 fatal",
+            Self::Cost => "slope cost: 0 flat or clear, 1 lethal",
             Self::Rigidity => "rigidity",
             Self::Shore => "shore",
         }

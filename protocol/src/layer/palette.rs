@@ -18,7 +18,7 @@ pub enum Scheme {
     /// The elevation colours of [LOD §5]: the ground plane ± 3 cm blue, below it yellow, above it black
     /// to grey.
     GroundPlane,
-    /// Magma reversed: light is easy, dark is fatal.
+    /// Magma reversed: light is easy, dark is lethal.
     Magma,
     /// One of Okabe and Ito's colours for each class.
     OkabeIto,
@@ -70,7 +70,7 @@ impl LayerId {
 
     /// The palette of \[LOD\], for the two layers that the document has.
     pub fn document_palette(self) -> Option<Palette> {
-        self.palettes().find(Palette::is_the_documents)
+        self.palettes().find(Palette::is_document_palette)
     }
 
     /// What tells a class apart without its colour. An obstacle stands alone on free ground, and is as thin as a wall:
@@ -120,7 +120,7 @@ impl Palette {
     }
 
     /// Whether these are the colours of \[LOD §5\].
-    pub fn is_the_documents(&self) -> bool {
+    pub fn is_document_palette(&self) -> bool {
         matches!(self.scheme, Scheme::GroundPlane | Scheme::GreenRed)
     }
 

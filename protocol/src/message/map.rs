@@ -47,7 +47,7 @@ pub enum TilesRequest {
     /// All that are newer than a revision, nearest to the vehicle first.
     NewerThan(u64),
     /// These: `(tx, ty)`.
-    These(Vec<(i32, i32)>),
+    ByKey(Vec<(i32, i32)>),
 }
 
 /// One tile out of the answer to [`TilesRequest`]; the answer has one of these a reply.
@@ -106,7 +106,7 @@ pub struct View {
     /// The newest revision it holds.
     pub revision: u64,
     /// Whether it holds, of these layers, just what the robot announced last.
-    pub is_in_step: bool,
+    pub is_synchronized: bool,
     /// Whether it wants to see the last sweeps of the sensors.
     pub wants_scan: bool,
 }

@@ -42,7 +42,7 @@ pub enum LeaseRequest {
     /// To give it back, or to wait for it no longer.
     Release,
     /// To hand it to this operator, who waits for it.
-    Consent(OperatorId),
+    HandOver(OperatorId),
     /// Not to hand it to this operator, who waits for it.
     Refuse(OperatorId),
     /// To hold it whoever does; for supervisors.
@@ -54,8 +54,8 @@ pub enum LeaseRequest {
 pub enum Setting {
     /// Bytes for tiles, kbit/s.
     BudgetKbps(u32),
-    /// The collision guard, on or off.
-    Guard(bool),
+    /// The collision monitor, on or off.
+    CollisionMonitor(bool),
     /// The recording, on or off.
     Recording(bool),
 }

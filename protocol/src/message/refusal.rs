@@ -24,7 +24,7 @@ pub enum Refusal {
     #[error("there were too many a second")]
     TooMany,
     /// Nobody of that name is in the robot's list of operators.
-    #[error("the robot does not know its sender")]
+    #[error("its sender is not in the operator list")]
     UnknownOperator,
     /// It was not signed by who it says, for this key, this robot and this moment.
     #[error("its signature is wrong")]
@@ -54,13 +54,13 @@ pub enum Refusal {
     #[error("its sequence number does not grow")]
     OldSequence,
     /// It asks for an infinite speed, or for what is no number.
-    #[error("it asks for a speed that is no finite number")]
+    #[error("its speed is not a finite number")]
     NotFinite,
     /// The robot is in a state that cannot grant it.
     #[error("the robot is not ready for it")]
     NotReady,
     /// Another request for the lease waits already.
-    #[error("somebody else waits for the lease already")]
+    #[error("another operator already waits for the lease")]
     Busy,
     /// Nobody waits for the lease, or somebody else.
     #[error("that operator does not wait for the lease")]
@@ -69,19 +69,19 @@ pub enum Refusal {
     #[error("there is no emergency stop")]
     NoEStop,
     /// Another emergency stop than the one named is in force.
-    #[error("another emergency stop is in force")]
+    #[error("another emergency stop is active")]
     OtherEStop,
     /// The emergency stop is not on disk yet.
     #[error("the emergency stop is not stored yet")]
     EStopNotStored,
     /// The reset was asked for before the latest request for an emergency stop was known.
-    #[error("an emergency stop was asked for since")]
+    #[error("an emergency stop was requested since")]
     EStopSince,
     /// The setting's value is beyond what the robot can do.
     #[error("the value is out of range")]
     OutOfRange,
     /// The robot has nothing that could do it.
-    #[error("the robot has no such thing")]
+    #[error("it is not available on this robot")]
     Unavailable,
 }
 

@@ -86,7 +86,7 @@ pub struct Status {
     /// Scans that are in the map.
     pub scans_mapped: u64,
     /// What was dropped, by reason: scans, beams, and losses of the source.
-    pub drops: Vec<Reason>,
+    pub drops: Vec<DropCount>,
     /// Messages with tiles that were pushed, and their bytes.
     pub tiles: [u64; 2],
     /// Tiles that wait for their turn.
@@ -109,7 +109,7 @@ pub struct Status {
 
 /// A count and what it counts.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Reason {
+pub struct DropCount {
     /// The reason's name, as in `--summary`.
     pub name: String,
     /// How often.

@@ -83,7 +83,7 @@ pub struct SensorStatus {
 pub enum SensorFault {
     /// Nothing came for 1 s, or for five of its periods where these are longer; at first, for 3 s.
     Silent,
-    /// Its stamps leapt against the time in which they came, within the last 5 s.
+    /// Its stamps jumped against the time in which they came, within the last 5 s.
     Clock,
     /// Nothing in its messages of the last second, or of its last three periods, was a measurement: it is covered or
     /// broken, or a receiver has no fix.

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// `shores`, pushed and in answer to [`ShoresRequest`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ShoresNews {
+pub struct ShoresReply {
     /// Counts the states of the shores in one boot, from 1; 0 where there is none yet.
     pub revision: u64,
     /// That state. `None` only in an answer: there is nothing newer than what was asked with.

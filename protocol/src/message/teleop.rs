@@ -22,7 +22,7 @@ pub struct TeleopStatus {
     /// An upper bound on the age of the last command, ms; `None` where there is none under this grant.
     pub age_ms: Option<u32>,
     /// The greatest of that within the last second.
-    pub greatest_age_ms: Option<u32>,
+    pub peak_age_ms: Option<u32>,
     /// The speed that this age allows, m/s; at most the vehicle's greatest.
     pub speed_allowed_mps: f32,
     /// What the holder asks for.
@@ -31,8 +31,8 @@ pub struct TeleopStatus {
     pub applied: Velocity,
     /// What makes the one differ from the other now: of several, the tightest; on the way to any limit, `Ramp`.
     pub clamp: Option<Clamp>,
-    /// What the collision guard says.
-    pub guard: Guard,
+    /// What the collision monitor says.
+    pub collision_monitor: CollisionMonitorState,
     /// The emergency stop in force.
     pub estop: Option<EStopStatus>,
     /// What was obeyed and what was not, since the boot.
@@ -44,7 +44,7 @@ pub struct TeleopStatus {
     pub barrier: Option<Barrier>,
     /// How long ago the ground just outside of the footprint was looked at last, ms: ahead, to the left, behind, to the
     /// right; `None` where nobody has looked, or the guard is not on.
-    pub seen_ms: [Option<u32>; 4],
+    pub ground_age_ms: [Option<u32>; 4],
 }
 
 /// What the vehicle is doing. Append-only.
@@ -75,8 +75,8 @@ pub enum StopReason {
     Age,
     /// A command asked for what is no number.
     NotFinite,
-    /// The collision guard knows too little, or says nothing.
-    GuardStale,
+    /// The collision monitor knows too little, or says nothing.
+    CollisionMonitorStale,
     /// Who drove no longer holds the lease.
     LeaseEnded(LeaseEnd),
 }
@@ -153,30 +153,30 @@ pub enum Clamp {
     Ramp,
     /// The age of commands.
     Age,
-    /// The collision guard.
-    Guard,
+    /// The collision monitor.
+    CollisionMonitor,
     /// The state: the vehicle stops or must stand.
     Stop,
 }
 
-/// What the collision guard says. Append-only.
+/// What the collision monitor says. Append-only.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Guard {
+pub enum CollisionMonitorState {
     /// Nothing: it has not spoken, or too long ago. Nothing moves.
     Silent,
     /// Somebody switched it off.
     Off,
     /// It sees, and allows this.
-    On(GuardLimits),
+    On(SpeedLimits),
     /// Where the vehicle would go it sees nothing, or what it saw is too old: no faster than creeping.
-    Blind(GuardLimits),
+    UnknownSpace(SpeedLimits),
     /// What it saw is too old, and the configuration says to stop then.
     Stale,
 }
 
 /// The greatest speed in each direction, none negative; infinite where there is no limit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct GuardLimits {
+pub struct SpeedLimits {
     /// m/s.
     pub forward_mps: f32,
     /// m/s, backwards.
@@ -187,7 +187,7 @@ pub struct GuardLimits {
     pub right_radps: f32,
 }
 
-/// What bounds the motion that is asked for, by the collision guard.
+/// What bounds the motion that is asked for, by the collision monitor.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Barrier {
     /// Where it is, in `odom`, metres.
@@ -200,15 +200,15 @@ pub struct Barrier {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum BarrierKind {
     /// A beam of the last sweeps hit it.
-    Seen,
+    Detected,
     /// An obstacle on the map that no beam hits now.
     Mapped,
     /// Ground that nobody has seen, or seen too long ago.
-    Unseen,
+    Unknown,
     /// The water is too shallow there, by a beam of the last sweeps.
     Shallow,
     /// Ground that only beams without an echo call free.
-    NoEcho,
+    NoReturn,
 }
 
 /// An emergency stop in force.
@@ -245,8 +245,8 @@ pub struct RefusedCount {
 pub struct Settings {
     /// Bytes for tiles, kbit/s.
     pub budget_kbps: u32,
-    /// Whether the collision guard is on.
-    pub guard: bool,
+    /// Whether the collision monitor is on.
+    pub collision_monitor: bool,
     /// Whether a recording runs.
     pub recording: bool,
 }

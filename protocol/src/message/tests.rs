@@ -69,10 +69,10 @@ fn bodies_are_the_documented_bytes() {
 
     assert_eq!(body(&TilesRequest::NewerThan(300)), [0, 0xAC, 0x02]);
     // Tile numbers are zigzag varints: −1 is 1, 2 is 4.
-    assert_eq!(body(&TilesRequest::These(vec![(-1, 2)])), [1, 1, 1, 4]);
+    assert_eq!(body(&TilesRequest::ByKey(vec![(-1, 2)])), [1, 1, 1, 4]);
     assert_eq!(body(&DigestsRequest { newer_than: 0 }), [0]);
     assert_eq!(body(&ShoresRequest { newer_than: 300 }), [0xAC, 0x02]);
-    let nothing_newer = ShoresNews {
+    let nothing_newer = ShoresReply {
         revision: 9,
         shores: None,
     };
@@ -127,7 +127,7 @@ fn every_message_survives_the_wire() {
         message: "odometry jumped by 5 m".to_owned(),
     });
     body(&Status {
-        drops: vec![Reason {
+        drops: vec![DropCount {
             name: "pose_gap".to_owned(),
             count: 3,
         }],
@@ -156,7 +156,7 @@ fn every_message_survives_the_wire() {
         sensors: vec![sensor_info()],
         footprint_offset_m: 0.125,
     });
-    body(&ShoresNews {
+    body(&ShoresReply {
         revision: 3,
         shores: Some(Shores {
             cell_m: 0.3,
@@ -180,7 +180,7 @@ fn every_message_survives_the_wire() {
         rectangle_m: [-1e6, -1e6, 1e6, 1e6],
         layers: u32::MAX,
         revision: u64::MAX,
-        is_in_step: true,
+        is_synchronized: true,
         wants_scan: true,
     };
     assert!(BEHIND_HEADER + body(&view).len() <= 256);
@@ -259,7 +259,7 @@ fn the_bodies_of_sensors_and_recordings_are_the_documented_bytes() {
         rectangle_m: [1.0; 4],
         layers: 3,
         revision: 300,
-        is_in_step: false,
+        is_synchronized: false,
         wants_scan: true,
     };
     let expected = [&[ONE; 4].concat()[..], &[3, 0xAC, 2, 0, 1]];
@@ -315,7 +315,7 @@ fn teleop() -> TeleopStatus {
         },
         arming: Arming::Pressed,
         age_ms: None,
-        greatest_age_ms: Some(300),
+        peak_age_ms: Some(300),
         speed_allowed_mps: 1.0,
         requested: Velocity::default(),
         applied: Velocity {
@@ -323,7 +323,7 @@ fn teleop() -> TeleopStatus {
             angular_radps: -2.0,
         },
         clamp: Some(Clamp::Ramp),
-        guard: Guard::Blind(GuardLimits {
+        collision_monitor: CollisionMonitorState::UnknownSpace(SpeedLimits {
             forward_mps: 1.0,
             reverse_mps: f32::INFINITY,
             left_radps: -2.0,
@@ -343,14 +343,14 @@ fn teleop() -> TeleopStatus {
         },
         settings: Settings {
             budget_kbps: 256,
-            guard: false,
+            collision_monitor: false,
             recording: true,
         },
         barrier: Some(Barrier {
             position_m: [1.0, -2.0],
             kind: BarrierKind::Mapped,
         }),
-        seen_ms: [Some(300), None, Some(5), None],
+        ground_age_ms: [Some(300), None, Some(5), None],
     }
 }
 
@@ -380,11 +380,11 @@ fn the_bodies_of_driving_are_the_documented_bytes() {
     assert_eq!(body(&Reset { estop: 300 }), [0xAC, 2]);
     assert_eq!(body(&LeaseRequest::Request), [0]);
     assert_eq!(body(&LeaseRequest::Release), [1]);
-    assert_eq!(body(&LeaseRequest::Consent(anna())), *b"\x02\x04anna");
+    assert_eq!(body(&LeaseRequest::HandOver(anna())), *b"\x02\x04anna");
     assert_eq!(body(&LeaseRequest::Refuse(anna())), *b"\x03\x04anna");
     assert_eq!(body(&LeaseRequest::TakeOver), [4]);
     assert_eq!(body(&Setting::BudgetKbps(300)), [0, 0xAC, 2]);
-    assert_eq!(body(&Setting::Guard(true)), [1, 1]);
+    assert_eq!(body(&Setting::CollisionMonitor(true)), [1, 1]);
     assert_eq!(body(&Setting::Recording(false)), [2, 0]);
     assert_eq!(body(&Answer::Done), [0]);
     assert_eq!(body(&Answer::Granted(300)), [1, 0xAC, 2]);
@@ -396,7 +396,7 @@ fn the_bodies_of_driving_are_the_documented_bytes() {
         &[6, 1, 1, 4, 5, 1][..], // state, last_stop, is_drifting
         &[0xAC, 2, 0, 1, 4],     // lease: epoch, holder, next
         b"anna",
-        &[0, 2, 0, 1, 0xAC, 2], // waiting, arming, age_ms, greatest_age_ms
+        &[0, 2, 0, 1, 0xAC, 2], // waiting, arming, age_ms, peak_age_ms
         &[ONE, ZERO, ZERO, ONE, MINUS_TWO].concat(),
         &[1, 1, 3], // clamp, guard
         &[ONE, [0, 0, 0x80, 0x7F], MINUS_TWO, ZERO].concat(),
@@ -406,12 +406,12 @@ fn the_bodies_of_driving_are_the_documented_bytes() {
         &[1],                   // barrier
         &[ONE, MINUS_TWO].concat(),
         &[1],
-        &[1, 0xAC, 2, 0, 1, 5, 0], // seen_ms
+        &[1, 0xAC, 2, 0, 1, 5, 0], // ground_age_ms
     ];
     assert_eq!(body(&teleop()), expected.concat());
     let nothing_in_the_way = TeleopStatus {
         barrier: None,
-        seen_ms: [None; 4],
+        ground_age_ms: [None; 4],
         ..teleop()
     };
     assert!(body(&nothing_in_the_way).ends_with(&[0, 1, 0, 0, 0, 0, 0]));
@@ -427,7 +427,7 @@ fn variants_have_the_documented_numbers() {
         let header = encode(&HEADER, &(variants.len() as u8)).unwrap();
         assert!(decode::<T>(&header).is_err(), "{variants:?} are not all");
     }
-    let limits = GuardLimits {
+    let limits = SpeedLimits {
         forward_mps: 1.0,
         reverse_mps: 1.0,
         left_radps: 1.0,
@@ -446,7 +446,7 @@ fn variants_have_the_documented_numbers() {
         StopReason::Released,
         StopReason::Age,
         StopReason::NotFinite,
-        StopReason::GuardStale,
+        StopReason::CollisionMonitorStale,
         StopReason::LeaseEnded(LeaseEnd::Released),
     ]);
     check(&[
@@ -465,22 +465,22 @@ fn variants_have_the_documented_numbers() {
         Clamp::Speed,
         Clamp::Ramp,
         Clamp::Age,
-        Clamp::Guard,
+        Clamp::CollisionMonitor,
         Clamp::Stop,
     ]);
     check(&[
-        Guard::Silent,
-        Guard::Off,
-        Guard::On(limits),
-        Guard::Blind(limits),
-        Guard::Stale,
+        CollisionMonitorState::Silent,
+        CollisionMonitorState::Off,
+        CollisionMonitorState::On(limits),
+        CollisionMonitorState::UnknownSpace(limits),
+        CollisionMonitorState::Stale,
     ]);
     check(&[
-        BarrierKind::Seen,
+        BarrierKind::Detected,
         BarrierKind::Mapped,
-        BarrierKind::Unseen,
+        BarrierKind::Unknown,
         BarrierKind::Shallow,
-        BarrierKind::NoEcho,
+        BarrierKind::NoReturn,
     ]);
     check(&Refusal::ALL);
     check(&SensorKind::ALL);
@@ -531,7 +531,7 @@ fn messages_of_driving_are_small() {
             waiting: Some(longest),
         },
         age_ms: Some(u32::MAX),
-        seen_ms: [Some(u32::MAX); 4],
+        ground_age_ms: [Some(u32::MAX); 4],
         counters: CommandCounters {
             accepted: u64::MAX,
             involuntary_stops: u64::MAX,
@@ -561,7 +561,7 @@ proptest! {
         drop(decode::<Status>(&message));
         drop(decode::<Event>(&message));
         drop(decode::<View>(&message));
-        drop(decode::<ShoresNews>(&message));
+        drop(decode::<ShoresReply>(&message));
         drop(decode::<Scan>(&message));
         drop(decode::<Pose>(&message));
         drop(decode::<Drive>(&message));

@@ -139,7 +139,7 @@ impl Raster {
 
     /// The value at a point of `odom`; `None` where it is unknown or outside the raster.
     pub fn value_at(&self, x_m: f64, y_m: f64) -> Option<f32> {
-        self.place_of(x_m, y_m)?;
+        self.cell_of(x_m, y_m)?;
         let [x, y] = [x_m, y_m].map(|position_m| (position_m / self.cell_m).floor() as i64);
         let place = (y.div_euclid(SIDE), x.div_euclid(SIDE));
         let found = self
@@ -151,7 +151,7 @@ impl Raster {
     }
 
     /// Column and row (from the lowest y) of the cell at a point in `odom`, metres; `None` outside.
-    pub fn place_of(&self, x_m: f64, y_m: f64) -> Option<(usize, usize)> {
+    pub fn cell_of(&self, x_m: f64, y_m: f64) -> Option<(usize, usize)> {
         let column = self.offset(x_m, self.extent.first.0, self.width)?;
         let row = self.offset(y_m, self.extent.first.1, self.height)?;
         Some((column, row))

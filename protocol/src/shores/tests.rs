@@ -1,5 +1,5 @@
 use super::*;
-use crate::message::ShoresNews;
+use crate::message::ShoresReply;
 use crate::tile::BootId;
 use crate::wire::{Header, MAX_MESSAGE_BYTES, encode};
 
@@ -72,7 +72,7 @@ fn the_fullest_message_fits_whatever_its_numbers() {
         seq: 0,
         robot_time_ns: 0,
     };
-    let news = ShoresNews {
+    let news = ShoresReply {
         revision: u64::MAX,
         shores: Some(shores),
     };

@@ -127,7 +127,7 @@ impl PublicKey {
     }
 
     /// By the strict rules, by which a message has one signature of a key and no other.
-    pub(super) fn has_signed(&self, input: &[u8], signature: &[u8; SIGNATURE_BYTES]) -> bool {
+    pub(super) fn verify(&self, input: &[u8], signature: &[u8; SIGNATURE_BYTES]) -> bool {
         let signature = Signature::from_bytes(signature);
         self.0.verify_strict(input, &signature).is_ok()
     }

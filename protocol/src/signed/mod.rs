@@ -60,7 +60,7 @@ pub struct Route<'a> {
 
 /// When: in the robot's terms, not in those of any clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stamp {
+pub struct CommandHeader {
     /// The run of the robot's program that issued the token.
     pub boot: BootId,
     /// The newest token that the console had when it read its keys.
@@ -74,7 +74,7 @@ pub struct Stamp {
 /// A signed message as it arrived. Nothing in it is to be believed before [`Envelope::open`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Envelope<'a> {
-    stamp: Stamp,
+    header: CommandHeader,
     signature: [u8; SIGNATURE_BYTES],
     body: &'a [u8],
 }
@@ -109,18 +109,18 @@ impl From<SignedError> for Refusal {
 pub fn sign<T: Command>(
     key: &SecretKey,
     route: Route<'_>,
-    stamp: &Stamp,
+    header: &CommandHeader,
     command: &T,
 ) -> Result<Vec<u8>, SignedError> {
     let body = postcard::to_stdvec(command).map_err(|_unserialisable| WireError::Malformed)?;
-    let signature = key.sign(&signature_input(T::TOPIC, route, stamp, &body));
+    let signature = key.sign(&signature_input(T::TOPIC, route, header, &body));
     let mut bytes = Vec::with_capacity(ENVELOPE_BYTES + body.len());
     bytes.extend(PROTOCOL.to_le_bytes());
-    bytes.extend(stamp.boot.0);
-    bytes.extend(stamp.token.n.to_le_bytes());
-    bytes.extend(stamp.token.nonce.to_le_bytes());
-    bytes.extend(stamp.epoch.to_le_bytes());
-    bytes.extend(stamp.seq.to_le_bytes());
+    bytes.extend(header.boot.0);
+    bytes.extend(header.token.n.to_le_bytes());
+    bytes.extend(header.token.nonce.to_le_bytes());
+    bytes.extend(header.epoch.to_le_bytes());
+    bytes.extend(header.seq.to_le_bytes());
     bytes.extend(signature);
     bytes.extend(body);
     if bytes.len() > MAX_SIGNED_BYTES {
@@ -139,7 +139,7 @@ impl<'a> Envelope<'a> {
         if bytes.len() > MAX_SIGNED_BYTES {
             return Err(SignedError::TooLong(bytes.len()));
         }
-        let rest = wire::of_this_protocol(bytes)?;
+        let rest = wire::check_protocol_version(bytes)?;
         let (boot, rest) = chunk(rest)?;
         let (n, rest) = chunk(rest)?;
         let (nonce, rest) = chunk(rest)?;
@@ -147,7 +147,7 @@ impl<'a> Envelope<'a> {
         let (seq, rest) = chunk(rest)?;
         let (signature, body) = chunk(rest)?;
         Ok(Self {
-            stamp: Stamp {
+            header: CommandHeader {
                 boot: BootId(boot),
                 token: AgeToken {
                     n: u64::from_le_bytes(n),
@@ -162,27 +162,27 @@ impl<'a> Envelope<'a> {
     }
 
     /// When it claims to be from.
-    pub const fn claimed_stamp(&self) -> Stamp {
-        self.stamp
+    pub const fn unverified_header(&self) -> CommandHeader {
+        self.header
     }
 
     /// What it claims to want: good for refusing it cheaply, and for nothing else.
     ///
     /// # Errors
     /// Where the body is not such a command.
-    pub fn claimed_command<T: Command>(&self) -> Result<T, SignedError> {
+    pub fn unverified_command<T: Command>(&self) -> Result<T, SignedError> {
         Ok(wire::decode_body(self.body)?)
     }
 
-    /// What the holder of `key` wants of `route.robot`. Then [`Envelope::claimed_stamp`] is theirs too.
+    /// What the holder of `key` wants of `route.robot`. Then [`Envelope::unverified_header`] is theirs too.
     ///
     /// # Errors
     /// Where it was not signed by them, for this route and this kind of command, as it is; and where it was, but is
     /// no such command.
     pub fn open<T: Command>(&self, route: Route<'_>, key: &PublicKey) -> Result<T, SignedError> {
-        let input = signature_input(T::TOPIC, route, &self.stamp, self.body);
-        if key.has_signed(&input, &self.signature) {
-            self.claimed_command()
+        let input = signature_input(T::TOPIC, route, &self.header, self.body);
+        if key.verify(&input, &self.signature) {
+            self.unverified_command()
         } else {
             Err(SignedError::Signature)
         }
@@ -195,19 +195,27 @@ fn chunk<const N: usize>(bytes: &[u8]) -> Result<([u8; N], &[u8]), WireError> {
 }
 
 /// What is signed: each part behind its length, so that different parts never make the same bytes.
-fn signature_input(topic: OperatorTopic, route: Route<'_>, stamp: &Stamp, body: &[u8]) -> Vec<u8> {
+fn signature_input(
+    topic: OperatorTopic,
+    route: Route<'_>,
+    header: &CommandHeader,
+    body: &[u8],
+) -> Vec<u8> {
     let Route { robot, operator } = route;
     let domain = format!("foreshore signed message, protocol {PROTOCOL}");
     let key = operator_key(robot, operator, topic);
-    let token = [stamp.token.n.to_le_bytes(), stamp.token.nonce.to_le_bytes()];
+    let token = [
+        header.token.n.to_le_bytes(),
+        header.token.nonce.to_le_bytes(),
+    ];
     let parts: [&[u8]; 9] = [
         domain.as_bytes(),
         robot.as_str().as_bytes(),
-        &stamp.boot.0,
+        &header.boot.0,
         key.as_bytes(),
         operator.as_str().as_bytes(),
-        &stamp.epoch.to_le_bytes(),
-        &stamp.seq.to_le_bytes(),
+        &header.epoch.to_le_bytes(),
+        &header.seq.to_le_bytes(),
         token.as_flattened(),
         body,
     ];

@@ -36,7 +36,7 @@ fn scout() -> RobotId {
     "scout-1".parse().unwrap()
 }
 
-const STAMP: Stamp = Stamp {
+const HEADER: CommandHeader = CommandHeader {
     boot: BootId([7; 16]),
     token: AgeToken { n: 300, nonce: 99 },
     epoch: 4,
@@ -51,7 +51,7 @@ const DRIVE: Drive = Drive {
 
 fn drive_of_anna() -> Vec<u8> {
     let (robot, operator) = (&scout(), &anna());
-    sign(&secret(), Route { robot, operator }, &STAMP, &DRIVE).unwrap()
+    sign(&secret(), Route { robot, operator }, &HEADER, &DRIVE).unwrap()
 }
 
 fn open<T: Command>(
@@ -67,8 +67,8 @@ fn what_was_signed_is_read_and_opened() {
     let bytes = drive_of_anna();
     assert_eq!(bytes.len(), ENVELOPE_BYTES + 9);
     let envelope = Envelope::parse(&bytes).unwrap();
-    assert_eq!(envelope.claimed_stamp(), STAMP);
-    assert_eq!(envelope.claimed_command(), Ok(DRIVE));
+    assert_eq!(envelope.unverified_header(), HEADER);
+    assert_eq!(envelope.unverified_command(), Ok(DRIVE));
     assert_eq!(open(&bytes, &scout(), &anna()), Ok(DRIVE));
 }
 
@@ -77,7 +77,7 @@ fn every_kind_of_command_fits_and_survives() {
     fn check<T: Command + PartialEq + std::fmt::Debug>(command: T) -> usize {
         let longest = "a".repeat(64);
         let (robot, operator) = (&longest.parse().unwrap(), &longest.parse().unwrap());
-        let bytes = sign(&secret(), Route { robot, operator }, &STAMP, &command).unwrap();
+        let bytes = sign(&secret(), Route { robot, operator }, &HEADER, &command).unwrap();
         assert_eq!(open(&bytes, robot, operator), Ok(command));
         bytes.len() - ENVELOPE_BYTES
     }
@@ -88,7 +88,7 @@ fn every_kind_of_command_fits_and_survives() {
     assert_eq!(check(Reset { estop: 1 }), 1);
     assert_eq!(check(LeaseRequest::Request), 1);
     let longest: OperatorId = "a".repeat(64).parse().unwrap();
-    assert_eq!(check(LeaseRequest::Consent(longest)), 66);
+    assert_eq!(check(LeaseRequest::HandOver(longest)), 66);
     assert_eq!(check(Setting::BudgetKbps(u32::MAX)), 6);
 }
 
@@ -122,9 +122,9 @@ fn a_command_is_good_for_one_robot_one_operator_and_one_key() {
 fn a_command_with_the_same_body_is_not_good_for_another_key() {
     let (robot, operator) = (&scout(), &anna());
     let route = Route { robot, operator };
-    let bytes = sign(&secret(), route, &STAMP, &EStop { press: 3 }).unwrap();
+    let bytes = sign(&secret(), route, &HEADER, &EStop { press: 3 }).unwrap();
     let envelope = Envelope::parse(&bytes).unwrap();
-    assert_eq!(envelope.claimed_command(), Ok(Reset { estop: 3 }));
+    assert_eq!(envelope.unverified_command(), Ok(Reset { estop: 3 }));
     let opened = envelope.open::<Reset>(route, &secret().public());
     assert_eq!(opened, Err(SignedError::Signature));
 }
@@ -142,7 +142,7 @@ fn each_part_of_the_stamp_is_signed() {
         let mut moved = bytes.clone();
         moved[range.start] ^= 1;
         let envelope = Envelope::parse(&moved).unwrap();
-        assert_ne!(envelope.claimed_stamp(), STAMP, "{part}");
+        assert_ne!(envelope.unverified_header(), HEADER, "{part}");
         let opened = open::<Drive>(&moved, &scout(), &anna());
         assert_eq!(opened, Err(SignedError::Signature), "{part}");
     }
@@ -184,10 +184,10 @@ fn other_versions_giants_and_pieces_are_not_read() {
 fn nonsense_that_was_signed_is_malformed() {
     let (robot, operator) = (&scout(), &anna());
     let route = Route { robot, operator };
-    let bytes = sign(&secret(), route, &STAMP, &Nonsense(vec![0; 9])).unwrap();
+    let bytes = sign(&secret(), route, &HEADER, &Nonsense(vec![0; 9])).unwrap();
     let opened = open::<Setting>(&bytes, robot, operator);
     assert_eq!(opened, Err(WireError::Malformed.into()));
-    let too_long = sign(&secret(), route, &STAMP, &Nonsense(vec![0; 150]));
+    let too_long = sign(&secret(), route, &HEADER, &Nonsense(vec![0; 150]));
     assert_eq!(too_long, Err(SignedError::TooLong(ENVELOPE_BYTES + 152)));
 }
 
@@ -234,13 +234,15 @@ fn names() -> impl Strategy<Value = String> {
     "[a-z0-9_-]{1,12}"
 }
 
-fn stamps() -> impl Strategy<Value = Stamp> {
+fn headers() -> impl Strategy<Value = CommandHeader> {
     let few = || prop_oneof![0..3_u64, any::<u64>()];
-    (any::<[u8; 16]>(), few(), few(), few(), few()).prop_map(|(boot, n, nonce, epoch, seq)| Stamp {
-        boot: BootId(boot),
-        token: AgeToken { n, nonce },
-        epoch,
-        seq,
+    (any::<[u8; 16]>(), few(), few(), few(), few()).prop_map(|(boot, n, nonce, epoch, seq)| {
+        CommandHeader {
+            boot: BootId(boot),
+            token: AgeToken { n, nonce },
+            epoch,
+            seq,
+        }
     })
 }
 
@@ -257,14 +259,14 @@ fn drives() -> impl Strategy<Value = Drive> {
 proptest! {
     #[test]
     fn whatever_is_signed_is_opened(
-        robot in names(), operator in names(), stamp in stamps(), drive in drives(), seed: [u8; 32],
+        robot in names(), operator in names(), header in headers(), drive in drives(), seed: [u8; 32],
     ) {
         let (robot, operator) = (&robot.parse().unwrap(), &operator.parse().unwrap());
         let route = Route { robot, operator };
         let key = SecretKey::from_seed(&seed);
-        let bytes = sign(&key, route, &stamp, &drive).unwrap();
+        let bytes = sign(&key, route, &header, &drive).unwrap();
         let envelope = Envelope::parse(&bytes).unwrap();
-        prop_assert_eq!(envelope.claimed_stamp(), stamp);
+        prop_assert_eq!(envelope.unverified_header(), header);
         prop_assert_eq!(envelope.open(route, &key.public()), Ok(drive));
     }
 
@@ -272,7 +274,7 @@ proptest! {
     #[test]
     fn no_byte_can_be_changed(drive in drives(), at: prop::sample::Index, change in 1..=255_u8) {
         let (robot, operator) = (&scout(), &anna());
-        let mut bytes = sign(&secret(), Route { robot, operator }, &STAMP, &drive).unwrap();
+        let mut bytes = sign(&secret(), Route { robot, operator }, &HEADER, &drive).unwrap();
         let at = at.index(bytes.len());
         bytes[at] ^= change;
         let refused = open::<Drive>(&bytes, robot, operator).unwrap_err();
@@ -286,7 +288,7 @@ proptest! {
     #[test]
     fn nothing_can_be_cut_off_or_added(drive in drives(), cut in 1..9_usize, more in prop::collection::vec(any::<u8>(), 1..9)) {
         let (robot, operator) = (&scout(), &anna());
-        let bytes = sign(&secret(), Route { robot, operator }, &STAMP, &drive).unwrap();
+        let bytes = sign(&secret(), Route { robot, operator }, &HEADER, &drive).unwrap();
         let longer = [&bytes[..], &more].concat();
         for wrong in [&bytes[..bytes.len() - cut], &longer] {
             prop_assert_eq!(open::<Drive>(wrong, robot, operator), Err(SignedError::Signature));
@@ -295,7 +297,7 @@ proptest! {
 
     /// Neither a stamp nor a body of one message is good in another.
     #[test]
-    fn nothing_can_be_put_together_from_two(first in stamps(), second in stamps(), a in drives(), b in drives()) {
+    fn nothing_can_be_put_together_from_two(first in headers(), second in headers(), a in drives(), b in drives()) {
         prop_assume!(first != second && a != b);
         let (robot, operator) = (&scout(), &anna());
         let route = Route { robot, operator };
@@ -313,31 +315,31 @@ proptest! {
     /// Also where one part ends with what the next begins with: the lengths tell.
     #[test]
     fn each_part_alone_changes_what_is_signed(
-        names in prop::array::uniform4(names()), stamps in [stamps(), stamps()],
+        names in prop::array::uniform4(names()), headers in [headers(), headers()],
         bodies in prop::array::uniform2(prop::collection::vec(any::<u8>(), 0..4)),
         topics in prop::array::uniform2(prop::sample::select(&OperatorTopic::ALL)),
         which in 0..9_usize,
     ) {
         let pick = |part: usize| usize::from(part == which);
-        let [stamp, other] = &stamps;
-        let changed = Stamp {
-            boot: if which == 0 { other.boot } else { stamp.boot },
+        let [header, other] = &headers;
+        let changed = CommandHeader {
+            boot: if which == 0 { other.boot } else { header.boot },
             token: AgeToken {
-                n: if which == 1 { other.token.n } else { stamp.token.n },
-                nonce: if which == 2 { other.token.nonce } else { stamp.token.nonce },
+                n: if which == 1 { other.token.n } else { header.token.n },
+                nonce: if which == 2 { other.token.nonce } else { header.token.nonce },
             },
-            epoch: if which == 3 { other.epoch } else { stamp.epoch },
-            seq: if which == 4 { other.seq } else { stamp.seq },
+            epoch: if which == 3 { other.epoch } else { header.epoch },
+            seq: if which == 4 { other.seq } else { header.seq },
         };
-        let input = |robot: &str, operator: &str, topic, stamp: &Stamp, body: &[u8]| {
+        let input = |robot: &str, operator: &str, topic, header: &CommandHeader, body: &[u8]| {
             let (robot, operator) = (&robot.parse().unwrap(), &operator.parse().unwrap());
-            signature_input(topic, Route { robot, operator }, stamp, body)
+            signature_input(topic, Route { robot, operator }, header, body)
         };
         let (robot, operator) = (&names[pick(5)], &names[2 + pick(6)]);
         let (topic, body) = (topics[pick(7)], &bodies[pick(8)]);
-        let is_same = *stamp == changed && *robot == names[0] && *operator == names[2]
+        let is_same = *header == changed && *robot == names[0] && *operator == names[2]
             && topic == topics[0] && *body == bodies[0];
-        let before = input(&names[0], &names[2], topics[0], stamp, &bodies[0]);
+        let before = input(&names[0], &names[2], topics[0], header, &bodies[0]);
         prop_assert_eq!(input(robot, operator, topic, &changed, body) == before, is_same);
     }
 
@@ -345,9 +347,9 @@ proptest! {
     fn no_bytes_panic(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
         let bytes = [&PROTOCOL.to_le_bytes()[..], &bytes].concat();
         if let Ok(envelope) = Envelope::parse(&bytes) {
-            drop(envelope.claimed_command::<Drive>());
-            drop(envelope.claimed_command::<LeaseRequest>());
-            drop(envelope.claimed_command::<Setting>());
+            drop(envelope.unverified_command::<Drive>());
+            drop(envelope.unverified_command::<LeaseRequest>());
+            drop(envelope.unverified_command::<Setting>());
             prop_assert_eq!(open::<Drive>(&bytes, &scout(), &anna()), Err(SignedError::Signature));
         }
     }

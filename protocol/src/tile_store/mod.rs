@@ -8,8 +8,8 @@
 //! other side that the cells are gone. Tombstones are bounded too: past an eighth of the limit the oldest
 //! half is forgotten. Both are counted.
 
-mod bound;
 mod error;
+mod eviction;
 mod publish;
 mod receive;
 mod root;
@@ -72,10 +72,13 @@ struct LayerTiles {
 }
 
 impl TileStore {
-    /// An empty store of run `boot` that keeps its tiles within `store_mb` megabytes (10⁶ bytes, at least
+    /// An empty store of run `boot` that keeps its tiles within `tile_store_mb` megabytes (10⁶ bytes, at least
     /// 1). Its layers come by [`set_grid`](Self::set_grid).
-    pub fn new(boot: BootId, store_mb: u32) -> Self {
-        Self::within_bytes(boot, (store_mb.max(1) as usize).saturating_mul(1_000_000))
+    pub fn new(boot: BootId, tile_store_mb: u32) -> Self {
+        Self::within_bytes(
+            boot,
+            (tile_store_mb.max(1) as usize).saturating_mul(1_000_000),
+        )
     }
 
     /// As [`new`](Self::new), with the limit in bytes; of fewer than 8320 not one tile is kept.
@@ -233,15 +236,15 @@ impl TileStore {
     pub fn bytes(&self, layer: LayerId) -> u64 {
         self.tiles(layer)
             .map(|(_, stored)| match stored.content {
-                Content::Cells(_) => bound::TILE_BYTES as u64,
-                Content::Blank | Content::Evicted => bound::TOMBSTONE_BYTES as u64,
+                Content::Cells(_) => eviction::TILE_BYTES as u64,
+                Content::Blank | Content::Evicted => eviction::TOMBSTONE_BYTES as u64,
             })
             .sum()
     }
 
     /// Bytes that all layers take in memory: at most the limit.
     pub fn bytes_held(&self) -> usize {
-        self.tiles_held * bound::TILE_BYTES + self.tombstones * bound::TOMBSTONE_BYTES
+        self.tiles_held * eviction::TILE_BYTES + self.tombstones * eviction::TOMBSTONE_BYTES
     }
 
     /// What was dropped to stay within the limit.

@@ -8,8 +8,8 @@ fn store() -> TileStore {
     store_of(BOOT, 100)
 }
 
-fn store_of(boot: BootId, store_mb: u32) -> TileStore {
-    let mut store = TileStore::new(boot, store_mb);
+fn store_of(boot: BootId, tile_store_mb: u32) -> TileStore {
+    let mut store = TileStore::new(boot, tile_store_mb);
     for layer in [LayerId::Occupancy, LayerId::Elevation, LayerId::Obstacle] {
         store.set_grid(LayerGrid { layer, cell_m: 0.1 }).unwrap();
     }

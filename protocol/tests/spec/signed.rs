@@ -6,7 +6,7 @@ use ed25519_dalek::{Signature, VerifyingKey, pkcs8::DecodePublicKey};
 use protocol::keys::{OperatorId, RobotId, operator_key};
 use protocol::message::{AgeToken, Drive};
 use protocol::signed::{
-    Command, ENVELOPE_BYTES, Envelope, PublicKey, Route, SecretKey, Stamp, sign,
+    Command, CommandHeader, ENVELOPE_BYTES, Envelope, PublicKey, Route, SecretKey, sign,
 };
 use protocol::tile::BootId;
 use serde_json::Value;
@@ -26,9 +26,9 @@ fn secret() -> SecretKey {
     SecretKey::from_pem(pem("PRIVATE")).unwrap()
 }
 
-fn stamp(stated: &Value) -> Stamp {
+fn stamp(stated: &Value) -> CommandHeader {
     let stated = &stated["stamp"];
-    Stamp {
+    CommandHeader {
         boot: BootId(serde_json::from_value(stated["boot"].clone()).unwrap()),
         token: AgeToken {
             n: stated["n"].as_u64().unwrap(),
@@ -60,7 +60,7 @@ pub(crate) fn check_signed<T: Command + PartialEq + Debug>(name: &str) {
         "{name} is signed as other bytes"
     );
     let envelope = Envelope::parse(&golden).unwrap();
-    assert_eq!(envelope.claimed_stamp(), stamp, "{name}");
+    assert_eq!(envelope.unverified_header(), stamp, "{name}");
     let opened = envelope.open::<T>(route, &PublicKey::from_pem(pem("PUBLIC")).unwrap());
     assert_eq!(opened, Ok(command), "{name}");
 }

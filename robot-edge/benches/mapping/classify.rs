@@ -2,7 +2,7 @@
 
 use robot_edge::mapping::cost_config::{RigidityConfig, ShoreConfig};
 use robot_edge::mapping::docking::{BoatFootprint, find_docking_sites};
-use robot_edge::mapping::docking_window::{DockingColumn, DockingWindow};
+use robot_edge::mapping::docking_grid::{DockingColumn, DockingGrid};
 use robot_edge::mapping::grid::CellIndex;
 use robot_edge::mapping::majority_vote::majority_vote;
 use robot_edge::mapping::obstacle_voxel::{ObstacleVoxel, Rigidity};
@@ -48,7 +48,7 @@ pub(crate) fn print() -> anyhow::Result<()> {
     });
     row(&maps, "docking sites", |map| {
         let first = CellIndex { x: 0, y: 0 };
-        let window = DockingWindow::new(first, SIDE as usize, CELL_M, &map.columns);
+        let window = DockingGrid::new(first, SIDE as usize, CELL_M, &map.columns);
         let boat = BoatFootprint {
             length_m: 4.5,
             width_m: 2.44,
@@ -118,7 +118,7 @@ fn map(mut is_occupied: impl FnMut(i32, i32, f64) -> bool) -> Map {
         if is_rigid(voxel) {
             Rigidity::Rigid
         } else {
-            Rigidity::Trespassable
+            Rigidity::Traversable
         }
     });
     // Gentle ground around water, but where there are obstacles.

@@ -13,7 +13,7 @@
 
 mod classify;
 mod occupancy;
-mod placed;
+mod prepared;
 mod rays;
 mod reading;
 mod recordings;

@@ -1,11 +1,11 @@
 //! Placing beams and the occupancy update alone: posed scans in memory, nothing published.
 
 use robot_edge::mapping::occupancy_grid::OccupancyGrid;
-use robot_edge::mapping::posed_scan::{BeamOutcome, PosedScan};
 use robot_edge::mapping::ray::{FixedPoint, RayWalk};
+use robot_edge::mapping::registered_scan::{BeamOutcome, RegisteredScan};
 
 use crate::CELLS_M;
-use crate::placed::{Prepared, generic2d, hits, place};
+use crate::prepared::{Prepared, generic2d, hits, register};
 use crate::recordings::{self, ACES, CLINIC, ROOMS};
 use crate::rounds::{ROUNDS, Rounds, timed};
 
@@ -26,14 +26,17 @@ pub(crate) fn print() -> anyhow::Result<()> {
 }
 
 fn print_row(name: &str, prepared: &Prepared) -> anyhow::Result<()> {
-    let scans = prepared.posed_scans();
+    let scans = prepared.registered_scans();
     let mut placing_s = Rounds::default();
     let mut update_s = [Rounds::default(), Rounds::default()];
     let mut ratio = Rounds::default();
     for _ in 0..ROUNDS {
         let measurements = prepared.measurements();
-        let (placed, time_s) = timed(|| place(prepared.placer(), measurements));
-        anyhow::ensure!(placed == scans, "{name}: placed otherwise in another round");
+        let (registered, time_s) = timed(|| register(prepared.registration(), measurements));
+        anyhow::ensure!(
+            registered == scans,
+            "{name}: placed otherwise in another round"
+        );
         placing_s.add(time_s);
         // Both sizes in each round, so that a slow spell of the machine meets both.
         let mut of_round = [0.0; 2];
@@ -68,7 +71,7 @@ fn print_row(name: &str, prepared: &Prepared) -> anyhow::Result<()> {
 }
 
 /// Steps from cell to cell that all hits of `scans` take, their ends included.
-fn cells_crossed(scans: &[PosedScan], cell_m: f64) -> u64 {
+fn cells_crossed(scans: &[RegisteredScan], cell_m: f64) -> u64 {
     let hits = scans
         .iter()
         .flat_map(|scan| &scan.beams)

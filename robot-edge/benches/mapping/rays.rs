@@ -13,7 +13,7 @@ use anyhow::{Context as _, bail, ensure};
 use nalgebra::Point3;
 use robot_edge::mapping::octree::{Octree, Ray};
 use robot_edge::mapping::octree_config::{OctreeConfig, RangeSensorModel};
-use robot_edge::mapping::posed_scan::SensorId;
+use robot_edge::mapping::registered_scan::SensorId;
 use robot_edge::summary::peak_rss_bytes;
 use serde_json::Value;
 

@@ -1,12 +1,16 @@
 //! A scan of 481 beams through placing, elevation and obstacle map: time by size of the window, and memory
 //! beside that of the document.
 
-use robot_edge::app::placing::{Placing, PlannedSensor, placer_settings, poses_from_wheels};
+use robot_edge::app::localization_plan::{
+    LocalizationPlan, PlannedSensor, poses_from_wheels, registration_settings,
+};
 use robot_edge::clock::Monotonic;
 use robot_edge::config::{self, Config, WheelsAndAttitude};
-use robot_edge::localization::placer::{BeamPlacer, MountOrigin, Placed, PoseStreams};
+use robot_edge::localization::registration::{
+    MountOrigin, PoseStreams, RegistrationOutput, ScanRegistration,
+};
 use robot_edge::mapping::Mapper;
-use robot_edge::mapping::posed_scan::SensorId;
+use robot_edge::mapping::registered_scan::SensorId;
 use robot_edge::mapping::terrain::Terrain;
 use robot_edge::measurement::Measurement;
 use robot_edge::simulation::{SimulatedSource, SimulationOptions, World};
@@ -83,7 +87,7 @@ impl Times {
             anyhow::anyhow!("{encoders} encoders, {imus} attitude sensors")
         })?;
         let origin = poses_from_wheels(config, &sensors);
-        let placing = Placing {
+        let placing = LocalizationPlan {
             origin,
             pose_streams: PoseStreams::default(),
             sensors: vec![PlannedSensor {
@@ -94,22 +98,22 @@ impl Times {
                 range_max_m: None,
             }],
         };
-        let mut placer = BeamPlacer::new(placer_settings(config, &placing));
+        let mut registration = ScanRegistration::new(registration_settings(config, &placing));
         let mut mapper = Mapper::new(
             &config.mapping,
             config.vehicle.shape(),
             &config.range_models(),
         );
         let (mut placing_us, mut maps_us, mut both_us) = (Vec::new(), Vec::new(), Vec::new());
-        let mut placed = Vec::new();
+        let mut registered = Vec::new();
         // Of everything since the last scan: poses are placed for the scans that need them.
         let mut placing = 0.0;
         for measurement in run {
             let started = Monotonic::now();
-            placer.push(measurement, &mut placed);
+            registration.push(measurement, &mut registered);
             placing += us_since(started);
-            for placed in placed.drain(..) {
-                if let Placed::Scan(scan) = placed {
+            for registered in registered.drain(..) {
+                if let RegistrationOutput::Scan(scan) = registered {
                     let started = Monotonic::now();
                     mapper.integrate(&scan);
                     let maps = us_since(started);

@@ -5,12 +5,12 @@ use protocol::layer::LayerId;
 use protocol::tile::BootId;
 use protocol::tile::codec::{Decoder, Encoder};
 use robot_edge::mapping::Mapper;
-use robot_edge::mapping::posed_scan::PosedScan;
+use robot_edge::mapping::registered_scan::RegisteredScan;
 use robot_edge::robot_time::{RobotDuration, RobotTime};
 use robot_edge::streaming::publisher::Publisher;
 
 use crate::CELLS_M;
-use crate::placed::{Prepared, generic2d};
+use crate::prepared::{Prepared, generic2d};
 use crate::recordings::{self, ACES, ROOMS};
 use crate::rounds::{ROUNDS, Rounds, timed};
 
@@ -19,7 +19,7 @@ pub(crate) fn print() -> anyhow::Result<()> {
     let mut runs = Vec::new();
     for name in [ROOMS, ACES] {
         if let Some(path) = recordings::find(name) {
-            let scans = Prepared::read(&path)?.posed_scans();
+            let scans = Prepared::read(&path)?.registered_scans();
             for cell_m in CELLS_M {
                 runs.push((format!("{name}, {cell_m:.2} m"), Run::of(&scans, cell_m)?));
             }
@@ -81,7 +81,7 @@ struct Run {
 }
 
 impl Run {
-    fn of(scans: &[PosedScan], cell_m: f64) -> anyhow::Result<Self> {
+    fn of(scans: &[RegisteredScan], cell_m: f64) -> anyhow::Result<Self> {
         let mut publish_s = Rounds::default();
         for _ in 1..ROUNDS {
             publish_s.add(map(scans, cell_m, |_| Ok(()))?.publish_s);
@@ -135,7 +135,7 @@ struct Mapped {
 
 /// Maps `scans` and publishes as the pipeline does; `published` sees the store after each time.
 fn map(
-    scans: &[PosedScan],
+    scans: &[RegisteredScan],
     cell_m: f64,
     mut published: impl FnMut(&Publisher) -> anyhow::Result<()>,
 ) -> anyhow::Result<Mapped> {
@@ -146,8 +146,8 @@ fn map(
         config.vehicle.shape(),
         &config.range_models(),
     );
-    let store_mb = config.streaming.store_mb;
-    let mut publisher = Publisher::new(BootId([0; 16]), store_mb, &mapper, false)?;
+    let tile_store_mb = config.streaming.tile_store_mb;
+    let mut publisher = Publisher::new(BootId([0; 16]), tile_store_mb, &mapper, false)?;
     let mut published_at: Option<RobotTime> = None;
     let mut publish_s = 0.0;
     for (index, scan) in scans.iter().enumerate() {

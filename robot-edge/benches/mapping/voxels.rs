@@ -7,10 +7,10 @@ use nalgebra::Point3;
 use robot_edge::clock::Monotonic;
 use robot_edge::experiments::run::{pipeline, vehicle_config};
 use robot_edge::export::voxels::{PublishedClasses, pack_voxels};
-use robot_edge::mapping::columns::{ColumnKind, ColumnRules, read_columns};
+use robot_edge::mapping::height_columns::{ColumnKind, ColumnRules, read_columns};
 use robot_edge::mapping::cost_config::Surface;
 use robot_edge::mapping::octree::{BrickColumn, Octree};
-use robot_edge::mapping::posed_scan::PosedScan;
+use robot_edge::mapping::registered_scan::RegisteredScan;
 use robot_edge::mapping::voxel_layers::VoxelLayers;
 use robot_edge::measurement::{Measurement, Stream};
 use robot_edge::robot_time::{RobotDuration, RobotTime};
@@ -33,7 +33,7 @@ struct Figures {
     processor_s: f64,
     elapsed_s: f64,
     /// Elapsed time of each push that mapped a scan, microseconds.
-    ways_us: Vec<f64>,
+    scan_times_us: Vec<f64>,
     map_mb: f64,
     /// Processor time of reading all columns of the box around where the drive ended.
     columns_ms: f64,
@@ -57,15 +57,15 @@ pub(crate) fn print() -> anyhow::Result<()> {
         let drive = Drive::through(name)?;
         for threads in [1, 2] {
             let figures = drive.map_in(threads)?;
-            let ways: Rounds = figures.ways_us.iter().copied().collect();
+            let scan_times: Rounds = figures.scan_times_us.iter().copied().collect();
             println!(
                 "| {name} | {} | {threads} | {} | {:.1} | {:.1} | {:.2} | {:.2} | {:.1} | {:.1} | {:.1} | {:.0} |",
                 drive.world.vehicle(),
                 figures.scans,
                 drive.duration_s / figures.processor_s,
                 drive.duration_s / figures.elapsed_s,
-                ways.median() / 1e3,
-                ways.quantile(0.99) / 1e3,
+                scan_times.median() / 1e3,
+                scan_times.quantile(0.99) / 1e3,
                 figures.map_mb,
                 figures.columns_ms,
                 figures.tree_mb,
@@ -84,18 +84,18 @@ pub(crate) fn print_endurance() -> anyhow::Result<()> {
     println!("| scans | mean ms | p50 ms | p99 ms |");
     println!("| ---: | ---: | ---: | ---: |");
     // A whole drive each, so that the same scans are compared.
-    let a_drive = figures.ways_us.len() / 81;
+    let a_drive = figures.scan_times_us.len() / 81;
     for first in [0, 1, 9, 79, 80] {
-        let part = &figures.ways_us[first * a_drive..(first + 1) * a_drive];
-        let ways: Rounds = part.iter().copied().collect();
+        let part = &figures.scan_times_us[first * a_drive..(first + 1) * a_drive];
+        let scan_times: Rounds = part.iter().copied().collect();
         let mean_us = part.iter().sum::<f64>() / part.len() as f64;
         println!(
             "| {} … {} | {:.2} | {:.2} | {:.2} |",
             first * a_drive,
             (first + 1) * a_drive,
             mean_us / 1e3,
-            ways.median() / 1e3,
-            ways.quantile(0.99) / 1e3
+            scan_times.median() / 1e3,
+            scan_times.quantile(0.99) / 1e3
         );
     }
     println!("octree at the end: {:.1} MB", figures.map_mb);
@@ -136,7 +136,7 @@ impl Drive {
         let threads = format!("mapping.threads={threads}");
         let config = vehicle_config(&self.world, &["localization.source=odometry", &threads])?;
         let mut pipeline = pipeline(&config, &self.streams)?;
-        let (mut ways, mut end) = (Vec::new(), None);
+        let (mut scan_times, mut end) = (Vec::new(), None);
         let again = RobotDuration::from_secs_f64(self.duration_s + 1.0);
         let mut late = RobotDuration::ZERO;
         let mut run = || -> anyhow::Result<()> {
@@ -145,13 +145,13 @@ impl Drive {
                     let mut measurement = measurement.clone();
                     measurement.stamp = measurement.stamp + late;
                     let (started, mut mapped) = (Monotonic::now(), 0);
-                    pipeline.push(measurement, |scan: &PosedScan| {
+                    pipeline.push(measurement, |scan: &RegisteredScan| {
                         mapped += 1;
                         end = Some(Point3::from(scan.odom_from_base.translation.vector));
                     })?;
-                    let way: Duration = started.elapsed();
+                    let scan_time: Duration = started.elapsed();
                     if mapped > 0 {
-                        ways.push(way.as_secs_f64() * 1e6);
+                        scan_times.push(scan_time.as_secs_f64() * 1e6);
                     }
                 }
                 late = late + again;
@@ -172,7 +172,7 @@ impl Drive {
             scans: pipeline.report().scans_mapped,
             processor_s,
             elapsed_s,
-            ways_us: ways,
+            scan_times_us: scan_times,
             map_mb: octree.map_or(0, Octree::bytes) as f64 / 1e6,
             columns_ms,
             tree_mb: tree_bytes as f64 / 1e6,

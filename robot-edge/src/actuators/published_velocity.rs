@@ -19,7 +19,7 @@ pub const WATCHDOG: Duration = Duration::from_millis(200);
 const REPEAT: Duration = Duration::from_millis(50);
 
 /// At the end zero is said so often: a message may be lost.
-const LAST_WORDS: usize = 3;
+const FINAL_ZERO_COUNT: usize = 3;
 
 /// Whoever carries velocities to the other system. It may take its time.
 pub trait VelocitySink: Send {
@@ -27,7 +27,7 @@ pub trait VelocitySink: Send {
     fn publish(&mut self, velocity: Velocity);
 
     /// Whether anybody listens.
-    fn is_heard(&self) -> bool;
+    fn has_subscriber(&self) -> bool;
 }
 
 /// Motors at the other end of a [`VelocitySink`], which has a thread of its own.
@@ -39,14 +39,14 @@ pub struct PublishedVelocity {
 
 #[derive(Debug, Default)]
 struct Shared {
-    latest: Mutex<Latest>,
-    news: Condvar,
+    latest: Mutex<VelocityDecision>,
+    changed: Condvar,
     /// Somebody has listened.
-    was_heard: AtomicBool,
+    had_subscriber: AtomicBool,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
-struct Latest {
+struct VelocityDecision {
     velocity: Velocity,
     decided: Monotonic,
     version: u64,
@@ -78,15 +78,15 @@ impl PublishedVelocity {
             latest.decided = now;
             latest.version += 1;
         }
-        self.shared.news.notify_one();
-        self.shared.was_heard.load(Ordering::Relaxed)
+        self.shared.changed.notify_one();
+        self.shared.had_subscriber.load(Ordering::Relaxed)
     }
 }
 
 impl Drop for PublishedVelocity {
     fn drop(&mut self) {
         self.shared.latest().is_over = true;
-        self.shared.news.notify_one();
+        self.shared.changed.notify_one();
         if let Some(thread) = self.thread.take()
             && thread.join().is_err()
         {
@@ -96,14 +96,16 @@ impl Drop for PublishedVelocity {
 }
 
 impl Shared {
-    fn latest(&self) -> MutexGuard<'_, Latest> {
+    fn latest(&self) -> MutexGuard<'_, VelocityDecision> {
         self.latest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The newest decision, as soon as it is another than number `known`, or after a while.
-    fn newer_than(&self, known: u64) -> Latest {
-        let is_old = |latest: &mut Latest| latest.version == known && !latest.is_over;
-        let waited = self.news.wait_timeout_while(self.latest(), REPEAT, is_old);
+    fn newer_than(&self, known: u64) -> VelocityDecision {
+        let is_old = |latest: &mut VelocityDecision| latest.version == known && !latest.is_over;
+        let waited = self
+            .changed
+            .wait_timeout_while(self.latest(), REPEAT, is_old);
         let (latest, _) = waited.unwrap_or_else(PoisonError::into_inner);
         *latest
     }
@@ -114,13 +116,13 @@ fn run(mut sink: Box<dyn VelocitySink>, shared: &Shared) {
     loop {
         let latest = shared.newer_than(known);
         if latest.is_over {
-            for _ in 0..LAST_WORDS {
+            for _ in 0..FINAL_ZERO_COUNT {
                 sink.publish(Velocity::ZERO);
             }
             return;
         }
-        if !shared.was_heard.load(Ordering::Relaxed) && sink.is_heard() {
-            shared.was_heard.store(true, Ordering::Relaxed);
+        if !shared.had_subscriber.load(Ordering::Relaxed) && sink.has_subscriber() {
+            shared.had_subscriber.store(true, Ordering::Relaxed);
         }
         let is_stale = latest.decided.elapsed() > WATCHDOG;
         if is_stale {
@@ -149,7 +151,7 @@ mod tests {
             self.0.lock().unwrap().push(velocity);
         }
 
-        fn is_heard(&self) -> bool {
+        fn has_subscriber(&self) -> bool {
             true
         }
     }
@@ -169,11 +171,11 @@ mod tests {
         let journal = Journal::default();
         let motors = PublishedVelocity::start(Box::new(journal.clone())).unwrap();
         motors.apply(AHEAD, Monotonic::now());
-        journal.wait_until(|said| said.contains(&AHEAD));
+        journal.wait_until(|published| published.contains(&AHEAD));
         // The loop hangs.
-        journal.wait_until(|said| said.last() == Some(&Velocity::ZERO));
-        let said = journal.0.lock().unwrap().len();
-        journal.wait_until(|now| now.len() >= said + 3);
+        journal.wait_until(|published| published.last() == Some(&Velocity::ZERO));
+        let published = journal.0.lock().unwrap().len();
+        journal.wait_until(|now| now.len() >= published + 3);
         assert_eq!(
             journal
                 .0
@@ -186,10 +188,10 @@ mod tests {
         );
         assert!(motors.apply(AHEAD, Monotonic::now()), "somebody listens");
         drop(motors);
-        let said = journal.0.lock().unwrap();
+        let published = journal.0.lock().unwrap();
         assert_eq!(
-            said[said.len() - LAST_WORDS..],
-            [Velocity::ZERO; LAST_WORDS]
+            published[published.len() - FINAL_ZERO_COUNT..],
+            [Velocity::ZERO; FINAL_ZERO_COUNT]
         );
     }
 
@@ -198,7 +200,7 @@ mod tests {
         let journal = Journal::default();
         let motors = PublishedVelocity::start(Box::new(journal.clone())).unwrap();
         motors.apply(AHEAD, Monotonic::from_nanos(0));
-        journal.wait_until(|said| !said.is_empty());
+        journal.wait_until(|published| !published.is_empty());
         drop(motors);
         assert!(
             journal

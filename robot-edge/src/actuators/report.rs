@@ -51,7 +51,7 @@ pub enum Readiness {
     /// must not set a vehicle going again by itself.
     Holding(Hold),
     /// What is asked for is done.
-    Obeying,
+    Active,
 }
 
 /// Why the motors stand, whatever is asked for.
@@ -85,7 +85,7 @@ pub enum ControllerWatchdog {
 pub struct ControllerFlags(pub u8);
 
 impl ControllerFlags {
-    const WORDS: [(u8, &'static str); 7] = [
+    const LABELS: [(u8, &'static str); 7] = [
         (0x01, "overvoltage"),
         (0x02, "overtemperature"),
         (0x04, "undervoltage"),
@@ -105,7 +105,7 @@ impl ControllerFlags {
 
 impl fmt::Display for ControllerFlags {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let set = Self::WORDS.iter().filter(|(bit, _)| self.0 & bit != 0);
+        let set = Self::LABELS.iter().filter(|(bit, _)| self.0 & bit != 0);
         for (nth, (_, words)) in set.enumerate() {
             write!(f, "{}{words}", if nth == 0 { "" } else { ", " })?;
         }
@@ -117,7 +117,7 @@ impl fmt::Display for ControllerFlags {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub struct Counters {
     /// Times the motors were stopped because nothing valid came.
-    pub lapses: u32,
+    pub dropouts: u32,
     /// Velocities refused as too old, as older than another, or as of the future.
     pub stale: u32,
     /// Bytes between valid messages of the edge.
@@ -129,7 +129,7 @@ pub struct Counters {
 impl Counters {
     /// Nothing yet.
     pub const NONE: Self = Self {
-        lapses: 0,
+        dropouts: 0,
         stale: 0,
         garbage: 0,
         reconnects: 0,
@@ -147,7 +147,7 @@ pub enum Fault {
     Controller(ControllerFault),
     /// The process that owns the motors is gone, or no longer answers.
     #[error("the motor guard is gone: {0}")]
-    GuardGone(Rescue),
+    GuardGone(FallbackStop),
     /// The thread that speaks to the motor guard is gone, or no longer answers.
     #[error("nobody speaks to the motor guard any more: it stops the motors by itself")]
     SupervisorGone,
@@ -155,7 +155,7 @@ pub enum Fault {
 
 /// What became of the motors when their owner was lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Rescue {
+pub enum FallbackStop {
     /// The port is being opened, or zero has been sent and not been acknowledged yet.
     Trying,
     /// They have acknowledged zero, and are told so again and again.
@@ -164,7 +164,7 @@ pub enum Rescue {
     Unreachable,
 }
 
-impl fmt::Display for Rescue {
+impl fmt::Display for FallbackStop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Trying => "the motors are being told to stand",

@@ -5,43 +5,43 @@
 
 use std::time::Duration;
 
-use super::sides::SidesCheckpoint;
-use crate::replay_control::Trail;
+use super::pipeline::PipelineCheckpoint;
+use crate::replay_control::ReplayTrail;
 use crate::robot_time::RobotDuration;
 
 /// Mapping for so long is not done twice for a step back.
-const APART: Duration = Duration::from_millis(1500);
+const MIN_INTERVAL: Duration = Duration::from_millis(1500);
 /// Taking copies costs at most one part in so many of the time.
-const SHARE: u32 = 20;
+const MAX_COST_DIVISOR: u32 = 20;
 /// Copies that are kept, and their memory, bytes.
-pub(super) const MOST: usize = 24;
-const BUDGET_BYTES: usize = 512_000_000;
+pub(super) const MAX_CHECKPOINTS: usize = 24;
+const MAX_BYTES: usize = 512_000_000;
 
 /// A copy of the maps.
-pub(super) struct Kept {
+pub(super) struct ReplayCheckpoint {
     /// Time of the data that is in them, from the first scan.
     pub(super) at: RobotDuration,
     /// Items of the source that are in them.
     pub(super) items: u64,
-    pub(super) trail: Trail,
-    pub(super) sides: SidesCheckpoint,
+    pub(super) trail: ReplayTrail,
+    pub(super) pipeline: PipelineCheckpoint,
 }
 
 /// The copies of one recording, in its order.
 pub(super) struct Checkpoints {
-    pub(super) kept: Vec<Kept>,
+    pub(super) kept: Vec<ReplayCheckpoint>,
     /// Time that mapping takes from one to the next.
-    pub(super) apart: Duration,
+    pub(super) interval: Duration,
     /// Time that mapping took since the last.
-    since: Duration,
+    since_last: Duration,
 }
 
 impl Checkpoints {
     pub(super) const fn new() -> Self {
         Self {
             kept: Vec::new(),
-            apart: APART,
-            since: Duration::ZERO,
+            interval: MIN_INTERVAL,
+            since_last: Duration::ZERO,
         }
     }
 
@@ -50,28 +50,30 @@ impl Checkpoints {
         if self.kept.last().is_some_and(|last| at <= last.at) {
             return false;
         }
-        self.since += took;
-        self.since >= self.apart
+        self.since_last += took;
+        self.since_last >= self.interval
     }
 
     /// Keeps a copy, behind all others, which took so long to take.
-    pub(super) fn keep(&mut self, kept: Kept, took: Duration) {
+    pub(super) fn keep(&mut self, kept: ReplayCheckpoint, took: Duration) {
         self.kept.push(kept);
-        self.since = Duration::ZERO;
-        self.apart = self.apart.max(SHARE * took);
-        while self.kept.len() > MOST || (self.bytes() > BUDGET_BYTES && !self.kept.is_empty()) {
+        self.since_last = Duration::ZERO;
+        self.interval = self.interval.max(MAX_COST_DIVISOR * took);
+        while self.kept.len() > MAX_CHECKPOINTS
+            || (self.bytes() > MAX_BYTES && !self.kept.is_empty())
+        {
             self.thin();
         }
     }
 
     /// The last copy up to `to`.
-    pub(super) fn up_to(&self, to: RobotDuration) -> Option<&Kept> {
+    pub(super) fn latest_until(&self, to: RobotDuration) -> Option<&ReplayCheckpoint> {
         let behind = self.kept.partition_point(|kept| kept.at <= to);
         self.kept.get(behind.checked_sub(1)?)
     }
 
     fn bytes(&self) -> usize {
-        self.kept.iter().map(|kept| kept.sides.bytes()).sum()
+        self.kept.iter().map(|kept| kept.pipeline.bytes()).sum()
     }
 
     /// Of two neighbours the later one stays: a single one that is too large goes.
@@ -81,6 +83,6 @@ impl Checkpoints {
             index += 1;
             index % 2 == 0
         });
-        self.apart *= 2;
+        self.interval *= 2;
     }
 }

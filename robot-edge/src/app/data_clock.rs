@@ -11,7 +11,7 @@ pub(super) struct DataClock {
 
 impl DataClock {
     /// Data with this stamp came; returns the time passed since the first.
-    pub(super) fn see(&mut self, stamp: RobotTime) -> RobotDuration {
+    pub(super) fn advance(&mut self, stamp: RobotTime) -> RobotDuration {
         let newest = *self.newest.get_or_insert(stamp);
         if stamp > newest {
             self.elapsed = self.elapsed + stamp.since(newest);
@@ -55,11 +55,11 @@ mod tests {
         let at = |ms: i64| RobotTime::from_nanos(ms * 1_000_000);
         let mut clock = DataClock::default();
         for ms in [500_000, 500_100, 500_050, 500_200] {
-            clock.see(at(ms));
+            clock.advance(at(ms));
         }
         clock.reset();
         for ms in [0, 100] {
-            clock.see(at(ms));
+            clock.advance(at(ms));
         }
         assert_eq!(clock.elapsed(), RobotDuration::from_millis(300));
         for (stamp_ms, elapsed_ms) in [(100, 300), (40, 240), (900, 300), (-1000, 0)] {

@@ -14,11 +14,11 @@ use crate::actuators::published_velocity::PublishedVelocity;
 use crate::actuators::roboteq::RoboteqConfig;
 use crate::audit::Audit;
 use crate::cli::DrivingOptions;
-use crate::config::{Config, Fault};
+use crate::config::{Config, ConfigIssue};
 use crate::driving::motors::SimulatedMotors;
 use crate::driving::{
-    DriveLog, Driving, DrivingSettings, EStopFile, Keeper, LocalWishes, Lookout, MapLookout,
-    Motors, Operators, lookout,
+    DriveLog, Driving, DrivingSettings, EStopFile, EStopStore, LocalCommands, MonitorMapInput,
+    MonitorSensorInput, Motors, Operators, monitor_input,
 };
 use crate::exit::UsageError;
 use crate::link::ros2::RosLink;
@@ -26,10 +26,10 @@ use crate::mapping::ground_plane::GroundTracker;
 use crate::new_file::{self, NewFile};
 use crate::service_manager::ServiceManager;
 use crate::teleop::Rules;
-use crate::teleop::guard::GuardRules;
+use crate::teleop::collision_monitor::CollisionMonitorRules;
 
 /// The ends of those who tell the guard: who places, and who maps.
-pub(super) type Lookouts = (Lookout, MapLookout);
+pub(super) type CollisionMonitorInputs = (MonitorSensorInput, MonitorMapInput);
 
 /// Which motors.
 #[derive(Clone, Debug)]
@@ -90,7 +90,7 @@ impl DrivePlan {
         Self {
             motors,
             log: options.drive_log.clone(),
-            state: options.state.clone(),
+            state: options.state_dir.clone(),
             recordings: options.recordings.clone(),
         }
     }
@@ -145,7 +145,7 @@ impl DrivePlan {
         recording.transpose()
     }
 
-    /// Starts the loop that drives, where there is anything to drive. What consoles should know of its log goes to `tell`.
+    /// Starts the loop that drives, where there is anything to drive. What consoles should know of its log goes to `publish_event`.
     ///
     /// # Errors
     /// Where the configuration makes no rules, or a file or thread cannot be had.
@@ -154,36 +154,45 @@ impl DrivePlan {
         (robot, boot): (&RobotId, BootId),
         (operators, audit): (Operators, Option<Audit>),
         config: &Config,
-        (log, tell): (
+        (log, publish_event): (
             Option<NewFile>,
             impl FnOnce(&'static str, String) + Send + 'static,
         ),
-    ) -> anyhow::Result<Option<(Driving, Option<Lookouts>)>> {
+    ) -> anyhow::Result<Option<(Driving, Option<CollisionMonitorInputs>)>> {
         if !self.can_drive() {
             return Ok(None);
         }
-        let rules = Rules::new(&config.teleop, &config.vehicle).map_err(|faults| words(&faults))?;
-        let guard_rules = GuardRules::new(
-            &config.teleop.guard,
+        let rules =
+            Rules::new(&config.teleop, &config.vehicle).map_err(|faults| usage_error(&faults))?;
+        let monitor_rules = CollisionMonitorRules::new(
+            &config.teleop.collision_monitor,
             &config.teleop,
             &config.vehicle,
             &config.mapping.obstacle,
         )
-        .map_err(|faults| words(&faults))?;
-        let (lookouts, sight) = config
+        .map_err(|faults| usage_error(&faults))?;
+        let (monitor_inputs, monitor_runner) = config
             .teleop
-            .guard
+            .collision_monitor
             .enabled
-            .then(|| lookout(guard_rules, config.range_models().len(), ground(config)))
-            .map(|(lookout, map_lookout, sight)| ((lookout, map_lookout), sight))
+            .then(|| {
+                monitor_input(
+                    monitor_rules,
+                    config.range_models().len(),
+                    ground_tracker(config),
+                )
+            })
+            .map(|(monitor_input, monitor_map_input, monitor_runner)| {
+                ((monitor_input, monitor_map_input), monitor_runner)
+            })
             .unzip();
-        let keeper = self.state.as_ref().map(|dir| {
+        let estop_store = self.state.as_ref().map(|dir| {
             EStopFile::open(dir)
-                .and_then(Keeper::start)
+                .and_then(EStopStore::start)
                 .with_context(|| format!("{}: cannot keep an emergency stop here", dir.display()))
         });
         let log = log.map(|file| {
-            DriveLog::start(file, move |why| tell("drive_log_stopped", why))
+            DriveLog::start(file, move |why| publish_event("drive_log_stopped", why))
                 .context("no thread can be had to write the drive log")
         });
         let driving = Driving::start(DrivingSettings {
@@ -193,27 +202,27 @@ impl DrivePlan {
             operators,
             audit,
             motors: self.motors.start()?,
-            local: LocalWishes::by_signals().context("signals cannot be taken")?,
+            local_commands: LocalCommands::by_signals().context("signals cannot be taken")?,
             budget_kbps: config.streaming.budget_kbps,
-            sight,
-            keeper: keeper.transpose()?,
+            monitor_runner,
+            estop_store: estop_store.transpose()?,
             can_record: self.recordings.is_some(),
             log: log.transpose()?,
-            service_manager: ServiceManager::of_environment(),
+            service_manager: ServiceManager::from_environment(),
         });
         let driving = driving.context("no thread can be had to drive with")?;
-        Ok(Some((driving, lookouts)))
+        Ok(Some((driving, monitor_inputs)))
     }
 }
 
 /// What follows the ground as the mapper does, where it maps heights.
-fn ground(config: &Config) -> Option<GroundTracker> {
+fn ground_tracker(config: &Config) -> Option<GroundTracker> {
     let mapping = &config.mapping;
     let new = || GroundTracker::new(&mapping.ground, config.vehicle.wheelbase_m());
     mapping.elevation.enabled.then(new)
 }
 
-fn words(faults: &[Fault]) -> UsageError {
+fn usage_error(faults: &[ConfigIssue]) -> UsageError {
     let faults: Vec<_> = faults.iter().map(ToString::to_string).collect();
     UsageError(faults.join("\n"))
 }

@@ -31,8 +31,10 @@ pub(super) fn experiments(
     let mut outcomes = Vec::new();
     for experiment in chosen {
         let started = Monotonic::now();
-        let outcome = experiment.run(&session).map_err(in_words(experiment))?;
-        progress.tell(experiment, &outcome, started.elapsed().as_secs_f64());
+        let outcome = experiment
+            .run(&session)
+            .map_err(to_usage_error(experiment))?;
+        progress.print_outcome(experiment, &outcome, started.elapsed().as_secs_f64());
         outcomes.push((experiment, outcome));
     }
     progress.bar.finish_and_clear();
@@ -42,7 +44,7 @@ pub(super) fn experiments(
     Ok(if passed { Exit::Done } else { Exit::Failed })
 }
 
-fn in_words(experiment: Experiment) -> impl FnOnce(ExperimentError) -> anyhow::Error {
+fn to_usage_error(experiment: Experiment) -> impl FnOnce(ExperimentError) -> anyhow::Error {
     move |error| {
         if let ExperimentError::Interrupted(interrupted) = error {
             return interrupted.into();
@@ -67,7 +69,7 @@ impl Progress {
         Self { quiet, bar }
     }
 
-    fn tell(&self, experiment: Experiment, outcome: &Outcome, took_s: f64) {
+    fn print_outcome(&self, experiment: Experiment, outcome: &Outcome, took_s: f64) {
         if self.quiet {
             return;
         }

@@ -44,15 +44,15 @@ pub(super) fn install_keys(command: &InstallKeys, out: &mut dyn Write) -> anyhow
     let Installed {
         robot,
         people,
-        complaint,
+        warning,
     } = install(&command.from, &command.to)?;
     let to = command.to.display();
     writeln!(
         out,
         "{to}: the keys of {robot}, with {people} people on its list"
     )?;
-    if let Some(complaint) = complaint {
-        writeln!(out, "{complaint}")?;
+    if let Some(warning) = warning {
+        writeln!(out, "{warning}")?;
     }
     Ok(Exit::Done)
 }

@@ -19,9 +19,9 @@ pub(super) use state::{Problem, RecordingState};
 
 use marker::Marker;
 
-use super::recorder::{Recorder, Syncs};
+use super::recorder::{Recorder, SyncPolicy};
 use crate::clock::{self, Monotonic};
-use crate::free_space::{Space, SpaceOf, space_of};
+use crate::free_space::{DiskSpace, DiskSpaceFn, disk_space};
 use crate::measurement::{Measurement, MeasurementData, Stream};
 use crate::recording::writer::WriteError;
 
@@ -30,15 +30,15 @@ const CAPACITY: usize = 2048;
 /// A file ends after this.
 const FILE_PERIOD: Duration = Duration::from_mins(1);
 /// The disk is looked at this often.
-const LOOK_PERIOD: Duration = Duration::from_secs(1);
+const CHECK_PERIOD: Duration = Duration::from_secs(1);
 /// Transforms that hold for all time and begin every file; no vehicle has as many.
-const MAX_TIMELESS: usize = 256;
+const MAX_STATIC_TRANSFORMS: usize = 256;
 
 /// The placing side's end.
 pub(super) struct LiveRecording {
-    orders: Option<SyncSender<Order>>,
+    commands: Option<SyncSender<WriterCommand>>,
     /// What found no room yet and must not be lost: rare, and short.
-    waiting: VecDeque<Order>,
+    pending: VecDeque<WriterCommand>,
     state: Arc<Mutex<RecordingState>>,
     is_wanted: bool,
     /// It has started by itself.
@@ -46,7 +46,7 @@ pub(super) struct LiveRecording {
     thread: Option<JoinHandle<()>>,
 }
 
-enum Order {
+enum WriterCommand {
     Streams(Vec<Stream>),
     Measured(Measurement),
     ClockReset,
@@ -59,33 +59,38 @@ impl LiveRecording {
     /// # Errors
     /// Where the folder cannot be made or the system gives no thread.
     pub(super) fn new(folder: &Path, robot: &str, vehicle: &str) -> io::Result<Self> {
-        Self::on_disk(space_of, folder, robot, vehicle)
+        Self::on_disk(disk_space, folder, robot, vehicle)
     }
 
-    fn on_disk(space_of: SpaceOf, folder: &Path, robot: &str, vehicle: &str) -> io::Result<Self> {
+    fn on_disk(
+        disk_space: DiskSpaceFn,
+        folder: &Path,
+        robot: &str,
+        vehicle: &str,
+    ) -> io::Result<Self> {
         std::fs::create_dir_all(folder)?;
-        let (orders, ordered) = sync_channel(CAPACITY);
+        let (commands, receiver) = sync_channel(CAPACITY);
         let state = Arc::new(Mutex::new(RecordingState::default()));
         let marker = Marker::of(folder, robot);
         let is_resumed = marker.is_set();
-        let writer = Writer {
-            space_of,
+        let writer = LiveRecordingWriter {
+            disk_space,
             folder: folder.to_owned(),
             marker,
             robot: robot.to_owned(),
             vehicle: vehicle.to_owned(),
             streams: Vec::new(),
-            timeless: BTreeMap::new(),
+            static_transforms: BTreeMap::new(),
             file: None,
-            finished: Extent::default(),
+            finished: RecordedTotals::default(),
             state: Arc::clone(&state),
         };
         let thread = thread::Builder::new()
             .name("recording".to_owned())
-            .spawn(move || writer.run(&ordered))?;
+            .spawn(move || writer.run(&receiver))?;
         let mut live = Self {
-            orders: Some(orders),
-            waiting: VecDeque::new(),
+            commands: Some(commands),
+            pending: VecDeque::new(),
             state,
             is_wanted: false,
             is_resumed,
@@ -100,26 +105,26 @@ impl LiveRecording {
     /// Streams met since the last call, whose numbers measurements carry.
     pub(super) fn add_streams(&mut self, streams: &[Stream]) {
         if !streams.is_empty() {
-            self.order(Order::Streams(streams.to_vec()));
+            self.send(WriterCommand::Streams(streams.to_vec()));
         }
     }
 
     /// Something came in.
     pub(super) fn add(&mut self, measurement: &Measurement) {
-        if self.is_wanted || measurement.is_timeless() {
-            self.order(Order::Measured(measurement.clone()));
+        if self.is_wanted || measurement.is_static_transform() {
+            self.send(WriterCommand::Measured(measurement.clone()));
         }
     }
 
     /// The clock of the data starts anew.
     pub(super) fn reset_clock(&mut self) {
-        self.order(Order::ClockReset);
+        self.send(WriterCommand::ClockReset);
     }
 
     /// Starts or stops.
     pub(super) fn record(&mut self, is_wanted: bool) {
         self.is_wanted = is_wanted;
-        self.order(Order::Record(is_wanted));
+        self.send(WriterCommand::Record(is_wanted));
     }
 
     /// Whether it has started by itself, where the run before was cut off.
@@ -128,9 +133,9 @@ impl LiveRecording {
     }
 
     /// The run ends in an orderly way, and recording with it.
-    pub(super) fn end(mut self) {
-        if let Some(orders) = self.orders.take()
-            && orders.send(Order::Record(false)).is_err()
+    pub(super) fn finish(mut self) {
+        if let Some(commands) = self.commands.take()
+            && commands.send(WriterCommand::Record(false)).is_err()
         {
             tracing::error!("the thread that records has ended");
         }
@@ -142,20 +147,20 @@ impl LiveRecording {
     }
 
     /// Never waits: measurements that find no room are lost and counted, everything else goes as soon as there is some.
-    fn order(&mut self, order: Order) {
-        self.waiting.push_back(order);
-        while let (Some(orders), Some(order)) = (&self.orders, self.waiting.pop_front()) {
-            match orders.try_send(order) {
+    fn send(&mut self, command: WriterCommand) {
+        self.pending.push_back(command);
+        while let (Some(commands), Some(command)) = (&self.commands, self.pending.pop_front()) {
+            match commands.try_send(command) {
                 Ok(()) => {}
-                Err(TrySendError::Disconnected(_)) => self.orders = None,
-                Err(TrySendError::Full(Order::Measured(_))) => lock(&self.state).lost += 1,
-                Err(TrySendError::Full(order)) => {
-                    self.waiting.push_front(order);
+                Err(TrySendError::Disconnected(_)) => self.commands = None,
+                Err(TrySendError::Full(WriterCommand::Measured(_))) => lock(&self.state).lost += 1,
+                Err(TrySendError::Full(command)) => {
+                    self.pending.push_front(command);
                     // Those behind it keep their order; what was measured meanwhile is lost.
-                    let before = self.waiting.len();
-                    self.waiting
-                        .retain(|order| !matches!(order, Order::Measured(_)));
-                    lock(&self.state).lost += (before - self.waiting.len()) as u64;
+                    let before = self.pending.len();
+                    self.pending
+                        .retain(|command| !matches!(command, WriterCommand::Measured(_)));
+                    lock(&self.state).lost += (before - self.pending.len()) as u64;
                     return;
                 }
             }
@@ -165,7 +170,7 @@ impl LiveRecording {
 
 impl Drop for LiveRecording {
     fn drop(&mut self) {
-        self.orders = None;
+        self.commands = None;
         if let Some(thread) = self.thread.take()
             && thread.join().is_err()
         {
@@ -178,22 +183,22 @@ fn lock(state: &Mutex<RecordingState>) -> MutexGuard<'_, RecordingState> {
     state.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-struct Writer {
-    space_of: SpaceOf,
+struct LiveRecordingWriter {
+    disk_space: DiskSpaceFn,
     folder: PathBuf,
     marker: Marker,
     robot: String,
     vehicle: String,
     streams: Vec<Stream>,
     /// By stream, parent and child.
-    timeless: BTreeMap<(u16, String, String), Measurement>,
-    file: Option<Open>,
+    static_transforms: BTreeMap<(u16, String, String), Measurement>,
+    file: Option<OpenFile>,
     /// The files of this recording that are finished.
-    finished: Extent,
+    finished: RecordedTotals,
     state: Arc<Mutex<RecordingState>>,
 }
 
-struct Open {
+struct OpenFile {
     recorder: Recorder,
     path: PathBuf,
     since: Monotonic,
@@ -201,30 +206,30 @@ struct Open {
 
 /// How much was recorded.
 #[derive(Clone, Copy, Debug, Default)]
-struct Extent {
+struct RecordedTotals {
     bytes: u64,
-    lasted: Duration,
+    duration: Duration,
 }
 
-impl Writer {
-    fn run(mut self, ordered: &Receiver<Order>) {
-        let mut looked = Monotonic::now();
-        self.show_space();
+impl LiveRecordingWriter {
+    fn run(mut self, receiver: &Receiver<WriterCommand>) {
+        let mut last_check = Monotonic::now();
+        self.update_free_space();
         loop {
-            let done = match ordered.recv_timeout(LOOK_PERIOD) {
-                Ok(order) => self.take(order),
+            let done = match receiver.recv_timeout(CHECK_PERIOD) {
+                Ok(command) => self.take(command),
                 Err(RecvTimeoutError::Timeout) => Ok(()),
                 Err(RecvTimeoutError::Disconnected) => break,
             };
             let now = Monotonic::now();
-            let looked_at = if now.since(looked) >= LOOK_PERIOD {
-                looked = now;
-                self.look(now)
+            let checked = if now.since(last_check) >= CHECK_PERIOD {
+                last_check = now;
+                self.check(now)
             } else {
                 Ok(())
             };
-            if let Err(error) = done.and(looked_at) {
-                self.end_with(error.to_string(), false);
+            if let Err(error) = done.and(checked) {
+                self.stop_with_error(error.to_string(), false);
             }
         }
         if let Err(error) = self.close() {
@@ -232,17 +237,17 @@ impl Writer {
         }
     }
 
-    fn take(&mut self, order: Order) -> Result<(), WriteError> {
-        match order {
-            Order::Streams(streams) => self.streams.extend(streams),
-            Order::ClockReset => {
+    fn take(&mut self, command: WriterCommand) -> Result<(), WriteError> {
+        match command {
+            WriterCommand::Streams(streams) => self.streams.extend(streams),
+            WriterCommand::ClockReset => {
                 if let Some(open) = &mut self.file {
                     open.recorder.reset_clock();
                 }
             }
-            Order::Record(true) => {
+            WriterCommand::Record(true) => {
                 if self.file.is_none() {
-                    self.finished = Extent::default();
+                    self.finished = RecordedTotals::default();
                     let mut state = lock(&self.state);
                     *state = RecordingState {
                         free_bytes: state.free_bytes,
@@ -253,12 +258,12 @@ impl Writer {
                     self.marker.set(self.file.is_some());
                 }
             }
-            Order::Record(false) => {
+            WriterCommand::Record(false) => {
                 self.marker.set(false);
                 return self.close();
             }
-            Order::Measured(measurement) => {
-                self.remember(&measurement);
+            WriterCommand::Measured(measurement) => {
+                self.keep_static_transform(&measurement);
                 let stream = self.streams.get(usize::from(measurement.stream.0));
                 if let (Some(open), Some(stream)) = (&mut self.file, stream) {
                     return open.recorder.write(stream, &measurement);
@@ -268,7 +273,7 @@ impl Writer {
         Ok(())
     }
 
-    fn remember(&mut self, measurement: &Measurement) {
+    fn keep_static_transform(&mut self, measurement: &Measurement) {
         if let MeasurementData::Transform {
             child,
             is_static: true,
@@ -280,24 +285,26 @@ impl Writer {
                 measurement.frame.to_string(),
                 child.to_string(),
             );
-            if self.timeless.len() < MAX_TIMELESS || self.timeless.contains_key(&key) {
-                self.timeless.insert(key, measurement.clone());
+            if self.static_transforms.len() < MAX_STATIC_TRANSFORMS
+                || self.static_transforms.contains_key(&key)
+            {
+                self.static_transforms.insert(key, measurement.clone());
             }
         }
     }
 
     /// Flushes, begins the next file, and ends where the disk is nearly full.
-    fn look(&mut self, now: Monotonic) -> Result<(), WriteError> {
-        let space = self.show_space();
+    fn check(&mut self, now: Monotonic) -> Result<(), WriteError> {
+        let space = self.update_free_space();
         let Some(open) = &mut self.file else {
             return Ok(());
         };
         open.recorder.flush()?;
         let is_over = now.since(open.since) >= FILE_PERIOD;
-        self.show_extent(now);
-        if let Some(space) = space.filter(Space::is_scarce) {
+        self.update_totals(now);
+        if let Some(space) = space.filter(DiskSpace::is_low) {
             self.close()?;
-            self.end_with(scarce(&space), true);
+            self.stop_with_error(low_space_message(&space), true);
             return Ok(());
         }
         if is_over {
@@ -308,8 +315,8 @@ impl Writer {
     }
 
     fn open(&mut self) -> Result<(), WriteError> {
-        if let Some(space) = self.show_space().filter(Space::is_scarce) {
-            self.end_with(scarce(&space), true);
+        if let Some(space) = self.update_free_space().filter(DiskSpace::is_low) {
+            self.stop_with_error(low_space_message(&space), true);
             return Ok(());
         }
         let path = self.folder.join(format!(
@@ -317,14 +324,14 @@ impl Writer {
             self.robot,
             clock::wall_clock_label().replace(':', "")
         ));
-        let mut recorder = Recorder::create(&path, &self.vehicle, Syncs::WhenAsked, None)?;
+        let mut recorder = Recorder::create(&path, &self.vehicle, SyncPolicy::OnDemand, None)?;
         let path = recorder.path();
-        for measurement in self.timeless.values() {
+        for measurement in self.static_transforms.values() {
             if let Some(stream) = self.streams.get(usize::from(measurement.stream.0)) {
                 recorder.write(stream, measurement)?;
             }
         }
-        self.file = Some(Open {
+        self.file = Some(OpenFile {
             recorder,
             path: path.clone(),
             since: Monotonic::now(),
@@ -337,8 +344,8 @@ impl Writer {
     }
 
     /// How much room there is, for people too; `None` where the system does not say.
-    fn show_space(&self) -> Option<Space> {
-        let space = (self.space_of)(&self.folder)
+    fn update_free_space(&self) -> Option<DiskSpace> {
+        let space = (self.disk_space)(&self.folder)
             .inspect_err(|error| tracing::warn!(%error, "nobody knows how much room the disk has"))
             .ok();
         lock(&self.state).free_bytes = space.map(|space| space.free_bytes);
@@ -346,29 +353,29 @@ impl Writer {
     }
 
     /// How much has been recorded at `now`, for people.
-    fn show_extent(&self, now: Monotonic) {
-        let Extent { bytes, lasted } = self.extent(now);
+    fn update_totals(&self, now: Monotonic) {
+        let RecordedTotals { bytes, duration } = self.totals(now);
         let mut state = lock(&self.state);
-        (state.bytes, state.lasted) = (bytes, lasted);
+        (state.bytes, state.duration) = (bytes, duration);
     }
 
-    fn extent(&self, now: Monotonic) -> Extent {
+    fn totals(&self, now: Monotonic) -> RecordedTotals {
         let of_file = self
             .file
             .as_ref()
-            .map_or_else(Extent::default, |open| Extent {
+            .map_or_else(RecordedTotals::default, |open| RecordedTotals {
                 bytes: std::fs::metadata(&open.path).map_or(0, |file| file.len()),
-                lasted: now.since(open.since),
+                duration: now.since(open.since),
             });
-        Extent {
+        RecordedTotals {
             bytes: self.finished.bytes.saturating_add(of_file.bytes),
-            lasted: self.finished.lasted.saturating_add(of_file.lasted),
+            duration: self.finished.duration.saturating_add(of_file.duration),
         }
     }
 
     fn close(&mut self) -> Result<(), WriteError> {
         lock(&self.state).is_running = false;
-        let Some(Open {
+        let Some(OpenFile {
             recorder,
             path,
             since,
@@ -377,14 +384,14 @@ impl Writer {
             return Ok(());
         };
         let finished = recorder.finish();
-        self.finished.lasted = self.finished.lasted.saturating_add(since.elapsed());
+        self.finished.duration = self.finished.duration.saturating_add(since.elapsed());
         let bytes = std::fs::metadata(path).map_or(0, |file| file.len());
         self.finished.bytes = self.finished.bytes.saturating_add(bytes);
-        self.show_extent(Monotonic::now());
+        self.update_totals(Monotonic::now());
         finished
     }
 
-    fn end_with(&mut self, what: String, is_disk_low: bool) {
+    fn stop_with_error(&mut self, what: String, is_disk_low: bool) {
         self.file = None;
         self.marker.set(false);
         tracing::error!(problem = what, "recording ended");
@@ -394,7 +401,7 @@ impl Writer {
     }
 }
 
-fn scarce(space: &Space) -> String {
+fn low_space_message(space: &DiskSpace) -> String {
     format!("the disk is nearly full: {space}")
 }
 

@@ -1,39 +1,39 @@
 //! The program: what each command sets up, and the threads and channels between the parts.
 
-mod background;
+mod batching_channel;
 mod checkpoints;
 mod data_clock;
 mod driving;
 mod event_log;
 mod experiments;
-mod feed;
 mod keys;
 mod live;
 mod live_recording;
-mod map_figures;
-mod mapping_side;
+pub mod localization_plan;
+mod localization_stage;
+mod map_stats;
+mod mapping_input;
+mod mapping_stage;
 mod network;
 mod network_plan;
+mod operator_access;
+mod output_checks;
 mod outputs;
-mod parcels;
-mod people;
-pub mod placing;
-mod placing_side;
+mod pipeline;
 mod plan;
 mod player;
-#[cfg(test)]
-mod recorded;
 mod recorder;
 mod replay;
 mod run;
 mod run_live;
-mod sides;
 mod simulate;
 mod source;
-mod step;
+mod source_reader;
+mod status_message;
 mod sync_thread;
-mod told;
-mod writable;
+#[cfg(test)]
+mod test_recording;
+mod thread_priority;
 
 use std::io::Write;
 use std::sync::Arc;
@@ -50,7 +50,7 @@ use crate::recording::survey::Survey;
 use crate::vehicle_commands;
 
 pub use replay::play;
-pub(crate) use simulate::simulated_placing;
+pub(crate) use simulate::simulated_localization_plan;
 
 /// Runs one command. What it prints goes to `out`, progress and warnings to standard error.
 ///

@@ -1,10 +1,10 @@
 //! A run on the network: opens the link and feeds it with what mapping knows.
 
-mod farewell;
-mod herald;
 mod sensors;
+mod shutdown;
+mod state_publisher;
 
-pub(super) use herald::Herald;
+pub(super) use state_publisher::StatePublisher;
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -16,51 +16,51 @@ use protocol::layer::LayerId;
 use protocol::message::Shores;
 use protocol::tile::BootId;
 
-use super::background::give_way;
 use super::driving::DrivePlan;
 use super::network_plan::NetworkPlan;
-use super::people;
-use super::told::info;
+use super::operator_access;
+use super::status_message::build_info;
+use super::thread_priority::lower_thread_priority;
 use crate::audit::AuditLog;
 use crate::clock::Monotonic;
 use crate::config::Config;
-use crate::driving::operators::NewerList;
-use crate::driving::speedometer::Speedometer;
-use crate::driving::{Driving, ListWatch, MapLookout, Operators};
+use crate::driving::operators::PendingOperatorList;
+use crate::driving::velocity_estimator::VelocityEstimator;
+use crate::driving::{Driving, MonitorMapInput, OperatorListWatcher, Operators};
 use crate::events::event;
 use crate::export::voxels::{PublishedClasses, pack_voxels};
 use crate::link::LinkError;
 use crate::link::edge::{EdgeLink, EdgeSettings};
+use crate::link::publish_state::PublishState;
 use crate::link::sessions::Endpoints;
-use crate::link::shared::Shared;
-use crate::localization::placer::PlacerSettings;
+use crate::localization::registration::RegistrationSettings;
 use crate::mapping::Mapper;
 use crate::mapping::octree::Octree;
-use crate::mapping::posed_scan::PosedScan;
+use crate::mapping::registered_scan::RegisteredScan;
 use crate::new_file::NewFile;
-use crate::pipeline::{Maps, Standstill};
+use crate::pipeline::{Maps, PausedSnapshot};
 use crate::robot_time::{RobotDuration, RobotTime};
-use crate::sensor_watch::{SensorWatch, listed};
+use crate::sensor_monitor::{SensorMonitor, descriptors};
 use crate::streaming::trajectory::SharedTrajectory;
 
 /// Consoles that lag when the data has ended are waited for this long.
-const FAREWELL: Duration = Duration::from_secs(10);
+const CONSOLE_SYNC_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time for the status that says so to arrive.
-const LAST_WORDS: Duration = Duration::from_millis(1200);
+const FINAL_STATUS_DELAY: Duration = Duration::from_millis(1200);
 
 /// Speeds are measured over this: encoders of wheels are fine.
-const SPEED_ON_LAND: RobotDuration = RobotDuration::from_nanos(100_000_000);
+const SPEED_WINDOW_LAND: RobotDuration = RobotDuration::from_nanos(100_000_000);
 /// Fixes scatter by centimetres.
-const SPEED_ON_WATER: RobotDuration = RobotDuration::from_nanos(500_000_000);
+const SPEED_WINDOW_WATER: RobotDuration = RobotDuration::from_nanos(500_000_000);
 
 /// What a network tells of.
-pub(super) struct Subject<'a> {
+pub(super) struct RobotDescription<'a> {
     /// What is replayed or simulated; empty on a real vehicle.
     pub(super) source: &'a str,
     /// Measurements come when they come; else by the time of the data.
     pub(super) is_live: bool,
     /// How its sensors are placed.
-    pub(super) placing: &'a PlacerSettings,
+    pub(super) localization: &'a RegistrationSettings,
     /// Operators may record.
     pub(super) can_record: bool,
 }
@@ -69,13 +69,13 @@ pub(super) struct Subject<'a> {
 pub(super) struct Network {
     // Ends before the link: what is driven is told zero first.
     driving: Option<Driving>,
-    _list_watch: Option<ListWatch>,
+    _operator_list_watcher: Option<OperatorListWatcher>,
     robot: RobotId,
-    lookout: Option<MapLookout>,
+    monitor_input: Option<MonitorMapInput>,
     pub(super) link: EdgeLink,
     // Last: it writes down how the others end.
     _audit_log: Option<AuditLog>,
-    stay: bool,
+    keep_serving: bool,
 }
 
 impl Network {
@@ -86,42 +86,53 @@ impl Network {
     pub(super) fn open(
         plan: &NetworkPlan,
         config: &Config,
-        subject: &Subject<'_>,
+        description: &RobotDescription<'_>,
         boot: BootId,
         maps: &Maps,
         (drive, log): (&DrivePlan, Option<NewFile>),
         quiet: bool,
-    ) -> anyhow::Result<Option<(Self, Herald)>> {
+    ) -> anyhow::Result<Option<(Self, StatePublisher)>> {
         let store = maps.publisher().shared_store();
-        let shared = Arc::new(Shared::default());
+        let publish_state = Arc::new(PublishState::default());
         let audit_log = plan
             .audit
             .as_deref()
-            .map(|path| people::open_audit_log(path, &plan.robot, config, boot))
+            .map(|path| operator_access::open_audit_log(path, &plan.robot, config, boot))
             .transpose()?;
-        let newer_people = NewerList::default();
+        let newer_operators = PendingOperatorList::default();
         let audit = audit_log.as_ref().map(AuditLog::audit);
         let operators = plan
-            .people
+            .operators
             .as_ref()
             .map_or_else(Operators::open, Operators::listed);
         let list_watch = plan
             .endpoints
             .credentials
             .as_ref()
-            .zip(plan.people.clone())
+            .zip(plan.operators.clone())
             .map(|(credentials, list)| {
-                let newer = vec![operators.newer(), newer_people.clone()];
-                people::watch_list(credentials, list, newer, &shared, audit.clone())
+                let newer = vec![operators.pending(), newer_operators.clone()];
+                operator_access::watch_operator_list(
+                    credentials,
+                    list,
+                    newer,
+                    &publish_state,
+                    audit.clone(),
+                )
             })
             .transpose()?;
         let who = (&plan.robot, boot);
-        let of_log = Arc::clone(&shared);
-        let tell = move |kind, message| {
-            of_log.tell_when_watched(event(kind, message), Monotonic::now());
+        let of_log = Arc::clone(&publish_state);
+        let publish_event = move |kind, message| {
+            of_log.publish_or_queue_event(event(kind, message), Monotonic::now());
         };
-        let (driving, lookouts) = drive
-            .start(who, (operators, audit.clone()), config, (log, tell))?
+        let (driving, monitor_inputs) = drive
+            .start(
+                who,
+                (operators, audit.clone()),
+                config,
+                (log, publish_event),
+            )?
             .unzip();
         let settings = EdgeSettings {
             robot: plan.robot.clone(),
@@ -130,55 +141,55 @@ impl Network {
                 audit,
                 ..plan.endpoints.clone()
             },
-            newer_people,
+            newer_operators,
             budget_kbps: config.streaming.budget_kbps,
-            info: info(config, subject, maps),
+            info: build_info(config, description, maps),
             driving: driving.as_ref().map(Driving::handles),
         };
-        match EdgeLink::open(settings, store, shared) {
+        match EdgeLink::open(settings, store, publish_state) {
             Ok(link) => {
-                let board = driving.as_ref().map(|driving| driving.handles().1);
-                let (lookout, map_lookout) = lookouts.flatten().unzip();
-                let mut herald = Herald {
-                    shared: Arc::clone(link.shared()),
-                    board,
-                    lookout,
+                let drive_state = driving.as_ref().map(|driving| driving.handles().1);
+                let (monitor_input, monitor_map_input) = monitor_inputs.flatten().unzip();
+                let mut state_publisher = StatePublisher {
+                    publish_state: Arc::clone(link.publish_state()),
+                    drive_state,
+                    monitor_input,
                     on_jump: config.localization.on_jump,
-                    speedometer: Speedometer::new(if config.teleop.is_boat {
-                        SPEED_ON_WATER
+                    velocity_estimator: VelocityEstimator::new(if config.teleop.is_boat {
+                        SPEED_WINDOW_WATER
                     } else {
-                        SPEED_ON_LAND
+                        SPEED_WINDOW_LAND
                     }),
-                    sensors: SensorWatch::new(listed(config, subject.placing)),
-                    since: subject.is_live.then(Monotonic::now),
-                    told_sensors: None,
-                    moved: None,
+                    sensors: SensorMonitor::new(descriptors(config, description.localization)),
+                    since: description.is_live.then(Monotonic::now),
+                    published_sensors: None,
+                    last_pose_stamp: None,
                 };
                 let network = Self {
                     driving,
-                    _list_watch: list_watch,
+                    _operator_list_watcher: list_watch,
                     robot: plan.robot.clone(),
-                    lookout: map_lookout,
+                    monitor_input: monitor_map_input,
                     link,
                     _audit_log: audit_log,
-                    stay: plan.stay,
+                    keep_serving: plan.keep_serving,
                 };
                 if maps.mapper().voxels().is_some() {
-                    network.link.shared().offer_voxels();
+                    network.link.publish_state().enable_voxels();
                 }
-                herald.tell_sensors();
-                network.no_shores_yet(maps);
+                state_publisher.publish_sensors();
+                network.clear_shores(maps);
                 if !quiet {
                     let Endpoints {
                         listen, connect, ..
                     } = &plan.endpoints;
                     let places = [&listen[..], &connect[..]].concat().join(", ");
                     writeln!(io::stderr(), "network: robot {} at {places}", plan.robot)?;
-                    people::say_how_open(&plan.endpoints, &mut io::stderr())?;
+                    operator_access::print_security_notice(&plan.endpoints, &mut io::stderr())?;
                 }
-                Ok(Some((network, herald)))
+                Ok(Some((network, state_publisher)))
             }
-            Err(err @ LinkError::Open { .. }) if !plan.is_asked_for => {
+            Err(err @ LinkError::Open { .. }) if !plan.is_requested => {
                 if !quiet {
                     writeln!(
                         io::stderr(),
@@ -202,7 +213,7 @@ impl Network {
     }
 
     /// The data is wound, and the maps with it: nothing is known of shores any more.
-    pub(super) fn no_shores_yet(&self, maps: &Maps) {
+    pub(super) fn clear_shores(&self, maps: &Maps) {
         if let Some(cell_m) = maps.publisher().store().cell_m(LayerId::Shore) {
             let none_yet = Shores::gather(cell_m, None, Vec::new(), Vec::new());
             self.shores(RobotTime::from_nanos(0), Arc::new(none_yet));
@@ -211,7 +222,7 @@ impl Network {
 
     /// Where the vehicle was, as consoles are told.
     pub(super) fn trajectory(&self) -> SharedTrajectory {
-        self.link.shared().trajectory().clone()
+        self.link.publish_state().trajectory().clone()
     }
 
     /// The robot's name on the network.
@@ -219,38 +230,47 @@ impl Network {
         &self.robot
     }
 
-    /// A scan is in the map, which was measured at `taken`, at the latest.
-    pub(super) fn mapped(&mut self, scan: &PosedScan, mapper: &Mapper, taken: Monotonic) {
-        if let Some(lookout) = &mut self.lookout {
-            lookout.mapped(scan, mapper, taken);
+    /// A scan is in the map, which was measured at `measured_at`, at the latest.
+    pub(super) fn mapped(
+        &mut self,
+        scan: &RegisteredScan,
+        mapper: &Mapper,
+        measured_at: Monotonic,
+    ) {
+        if let Some(monitor_input) = &mut self.monitor_input {
+            monitor_input.update_map(scan, mapper, measured_at);
         }
     }
 
     /// Tells consoles of the shores and docking sites that the data up to `stamp` makes.
     pub(super) fn shores(&self, stamp: RobotTime, shores: Arc<Shores>) {
-        self.link.shared().set_shores(stamp, shores);
+        self.link.publish_state().set_shores(stamp, shores);
     }
 
-    /// Makes the octree's files where a console has asked for them. Nothing is mapped behind that for now where it `is_still`.
-    pub(super) fn serve_voxels(&self, maps: &Maps, is_still: bool) {
+    /// Makes the octree's files where a console has asked for them. Nothing is mapped behind that for now where it `is_paused`.
+    pub(super) fn serve_octree_files(&self, maps: &Maps, is_paused: bool) {
         let Some((voxels, stamp)) = maps.mapper().voxels().zip(maps.last_scan()) else {
             return;
         };
-        if self.link.shared().take_voxels_wish(stamp, is_still) {
+        if self
+            .link
+            .publish_state()
+            .take_voxels_request(stamp, is_paused)
+        {
             self.pack_voxels(maps, stamp, voxels.octree().clone());
         }
     }
 
     /// The same of maps that stand still.
-    pub(super) fn serve_voxels_of(&self, maps: &Maps, standstill: &Standstill) {
-        let Some(stamp) = standstill
+    pub(super) fn serve_paused_octree_files(&self, maps: &Maps, paused_snapshot: &PausedSnapshot) {
+        let Some(stamp) = paused_snapshot
             .last_scan()
             .filter(|_| maps.mapper().voxels().is_some())
         else {
             return;
         };
-        if self.link.shared().take_voxels_wish(stamp, true)
-            && let Some(octree) = maps.octree_of(standstill)
+        if self.link.publish_state().take_voxels_request(stamp, true)
+            && let Some(octree) = maps.octree_of(paused_snapshot)
         {
             self.pack_voxels(maps, stamp, octree);
         }
@@ -259,37 +279,39 @@ impl Network {
     /// On a thread that gives way to all others: mapping waits only for a copy of the octree.
     fn pack_voxels(&self, maps: &Maps, stamp: RobotTime, octree: Octree) {
         let classes = PublishedClasses::of(&maps.publisher().store());
-        let shared = self.link.shared();
-        let of_thread = Arc::clone(shared);
+        let publish_state = self.link.publish_state();
+        let of_thread = Arc::clone(publish_state);
         let begun = thread::Builder::new()
             .name("voxel-files".to_owned())
             .spawn(move || {
-                give_way();
+                lower_thread_priority();
                 let made = pack_voxels(stamp, &octree, &classes)
                     .inspect_err(|why| tracing::warn!(%why, "the octree's files"));
                 of_thread.put_voxels(made.ok(), Monotonic::now());
             });
         if let Err(why) = begun {
             tracing::warn!(%why, "the octree's files");
-            shared.put_voxels(None, Monotonic::now());
+            publish_state.put_voxels(None, Monotonic::now());
         }
     }
 
     /// Tells consoles what changed.
-    pub(super) fn tell_changes(&self, maps: &mut Maps) {
-        let shared = self.link.shared();
-        shared.tiles_changed(maps.take_changed_tiles());
-        self.serve_voxels(maps, false);
+    pub(super) fn publish_changes(&self, maps: &mut Maps) {
+        let publish_state = self.link.publish_state();
+        publish_state.tiles_changed(maps.take_changed_tiles());
+        self.serve_octree_files(maps, false);
     }
 
     /// Something happened that the next console should know where none is there yet.
-    pub(super) fn tell_when_watched(&self, kind: &str, message: String) {
-        let shared = self.link.shared();
-        shared.tell_when_watched(event(kind, message), Monotonic::now());
+    pub(super) fn publish_or_queue_event(&self, kind: &str, message: String) {
+        let publish_state = self.link.publish_state();
+        publish_state.publish_or_queue_event(event(kind, message), Monotonic::now());
     }
 
     /// Something happened that consoles should know.
-    pub(super) fn tell(&self, kind: &str, message: &str) {
-        self.link.shared().tell(event(kind, message.to_owned()));
+    pub(super) fn publish_event(&self, kind: &str, message: &str) {
+        self.link
+            .publish_state()
+            .publish_event(event(kind, message.to_owned()));
     }
 }

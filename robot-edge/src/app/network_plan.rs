@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use protocol::keys::RobotId;
 
-use super::people;
+use super::operator_access;
 use crate::cli::NetworkOptions;
 use crate::config::Config;
 use crate::credentials::{Credentials, OperatorList};
@@ -19,12 +19,12 @@ pub(super) struct NetworkPlan {
     pub(super) robot: RobotId,
     pub(super) endpoints: Endpoints,
     /// Who may drive; without a list, whoever reaches it.
-    pub(super) people: Option<OperatorList>,
+    pub(super) operators: Option<OperatorList>,
     /// The audit log's file.
     pub(super) audit: Option<PathBuf>,
     /// Whether an endpoint was named: then mapping without it is not what was asked for.
-    pub(super) is_asked_for: bool,
-    pub(super) stay: bool,
+    pub(super) is_requested: bool,
+    pub(super) keep_serving: bool,
 }
 
 impl NetworkPlan {
@@ -53,15 +53,15 @@ impl NetworkPlan {
         let keys = keys
             .map(|folder| Credentials::of_vehicle(folder, robot))
             .transpose()?;
-        let named_by_keys = keys.as_ref().map(|(_, name, _)| name.clone());
+        let robot_by_keys = keys.as_ref().map(|(_, name, _)| name.clone());
         for endpoint in listen.iter().chain(&connect) {
             check(endpoint, keys.is_some()).map_err(|err| UsageError(err.to_string()))?;
             if keys.is_none() && !options.insecure && !is_loopback(endpoint) {
-                return Err(people::open_to_all(endpoint).into());
+                return Err(operator_access::open_without_keys(endpoint).into());
             }
         }
-        let is_asked_for = !(listen.is_empty() && connect.is_empty());
-        if !is_asked_for {
+        let is_requested = !(listen.is_empty() && connect.is_empty());
+        if !is_requested {
             let default = if keys.is_some() {
                 DEFAULT_SECURED_CONTROL
             } else {
@@ -69,24 +69,24 @@ impl NetworkPlan {
             };
             listen.push(default.to_owned());
         }
-        let (credentials, people) = keys.map(|(own, _, people)| (own, people)).unzip();
+        let (credentials, operators) = keys.map(|(own, _, operators)| (own, operators)).unzip();
         Ok(Some(Self {
-            robot: match named_by_keys.as_ref().or(robot) {
+            robot: match robot_by_keys.as_ref().or(robot) {
                 Some(robot) => robot.clone(),
-                None => name_of(&config.vehicle.name),
+                None => robot_id_from(&config.vehicle.name),
             },
             endpoints: Endpoints {
                 listen,
                 connect,
                 zenoh_config: zenoh_config_file(options.zenoh_config.clone()),
                 credentials,
-                people: people.clone().unwrap_or_default(),
+                operators: operators.clone().unwrap_or_default(),
                 audit: None,
             },
-            people,
-            audit: config.link.audit.clone(),
-            is_asked_for,
-            stay: options.stay,
+            operators,
+            audit: config.link.audit_log.clone(),
+            is_requested,
+            keep_serving: options.keep_serving,
         }))
     }
 
@@ -96,13 +96,13 @@ impl NetworkPlan {
     }
 
     /// Whether the map is served on when the data has ended.
-    pub(super) const fn stays(&self) -> bool {
-        self.stay
+    pub(super) const fn keeps_serving(&self) -> bool {
+        self.keep_serving
     }
 }
 
 /// A vehicle's name as a robot's: every sign that a key cannot have becomes `_`.
-fn name_of(vehicle: &str) -> RobotId {
+fn robot_id_from(vehicle: &str) -> RobotId {
     let plain = |sign: char| {
         if sign.is_ascii_alphanumeric() || sign == '-' {
             sign

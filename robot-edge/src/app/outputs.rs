@@ -9,9 +9,9 @@ use protocol::export::{StampedPose, Trinary, export_all, write_shores, write_tra
 use protocol::layer::LayerId;
 use protocol::tile_store::TileStore;
 
-use super::feed::SourceEnd;
-use super::sides::Sides;
-use super::source::Lost;
+use super::pipeline::PipelineStages;
+use super::source::SourceLosses;
+use super::source_reader::SourceEnd;
 use crate::drops::{DropCounts, DropReason};
 use crate::export::voxels::{export_voxels, voxel_digest};
 use crate::pipeline::Maps;
@@ -21,19 +21,19 @@ use crate::summary::{Beams, Event, LayerFigures, Scans, Summary, Tiles, Voxels, 
 /// Writes the maps and the trajectory to `dir`, each even if another fails; says which files.
 pub(super) fn export(
     dir: &Path,
-    sides: &Sides,
-    way: &[StampedPose],
+    pipeline: &PipelineStages,
+    trajectory: &[StampedPose],
     title: &str,
 ) -> anyhow::Result<Vec<String>> {
-    let maps = &sides.mapping.maps;
+    let maps = &pipeline.mapping.maps;
     let caption = Caption {
         title,
-        vehicle_m: Some(vehicle_m(sides)),
+        vehicle_m: Some(vehicle_position_m(pipeline)),
         labels: &[],
     };
     let exported = export_all(dir, &maps.publisher().store(), &caption);
     let path = dir.join("trajectory.tum");
-    write_trajectory(&path, way.iter().copied())?;
+    write_trajectory(&path, trajectory.iter().copied())?;
     let voxels = maps
         .mapper()
         .voxels()
@@ -44,26 +44,26 @@ pub(super) fn export(
     if let Some(shores) = maps.shores() {
         files.push(write_shores(dir, &shores)?);
     }
-    let mut told: Vec<_> = files
+    let mut lines: Vec<_> = files
         .iter()
         .map(|file| file.display().to_string())
         .collect();
     if let Some(voxels) = voxels? {
-        told.extend(voxels.files.iter().map(|file| file.display().to_string()));
-        if voxels.voxels_left_out > 0 {
-            told.push(format!(
+        lines.extend(voxels.files.iter().map(|file| file.display().to_string()));
+        if voxels.voxels_omitted > 0 {
+            lines.push(format!(
                 "voxels.bt lacks {} voxels that lie farther from odom's origin than an OctoMap reaches",
-                voxels.voxels_left_out
+                voxels.voxels_omitted
             ));
         }
     }
-    Ok(told)
+    Ok(lines)
 }
 
 /// Where consoles were told that the vehicle is: their pictures have its mark at the same place.
-fn vehicle_m(sides: &Sides) -> [f64; 2] {
-    let maps = &sides.mapping.maps;
-    let newest = sides.placing.placer.newest_pose();
+fn vehicle_position_m(pipeline: &PipelineStages) -> [f64; 2] {
+    let maps = &pipeline.mapping.maps;
+    let newest = pipeline.localization.registration.newest_pose();
     let [x, y, _] = match newest.filter(|(stamp, _)| Some(*stamp) >= maps.last_scan()) {
         Some((_, pose)) => pose.translation.vector.into(),
         None => maps.mapper().vehicle_in_odom().coords.into(),
@@ -75,33 +75,33 @@ fn vehicle_m(sides: &Sides) -> [f64; 2] {
 pub(super) const SETUP: &str = "setup";
 
 /// The figures of the run, without those that only its command knows.
-pub(super) fn summary(sides: &Sides) -> Summary {
-    let maps = &sides.mapping.maps;
-    let placer = sides.placing.placer.counts();
+pub(super) fn summary(pipeline: &PipelineStages) -> Summary {
+    let maps = &pipeline.mapping.maps;
+    let registration = pipeline.localization.registration.counts();
     let report = maps.report();
     let traffic = maps.publisher().traffic();
-    let mut dropped_scans = placer.dropped_scans;
+    let mut dropped_scans = registration.dropped_scans;
     dropped_scans.merge(&report.dropped_scans);
-    let mut dropped_beams = placer.dropped_beams;
+    let mut dropped_beams = registration.dropped_beams;
     dropped_beams.merge(&report.dropped_beams);
     let stages = [
-        ("place", &sides.placing.time),
+        ("localization", &pipeline.localization.timer),
         ("mapping", &report.stages.mapping),
         ("publish", &report.stages.publish),
     ];
     let mut summary = Summary {
         scans: Scans {
-            came_in: placer.scans_in,
+            came_in: registration.scans_in,
             mapped: report.scans_mapped,
             dropped: dropped_scans,
         },
         beams: Beams {
-            came_in: placer.beams_in,
+            came_in: registration.beams_in,
             hits: report.hits,
             misses: report.misses,
             dropped: dropped_beams,
         },
-        losses: placer.dropped_poses,
+        losses: registration.dropped_poses,
         stages: stages
             .map(|(name, timer)| (name.to_owned(), timer.times()))
             .into(),
@@ -122,7 +122,7 @@ pub(super) fn summary(sides: &Sides) -> Summary {
 impl Summary {
     /// Adds what the source said at its end.
     pub(super) fn add_source_end(&mut self, end: &SourceEnd, interrupted: bool) {
-        let Lost {
+        let SourceLosses {
             counts,
             late_scans,
             stamp_repairs,
@@ -189,7 +189,7 @@ impl Summary {
             self.add_event(
                 "evicted",
                 format!(
-                    "{} tiles left the tile store (streaming.store_mb) and are in no export",
+                    "{} tiles left the tile store (streaming.tile_store_mb) and are in no export",
                     store.tiles_evicted
                 ),
             );
@@ -206,16 +206,20 @@ impl Summary {
 }
 
 /// Says in a few lines what came of the run.
-pub(super) fn tell(summary: &Summary, files: &[String], out: &mut dyn Write) -> io::Result<()> {
+pub(super) fn print_summary(
+    summary: &Summary,
+    files: &[String],
+    out: &mut dyn Write,
+) -> io::Result<()> {
     // What was decided before the run was said before it.
     for event in summary.events.iter().filter(|event| event.kind != SETUP) {
         writeln!(out, "{}: {}", event.kind, event.message)?;
     }
     let scans = &summary.scans;
     write!(out, "{} of {} scans mapped", scans.mapped, scans.came_in)?;
-    tell_drops(&scans.dropped, out)?;
+    print_drops(&scans.dropped, out)?;
     write!(out, "; {} beams", summary.beams.came_in)?;
-    tell_drops(&summary.beams.dropped, out)?;
+    print_drops(&summary.beams.dropped, out)?;
     writeln!(
         out,
         "; {:.1} s of data in {:.2} s",
@@ -241,7 +245,7 @@ pub(super) fn tell(summary: &Summary, files: &[String], out: &mut dyn Write) -> 
     Ok(())
 }
 
-fn tell_drops(drops: &DropCounts, out: &mut dyn Write) -> io::Result<()> {
+fn print_drops(drops: &DropCounts, out: &mut dyn Write) -> io::Result<()> {
     let reasons: Vec<_> = drops
         .iter()
         .map(|(reason, n)| format!("{n} {reason}"))

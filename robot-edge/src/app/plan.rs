@@ -1,11 +1,11 @@
 //! What of a recording is mapped: which range sensors, and where poses come from. Decided before the replay.
 
-use self::range_sensors::Found;
-use super::placing::{Placing, poses_from_fixes, poses_from_wheels};
+use self::range_sensors::FoundSensor;
+use super::localization_plan::{LocalizationPlan, poses_from_fixes, poses_from_wheels};
 use crate::config::{Config, FixesAndAttitude, WheelsAndAttitude};
 use crate::exit::UsageError;
 use crate::localization::config::{LocalizationConfig, PoseSource};
-use crate::localization::placer::{MountOrigin, ODOMETRY_FRAME, PoseOrigin, PoseStreams};
+use crate::localization::registration::{MountOrigin, ODOMETRY_FRAME, PoseOrigin, PoseStreams};
 use crate::recording::Format;
 use crate::recording::survey::Survey;
 
@@ -19,11 +19,11 @@ pub(super) struct Plan {
     /// Each range sensor's name and its topic or message name.
     pub(super) sensors: Vec<(String, String)>,
     /// How beams are placed.
-    pub(super) placing: Placing,
+    pub(super) localization_plan: LocalizationPlan,
     /// The streams that are needed.
     pub(super) streams: Vec<String>,
     /// The range from which on the only laser sees nothing, where its messages do not say so, metres.
-    pub(super) unsaid_miss_from_m: Option<f32>,
+    pub(super) inferred_miss_range_m: Option<f32>,
     /// What a person should know of these decisions.
     pub(super) notes: Vec<String>,
 }
@@ -33,8 +33,8 @@ pub(super) struct Plan {
 /// # Errors
 /// Where nothing fits, or several things do: the message lists them and says what to type.
 pub(super) fn plan(survey: &Survey, config: &Config) -> Result<Plan, UsageError> {
-    let (found, missing) = range_sensors::find(survey, config)?;
-    let Chosen {
+    let (found, missing) = range_sensors::find_sensors(survey, config)?;
+    let ChosenPoses {
         origin,
         pose_streams,
     } = choose_origin(survey, &found, config)?;
@@ -45,7 +45,7 @@ pub(super) fn plan(survey: &Survey, config: &Config) -> Result<Plan, UsageError>
     for sensor in missing {
         notes.push(format!("{sensor}: it has no scans of this sensor"));
     }
-    let lasers = range_sensors::in_words(&found);
+    let lasers = range_sensors::join_names(&found);
     match &origin {
         PoseOrigin::Log => notes.push(format!(
             "poses: those that {} brings for its own scans",
@@ -96,15 +96,15 @@ pub(super) fn plan(survey: &Survey, config: &Config) -> Result<Plan, UsageError>
     let tilts = sensors.iter().filter_map(|sensor| sensor.tilt_stream);
     streams.extend(tilts.map(|stream| choose::name(survey, stream).to_owned()));
     notes.extend(range_sensors::tilt_notes(survey, &found, &sensors));
-    let mut unsaid_miss_from_m = None;
+    let mut inferred_miss_range_m = None;
     let is_alone = found.len() == 1;
     for (found, planned) in found.iter().zip(&mut sensors) {
         let is_carmen = survey.format == Format::Carmen;
-        let unsaid = found.scans.unsaid_miss_from_m().filter(|_| is_carmen);
+        let unsaid = found.scans.inferred_miss_range_m().filter(|_| is_carmen);
         let Some(range_m) = unsaid else { continue };
         // The reader knows one limit, so several lasers have theirs each.
         if is_alone {
-            unsaid_miss_from_m = unsaid;
+            inferred_miss_range_m = unsaid;
         } else {
             planned.range_max_m = unsaid;
         }
@@ -119,18 +119,18 @@ pub(super) fn plan(survey: &Survey, config: &Config) -> Result<Plan, UsageError>
     let named = found.iter().map(|found| found.sensor.name.to_owned());
     Ok(Plan {
         sensors: named.zip(topics.map(str::to_owned)).collect(),
-        placing: Placing {
+        localization_plan: LocalizationPlan {
             origin,
             pose_streams,
             sensors,
         },
-        streams: without_repeats(streams),
-        unsaid_miss_from_m,
+        streams: unique(streams),
+        inferred_miss_range_m,
         notes,
     })
 }
 
-fn without_repeats(names: Vec<String>) -> Vec<String> {
+fn unique(names: Vec<String>) -> Vec<String> {
     let mut once = Vec::with_capacity(names.len());
     for name in names {
         if !once.contains(&name) {
@@ -141,24 +141,24 @@ fn without_repeats(names: Vec<String>) -> Vec<String> {
 }
 
 /// Where poses come from, and the streams of the sensors that they are made of.
-struct Chosen {
+struct ChosenPoses {
     origin: PoseOrigin,
     pose_streams: PoseStreams,
 }
 
 fn choose_origin(
     survey: &Survey,
-    found: &[Found<'_>],
+    found: &[FoundSensor<'_>],
     config: &Config,
-) -> Result<Chosen, UsageError> {
+) -> Result<ChosenPoses, UsageError> {
     let localization = &config.localization;
-    let of_wheels = || made_of_wheels(survey, config);
-    let of_fixes = || made_of_fixes(survey, config);
-    let ready_made = |origin| Chosen {
+    let wheel_streams = || poses_by_wheels(survey, config);
+    let fix_streams = || poses_by_fixes(survey, config);
+    let ready_made = |origin| ChosenPoses {
         origin,
         pose_streams: PoseStreams::default(),
     };
-    let tf = || from_tree(survey, found, localization);
+    let tf = || poses_by_tf(survey, found, localization);
     let log = || {
         let all = found.iter().all(|found| found.scans.has_own_poses);
         all.then_some(PoseOrigin::Log)
@@ -167,17 +167,17 @@ fn choose_origin(
     let chosen = match localization.source {
         PoseSource::Auto => match log().or_else(tf).or_else(odometry).map(ready_made) {
             Some(chosen) => Some(chosen),
-            None => match of_wheels()? {
+            None => match wheel_streams()? {
                 Some(chosen) => Some(chosen),
-                None => of_fixes()?,
+                None => fix_streams()?,
             },
         },
         PoseSource::Log => log().map(ready_made),
         PoseSource::Tf => tf().map(ready_made),
         PoseSource::Odometry => odometry().map(ready_made),
         PoseSource::Static => Some(ready_made(PoseOrigin::Static)),
-        PoseSource::Wheels => of_wheels()?,
-        PoseSource::Gps => of_fixes()?,
+        PoseSource::Wheels => wheel_streams()?,
+        PoseSource::Gps => fix_streams()?,
     };
     let origin = chosen.as_ref().map(|chosen| &chosen.origin);
     let wants_frame = matches!(localization.source, PoseSource::Auto | PoseSource::Tf);
@@ -189,33 +189,33 @@ fn choose_origin(
         return Err(UsageError(format!(
             "{}: no frame {wanted:?} in which {} moves (localization.fixed_frame): {}",
             survey.path.display(),
-            range_sensors::in_words(found),
-            what_poses_there_are(survey)
+            range_sensors::join_names(found),
+            describe_pose_sources(survey)
         )));
     }
-    chosen.ok_or_else(|| nothing_says_where(survey, found, localization.source))
+    chosen.ok_or_else(|| no_pose_source(survey, found, localization.source))
 }
 
-fn made_of_wheels(survey: &Survey, config: &Config) -> Result<Option<Chosen>, UsageError> {
+fn poses_by_wheels(survey: &Survey, config: &Config) -> Result<Option<ChosenPoses>, UsageError> {
     let Ok(sensors) = WheelsAndAttitude::of(&config.sensors) else {
         return Ok(None);
     };
-    let chosen = |pose_streams| Chosen {
+    let chosen = |pose_streams| ChosenPoses {
         origin: poses_from_wheels(config, &sensors),
         pose_streams,
     };
-    Ok(pose_streams::of_wheels(survey, &sensors)?.map(chosen))
+    Ok(pose_streams::wheel_streams(survey, &sensors)?.map(chosen))
 }
 
-fn made_of_fixes(survey: &Survey, config: &Config) -> Result<Option<Chosen>, UsageError> {
+fn poses_by_fixes(survey: &Survey, config: &Config) -> Result<Option<ChosenPoses>, UsageError> {
     let Ok(sensors) = FixesAndAttitude::of(&config.sensors) else {
         return Ok(None);
     };
-    let chosen = |pose_streams| Chosen {
+    let chosen = |pose_streams| ChosenPoses {
         origin: poses_from_fixes(config, &sensors),
         pose_streams,
     };
-    Ok(pose_streams::of_fixes(survey, &sensors)?.map(chosen))
+    Ok(pose_streams::fix_streams(survey, &sensors)?.map(chosen))
 }
 
 /// Transforms were followed up to that frame, or there are only odometry messages, which call theirs so.
@@ -231,10 +231,10 @@ fn has_fixed_frame(survey: &Survey, found: Option<&PoseOrigin>, wanted: &str) ->
     }
 }
 
-fn nothing_says_where(survey: &Survey, found: &[Found<'_>], source: PoseSource) -> UsageError {
+fn no_pose_source(survey: &Survey, found: &[FoundSensor<'_>], source: PoseSource) -> UsageError {
     let path = survey.path.display();
-    let there_is = what_poses_there_are(survey);
-    let lasers = range_sensors::in_words(found);
+    let there_is = describe_pose_sources(survey);
+    let lasers = range_sensors::join_names(found);
     let (wanted, lacks) = match source {
         PoseSource::Log => ("log", "its scans bring no poses of their own"),
         PoseSource::Tf => ("tf", "no transforms lead up to a frame in which it moves"),
@@ -263,7 +263,7 @@ fn nothing_says_where(survey: &Survey, found: &[Found<'_>], source: PoseSource) 
                 ),
                 None => String::new(),
             };
-            let wheels = pose_streams::there_are(survey)
+            let wheels = pose_streams::describe_available(survey)
                 .map_or(String::new(), |there_are| format!(". {there_are}"));
             return UsageError(format!(
                 "{path}: nothing in it says where {lasers} was: {there_is}{leads}{wheels}. If the vehicle \
@@ -279,9 +279,9 @@ fn nothing_says_where(survey: &Survey, found: &[Found<'_>], source: PoseSource) 
 
 /// The frame that stands still above a range sensor (or above the vehicle that carries it), if something moves
 /// on the way.
-fn from_tree(
+fn poses_by_tf(
     survey: &Survey,
-    found: &[Found<'_>],
+    found: &[FoundSensor<'_>],
     localization: &LocalizationConfig,
 ) -> Option<PoseOrigin> {
     let base_frame = localization.base_frame.as_str();
@@ -290,7 +290,7 @@ fn from_tree(
         .iter()
         .flat_map(|found| [&*found.scans.frame, base_frame]);
     starts
-        .filter_map(|start| survey.frames.fixed_above(start, base_frame, wanted))
+        .filter_map(|start| survey.frames.fixed_ancestor(start, base_frame, wanted))
         .map(|fixed_frame| PoseOrigin::Tf { fixed_frame })
         .next()
 }
@@ -308,7 +308,7 @@ fn choose_odometry(survey: &Survey) -> Result<String, UsageError> {
     })
 }
 
-fn what_poses_there_are(survey: &Survey) -> String {
+fn describe_pose_sources(survey: &Survey) -> String {
     let edges: Vec<_> = survey
         .frames
         .edges()

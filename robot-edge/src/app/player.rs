@@ -1,36 +1,38 @@
 //! A recording that is paused, wound and paced while it is mapped.
 //!
-//! As [`super::feed`], but on one thread with the maps, so that a pause stops them at once, and so that winding back
+//! As [`super::source_reader`], but on one thread with the maps, so that a pause stops them at once, and so that winding back
 //! can begin them anew.
 
-mod winding;
+mod seek;
 
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use super::checkpoints::Checkpoints;
-use super::feed::Batch;
 use super::is_set;
-use super::mapping_side::Marking;
+use super::mapping_stage::TimelineRecorder;
 use super::outputs;
-use super::run::{Run, nothing_mapped};
-use super::sides::{Sides, pool_around_this_thread};
-use super::source::{Item, Replayed, Source as _};
+use super::pipeline::{PipelineStages, join_mapping_pool};
+use super::run::{Run, nothing_mapped_error};
+use super::source::{ReplaySource, Source as _, SourceItem};
+use super::source_reader::Batch;
 use crate::clock::Monotonic;
 use crate::config::Config;
-use crate::localization::placer::PlacerSettings;
-use crate::pacer::{LONGEST_GAP, Pacer, Rate};
-use crate::pipeline::Standstill;
-use crate::recording::stamp_order::Ordered;
-use crate::replay_control::{Length, Mark, Progress, RateMeter, ReplayControl, Wishes};
+use crate::localization::registration::RegistrationSettings;
+use crate::pacer::{MAX_GAP, Pacer, Rate};
+use crate::pipeline::PausedSnapshot;
+use crate::recording::time_sequencer::Ordered;
+use crate::replay_control::{
+    Length, RateMeter, ReplayCommands, ReplayControl, ReplayProgress, TimelineMark,
+};
 use crate::robot_time::RobotDuration;
 
 /// Items in a batch, at most.
-const BATCH: usize = 64;
+const MAX_BATCH_ITEMS: usize = 64;
 /// Mapping a batch should take no longer: a wish waits for its end.
-const BATCH_TIME: Duration = Duration::from_millis(20);
+const MAX_BATCH_TIME: Duration = Duration::from_millis(20);
 /// Whoever stands still looks up this often.
-const REST: Duration = Duration::from_millis(100);
+const PAUSED_POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Replays `source` as `control` wants it, until interrupted.
 ///
@@ -38,12 +40,12 @@ const REST: Duration = Duration::from_millis(100);
 /// Where reading or publishing stopped, or nothing of the recording could be mapped.
 pub(super) fn play(
     run: &Run<'_>,
-    source: Replayed,
+    source: ReplaySource,
     control: &ReplayControl,
     interrupt: &AtomicBool,
 ) -> anyhow::Result<()> {
     let mut player = Player::new(run, source, control, interrupt)?;
-    let _pool = pool_around_this_thread(run.config.mapping.threads);
+    let _pool = join_mapping_pool(run.config.mapping.threads);
     while !is_set(interrupt) {
         player.step()?;
     }
@@ -51,18 +53,18 @@ pub(super) fn play(
 }
 
 struct Player<'a> {
-    source: Replayed,
-    sides: Sides,
+    source: ReplaySource,
+    pipeline: PipelineStages,
     source_name: String,
     config: &'a Config,
-    placer: &'a PlacerSettings,
+    registration: &'a RegistrationSettings,
     control: &'a ReplayControl,
     interrupt: &'a AtomicBool,
-    batch: Vec<Item>,
+    batch: Vec<SourceItem>,
     /// Items after which a batch is mapped.
     batch_size: usize,
     /// When the first of the batch was due.
-    came: Monotonic,
+    received_at: Monotonic,
     /// Streams that mapping knows.
     streams: usize,
     /// Items of the source that are mapped.
@@ -73,7 +75,7 @@ struct Player<'a> {
     /// How much of that it has put into words.
     loss_notes: usize,
     /// Taken from the source, and behind the position.
-    next: Option<(Item, RobotDuration)>,
+    next: Option<(SourceItem, RobotDuration)>,
     /// Up to here the recording is mapped.
     position: RobotDuration,
     /// Where the newest data is; behind it, a position may lie in a gap.
@@ -81,36 +83,36 @@ struct Player<'a> {
     seeking: Option<RobotDuration>,
     has_ended: bool,
     /// What was published so that the map is that of the position.
-    standstill: Option<Standstill>,
+    paused_snapshot: Option<PausedSnapshot>,
     pacer: Pacer,
     /// The rate of `pacer`.
-    paced: Rate,
+    pacer_rate: Rate,
     meter: RateMeter,
 }
 
 impl<'a> Player<'a> {
     fn new(
         run: &'a Run<'_>,
-        source: Replayed,
+        source: ReplaySource,
         control: &'a ReplayControl,
         interrupt: &'a AtomicBool,
     ) -> anyhow::Result<Self> {
-        let mut sides = run.start()?;
-        sides.mapping.marking = Some(Marking {
+        let mut pipeline = run.start()?;
+        pipeline.mapping.timeline = Some(TimelineRecorder {
             control: control.clone(),
             clock: source.clock(),
         });
         Ok(Self {
             source,
-            sides,
+            pipeline,
             source_name: run.source.clone(),
             config: run.config,
-            placer: &run.placer,
+            registration: &run.registration,
             control,
             interrupt,
-            batch: Vec::with_capacity(BATCH),
-            batch_size: BATCH,
-            came: Monotonic::now(),
+            batch: Vec::with_capacity(MAX_BATCH_ITEMS),
+            batch_size: MAX_BATCH_ITEMS,
+            received_at: Monotonic::now(),
             streams: 0,
             items: 0,
             checkpoints: Checkpoints::new(),
@@ -121,53 +123,55 @@ impl<'a> Player<'a> {
             newest: RobotDuration::ZERO,
             seeking: None,
             has_ended: false,
-            standstill: None,
+            paused_snapshot: None,
             pacer: Pacer::new(run.rate),
-            paced: run.rate,
+            pacer_rate: run.rate,
             meter: RateMeter::default(),
         })
     }
 
     fn step(&mut self) -> anyhow::Result<()> {
-        let wishes = self.control.take_wishes();
-        if let Some(to) = wishes.seek {
-            self.wind(to)?;
+        let commands = self.control.take_commands();
+        if let Some(to) = commands.seek {
+            self.seek(to)?;
         }
         if self.seeking.is_some() {
-            return self.advance(wishes);
+            return self.advance(commands);
         }
-        if self.has_ended && wishes.is_looping && !wishes.is_paused {
-            self.begin_anew()?;
+        if self.has_ended && commands.is_looping && !commands.is_paused {
+            self.restart()?;
         }
-        if self.has_ended || wishes.is_paused {
-            self.rest(wishes)
+        if self.has_ended || commands.is_paused {
+            self.wait_paused(commands)
         } else {
-            self.advance(wishes)
+            self.advance(commands)
         }
     }
 
-    fn rest(&mut self, wishes: Wishes) -> anyhow::Result<()> {
-        self.hand_over()?;
-        let standstill = match self.standstill.take() {
-            Some(standstill) => standstill,
-            None => self.sides.stand_still(self.source.lost_total())?,
+    fn wait_paused(&mut self, commands: ReplayCommands) -> anyhow::Result<()> {
+        self.process_batch()?;
+        let paused_snapshot = match self.paused_snapshot.take() {
+            Some(paused_snapshot) => paused_snapshot,
+            None => self.pipeline.publish_paused(self.source.lost_total())?,
         };
-        self.sides.mapping.serve_voxels(&standstill);
-        self.standstill = Some(standstill);
+        self.pipeline.mapping.serve_octree_files(&paused_snapshot);
+        self.paused_snapshot = Some(paused_snapshot);
         self.meter.reset();
         // When it goes on, what comes next is due at once.
         self.pacer.reset();
-        self.tell();
+        self.report_progress();
         let interrupt = self.interrupt;
         self.control
-            .sleep_until(Monotonic::now() + REST, wishes, || is_set(interrupt));
+            .sleep_until(Monotonic::now() + PAUSED_POLL_INTERVAL, commands, || {
+                is_set(interrupt)
+            });
         Ok(())
     }
 
     /// Takes one item, if its time has come.
-    fn advance(&mut self, wishes: Wishes) -> anyhow::Result<()> {
-        if let Some(standstill) = self.standstill.take() {
-            self.sides.mapping.go_on(standstill)?;
+    fn advance(&mut self, commands: ReplayCommands) -> anyhow::Result<()> {
+        if let Some(paused_snapshot) = self.paused_snapshot.take() {
+            self.pipeline.mapping.resume(paused_snapshot)?;
         }
         let Some((item, elapsed)) = self.next_item()? else {
             return self.end();
@@ -175,28 +179,28 @@ impl<'a> Player<'a> {
         if let Some(to) = self.seeking {
             if elapsed > to {
                 self.next = Some((item, elapsed));
-                self.hand_over()?;
+                self.process_batch()?;
                 self.position = to;
                 self.seeking = None;
                 self.meter.reset();
                 self.pacer.reset();
-                self.tell();
+                self.report_progress();
                 return Ok(());
             }
-        } else if let Item::Due(Ordered::Measurement(measurement)) = &item {
-            if self.paced != wishes.rate {
-                self.pacer = Pacer::new(wishes.rate);
-                self.paced = wishes.rate;
+        } else if let SourceItem::Timed(Ordered::Measurement(measurement)) = &item {
+            if self.pacer_rate != commands.rate {
+                self.pacer = Pacer::new(commands.rate);
+                self.pacer_rate = commands.rate;
             }
             let now = Monotonic::now();
             let wait = self.pacer.wait(measurement.stamp, now);
             if !wait.is_zero() {
                 // What is due already must not wait for what is not.
-                self.hand_over()?;
+                self.process_batch()?;
                 let interrupt = self.interrupt;
                 let is_due = self
                     .control
-                    .sleep_until(now + wait, wishes, || is_set(interrupt));
+                    .sleep_until(now + wait, commands, || is_set(interrupt));
                 if !is_due {
                     self.next = Some((item, elapsed));
                     return Ok(());
@@ -207,7 +211,7 @@ impl<'a> Player<'a> {
     }
 
     /// The next item, and the time of the data up to it.
-    fn next_item(&mut self) -> anyhow::Result<Option<(Item, RobotDuration)>> {
+    fn next_item(&mut self) -> anyhow::Result<Option<(SourceItem, RobotDuration)>> {
         if let Some(next) = self.next.take() {
             return Ok(Some(next));
         }
@@ -217,103 +221,105 @@ impl<'a> Player<'a> {
         Ok(item.map(|item| (item, elapsed)))
     }
 
-    fn take(&mut self, item: Item, elapsed: RobotDuration) -> anyhow::Result<()> {
+    fn take(&mut self, item: SourceItem, elapsed: RobotDuration) -> anyhow::Result<()> {
         match &item {
-            Item::Due(Ordered::ClockReset { .. }) => {
+            SourceItem::Timed(Ordered::ClockReset { .. }) => {
                 self.pacer.reset();
                 let what = "the clock of the data started anew";
                 self.mark("clock", what.to_owned());
             }
-            Item::Due(Ordered::Measurement(_))
-            | Item::AtOnce(_)
-            | Item::Aside(_)
-            | Item::Came { .. }
-            | Item::Pause => {
+            SourceItem::Timed(Ordered::Measurement(_))
+            | SourceItem::Immediate(_)
+            | SourceItem::Unmapped(_)
+            | SourceItem::Live { .. }
+            | SourceItem::Idle => {
                 let gap_s = elapsed.as_secs_f64() - self.newest.as_secs_f64();
-                if gap_s > LONGEST_GAP.as_secs_f64() {
+                if gap_s > MAX_GAP.as_secs_f64() {
                     self.mark("gap", format!("no data for {gap_s:.0} s"));
                 }
             }
         }
         if self.batch.is_empty() {
-            self.came = Monotonic::now();
+            self.received_at = Monotonic::now();
         }
         self.batch.push(item);
         self.position = elapsed;
         self.newest = elapsed;
         if self.batch.len() >= self.batch_size {
-            self.hand_over()?;
+            self.process_batch()?;
         }
         Ok(())
     }
 
     fn end(&mut self) -> anyhow::Result<()> {
-        self.hand_over()?;
+        self.process_batch()?;
         self.seeking = None;
         self.has_ended = true;
-        self.control.tell_length(Length {
+        self.control.set_length(Length {
             duration: self.position,
             is_estimate: false,
         });
-        let counts = self.sides.placing.placer.counts();
+        let counts = self.pipeline.localization.registration.counts();
         // Those that still wait are mapped for the standstill.
         if counts.dropped_scans.total() >= counts.scans_in {
-            let mut summary = outputs::summary(&self.sides);
+            let mut summary = outputs::summary(&self.pipeline);
             summary.recording.clone_from(&self.source_name);
-            return Err(nothing_mapped(&summary));
+            return Err(nothing_mapped_error(&summary));
         }
         Ok(())
     }
 
     /// Maps what is due, and says how far that is.
-    fn hand_over(&mut self) -> anyhow::Result<()> {
+    fn process_batch(&mut self) -> anyhow::Result<()> {
         if self.batch.is_empty() {
             return Ok(());
         }
         let started = Monotonic::now();
-        let items = std::mem::replace(&mut self.batch, Vec::with_capacity(BATCH));
+        let items = std::mem::replace(&mut self.batch, Vec::with_capacity(MAX_BATCH_ITEMS));
         let count = items.len() as u32;
         let new_streams = self.source.streams_from(self.streams);
         self.streams += new_streams.len();
-        if let Some(marking) = &mut self.sides.mapping.marking {
-            marking.clock = self.source.clock();
+        if let Some(timeline) = &mut self.pipeline.mapping.timeline {
+            timeline.clock = self.source.clock();
         }
-        self.sides.take(Batch {
+        self.pipeline.take(Batch {
             items,
-            came: self.came,
+            received_at: self.received_at,
             // The time line says how fast it goes.
-            late: None,
+            lag: None,
             new_streams,
             position: self.source.position(),
             lost: self.lost,
         })?;
         let now = Monotonic::now();
         let each = (now.since(started) / count).max(Duration::from_nanos(1));
-        let fitting = BATCH_TIME.as_nanos() / each.as_nanos();
-        self.batch_size = usize::try_from(fitting).unwrap_or(BATCH).clamp(1, BATCH);
+        let fitting = MAX_BATCH_TIME.as_nanos() / each.as_nanos();
+        self.batch_size = usize::try_from(fitting)
+            .unwrap_or(MAX_BATCH_ITEMS)
+            .clamp(1, MAX_BATCH_ITEMS);
         self.items += u64::from(count);
         if self.checkpoints.is_due(self.newest, now.since(started)) {
-            self.keep_checkpoint();
+            self.take_checkpoint();
         }
-        self.meter.see(self.position, now);
-        self.tell();
+        self.meter.record(self.position, now);
+        self.report_progress();
         Ok(())
     }
 
-    fn tell(&self) {
-        let progress = Progress {
+    fn report_progress(&self) {
+        let progress = ReplayProgress {
             is_opening: false,
             position: self.position,
             seeking: self.seeking,
             has_ended: self.has_ended,
-            is_settled: self.standstill.is_some(),
+            is_settled: self.paused_snapshot.is_some(),
         };
-        self.control.tell(progress, self.meter.rate());
+        self.control.report_progress(progress, self.meter.rate());
     }
 
     /// Marks what happened behind the newest data.
     fn mark(&self, kind: &'static str, message: String) {
-        self.control.mark(Mark {
+        self.control.mark(TimelineMark {
             at: self.newest,
             kind,
             message,
@@ -337,7 +343,7 @@ impl<'a> Player<'a> {
             (true, 1) => "a message could not be read".to_owned(),
             (true, n) => format!("{n} messages could not be read"),
         };
-        self.control.mark(Mark {
+        self.control.mark(TimelineMark {
             at,
             kind: "loss",
             message,

@@ -6,9 +6,9 @@ use std::time::Duration;
 
 use super::sync_thread::SyncThread;
 use crate::clock::Monotonic;
-use crate::free_space::{SpaceOf, space_of};
+use crate::free_space::{DiskSpaceFn, disk_space};
 use crate::measurement::{Measurement, MeasurementData, OwnPose, Stream};
-use crate::recording::writer::{McapWriter, OnDisk, WriteError};
+use crate::recording::writer::{McapWriter, RecordingFile, WriteError};
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::scan::Scan;
 
@@ -17,13 +17,13 @@ const FLUSH_PERIOD: Duration = Duration::from_secs(1);
 
 /// Who puts on the disk, every [`FLUSH_PERIOD`], what was recorded, and ends recording where the disk is nearly full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Syncs {
+pub(super) enum SyncPolicy {
     /// Who asks for it: by itself, a recorder gives the same file every time.
-    WhenAsked,
+    OnDemand,
     /// Who writes, and waits for the disk.
-    AsItWrites,
+    Inline,
     /// A thread of its own: who writes also tells the guard, and cannot wait.
-    Aside,
+    Background,
 }
 
 /// Writes measurements as they come.
@@ -31,13 +31,13 @@ pub(super) struct Recorder {
     writer: McapWriter,
     /// Only runs in real time are flushed by the clock, so that others give the same file every time.
     flushed_at: Option<Monotonic>,
-    aside: Option<SyncThread>,
-    space_of: SpaceOf,
+    sync_thread: Option<SyncThread>,
+    disk_space: DiskSpaceFn,
     /// Added to all stamps; decided by the earliest where a survey knows it, else by the first.
-    later: Option<RobotDuration>,
+    stamp_offset: Option<RobotDuration>,
     /// Stamp of the last scan that brought its own pose.
     own_pose_at: Option<RobotTime>,
-    set_apart: u64,
+    separated_scans: u64,
     /// Measurements whose stamps lie before 1970 even so.
     unrecordable: u64,
 }
@@ -47,21 +47,21 @@ impl Recorder {
     pub(super) fn create(
         path: &Path,
         vehicle: &str,
-        syncs: Syncs,
+        sync_policy: SyncPolicy,
         earliest: Option<RobotTime>,
     ) -> Result<Self, WriteError> {
-        Self::on_disk(space_of, (path, vehicle), syncs, earliest)
+        Self::on_disk(disk_space, (path, vehicle), sync_policy, earliest)
     }
 
     fn on_disk(
-        space_of: SpaceOf,
+        disk_space: DiskSpaceFn,
         (path, vehicle): (&Path, &str),
-        syncs: Syncs,
+        sync_policy: SyncPolicy,
         earliest: Option<RobotTime>,
     ) -> Result<Self, WriteError> {
         let writer = McapWriter::create(path, Some(vehicle))?;
-        if syncs != Syncs::WhenAsked
-            && let Err(low) = writer.on_disk().check_space(space_of)
+        if sync_policy != SyncPolicy::OnDemand
+            && let Err(low) = writer.on_disk().check_space(disk_space)
         {
             let path = writer.path().to_owned();
             drop(writer);
@@ -69,22 +69,22 @@ impl Recorder {
             drop(fs::remove_file(path));
             return Err(low);
         }
-        let aside = match syncs {
-            Syncs::WhenAsked | Syncs::AsItWrites => None,
-            Syncs::Aside => {
+        let sync_thread = match sync_policy {
+            SyncPolicy::OnDemand | SyncPolicy::Inline => None,
+            SyncPolicy::Background => {
                 let on_disk = writer.on_disk();
-                let started = SyncThread::start(move || put_on_disk(&on_disk, space_of));
+                let started = SyncThread::start(move || sync_to_disk(&on_disk, disk_space));
                 Some(started.map_err(|why| writer.failed(why))?)
             }
         };
         Ok(Self {
             writer,
-            flushed_at: (syncs != Syncs::WhenAsked).then(Monotonic::now),
-            aside,
-            space_of,
-            later: earliest.map(up_to_1970),
+            flushed_at: (sync_policy != SyncPolicy::OnDemand).then(Monotonic::now),
+            sync_thread,
+            disk_space,
+            stamp_offset: earliest.map(offset_to_1970),
             own_pose_at: None,
-            set_apart: 0,
+            separated_scans: 0,
             unrecordable: 0,
         })
     }
@@ -94,7 +94,7 @@ impl Recorder {
         stream: &Stream,
         measurement: &Measurement,
     ) -> Result<(), WriteError> {
-        match self.write_moved(&ros_stream(stream), measurement) {
+        match self.write_shifted(&ros_stream(stream), measurement) {
             // One stamp that MCAP cannot hold must not end a drive.
             Err(WriteError::Stamp { .. }) => self.unrecordable += 1,
             written => written?,
@@ -102,11 +102,11 @@ impl Recorder {
         if let Some(at) = self.flushed_at
             && at.elapsed() >= FLUSH_PERIOD
         {
-            self.writer.hand_over()?;
-            if let Some(aside) = &self.aside {
-                aside.ask()?;
+            self.writer.flush_to_os()?;
+            if let Some(sync_thread) = &self.sync_thread {
+                sync_thread.request_sync()?;
             } else {
-                put_on_disk(&self.writer.on_disk(), self.space_of)?;
+                sync_to_disk(&self.writer.on_disk(), self.disk_space)?;
             }
             self.flushed_at = Some(Monotonic::now());
         }
@@ -123,28 +123,36 @@ impl Recorder {
         self.writer.flush()
     }
 
-    fn write_moved(
+    fn write_shifted(
         &mut self,
         stream: &Stream,
         measurement: &Measurement,
     ) -> Result<(), WriteError> {
         let stamp = measurement.stamp;
-        let later = *self.later.get_or_insert_with(|| up_to_1970(stamp));
+        let stamp_offset = *self
+            .stamp_offset
+            .get_or_insert_with(|| offset_to_1970(stamp));
         if let MeasurementData::Scan {
             scan,
             own_pose: Some(pose),
         } = &measurement.data
         {
-            return self.write_posed(stream, measurement, stamp + later, scan, pose);
+            return self.write_scan_with_pose(
+                stream,
+                measurement,
+                stamp + stamp_offset,
+                scan,
+                pose,
+            );
         }
-        if later == RobotDuration::ZERO {
+        if stamp_offset == RobotDuration::ZERO {
             return self.writer.write(stream, measurement);
         }
-        let moved = Measurement {
-            stamp: stamp + later,
+        let shifted = Measurement {
+            stamp: stamp + stamp_offset,
             ..measurement.clone()
         };
-        self.writer.write(stream, &moved)
+        self.writer.write(stream, &shifted)
     }
 
     /// The data's clock starts anew.
@@ -154,17 +162,17 @@ impl Recorder {
 
     /// How the recording differs from what came in, in words.
     pub(super) fn notes(&self) -> Vec<String> {
-        let later_s = self.later.map_or(0.0, RobotDuration::as_secs_f64);
-        let later = (later_s > 0.0).then(|| {
+        let stamp_offset_s = self.stamp_offset.map_or(0.0, RobotDuration::as_secs_f64);
+        let stamp_offset = (stamp_offset_s > 0.0).then(|| {
             format!(
-                "all stamps are {later_s} s later in the recording: MCAP has no times before 1970"
+                "all stamps are {stamp_offset_s} s later in the recording: MCAP has no times before 1970"
             )
         });
-        let set_apart = (self.set_apart > 0).then(|| {
+        let separated_scans = (self.separated_scans > 0).then(|| {
             format!(
                 "{} scans with the stamp of the scan before are 1 ns behind it in the recording, so that each \
                  keeps its pose",
-                self.set_apart
+                self.separated_scans
             )
         });
         let missing = self.writer.not_written() + self.unrecordable;
@@ -173,32 +181,35 @@ impl Recorder {
                 "{missing} measurements are not in the recording: clouds, or stamps before 1970"
             )
         });
-        [later, set_apart, missing].into_iter().flatten().collect()
+        [stamp_offset, separated_scans, missing]
+            .into_iter()
+            .flatten()
+            .collect()
     }
 
     pub(super) fn finish(self) -> Result<(), WriteError> {
         // Index and end go to the system before anything waits for the disk again, and whatever that says: of what is written,
         // all that can be read should be.
         let finished = self.writer.finish();
-        finished.and(self.aside.map_or(Ok(()), SyncThread::finish))
+        finished.and(self.sync_thread.map_or(Ok(()), SyncThread::finish))
     }
 
     /// Of two transforms with one stamp only the later one holds, but CARMEN's scans bring their own poses
     /// also where they share a stamp (csail: 404 of 406).
-    fn set_apart(&mut self, stamp: RobotTime) -> RobotTime {
-        let apart = match self.own_pose_at {
+    fn unique_stamp(&mut self, stamp: RobotTime) -> RobotTime {
+        let unique = match self.own_pose_at {
             Some(before) if stamp <= before => {
-                self.set_apart += 1;
+                self.separated_scans += 1;
                 before + RobotDuration::from_nanos(1)
             }
             Some(_) | None => stamp,
         };
-        self.own_pose_at = Some(apart);
-        apart
+        self.own_pose_at = Some(unique);
+        unique
     }
 
     /// A `LaserScan` has no place for the pose that a log gives to its own scan: transforms have.
-    fn write_posed(
+    fn write_scan_with_pose(
         &mut self,
         stream: &Stream,
         measurement: &Measurement,
@@ -206,7 +217,7 @@ impl Recorder {
         scan: &Scan,
         pose: &OwnPose,
     ) -> Result<(), WriteError> {
-        let stamp = self.set_apart(stamp);
+        let stamp = self.unique_stamp(stamp);
         let measured = |frame: &str, data| Measurement {
             stamp,
             stream: measurement.stream,
@@ -238,13 +249,13 @@ impl Recorder {
     }
 }
 
-fn put_on_disk(on_disk: &OnDisk, space_of: SpaceOf) -> Result<(), WriteError> {
+fn sync_to_disk(on_disk: &RecordingFile, disk_space: DiskSpaceFn) -> Result<(), WriteError> {
     on_disk.sync()?;
-    on_disk.check_space(space_of)
+    on_disk.check_space(disk_space)
 }
 
 /// What is added to a first stamp before 1970: whole seconds, so that fractions stay readable.
-fn up_to_1970(first: RobotTime) -> RobotDuration {
+fn offset_to_1970(first: RobotTime) -> RobotDuration {
     const SECOND: u64 = 1_000_000_000;
     let before = if first.as_nanos() < 0 {
         first.as_nanos().unsigned_abs().div_ceil(SECOND) * SECOND
@@ -271,8 +282,8 @@ mod tests {
     use std::sync::atomic::{AtomicU64, Ordering};
 
     use super::*;
-    use crate::app::recorded::{stamps, stream, transform};
-    use crate::free_space::Space;
+    use crate::app::test_recording::{stamps, stream, transform};
+    use crate::free_space::DiskSpace;
 
     #[test]
     #[cfg_attr(
@@ -282,23 +293,24 @@ mod tests {
     fn it_ends_where_the_disk_is_nearly_full_and_what_came_before_is_whole() {
         const GB: u64 = 1_000_000_000;
         static FREE_BYTES: AtomicU64 = AtomicU64::new(0);
-        let space_of: SpaceOf = |_| {
-            Ok(Space {
+        let disk_space: DiskSpaceFn = |_| {
+            Ok(DiskSpace {
                 free_bytes: FREE_BYTES.load(Ordering::Relaxed),
                 total_bytes: 10 * GB,
             })
         };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("drive.mcap");
-        let create = |syncs| Recorder::on_disk(space_of, (&path, "pioneer"), syncs, None);
-        let low = create(Syncs::Aside).err().unwrap().to_string();
+        let create =
+            |sync_policy| Recorder::on_disk(disk_space, (&path, "pioneer"), sync_policy, None);
+        let low = create(SyncPolicy::Background).err().unwrap().to_string();
         let says = "drive.mcap: recording ends: the disk is nearly full: 0.0 of 10.0 GB are free";
         assert!(low.ends_with(says), "{low}");
         assert!(!path.exists(), "nothing is in it");
 
-        for (syncs, number) in [(Syncs::AsItWrites, 1), (Syncs::Aside, 2)] {
+        for (sync_policy, number) in [(SyncPolicy::Inline, 1), (SyncPolicy::Background, 2)] {
             FREE_BYTES.store(2 * GB, Ordering::Relaxed);
-            let mut recorder = create(syncs).unwrap();
+            let mut recorder = create(sync_policy).unwrap();
             let mut nanos = 0;
             let mut write = |recorder: &mut Recorder| {
                 recorder.flushed_at = Some(Monotonic::from_nanos(0));
@@ -321,7 +333,7 @@ mod tests {
         }
         FREE_BYTES.store(0, Ordering::Relaxed);
         assert!(
-            create(Syncs::WhenAsked).is_ok(),
+            create(SyncPolicy::OnDemand).is_ok(),
             "what is as long as its source"
         );
     }
@@ -335,7 +347,8 @@ mod tests {
     fn what_a_thread_of_its_own_syncs_is_in_the_file_before_its_end() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("drive.mcap");
-        let mut recorder = Recorder::create(&path, "pioneer", Syncs::Aside, None).unwrap();
+        let mut recorder =
+            Recorder::create(&path, "pioneer", SyncPolicy::Background, None).unwrap();
         for nanos in [10, 20] {
             recorder.flushed_at = Some(Monotonic::from_nanos(0));
             let measurement = transform(nanos, "base_link", false);

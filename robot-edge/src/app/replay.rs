@@ -5,18 +5,18 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use super::driving::DrivePlan;
+use super::localization_plan::{range_sensors, registration_settings};
 use super::network_plan::NetworkPlan;
+use super::output_checks;
 use super::outputs::SETUP;
-use super::placing::{placer_settings, range_sensors};
 use super::plan::{Plan, plan};
 use super::player;
 use super::run::Run;
-use super::source::{self, Replayed};
-use super::writable;
+use super::source::{self, ReplaySource};
 use crate::cli::{MappingOptions, Replay};
 use crate::config::{self, Config};
 use crate::exit::{Exit, UsageError};
-use crate::localization::placer::PoseOrigin;
+use crate::localization::registration::PoseOrigin;
 use crate::recording::survey::Survey;
 use crate::recording::{self, Selection};
 use crate::replay_control::{Length, ReplayControl};
@@ -32,9 +32,9 @@ pub(super) fn replay(
     interrupt: &AtomicBool,
     out: &mut dyn Write,
 ) -> anyhow::Result<Exit> {
-    let (survey, config, plan) = look_through(command)?;
-    let (run, mut source) = set_up(command, quiet, &survey, &config, plan)?;
-    run.go(&mut source, interrupt, out)
+    let (survey, config, plan) = survey_recording(command)?;
+    let (run, mut source) = create_run(command, quiet, &survey, &config, plan)?;
+    run.execute(&mut source, interrupt, out)
 }
 
 /// Replays a recording as `control` wants it, until `interrupt` is set. `start`, `duration` and `loop` of the command are
@@ -61,24 +61,24 @@ pub fn play(
         duration_s: None,
         mapping,
     };
-    let (survey, config, plan) = look_through(command)?;
-    let (run, mut source) = set_up(command, true, &survey, &config, plan)?;
+    let (survey, config, plan) = survey_recording(command)?;
+    let (run, mut source) = create_run(command, true, &survey, &config, plan)?;
     if let Some(length) = length(&survey, &mut source)? {
-        control.tell_length(length);
+        control.set_length(length);
     }
     player::play(&run, source, control, interrupt)
 }
 
 /// What is in the recording, the vehicle it is mapped for, and how.
-pub(super) fn look_through(command: &Replay) -> anyhow::Result<(Survey, Config, Plan)> {
+pub(super) fn survey_recording(command: &Replay) -> anyhow::Result<(Survey, Config, Plan)> {
     let options = &command.mapping;
     // What the command line gets wrong should not wait for the recording to be read.
     if let Some(vehicle) = &options.setup.vehicle {
         config::load(vehicle, &options.setup.overrides())?;
     }
-    writable::spare(&command.recording, options)?;
+    output_checks::check_not_source(&command.recording, options)?;
     let survey = Survey::of(&command.recording)?;
-    nothing_could_be_read(&survey)?;
+    check_readable(&survey)?;
     let (vehicle, why) = match (&options.setup.vehicle, &survey.vehicle) {
         (Some(vehicle), _) => (vehicle.as_str(), "as asked for"),
         (None, Some(vehicle)) => (vehicle.as_str(), "named in the recording"),
@@ -89,7 +89,7 @@ pub(super) fn look_through(command: &Replay) -> anyhow::Result<(Survey, Config, 
     };
     let config = config::load(vehicle, &options.setup.overrides())?;
     range_sensors(&config)?;
-    start_is_within(&survey, command.start_s)?;
+    check_start(&survey, command.start_s)?;
     let mut plan = plan(&survey, &config)?;
     let sensors = plan.sensors.iter();
     let sensors = sensors.map(|(name, topic)| format!("{name}: {topic}"));
@@ -98,13 +98,13 @@ pub(super) fn look_through(command: &Replay) -> anyhow::Result<(Survey, Config, 
     Ok((survey, config, plan))
 }
 
-pub(super) fn set_up<'a>(
+pub(super) fn create_run<'a>(
     command: &Replay,
     quiet: bool,
     survey: &Survey,
     config: &'a Config,
     plan: Plan,
-) -> anyhow::Result<(Run<'a>, Replayed)> {
+) -> anyhow::Result<(Run<'a>, ReplaySource)> {
     let options = &command.mapping;
     let events = plan.notes.into_iter().map(|message| Event {
         stamp_s: None,
@@ -115,7 +115,7 @@ pub(super) fn set_up<'a>(
         source: command.recording.display().to_string(),
         title: file_name(&command.recording),
         config,
-        placer: placer_settings(config, &plan.placing),
+        registration: registration_settings(config, &plan.localization_plan),
         rate: command.rate,
         is_live: false,
         network: NetworkPlan::new(&options.network, options.robot.as_ref(), config)?,
@@ -128,7 +128,7 @@ pub(super) fn set_up<'a>(
         events: events.collect(),
     };
     let what = source::Replay {
-        own_poses: plan.placing.origin == PoseOrigin::Log,
+        own_poses: plan.localization_plan.origin == PoseOrigin::Log,
         start: RobotDuration::from_secs_f64(command.start_s),
         duration: command.duration_s.map(RobotDuration::from_secs_f64),
         repeat: command.repeat,
@@ -140,8 +140,9 @@ pub(super) fn set_up<'a>(
         None => Selection::Named(plan.streams),
     };
     let path = command.recording.clone();
-    let open = move || recording::open_surveyed(&path, selection.clone(), plan.unsaid_miss_from_m);
-    Ok((run, Replayed::new(Box::new(open), what)?))
+    let open =
+        move || recording::open_surveyed(&path, selection.clone(), plan.inferred_miss_range_m);
+    Ok((run, ReplaySource::new(Box::new(open), what)?))
 }
 
 /// How long the recording is, as far as looking through it can tell. One that was looked through to its end is read once more,
@@ -149,7 +150,7 @@ pub(super) fn set_up<'a>(
 /// time of clocks that start anew.
 pub(super) fn length(
     survey: &Survey,
-    source: &mut Replayed,
+    source: &mut ReplaySource,
 ) -> Result<Option<Length>, recording::RecordingError> {
     if survey.scans.is_empty() {
         return Ok(None);
@@ -167,7 +168,7 @@ pub(super) fn length(
     }))
 }
 
-fn start_is_within(survey: &Survey, start_s: f64) -> Result<(), UsageError> {
+fn check_start(survey: &Survey, start_s: f64) -> Result<(), UsageError> {
     let length_s = survey.duration().as_secs_f64();
     if survey.is_complete() && !survey.scans.is_empty() && start_s > length_s {
         return Err(UsageError(format!(
@@ -187,7 +188,7 @@ fn file_name(path: &Path) -> String {
 }
 
 /// A file of which not one message could be read has not been read.
-fn nothing_could_be_read(survey: &Survey) -> Result<(), recording::RecordingError> {
+fn check_readable(survey: &Survey) -> Result<(), recording::RecordingError> {
     let messages: u64 = survey.streams.iter().map(|summary| summary.messages).sum();
     if messages > 0 || survey.losses.total() == 0 {
         return Ok(());

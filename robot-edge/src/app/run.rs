@@ -10,26 +10,26 @@ use protocol::tile::BootId;
 use super::data_clock::DataClock;
 use super::driving::DrivePlan;
 use super::event_log::EventLog;
-use super::feed::{Batch, SourceEnd, feed};
 use super::is_set;
 use super::live_recording::LiveRecording;
-use super::map_figures::SharedMapFigures;
-use super::mapping_side::MappingSide;
-use super::network::{Network, Subject};
+use super::localization_stage::{LocalizationStage, RecordingResult};
+use super::map_stats::SharedMapStats;
+use super::mapping_stage::MappingStage;
+use super::network::{Network, RobotDescription};
 use super::network_plan::NetworkPlan;
+use super::output_checks;
 use super::outputs::{self, SETUP};
-use super::placing_side::{PlacingSide, Recorded};
-use super::recorder::{Recorder, Syncs};
-use super::sides::Sides;
+use super::pipeline::PipelineStages;
+use super::recorder::{Recorder, SyncPolicy};
 use super::source::Source;
-use super::writable;
+use super::source_reader::{Batch, SourceEnd, read_source};
 use crate::clock::Monotonic;
 use crate::config::Config;
 use crate::exit::{Exit, Interrupted};
-use crate::keeping_up::KeepingUp;
 use crate::link::random_id;
-use crate::localization::placer::{BeamPlacer, PlacerSettings};
+use crate::localization::registration::{RegistrationSettings, ScanRegistration};
 use crate::new_file::{self, NewFile};
+use crate::overload::OverloadMonitor;
 use crate::pacer::Rate;
 use crate::pipeline::Maps;
 use crate::progress::Progress;
@@ -45,7 +45,7 @@ pub(super) struct Run<'a> {
     /// Heads the pictures.
     pub(super) title: String,
     pub(super) config: &'a Config,
-    pub(super) placer: PlacerSettings,
+    pub(super) registration: RegistrationSettings,
     pub(super) rate: Rate,
     /// Measurements come when they come; else by the time of the data.
     pub(super) is_live: bool,
@@ -67,7 +67,7 @@ pub(super) struct Run<'a> {
 struct Files {
     recorder: Option<Recorder>,
     /// Why nothing is recorded although it was asked for.
-    not_recorded: Option<WriteError>,
+    recording_error: Option<WriteError>,
     log: Option<NewFile>,
     /// Names that differ from those asked for.
     notes: Vec<Event>,
@@ -77,70 +77,76 @@ impl Run<'_> {
     /// Maps all that the source yields and writes what was asked for.
     ///
     /// Whatever fails, all that can still be written is; the first failure is returned at the end.
-    pub(super) fn go(
+    pub(super) fn execute(
         self,
         source: &mut dyn Source,
         interrupt: &AtomicBool,
         out: &mut dyn Write,
     ) -> anyhow::Result<Exit> {
-        let mut sides = self.start()?;
+        let mut pipeline = self.start()?;
         let can_drive = self.drive.can_drive();
         let threads = self.config.mapping.threads;
         // What is driven must not wait for what is mapped.
         let (end, taken) = if threads > 1 || can_drive {
-            let from_source =
-                |take: &mut dyn FnMut(Batch) -> bool| feed(source, self.rate, interrupt, take);
-            sides.place_ahead(from_source, threads, can_drive)?
+            let from_source = |take: &mut dyn FnMut(Batch) -> bool| {
+                read_source(source, self.rate, interrupt, take)
+            };
+            pipeline.run_pipelined(from_source, threads, can_drive)?
         } else {
             let mut taken = Ok(());
-            let end = feed(source, self.rate, interrupt, |batch| {
+            let end = read_source(source, self.rate, interrupt, |batch| {
                 if taken.is_ok() {
-                    taken = sides.take(batch);
+                    taken = pipeline.take(batch);
                 }
                 taken.is_ok()
             });
             (end, taken)
         };
-        let finished = sides.finish(end.lost.counts.total());
-        let wall_s = sides.placing.started.elapsed().as_secs_f64();
+        let finished = pipeline.finish(end.lost.counts.total());
+        let wall_s = pipeline.localization.started.elapsed().as_secs_f64();
         if is_set(interrupt) {
             // Nothing moves any more by poses that are not measured any more, however long the disk takes.
-            sides.mapping.end_driving();
+            pipeline.mapping.end_driving();
         }
         // What cannot be made anew comes first: maps may be served for hours, an export may take long, and both be ended.
         let went_well = taken.is_ok() && finished.is_ok() && end.result.is_ok();
-        let recorded = sides.placing.end_recordings(went_well);
-        if let Some(network) = &sides.mapping.network
+        let recorded = pipeline.localization.end_recordings(went_well);
+        if let Some(network) = &pipeline.mapping.network
             && went_well
         {
-            network.take_leave(&sides.mapping.maps, self.quiet, || is_set(interrupt));
+            network.wait_for_consoles(&pipeline.mapping.maps, self.quiet, || is_set(interrupt));
         }
         // Whoever served the map until Ctrl-C asked for nothing else.
         // What is driven waits to be driven on: nothing else ends it.
         let is_at_its_end = end.is_complete || self.drive.can_drive();
-        let stayed = self.network.as_ref().is_some_and(NetworkPlan::stays) && is_at_its_end;
-        let interrupted = is_set(interrupt) && !stayed;
-        sides.mapping.end_driving();
-        let left = self.leave_behind(sides, recorded, &end, (wall_s, interrupted), out);
+        let kept_serving = self
+            .network
+            .as_ref()
+            .is_some_and(NetworkPlan::keeps_serving)
+            && is_at_its_end;
+        let interrupted = is_set(interrupt) && !kept_serving;
+        pipeline.mapping.end_driving();
+        let outputs_written =
+            self.write_outputs(pipeline, recorded, &end, (wall_s, interrupted), out);
         taken?;
         finished?;
         end.result?;
-        let summary = left?;
+        let summary = outputs_written?;
         if interrupted {
             return Err(Interrupted.into());
         }
         if summary.scans.mapped == 0 {
-            return Err(nothing_mapped(&summary));
+            return Err(nothing_mapped_error(&summary));
         }
         Ok(Exit::Done)
     }
 
     /// What cannot be written should be known before an hour of mapping, and so should what was decided.
-    pub(super) fn start(&self) -> anyhow::Result<Sides> {
-        writable::prepare(self.export.as_deref(), self.summary.as_deref())?;
+    pub(super) fn start(&self) -> anyhow::Result<PipelineStages> {
+        output_checks::prepare(self.export.as_deref(), self.summary.as_deref())?;
         let Files {
             recorder,
-            not_recorded,
+            recording_error,
             log,
             notes,
         } = self.open_files()?;
@@ -155,16 +161,16 @@ impl Run<'_> {
         let maps = Maps::new(self.config, boot, encode)?;
         let opened = match &self.network {
             Some(plan) => {
-                let subject = Subject {
+                let description = RobotDescription {
                     source: &self.title,
                     is_live: self.is_live,
-                    placing: &self.placer,
+                    localization: &self.registration,
                     can_record: self.drive.can_record(),
                 };
                 Network::open(
                     plan,
                     self.config,
-                    &subject,
+                    &description,
                     boot,
                     &maps,
                     (&self.drive, log),
@@ -173,9 +179,9 @@ impl Run<'_> {
             }
             None => None,
         };
-        let (network, herald) = opened.unzip();
+        let (network, state_publisher) = opened.unzip();
         if !network.as_ref().is_some_and(Network::is_driven) {
-            ServiceManager::of_environment().ready_without_watchdog();
+            ServiceManager::from_environment().ready_without_watchdog();
         }
         let trajectory = network
             .as_ref()
@@ -189,39 +195,39 @@ impl Run<'_> {
         };
         if let Some(network) = &network {
             let is_resumed = live.as_ref().is_some_and(LiveRecording::is_resumed);
-            self.tell_start(network, &notes, not_recorded.as_ref(), is_resumed);
+            self.publish_start_events(network, &notes, recording_error.as_ref(), is_resumed);
         }
-        if let Some(why) = &not_recorded {
+        if let Some(why) = &recording_error {
             tracing::error!(%why, "nothing is recorded; driving goes on");
         }
-        let figures = SharedMapFigures::default();
-        Ok(Sides {
-            placing: PlacingSide {
-                placer: BeamPlacer::new(self.placer.clone()),
-                time: StageTimer::default(),
+        let stats = SharedMapStats::default();
+        Ok(PipelineStages {
+            localization: LocalizationStage {
+                registration: ScanRegistration::new(self.registration.clone()),
+                timer: StageTimer::default(),
                 placed: Vec::new(),
-                herald,
+                state_publisher,
                 recorder,
                 live,
-                told_problem: None,
-                not_recorded,
+                reported_problem: None,
+                recording_error,
                 is_driven: self.drive.can_drive(),
                 progress: Progress::new(self.quiet),
                 clock: DataClock::default(),
                 started: Monotonic::now(),
                 streams: Vec::new(),
-                maps: figures.clone(),
+                maps: stats.clone(),
             },
-            mapping: MappingSide {
+            mapping: MappingStage {
                 maps,
                 network,
                 trajectory,
-                events: EventLog::beginning_with(notes),
-                keeping_up: KeepingUp::default(),
-                is_live: self.maps_the_present(),
-                catches_up: false,
-                marking: None,
-                figures,
+                events: EventLog::with_events(notes),
+                overload: OverloadMonitor::default(),
+                is_live: self.is_real_time_run(),
+                is_dropping: false,
+                timeline: None,
+                stats,
             },
         })
     }
@@ -232,9 +238,9 @@ impl Run<'_> {
         let recorder = self
             .record
             .as_ref()
-            .map(|path| Recorder::create(path, vehicle, self.syncs(), self.earliest))
+            .map(|path| Recorder::create(path, vehicle, self.sync_policy(), self.earliest))
             .transpose();
-        let (recorder, not_recorded) = match recorder {
+        let (recorder, recording_error) = match recorder {
             Ok(recorder) => (recorder, None),
             // What is driven is not held up by what records it.
             Err(low @ WriteError::DiskLow { .. }) if self.drive.can_drive() => (None, Some(low)),
@@ -258,74 +264,74 @@ impl Run<'_> {
             .collect();
         Ok(Files {
             recorder,
-            not_recorded,
+            recording_error,
             log,
             notes,
         })
     }
 
     /// Tells consoles what was decided at the start; what matters, the first that comes.
-    fn tell_start(
+    fn publish_start_events(
         &self,
         network: &Network,
         notes: &[Event],
-        not_recorded: Option<&WriteError>,
+        recording_error: Option<&WriteError>,
         is_resumed: bool,
     ) {
         for event in &self.events {
-            network.tell(&event.kind, &event.message);
+            network.publish_event(&event.kind, &event.message);
         }
         for note in notes {
-            network.tell_when_watched(&note.kind, note.message.clone());
+            network.publish_or_queue_event(&note.kind, note.message.clone());
         }
-        if let Some(why) = not_recorded {
-            network.tell_when_watched("recording_stopped", why.to_string());
+        if let Some(why) = recording_error {
+            network.publish_or_queue_event("recording_stopped", why.to_string());
         }
         if is_resumed {
             let message =
                 "recording goes on: the run before was cut off while an operator recorded";
-            network.tell_when_watched("recording", message.to_owned());
+            network.publish_or_queue_event("recording", message.to_owned());
         }
     }
 
     /// Who syncs what is recorded.
-    const fn syncs(&self) -> Syncs {
+    const fn sync_policy(&self) -> SyncPolicy {
         match self.rate {
-            Rate::Times(_) if self.drive.can_drive() => Syncs::Aside,
-            Rate::Times(_) => Syncs::AsItWrites,
-            Rate::Max => Syncs::WhenAsked,
+            Rate::Times(_) if self.drive.can_drive() => SyncPolicy::Background,
+            Rate::Times(_) => SyncPolicy::Inline,
+            Rate::Max => SyncPolicy::OnDemand,
         }
     }
 
     /// Whether what is late is of no use: real sensors, and a simulation in which somebody drives in real time. All else is mapped
     /// whole, however long that takes.
-    fn maps_the_present(&self) -> bool {
+    fn is_real_time_run(&self) -> bool {
         self.is_live || (self.drive.can_drive() && self.rate.is_real_time())
     }
 
     /// Writes all outputs that can be written; the first failure is returned.
-    fn leave_behind(
+    fn write_outputs(
         &self,
-        mut sides: Sides,
-        recorded: Recorded,
+        mut pipeline: PipelineStages,
+        recorded: RecordingResult,
         end: &SourceEnd,
         (wall_s, interrupted): (f64, bool),
         out: &mut dyn Write,
     ) -> anyhow::Result<Summary> {
-        let mut summary = outputs::summary(&sides);
+        let mut summary = outputs::summary(&pipeline);
         summary.recording.clone_from(&self.source);
         summary.vehicle.clone_from(&self.config.vehicle.name);
-        summary.set_times(sides.placing.clock.elapsed().as_secs_f64(), wall_s);
+        summary.set_times(pipeline.localization.clock.elapsed().as_secs_f64(), wall_s);
         summary.events.clone_from(&self.events);
-        let happened = std::mem::take(&mut sides.mapping.events);
+        let happened = std::mem::take(&mut pipeline.mapping.events);
         summary.events.extend(happened.into_events());
         summary.add_source_end(end, interrupted);
         summary.add_recorder_notes(recorded.notes);
 
         let exported = self.export.as_ref().map_or(Ok(Vec::new()), |dir| {
             // Consoles may still ask for it.
-            let way = sides.mapping.trajectory.lock().poses();
-            outputs::export(dir, &sides, &way, &self.title)
+            let trajectory = pipeline.mapping.trajectory.lock().poses();
+            outputs::export(dir, &pipeline, &trajectory, &self.title)
         });
         let summarised = self.summary.as_ref().map_or(Ok(()), |path| {
             summary
@@ -333,7 +339,7 @@ impl Run<'_> {
                 .with_context(|| format!("{}: cannot write the summary", path.display()))
         });
         if !self.quiet {
-            outputs::tell(&summary, exported.as_deref().unwrap_or_default(), out)?;
+            outputs::print_summary(&summary, exported.as_deref().unwrap_or_default(), out)?;
         }
         recorded.result?;
         exported?;
@@ -342,7 +348,7 @@ impl Run<'_> {
     }
 }
 
-pub(super) fn nothing_mapped(summary: &Summary) -> anyhow::Error {
+pub(super) fn nothing_mapped_error(summary: &Summary) -> anyhow::Error {
     let scans = &summary.scans;
     let reasons: Vec<_> = scans
         .dropped

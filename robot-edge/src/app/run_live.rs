@@ -9,12 +9,12 @@ use std::time::Duration;
 use protocol::keys::RobotId;
 
 use super::driving::{DrivePlan, MotorsPlan};
-use super::live::{Finding, Live, Wanted, find};
+use super::live::{LiveSource, StreamSelection, TopicDiscovery, find};
+use super::localization_plan::{range_sensors, registration_settings};
 use super::network_plan::NetworkPlan;
+use super::output_checks;
 use super::outputs::SETUP;
-use super::placing::{placer_settings, range_sensors};
 use super::run::Run;
-use super::writable;
 use crate::cli::{DrivingOptions, NetworkOptions, RunLive};
 use crate::config::{self, Config};
 use crate::exit::{Exit, UsageError};
@@ -45,9 +45,9 @@ pub(super) fn run_live(
     let config = config::load(vehicle, &options.setup.overrides())?;
     range_sensors(&config)?;
     // What cannot be written should be known before the sensors are there.
-    writable::prepare(options.export.as_deref(), options.summary.as_deref())?;
+    output_checks::prepare(options.export.as_deref(), options.summary.as_deref())?;
     let network = NetworkPlan::new(
-        &apart_from_ros(&options.network, &config),
+        &with_default_listen(&options.network, &config),
         options.robot.as_ref(),
         &config,
     )?;
@@ -59,7 +59,7 @@ pub(super) fn run_live(
         endpoint: command.ros.clone(),
         domain: match command.ros_domain {
             Some(domain) => domain,
-            None => domain_of(env::var("ROS_DOMAIN_ID").ok().as_deref())?,
+            None => ros_domain_id(env::var("ROS_DOMAIN_ID").ok().as_deref())?,
         },
     };
     if !quiet {
@@ -70,12 +70,12 @@ pub(super) fn run_live(
             at.domain
         )?;
     }
-    let finding = Finding {
+    let discovery = TopicDiscovery {
         at: &at,
         wait: Duration::from_secs_f64(command.wait_s.min(1e6)),
         config: &config,
     };
-    let (mut live, plan) = find(finding, interrupt)?;
+    let (mut live, plan) = find(discovery, interrupt)?;
     let drive = match &driving {
         Some(options) => DrivePlan::new(motors(&config, &live)?, options),
         None => DrivePlan::none(),
@@ -108,7 +108,7 @@ pub(super) fn run_live(
         source: at.endpoint.clone(),
         title: config.vehicle.name.clone(),
         config: &config,
-        placer: placer_settings(&config, &plan.placing),
+        registration: registration_settings(&config, &plan.localization_plan),
         // What is live comes when it comes; nothing is paced.
         rate: Rate::Times(1.0),
         is_live: true,
@@ -121,15 +121,15 @@ pub(super) fn run_live(
         earliest: None,
         events: events.collect(),
     };
-    live.begin(Wanted {
+    live.begin(StreamSelection {
         mapped: plan.streams,
         others: options.record.is_some() || command.driving.recordings.is_some(),
     });
-    run.go(&mut live, interrupt, out)
+    run.execute(&mut live, interrupt, out)
 }
 
 /// The ROS 2 system's router is at the port that an open robot would have.
-fn apart_from_ros(options: &NetworkOptions, config: &Config) -> NetworkOptions {
+fn with_default_listen(options: &NetworkOptions, config: &Config) -> NetworkOptions {
     let mut options = options.clone();
     let named = !(options.listen.is_empty() && options.connect.is_empty());
     let link = &config.link;
@@ -161,17 +161,17 @@ fn driving_options(
             None => Ok(None),
         };
     }
-    let of_environment = || state_folder(|name| env::var_os(name).map(PathBuf::from), robot);
-    let state = options.state.clone().or_else(of_environment);
-    if state.is_none() {
+    let from_environment = || default_state_dir(|name| env::var_os(name).map(PathBuf::from), robot);
+    let state_dir = options.state_dir.clone().or_else(from_environment);
+    if state_dir.is_none() {
         return Err(UsageError(
             "nobody says where to keep an emergency stop: there is neither $STATE_DIRECTORY nor $XDG_STATE_HOME nor \
-             $HOME. --state DIR says it"
+             $HOME. --state-dir DIR says it"
                 .to_owned(),
         ));
     }
     Ok(Some(DrivingOptions {
-        state,
+        state_dir,
         ..options.clone()
     }))
 }
@@ -180,7 +180,7 @@ fn driving_options(
     target_os = "linux",
     expect(clippy::unnecessary_wraps, reason = "elsewhere no hardware is driven")
 )]
-fn motors(config: &Config, live: &Live) -> Result<MotorsPlan, UsageError> {
+fn motors(config: &Config, live: &LiveSource) -> Result<MotorsPlan, UsageError> {
     if let Some(twist) = &config.motors.ros2_twist {
         return Ok(MotorsPlan::Ros2Twist(
             live.link().clone(),
@@ -199,17 +199,21 @@ fn motors(config: &Config, live: &Live) -> Result<MotorsPlan, UsageError> {
 }
 
 /// Where systemd or the XDG base directory specification have state kept.
-fn state_folder(variable: impl Fn(&str) -> Option<PathBuf>, robot: &RobotId) -> Option<PathBuf> {
+fn default_state_dir(
+    variable: impl Fn(&str) -> Option<PathBuf>,
+    robot: &RobotId,
+) -> Option<PathBuf> {
     let set = |name: &str| variable(name).filter(|path| path.is_absolute());
     // systemd gives several, with colons between, where a unit asks for several.
     let of_unit = variable("STATE_DIRECTORY").and_then(|all| env::split_paths(&all).next());
     of_unit.filter(|path| path.is_absolute()).or_else(|| {
-        let state = set("XDG_STATE_HOME").or_else(|| Some(set("HOME")?.join(".local/state")))?;
-        Some(state.join("foreshore").join(robot.as_str()))
+        let state_dir =
+            set("XDG_STATE_HOME").or_else(|| Some(set("HOME")?.join(".local/state")))?;
+        Some(state_dir.join("foreshore").join(robot.as_str()))
     })
 }
 
-fn domain_of(variable: Option<&str>) -> Result<u32, UsageError> {
+fn ros_domain_id(variable: Option<&str>) -> Result<u32, UsageError> {
     let Some(text) = variable.filter(|text| !text.is_empty()) else {
         return Ok(0);
     };
@@ -232,7 +236,7 @@ mod tests {
             let found = set.iter().find(|(known, _)| *known == name);
             found.map(|(_, value)| PathBuf::from(value))
         };
-        let folder = state_folder(variable, &"scout-1".parse().unwrap())?;
+        let folder = default_state_dir(variable, &"scout-1".parse().unwrap())?;
         Some(folder.display().to_string())
     }
 
@@ -255,11 +259,11 @@ mod tests {
 
     #[test]
     fn the_domain_is_a_number_that_ros_has() {
-        assert_eq!(domain_of(None).unwrap(), 0);
-        assert_eq!(domain_of(Some("")).unwrap(), 0);
-        assert_eq!(domain_of(Some("42")).unwrap(), 42);
+        assert_eq!(ros_domain_id(None).unwrap(), 0);
+        assert_eq!(ros_domain_id(Some("")).unwrap(), 0);
+        assert_eq!(ros_domain_id(Some("42")).unwrap(), 42);
         for wrong in ["-1", "233", "lab"] {
-            let error = domain_of(Some(wrong)).unwrap_err().to_string();
+            let error = ros_domain_id(Some(wrong)).unwrap_err().to_string();
             assert!(
                 error.contains(wrong) && error.contains("0 to 232"),
                 "{error}"
@@ -272,7 +276,7 @@ mod tests {
         let listen = |options: &NetworkOptions, set: &[&str]| {
             let set: Vec<_> = set.iter().map(|set| set.parse().unwrap()).collect();
             let config = config::load(DEFAULT_VEHICLE, &set).unwrap();
-            apart_from_ros(options, &config).listen
+            with_default_listen(options, &config).listen
         };
         let none = NetworkOptions::default();
         assert_eq!(listen(&none, &[]), [DEFAULT_LISTEN]);

@@ -4,20 +4,20 @@ use std::io::Write;
 use std::sync::atomic::AtomicBool;
 
 use super::driving::{DrivePlan, MotorsPlan};
+use super::localization_plan::{
+    LocalizationPlan, PlannedSensor, poses_from_fixes, poses_from_wheels, range_sensors,
+    registration_settings, wanted_sensors,
+};
 use super::network_plan::NetworkPlan;
 use super::outputs::SETUP;
-use super::placing::{
-    Placing, PlannedSensor, placer_settings, poses_from_fixes, poses_from_wheels, range_sensors,
-    wanted,
-};
 use super::run::Run;
-use super::source::Simulated;
+use super::source::SimulatedRun;
 use crate::cli::Simulate;
 use crate::config::{self, Config, FixesAndAttitude, MotorsConfig, WheelsAndAttitude};
 use crate::driving::motors::SimulatedMotors;
 use crate::exit::{Exit, UsageError};
 use crate::localization::config::PoseSource;
-use crate::localization::placer::{MountOrigin, PoseOrigin, PoseStreams};
+use crate::localization::registration::{MountOrigin, PoseOrigin, PoseStreams};
 use crate::measurement::{Stream, StreamId};
 use crate::recording::survey::range_sensors::assign;
 use crate::simulation::{SimulatedSource, SimulationOptions, World};
@@ -46,7 +46,7 @@ pub(super) fn simulate(
         )
         .into());
     }
-    let stays = network.as_ref().is_some_and(NetworkPlan::stays);
+    let keeps_serving = network.as_ref().is_some_and(NetworkPlan::keeps_serving);
     let source = SimulatedSource::new(
         &world,
         SimulationOptions {
@@ -56,7 +56,7 @@ pub(super) fn simulate(
         },
     )
     .map_err(|err| UsageError(err.to_string()))?;
-    let source = if motors.is_some() && stays {
+    let source = if motors.is_some() && keeps_serving {
         source.until_stopped()
     } else {
         source
@@ -72,7 +72,10 @@ pub(super) fn simulate(
     let run = Run {
         source: command.world.clone(),
         title: world.name().to_owned(),
-        placer: placer_settings(&config, &simulated_placing(&config, source.streams())?),
+        registration: registration_settings(
+            &config,
+            &simulated_localization_plan(&config, source.streams())?,
+        ),
         config: &config,
         rate: command.rate,
         is_live: false,
@@ -94,14 +97,14 @@ pub(super) fn simulate(
             })
             .collect(),
     };
-    run.go(&mut Simulated { source, motors }, interrupt, out)
+    run.execute(&mut SimulatedRun { source, motors }, interrupt, out)
 }
 
 /// How the beams of a simulated vehicle that gives these streams are placed.
-pub(crate) fn simulated_placing(
+pub(crate) fn simulated_localization_plan(
     config: &Config,
     streams: &[Stream],
-) -> Result<Placing, UsageError> {
+) -> Result<LocalizationPlan, UsageError> {
     let origin = pose_origin(config, streams)?;
     let ids_of = |type_name: &str| -> Vec<StreamId> {
         let ids = (0..=u16::MAX).map(StreamId).zip(streams);
@@ -121,7 +124,7 @@ pub(crate) fn simulated_placing(
     let assigned = if takes_all {
         vec![None]
     } else {
-        assign(&wanted(&sensors), &scan_names)
+        assign(&wanted_sensors(&sensors), &scan_names)
             .map_err(|error| UsageError(format!("the simulated vehicle: {error}")))?
     };
     // It gives no transform of a sensor that its servo tilts: the joint says how far.
@@ -143,7 +146,7 @@ pub(crate) fn simulated_placing(
         })
     });
     let sensors = planned.collect();
-    Ok(Placing {
+    Ok(LocalizationPlan {
         origin,
         pose_streams: PoseStreams::default(),
         sensors,
@@ -265,9 +268,9 @@ mod tests {
         ]
         .map(stream);
         let config = load("riverwatch", &[]).unwrap();
-        let placing = simulated_placing(&config, &streams).unwrap();
-        assert!(matches!(placing.origin, PoseOrigin::Gps(_)));
-        let seen = placing
+        let localization_plan = simulated_localization_plan(&config, &streams).unwrap();
+        assert!(matches!(localization_plan.origin, PoseOrigin::Gps(_)));
+        let seen = localization_plan
             .sensors
             .iter()
             .map(|sensor| (sensor.id.0, sensor.stream, sensor.tilt_stream));
@@ -278,13 +281,13 @@ mod tests {
                 (1, Some(StreamId(1)), None)
             ]
         );
-        let settings = placer_settings(&config, &placing);
+        let settings = registration_settings(&config, &localization_plan);
         assert_eq!(settings.sensors[0].mount, MountOrigin::Configured);
         assert!((settings.body.lowest_m + 0.6).abs() < 1e-9);
         assert!((settings.body.highest_m - 2.0).abs() < 1e-9);
         let with_tf = load("riverwatch", &["localization.source=tf".parse().unwrap()]).unwrap();
-        let placing = simulated_placing(&with_tf, &streams).unwrap();
-        let mounts = placing.sensors.iter().map(|sensor| sensor.mount);
+        let localization_plan = simulated_localization_plan(&with_tf, &streams).unwrap();
+        let mounts = localization_plan.sensors.iter().map(|sensor| sensor.mount);
         assert_eq!(
             mounts.collect::<Vec<_>>(),
             [MountOrigin::Configured, MountOrigin::Tree]

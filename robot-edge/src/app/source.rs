@@ -8,7 +8,7 @@ use crate::clock::Monotonic;
 use crate::driving::motors::SimulatedMotors;
 use crate::drops::DropCounts;
 use crate::measurement::{Measurement, MeasurementData, Stream};
-use crate::recording::stamp_order::{Ordered, StampOrder};
+use crate::recording::time_sequencer::{Ordered, TimeSequencer};
 use crate::recording::{Position, RecordingError, RecordingReader};
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::simulation::CommandedVelocity;
@@ -17,27 +17,27 @@ use crate::teleop::Velocity;
 
 /// What a source yields.
 #[derive(Debug)]
-pub(super) enum Item {
+pub(super) enum SourceItem {
     /// To be mapped when it is due.
-    Due(Ordered),
+    Timed(Ordered),
     /// To be mapped at once: what holds for all time, and poses from before the part that is replayed.
-    AtOnce(Measurement),
+    Immediate(Measurement),
     /// Not to be mapped, for `--record` only.
-    Aside(Measurement),
+    Unmapped(Measurement),
     /// To be mapped at once: it came, live.
-    Came {
+    Live {
         /// What.
         ordered: Ordered,
         /// Since when it could have been known, on this machine's clock.
-        taken: Monotonic,
+        measured_at: Monotonic,
     },
     /// There is no more at present.
-    Pause,
+    Idle,
 }
 
 /// What a source lost.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Lost {
+pub(super) struct SourceLosses {
     /// By reason.
     pub(super) counts: DropCounts,
     /// Scans among those that came too late to be put in order.
@@ -51,7 +51,7 @@ pub(super) struct Lost {
 /// Yields measurements in stamp order.
 pub(super) trait Source: Send {
     /// The next item; `None` at the end.
-    fn next(&mut self) -> Result<Option<Item>, RecordingError>;
+    fn next(&mut self) -> Result<Option<SourceItem>, RecordingError>;
 
     /// The streams met so far, from number `from` on.
     fn streams_from(&self, from: usize) -> Vec<Stream>;
@@ -63,31 +63,31 @@ pub(super) trait Source: Send {
     fn lost_total(&self) -> u64;
 
     /// What was lost so far.
-    fn lost(&self) -> Lost;
+    fn lost(&self) -> SourceLosses;
 }
 
 type Open = Box<dyn Fn() -> Result<Box<dyn RecordingReader>, RecordingError> + Send>;
 
 /// A part of a recording, or all of it, once or over and over.
-pub(super) struct Replayed {
+pub(super) struct ReplaySource {
     open: Open,
-    what: Replay,
+    range: Replay,
     reader: Box<dyn RecordingReader>,
-    order: StampOrder,
+    order: TimeSequencer,
     /// What is not mapped waits here for what is, so that a recording of both stays in order.
-    asides: VecDeque<Measurement>,
+    unmapped: VecDeque<Measurement>,
     /// Mapped, and next behind the asides that go before it.
-    held: Option<Item>,
+    pending: Option<SourceItem>,
     /// Nothing that is mapped comes any more.
-    is_over: bool,
+    is_finished: bool,
     /// Runs from the first scan of the round.
     clock: DataClock,
     newest: RobotTime,
-    earlier_rounds: Lost,
+    earlier_loops: SourceLosses,
 }
 
 /// Asides that wait at most; beyond that the first goes ahead of its turn.
-const MAX_ASIDES: usize = 10_000;
+const MAX_UNMAPPED: usize = 10_000;
 
 /// What is replayed.
 #[derive(Clone, Debug)]
@@ -104,37 +104,37 @@ pub(super) struct Replay {
     pub(super) repeat: bool,
 }
 
-impl Replayed {
+impl ReplaySource {
     /// What this round has lost so far, the first of it in words: where in the file, and what.
     pub(super) fn loss_notes(&self) -> &[String] {
         self.reader.loss_notes()
     }
 
-    pub(super) fn new(open: Open, what: Replay) -> Result<Self, RecordingError> {
+    pub(super) fn new(open: Open, range: Replay) -> Result<Self, RecordingError> {
         Ok(Self {
             reader: open()?,
             open,
-            what,
-            order: StampOrder::default(),
-            asides: VecDeque::new(),
-            held: None,
-            is_over: false,
+            range,
+            order: TimeSequencer::default(),
+            unmapped: VecDeque::new(),
+            pending: None,
+            is_finished: false,
             clock: DataClock::default(),
             newest: RobotTime::MIN,
-            earlier_rounds: Lost::default(),
+            earlier_loops: SourceLosses::default(),
         })
     }
 
     /// From the beginning, as if nothing had been read.
-    pub(super) fn begin_anew(&mut self) -> Result<(), RecordingError> {
+    pub(super) fn restart(&mut self) -> Result<(), RecordingError> {
         self.reader = (self.open)()?;
-        self.order = StampOrder::default();
-        self.asides.clear();
-        self.held = None;
-        self.is_over = false;
+        self.order = TimeSequencer::default();
+        self.unmapped.clear();
+        self.pending = None;
+        self.is_finished = false;
         self.clock = DataClock::default();
         self.newest = RobotTime::MIN;
-        self.earlier_rounds = Lost::default();
+        self.earlier_loops = SourceLosses::default();
         Ok(())
     }
 
@@ -143,7 +143,7 @@ impl Replayed {
     pub(super) fn length(&mut self) -> Result<RobotDuration, RecordingError> {
         while self.next()?.is_some() {}
         let length = self.clock.elapsed();
-        self.begin_anew()?;
+        self.restart()?;
         Ok(length)
     }
 
@@ -154,96 +154,99 @@ impl Replayed {
 
     fn is_mapped(&self, measurement: &Measurement) -> bool {
         let stream = self.reader.streams().get(usize::from(measurement.stream.0));
-        stream.is_some_and(|summary| self.what.streams.contains(&summary.stream.name))
+        stream.is_some_and(|summary| self.range.streams.contains(&summary.stream.name))
     }
 
     /// What becomes of a measurement: nothing if it lies before the part that is replayed; the end of the
     /// round if it lies behind it.
-    fn sort(&mut self, measurement: Measurement) -> ControlFlow<(), Option<Item>> {
-        if measurement.is_timeless() {
-            return ControlFlow::Continue(Some(Item::AtOnce(measurement)));
+    fn classify(&mut self, measurement: Measurement) -> ControlFlow<(), Option<SourceItem>> {
+        if measurement.is_static_transform() {
+            return ControlFlow::Continue(Some(SourceItem::Immediate(measurement)));
         }
         self.newest = self.newest.max(measurement.stamp);
         let is_scan = matches!(measurement.data, MeasurementData::Scan { .. });
         if !is_scan && !self.clock.has_started() {
             return ControlFlow::Continue(Some(self.pose(measurement, RobotDuration::ZERO)));
         }
-        let elapsed = self.clock.see(measurement.stamp);
+        let elapsed = self.clock.advance(measurement.stamp);
         if self
-            .what
+            .range
             .duration
-            .is_some_and(|duration| elapsed > self.what.start + duration)
+            .is_some_and(|duration| elapsed > self.range.start + duration)
         {
             ControlFlow::Break(())
         } else if !is_scan {
             ControlFlow::Continue(Some(self.pose(measurement, elapsed)))
-        } else if elapsed < self.what.start {
+        } else if elapsed < self.range.start {
             ControlFlow::Continue(None)
         } else {
-            ControlFlow::Continue(Some(Item::Due(Ordered::Measurement(measurement))))
+            ControlFlow::Continue(Some(SourceItem::Timed(Ordered::Measurement(measurement))))
         }
     }
 
     /// Poses before the start are needed for the first scans, but nobody waits for them.
-    fn pose(&self, measurement: Measurement, elapsed: RobotDuration) -> Item {
-        if elapsed < self.what.start {
-            Item::AtOnce(measurement)
+    fn pose(&self, measurement: Measurement, elapsed: RobotDuration) -> SourceItem {
+        if elapsed < self.range.start {
+            SourceItem::Immediate(measurement)
         } else {
-            Item::Due(Ordered::Measurement(measurement))
+            SourceItem::Timed(Ordered::Measurement(measurement))
         }
     }
 
     /// Begins again at the beginning, unless the round had no scan to show.
-    fn next_round(&mut self) -> Result<Option<Item>, RecordingError> {
-        if !self.what.repeat || self.clock.elapsed() < self.what.start || !self.clock.has_started()
+    fn next_loop(&mut self) -> Result<Option<SourceItem>, RecordingError> {
+        if !self.range.repeat
+            || self.clock.elapsed() < self.range.start
+            || !self.clock.has_started()
         {
             return Ok(None);
         }
         let from = self.newest;
-        self.earlier_rounds = self.lost();
+        self.earlier_loops = self.lost();
         self.reader = (self.open)()?;
-        self.order = StampOrder::default();
+        self.order = TimeSequencer::default();
         self.clock = DataClock::default();
         self.newest = RobotTime::MIN;
-        Ok(Some(Item::Due(Ordered::ClockReset {
+        Ok(Some(SourceItem::Timed(Ordered::ClockReset {
             from,
             to: RobotTime::MIN,
         })))
     }
 
     /// The next item that is mapped; asides that are met on the way are put aside.
-    fn next_mapped(&mut self) -> Result<Option<Item>, RecordingError> {
+    fn next_mapped(&mut self) -> Result<Option<SourceItem>, RecordingError> {
         loop {
             if let Some(ordered) = self.order.pop() {
                 match ordered {
                     Ordered::Measurement(measurement) => {
                         let stamp = measurement.stamp;
-                        match self.sort(measurement) {
+                        match self.classify(measurement) {
                             ControlFlow::Continue(Some(item)) => return Ok(Some(item)),
                             ControlFlow::Continue(None) => continue,
                             ControlFlow::Break(()) => {
-                                self.asides.retain(|aside| aside.stamp < stamp);
-                                return self.next_round();
+                                self.unmapped
+                                    .retain(|measurement| measurement.stamp < stamp);
+                                return self.next_loop();
                             }
                         }
                     }
                     reset @ Ordered::ClockReset { .. } => {
                         self.clock.reset();
                         self.newest = RobotTime::MIN;
-                        return Ok(Some(Item::Due(reset)));
+                        return Ok(Some(SourceItem::Timed(reset)));
                     }
                 }
             }
             match self.reader.next_measurement()? {
                 Some(measurement) if !self.is_mapped(&measurement) => {
-                    self.asides.push_back(measurement);
-                    if self.asides.len() > MAX_ASIDES {
-                        return Ok(self.asides.pop_front().map(Item::Aside));
+                    self.unmapped.push_back(measurement);
+                    if self.unmapped.len() > MAX_UNMAPPED {
+                        return Ok(self.unmapped.pop_front().map(SourceItem::Unmapped));
                     }
                 }
                 Some(mut measurement) => {
                     if let MeasurementData::Scan { own_pose, .. } = &mut measurement.data
-                        && !self.what.own_poses
+                        && !self.range.own_poses
                     {
                         *own_pose = None;
                     }
@@ -253,7 +256,7 @@ impl Replayed {
                     self.order.finish();
                     match self.order.pop() {
                         Some(ordered) => self.order.put_back(ordered),
-                        None => return self.next_round(),
+                        None => return self.next_loop(),
                     }
                 }
             }
@@ -261,30 +264,33 @@ impl Replayed {
     }
 }
 
-impl Source for Replayed {
-    fn next(&mut self) -> Result<Option<Item>, RecordingError> {
-        if self.held.is_none() && !self.is_over {
-            self.held = self.next_mapped()?;
-            self.is_over = self.held.is_none();
+impl Source for ReplaySource {
+    fn next(&mut self) -> Result<Option<SourceItem>, RecordingError> {
+        if self.pending.is_none() && !self.is_finished {
+            self.pending = self.next_mapped()?;
+            self.is_finished = self.pending.is_none();
         }
-        let turn = match &self.held {
-            Some(Item::Due(Ordered::Measurement(measurement))) => measurement.stamp,
-            Some(Item::AtOnce(pose)) if !pose.is_timeless() => pose.stamp,
+        let due_stamp = match &self.pending {
+            Some(SourceItem::Timed(Ordered::Measurement(measurement))) => measurement.stamp,
+            Some(SourceItem::Immediate(pose)) if !pose.is_static_transform() => pose.stamp,
             // What holds for all time goes first; a clock that starts anew and the end, last.
-            Some(Item::AtOnce(_) | Item::Aside(_) | Item::Came { .. } | Item::Pause) => {
-                RobotTime::MIN
-            }
-            Some(Item::Due(Ordered::ClockReset { .. })) | None => RobotTime::MAX,
+            Some(
+                SourceItem::Immediate(_)
+                | SourceItem::Unmapped(_)
+                | SourceItem::Live { .. }
+                | SourceItem::Idle,
+            ) => RobotTime::MIN,
+            Some(SourceItem::Timed(Ordered::ClockReset { .. })) | None => RobotTime::MAX,
         };
-        let is_their_turn = |aside: &Measurement| aside.stamp <= turn;
-        while self.asides.front().is_some_and(is_their_turn) {
-            let aside = self.asides.pop_front().map(Item::Aside);
+        let is_due = |measurement: &Measurement| measurement.stamp <= due_stamp;
+        while self.unmapped.front().is_some_and(is_due) {
+            let measurement = self.unmapped.pop_front().map(SourceItem::Unmapped);
             // What lies before the part does not belong into a recording of it.
-            if self.clock.elapsed() >= self.what.start {
-                return Ok(aside);
+            if self.clock.elapsed() >= self.range.start {
+                return Ok(measurement);
             }
         }
-        Ok(self.held.take())
+        Ok(self.pending.take())
     }
 
     fn streams_from(&self, from: usize) -> Vec<Stream> {
@@ -293,17 +299,17 @@ impl Source for Replayed {
     }
 
     fn position(&self) -> Option<Position> {
-        (!self.what.repeat).then(|| self.reader.position())
+        (!self.range.repeat).then(|| self.reader.position())
     }
 
     fn lost_total(&self) -> u64 {
-        self.earlier_rounds.counts.total()
+        self.earlier_loops.counts.total()
             + self.reader.losses().total()
             + self.order.drops().total()
     }
 
-    fn lost(&self) -> Lost {
-        let mut lost = self.earlier_rounds.clone();
+    fn lost(&self) -> SourceLosses {
+        let mut lost = self.earlier_loops.clone();
         lost.counts.merge(self.reader.losses());
         lost.counts.merge(self.order.drops());
         lost.late_scans += self.order.late_scans();
@@ -316,30 +322,30 @@ impl Source for Replayed {
 }
 
 /// A simulated run, and the motors of its vehicle where somebody may drive it.
-pub(super) struct Simulated {
+pub(super) struct SimulatedRun {
     pub(super) source: SimulatedSource,
     pub(super) motors: Option<SimulatedMotors>,
 }
 
-impl Simulated {
+impl SimulatedRun {
     /// The vehicle does what its motors are told, from as soon as nothing has been measured yet.
     fn drive(&mut self) {
         let Some(motors) = &self.motors else { return };
         let at = self.source.frontier();
         let true_velocity = self.source.velocity(at);
-        let told = motors.exchange(Velocity {
+        let command = motors.exchange(Velocity {
             linear_mps: true_velocity.forward_mps,
             angular_radps: true_velocity.turn_rate_radps,
         });
         let Velocity {
             linear_mps,
             angular_radps,
-        } = told.velocity;
+        } = command.velocity;
         let velocity = CommandedVelocity {
             linear_mps,
             angular_radps,
         };
-        let stopped = if told.is_taken_over && !self.source.is_driven() {
+        let stopped = if command.is_engaged && !self.source.is_driven() {
             self.source.take_over(at).map(drop)
         } else {
             Ok(())
@@ -351,14 +357,14 @@ impl Simulated {
     }
 }
 
-impl Source for Simulated {
-    fn next(&mut self) -> Result<Option<Item>, RecordingError> {
+impl Source for SimulatedRun {
+    fn next(&mut self) -> Result<Option<SourceItem>, RecordingError> {
         self.drive();
         Ok(self.source.next_measurement().map(|measurement| {
-            if measurement.is_timeless() {
-                Item::AtOnce(measurement)
+            if measurement.is_static_transform() {
+                SourceItem::Immediate(measurement)
             } else {
-                Item::Due(Ordered::Measurement(measurement))
+                SourceItem::Timed(Ordered::Measurement(measurement))
             }
         }))
     }
@@ -375,7 +381,7 @@ impl Source for Simulated {
         0
     }
 
-    fn lost(&self) -> Lost {
-        Lost::default()
+    fn lost(&self) -> SourceLosses {
+        SourceLosses::default()
     }
 }

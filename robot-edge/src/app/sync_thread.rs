@@ -9,7 +9,7 @@ use crate::recording::writer::WriteError;
 
 /// Who asks. Dropped, it waits for nothing: a sync that is under way ends by itself.
 pub(super) struct SyncThread {
-    orders: SyncSender<()>,
+    requests: SyncSender<()>,
     failed: Failed,
     thread: JoinHandle<()>,
 }
@@ -26,11 +26,11 @@ impl SyncThread {
         sync: impl Fn() -> Result<(), WriteError> + Send + 'static,
     ) -> io::Result<Self> {
         // One that waits takes in all that was written until its turn.
-        let (orders, ordered) = sync_channel(1);
+        let (requests, received) = sync_channel(1);
         let failed = Failed::default();
         let of_thread = Arc::clone(&failed);
         let run = move || {
-            for () in ordered {
+            for () in received {
                 if let Err(error) = sync() {
                     *lock(&of_thread) = Some(error);
                 }
@@ -40,7 +40,7 @@ impl SyncThread {
             .name("recording-sync".to_owned())
             .spawn(run)?;
         Ok(Self {
-            orders,
+            requests,
             failed,
             thread,
         })
@@ -50,9 +50,9 @@ impl SyncThread {
     ///
     /// # Errors
     /// What the disk has said since the last call.
-    pub(super) fn ask(&self) -> Result<(), WriteError> {
+    pub(super) fn request_sync(&self) -> Result<(), WriteError> {
         let failed = lock(&self.failed).take();
-        match self.orders.try_send(()) {
+        match self.requests.try_send(()) {
             Ok(()) | Err(TrySendError::Full(()) | TrySendError::Disconnected(())) => {}
         }
         failed.map_or(Ok(()), Err)
@@ -64,11 +64,11 @@ impl SyncThread {
     /// What the disk has said since the last call.
     pub(super) fn finish(self) -> Result<(), WriteError> {
         let Self {
-            orders,
+            requests,
             failed,
             thread,
         } = self;
-        drop(orders);
+        drop(requests);
         if thread.join().is_err() {
             tracing::error!("the thread that syncs a recording failed");
         }
@@ -102,10 +102,10 @@ mod tests {
             Ok(())
         });
         let thread = thread.unwrap();
-        thread.ask().unwrap();
+        thread.request_sync().unwrap();
         began.recv().unwrap();
         for _ in 0..5 {
-            thread.ask().unwrap();
+            thread.request_sync().unwrap();
         }
         assert_eq!(synced.load(Ordering::SeqCst), 0, "the disk is at work");
         for _ in 0..6 {
@@ -126,11 +126,11 @@ mod tests {
             })
         });
         let thread = thread.unwrap();
-        thread.ask().unwrap();
+        thread.request_sync().unwrap();
         began.recv().unwrap();
         // It has been said when the next one begins.
         let first = loop {
-            let said = thread.ask();
+            let said = thread.request_sync();
             if said.is_err() {
                 break said;
             }

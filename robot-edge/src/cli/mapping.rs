@@ -88,7 +88,7 @@ pub struct DrivingOptions {
     /// Keep an emergency stop here, so that it outlives this program [default: of `run`, `$STATE_DIRECTORY`, or
     /// `foreshore/ROBOT` in `$XDG_STATE_HOME` or `~/.local/state`; `simulate` forgets it at the end]
     #[arg(long, value_name = "DIR", conflicts_with = "no_network")]
-    pub state: Option<PathBuf>,
+    pub state_dir: Option<PathBuf>,
     /// Let operators start and stop recordings, which go here in files of a minute, and go on after a crash
     #[arg(long, value_name = "DIR", conflicts_with = "no_network")]
     pub recordings: Option<PathBuf>,
@@ -123,7 +123,7 @@ pub struct MappingOptions {
     /// Write everything that comes in to a recording; where there is such a file, to `FILE-2.mcap`, `FILE-3.mcap` …
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
-    /// Write the maps at the end; with `--stay`, when it is stopped
+    /// Write the maps at the end; with `--keep-serving`, when it is stopped
     #[arg(long, value_name = "DIR")]
     pub export: Option<PathBuf>,
     /// Write figures of the run at the end
@@ -152,12 +152,12 @@ pub struct NetworkOptions {
     #[arg(long, value_name = "FILE")]
     pub zenoh_config: Option<PathBuf>,
     /// Do not open the network
-    #[arg(long, conflicts_with_all = ["listen", "connect", "keys", "insecure", "zenoh_config", "stay"])]
+    #[arg(long, conflicts_with_all = ["listen", "connect", "keys", "insecure", "zenoh_config", "keep_serving"])]
     pub no_network: bool,
     /// Go on serving the map when the data has ended, until interrupted; a simulated vehicle that can be driven goes on
     /// measuring instead
     #[arg(long)]
-    pub stay: bool,
+    pub keep_serving: bool,
 }
 
 impl VehicleOptions {

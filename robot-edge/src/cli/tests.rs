@@ -53,12 +53,12 @@ fn run_takes_its_sensors_from_where_ros_is() {
     let default = run("run");
     assert_eq!(default.ros, "tcp/localhost:7447");
     assert_eq!((default.ros_domain, default.wait_s), (None, 10.0));
-    let named = run("run --ros tcp/bot:7447 --ros-domain 232 --wait 3 --vehicle v.toml --state s");
+    let named = run("run --ros tcp/bot:7447 --ros-domain 232 --wait 3 --vehicle v.toml --state-dir s");
     assert_eq!(
         (named.ros.as_str(), named.ros_domain),
         ("tcp/bot:7447", Some(232))
     );
-    assert_eq!(named.driving.state, Some(PathBuf::from("s")));
+    assert_eq!(named.driving.state_dir, Some(PathBuf::from("s")));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::error::{Fault, Problem};
+use super::error::{ConfigIssue, Problem};
 use super::layer::quoted;
 
 /// Longest name of anything, bytes.
@@ -37,15 +37,15 @@ impl fmt::Display for Allowed {
 
 /// Collects faults.
 #[derive(Default)]
-pub(super) struct Checks(Vec<Fault>);
+pub(super) struct Checks(Vec<ConfigIssue>);
 
 impl Checks {
-    pub(super) fn into_faults(self) -> Vec<Fault> {
+    pub(super) fn into_issues(self) -> Vec<ConfigIssue> {
         self.0
     }
 
-    pub(super) fn fault(&mut self, key: &str, value: String, why: &'static str, allowed: String) {
-        self.0.push(Fault {
+    pub(super) fn issue(&mut self, key: &str, value: String, why: &'static str, allowed: String) {
+        self.0.push(ConfigIssue {
             origin: None,
             key: key.to_owned(),
             problem: Problem::NotAllowed {
@@ -58,7 +58,7 @@ impl Checks {
 
     pub(super) fn number(&mut self, key: &str, value: f64, allowed: Allowed, why: &'static str) {
         if !allowed.contains(value) {
-            self.fault(key, as_toml(value), why, allowed.to_string());
+            self.issue(key, as_toml(value), why, allowed.to_string());
         }
     }
 
@@ -71,7 +71,7 @@ impl Checks {
         why: &'static str,
     ) {
         if !(least..=most).contains(&value) {
-            self.fault(key, value.to_string(), why, format!("{least} to {most}"));
+            self.issue(key, value.to_string(), why, format!("{least} to {most}"));
         }
     }
 
@@ -79,7 +79,7 @@ impl Checks {
         let is_printable = !value.chars().any(char::is_control);
         if value.trim().is_empty() || value.len() > MAX_NAME_BYTES || !is_printable {
             let allowed = format!("1 to {MAX_NAME_BYTES} printable characters");
-            self.fault(key, format!("\"{}\"", quoted(value)), why, allowed);
+            self.issue(key, format!("\"{}\"", quoted(value)), why, allowed);
         }
     }
 
@@ -87,7 +87,7 @@ impl Checks {
         self.name(key, value, "a frame has a name");
         if let Some(bare) = value.strip_prefix('/') {
             let why = "frames have no leading slash in tf2, so it would match none";
-            self.fault(
+            self.issue(
                 key,
                 format!("\"{}\"", quoted(value)),
                 why,

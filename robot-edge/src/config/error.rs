@@ -3,20 +3,20 @@
 use std::fmt;
 use std::path::PathBuf;
 
-pub use super::nearest::Hint;
-pub use super::shape::Expected;
+pub use super::schema::Expected;
+pub use super::suggestion::Suggestion;
 
 /// Why there is no configuration to work with. All of these are the user's to mend.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// Neither a preset nor a file.
     #[error("there is no vehicle `{name}`{} Presets: {}. A vehicle of your own is a file: \
-             `robot-edge vehicles generic2d > my.toml` makes one to edit", nearest.as_ref().map_or(".".to_owned(), |hint| format!(": {hint}")), presets.join(", "))]
+             `robot-edge vehicles generic2d > my.toml` makes one to edit", suggestion.as_ref().map_or(".".to_owned(), |hint| format!(": {hint}")), presets.join(", "))]
     UnknownVehicle {
         /// What was asked for.
         name: String,
         /// The preset nearest to it, where one is close.
-        nearest: Option<Hint>,
+        suggestion: Option<Suggestion>,
         /// All presets.
         presets: Vec<&'static str>,
     },
@@ -46,12 +46,12 @@ pub enum ConfigError {
     },
     /// Settings that do not exist, have the wrong type or a value that is not allowed.
     #[error("{}", lines(.0))]
-    Faults(Vec<Fault>),
+    Issues(Vec<ConfigIssue>),
 }
 
 /// One thing wrong with one setting.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Fault {
+pub struct ConfigIssue {
     /// Where it was set, unless by default.
     pub origin: Option<Origin>,
     /// Path of the key.
@@ -64,10 +64,10 @@ pub struct Fault {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Problem {
     /// There is no such key.
-    #[error("unknown key{}", after_colon(nearest.as_ref()))]
+    #[error("unknown key{}", after_colon(suggestion.as_ref()))]
     UnknownKey {
         /// The nearest that there is.
-        nearest: Option<Hint>,
+        suggestion: Option<Suggestion>,
     },
     /// The value has the wrong type, or is none of the words.
     #[error("expected {expected}, found {found}")]
@@ -130,7 +130,7 @@ impl fmt::Display for Origin {
     }
 }
 
-impl fmt::Display for Fault {
+impl fmt::Display for ConfigIssue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(origin) = &self.origin {
             write!(f, "{origin}: ")?;
@@ -139,11 +139,11 @@ impl fmt::Display for Fault {
     }
 }
 
-fn after_colon(hint: Option<&Hint>) -> String {
+fn after_colon(hint: Option<&Suggestion>) -> String {
     hint.map(|hint| format!(": {hint}")).unwrap_or_default()
 }
 
-fn lines(faults: &[Fault]) -> String {
-    let lines: Vec<String> = faults.iter().map(ToString::to_string).collect();
+fn lines(issues: &[ConfigIssue]) -> String {
+    let lines: Vec<String> = issues.iter().map(ToString::to_string).collect();
     lines.join("\n")
 }

@@ -6,18 +6,18 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 use toml::{Table, Value};
 
-use super::error::{ConfigError, Expected, Fault, Origin, Problem};
-use super::nearest::nearest;
-use super::shape::{SensorKinds, Shape};
+use super::error::{ConfigError, ConfigIssue, Expected, Origin, Problem};
+use super::schema::{Schema, SensorKinds};
+use super::suggestion::suggest;
 
 /// Faults of one layer beyond this many are not reported: the first ones explain them.
-const MAX_FAULTS: usize = 100;
+const MAX_ISSUES: usize = 100;
 /// Characters of a value or key that a message quotes.
 const MAX_QUOTED_CHARS: usize = 60;
 
 /// Settings and where each was made.
 #[derive(Clone, Debug)]
-pub(super) struct Layer {
+pub(super) struct ConfigLayer {
     pub(super) table: Table,
     pub(super) origins: Origins,
 }
@@ -34,7 +34,7 @@ pub(super) enum Origins {
     },
 }
 
-impl Layer {
+impl ConfigLayer {
     pub(super) fn preset(name: &'static str, text: &str) -> Result<Self, ConfigError> {
         let parsed = text.parse();
         Ok(Self {
@@ -96,37 +96,43 @@ impl Layer {
     }
 
     /// Every key that does not exist and every value of the wrong type, given the kind of each sensor.
-    pub(super) fn check(&self, root: &Shape, kinds: &SensorKinds<'_>) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        self.check_table(&self.table, root, "", &Known { root, kinds }, &mut faults);
-        faults
+    pub(super) fn check(&self, root: &Schema, kinds: &SensorKinds<'_>) -> Vec<ConfigIssue> {
+        let mut issues = Vec::new();
+        self.check_table(
+            &self.table,
+            root,
+            "",
+            &KnownKeys { root, kinds },
+            &mut issues,
+        );
+        issues
     }
 
     fn check_table(
         &self,
         table: &Table,
-        shape: &Shape,
+        schema: &Schema,
         prefix: &str,
-        all: &Known<'_>,
-        faults: &mut Vec<Fault>,
+        all: &KnownKeys<'_>,
+        issues: &mut Vec<ConfigIssue>,
     ) {
         for (key, value) in table {
-            if faults.len() >= MAX_FAULTS {
+            if issues.len() >= MAX_ISSUES {
                 return;
             }
             let path = join(prefix, key);
-            let known = shape.get(key, all.kinds).filter(|_| is_bare(key));
-            let fault = match (known, value) {
+            let known = schema.get(key, all.kinds).filter(|_| is_bare(key));
+            let issue = match (known, value) {
                 (None, _) => Some(unknown_key(&path, value, all)),
-                (Some(inner @ (Shape::Table(_) | Shape::Sensors(_))), Value::Table(table)) => {
-                    self.check_table(table, inner, &path, all, faults);
+                (Some(inner @ (Schema::Table(_) | Schema::Sensors(_))), Value::Table(table)) => {
+                    self.check_table(table, inner, &path, all, issues);
                     None
                 }
                 (Some(inner), value) => {
                     wrong_type(value, inner.expected()).map(|problem| (path, problem))
                 }
             };
-            faults.extend(fault.map(|(key, problem)| Fault {
+            issues.extend(issue.map(|(key, problem)| ConfigIssue {
                 origin: self.origin(&key),
                 key: quoted(&key),
                 problem,
@@ -136,8 +142,8 @@ impl Layer {
 }
 
 /// All keys that exist.
-struct Known<'a> {
-    root: &'a Shape,
+struct KnownKeys<'a> {
+    root: &'a Schema,
     kinds: &'a SensorKinds<'a>,
 }
 
@@ -171,7 +177,7 @@ pub(super) fn quoted(text: &str) -> String {
     short
 }
 
-fn unknown_key(path: &str, value: &Value, all: &Known<'_>) -> (String, Problem) {
+fn unknown_key(path: &str, value: &Value, all: &KnownKeys<'_>) -> (String, Problem) {
     // Of `[mapping.ocupancy]` with one setting that setting is named, as `--set` would.
     let (mut path, mut value) = (path.to_owned(), value);
     while let Value::Table(table) = value
@@ -184,14 +190,14 @@ fn unknown_key(path: &str, value: &Value, all: &Known<'_>) -> (String, Problem) 
     let sensor = path
         .strip_prefix("sensors.")
         .and_then(|rest| rest.split('.').next())
-        .unwrap_or(Shape::SENSOR);
+        .unwrap_or(Schema::SENSOR);
     let known = all.root.paths(sensor, all.kinds.get(sensor).copied());
     let candidates = known
         .iter()
         .filter(|(_, expected)| value.is_table() || *expected != Expected::Table)
         .map(|(path, _)| path.as_str());
-    let nearest = nearest(&path, candidates);
-    (path, Problem::UnknownKey { nearest })
+    let suggestion = suggest(&path, candidates);
+    (path, Problem::UnknownKey { suggestion })
 }
 
 fn wrong_type(value: &Value, expected: Expected) -> Option<Problem> {
@@ -199,7 +205,7 @@ fn wrong_type(value: &Value, expected: Expected) -> Option<Problem> {
         (Expected::Bool, Value::Boolean(_))
         | (Expected::Number, Value::Float(_) | Value::Integer(_))
         | (Expected::Text, Value::String(_)) => true,
-        (Expected::WholeNumber(max), Value::Integer(number)) => {
+        (Expected::Integer(max), Value::Integer(number)) => {
             u64::try_from(*number).is_ok_and(|number| number <= max)
         }
         (Expected::OneOf(words), Value::String(word)) => words.contains(&word.as_str()),

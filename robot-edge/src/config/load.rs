@@ -8,11 +8,11 @@ use serde::Deserialize;
 use toml::{Table, Value};
 
 use super::Config;
-use super::error::{ConfigError, Fault, Problem};
-use super::layer::{Layer, join, quoted};
+use super::error::{ConfigError, ConfigIssue, Problem};
+use super::layer::{ConfigLayer, join, quoted};
 use super::overrides::Override;
 use super::presets::{self, GENERIC, Preset};
-use super::shape::{Expected, SensorKinds, Shape};
+use super::schema::{Expected, Schema, SensorKinds};
 use super::validate::MAX_SENSORS;
 
 /// Largest file that is read as a configuration, bytes.
@@ -34,9 +34,9 @@ pub fn load(vehicle: &str, overrides: &[Override]) -> Result<Config, ConfigError
     build(&layers)
 }
 
-fn file_layers(path: &Path) -> Result<Vec<Layer>, ConfigError> {
+fn file_layers(path: &Path) -> Result<Vec<ConfigLayer>, ConfigError> {
     let text = read(path)?;
-    let mut file = Layer::file(path, &text)?;
+    let mut file = ConfigLayer::file(path, &text)?;
     let named = file.table.remove(PRESET_KEY);
     let mut base = named_preset(&file, named.as_ref())?.layer()?;
     if let (None, Some(Value::Table(own))) = (&named, file.table.get("sensors"))
@@ -47,7 +47,7 @@ fn file_layers(path: &Path) -> Result<Vec<Layer>, ConfigError> {
     Ok(vec![base, file])
 }
 
-fn named_preset(file: &Layer, named: Option<&Value>) -> Result<Preset, ConfigError> {
+fn named_preset(file: &ConfigLayer, named: Option<&Value>) -> Result<Preset, ConfigError> {
     let problem = match named {
         None => return Ok(GENERIC),
         Some(Value::String(name)) => match presets::get(name) {
@@ -59,7 +59,7 @@ fn named_preset(file: &Layer, named: Option<&Value>) -> Result<Preset, ConfigErr
             found: quoted(&other.to_string()),
         },
     };
-    Err(ConfigError::Faults(vec![Fault {
+    Err(ConfigError::Issues(vec![ConfigIssue {
         origin: file.origin(PRESET_KEY),
         key: PRESET_KEY.to_owned(),
         problem,
@@ -103,49 +103,49 @@ fn read(path: &Path) -> Result<String, ConfigError> {
     })
 }
 
-fn build(layers: &[Layer]) -> Result<Config, ConfigError> {
+fn build(layers: &[ConfigLayer]) -> Result<Config, ConfigError> {
     let other = |key: &str, message: String| {
-        ConfigError::Faults(vec![Fault {
+        ConfigError::Issues(vec![ConfigIssue {
             origin: None,
             key: key.to_owned(),
             problem: Problem::Other(message),
         }])
     };
-    let shape = Shape::of_config().map_err(|error| other("configuration", error.to_string()))?;
-    let mut faults: Vec<Fault> = (0..layers.len())
-        .flat_map(|index| layers[index].check(&shape, &kinds_for(layers, index)))
+    let schema = Schema::of_config().map_err(|error| other("configuration", error.to_string()))?;
+    let mut issues: Vec<ConfigIssue> = (0..layers.len())
+        .flat_map(|index| layers[index].check(&schema, &kinds_for(layers, index)))
         .collect();
 
     let mut merged = Table::new();
     for layer in layers {
-        forget_other_kinds(&mut merged, &layer.sensor_kinds());
+        drop_other_kinds(&mut merged, &layer.sensor_kinds());
         merge(&mut merged, &layer.table);
     }
-    faults.extend(missing_sensors(&merged));
-    if faults.is_empty() {
+    issues.extend(missing_sensors(&merged));
+    if issues.is_empty() {
         let config = Config::deserialize(Value::Table(merged))
             .map_err(|error| other("configuration", error.message().to_owned()))?;
-        faults = config.validate();
-        if faults.is_empty() {
+        issues = config.validate();
+        if issues.is_empty() {
             return Ok(config);
         }
     }
-    for fault in &mut faults {
+    for issue in &mut issues {
         let set_by = || {
             layers
                 .iter()
                 .rev()
-                .find_map(|layer| layer.origin(&fault.key))
+                .find_map(|layer| layer.origin(&issue.key))
         };
-        fault.origin = fault.origin.take().or_else(set_by);
+        issue.origin = issue.origin.take().or_else(set_by);
     }
-    faults.sort_by(|a, b| a.origin.cmp(&b.origin));
-    Err(ConfigError::Faults(faults))
+    issues.sort_by(|a, b| a.origin.cmp(&b.origin));
+    Err(ConfigError::Issues(issues))
 }
 
 /// The kinds by which layer `index` is to be read: as it or the nearest layer under it names them, or else
 /// the nearest over it.
-fn kinds_for(layers: &[Layer], index: usize) -> SensorKinds<'_> {
+fn kinds_for(layers: &[ConfigLayer], index: usize) -> SensorKinds<'_> {
     let mut kinds = SensorKinds::new();
     let (under, over) = layers.split_at(index + 1);
     for layer in over.iter().rev().chain(under) {
@@ -155,7 +155,7 @@ fn kinds_for(layers: &[Layer], index: usize) -> SensorKinds<'_> {
 }
 
 /// A sensor that becomes one of another kind has nothing left of what it was.
-fn forget_other_kinds(merged: &mut Table, kinds: &SensorKinds<'_>) {
+fn drop_other_kinds(merged: &mut Table, kinds: &SensorKinds<'_>) {
     if let Some(Value::Table(sensors)) = merged.get_mut("sensors") {
         sensors.retain(|name, sensor| {
             let was = sensor.get("kind").and_then(Value::as_str);
@@ -175,7 +175,7 @@ fn merge(under: &mut Table, over: &Table) {
     }
 }
 
-fn missing_sensors(merged: &Table) -> Vec<Fault> {
+fn missing_sensors(merged: &Table) -> Vec<ConfigIssue> {
     let Some(Value::Table(sensors)) = merged.get("sensors") else {
         return Vec::new();
     };
@@ -191,7 +191,7 @@ fn missing_sensors(merged: &Table) -> Vec<Fault> {
         .filter(|(_, sensor)| sensor.is_table() && !has_kind(sensor));
     unknown
         .take(MAX_SENSORS)
-        .map(|(name, _)| Fault {
+        .map(|(name, _)| ConfigIssue {
             origin: None,
             key: join("sensors", name),
             problem: Problem::NoSuchSensor {

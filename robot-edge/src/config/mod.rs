@@ -20,11 +20,11 @@ pub mod vehicle;
 
 mod checks;
 mod layer;
-mod nearest;
-mod shape;
+mod schema;
+mod suggestion;
 mod validate;
 
-pub use error::{ConfigError, Fault, Origin, Problem};
+pub use error::{ConfigError, ConfigIssue, Origin, Problem};
 pub use load::load;
 pub use motors::{MotorsConfig, TwistConfig};
 pub use overrides::Override;
@@ -38,7 +38,7 @@ use crate::link::config::LinkConfig;
 use crate::localization::config::LocalizationConfig;
 use crate::mapping::config::MappingConfig;
 use crate::mapping::octree_config::RangeSensorModel;
-use crate::mapping::posed_scan::SensorId;
+use crate::mapping::registered_scan::SensorId;
 use crate::streaming::config::StreamingConfig;
 use crate::teleop::TeleopConfig;
 

@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use super::error::{Fault, Problem};
+use super::error::{ConfigIssue, Problem};
 use super::layer::{join, quoted};
 use crate::actuators::roboteq::RoboteqConfig;
 
@@ -34,16 +34,16 @@ impl Default for TwistConfig {
 
 impl MotorsConfig {
     /// Everything that is wrong with the values.
-    pub(super) fn check(&self) -> Vec<Fault> {
+    pub(super) fn check(&self) -> Vec<ConfigIssue> {
         let of_roboteq = self.roboteq.iter().flat_map(RoboteqConfig::check);
-        let mut faults: Vec<_> = of_roboteq
-            .map(|fault| Fault {
-                key: join("motors.roboteq", &fault.key),
-                ..fault
+        let mut issues: Vec<_> = of_roboteq
+            .map(|issue| ConfigIssue {
+                key: join("motors.roboteq", &issue.key),
+                ..issue
             })
             .collect();
-        let mut fault = |key: &str, value: &str, why, allowed: &str| {
-            faults.push(Fault {
+        let mut issue = |key: &str, value: &str, why, allowed: &str| {
+            issues.push(ConfigIssue {
                 origin: None,
                 key: key.to_owned(),
                 problem: Problem::NotAllowed {
@@ -55,7 +55,7 @@ impl MotorsConfig {
         };
         if let Some(TwistConfig { topic }) = &self.ros2_twist {
             if self.roboteq.is_some() {
-                fault(
+                issue(
                     "motors.ros2_twist",
                     topic,
                     "there is motors.roboteq already, and a vehicle has one kind of motors",
@@ -63,7 +63,7 @@ impl MotorsConfig {
                 );
             }
             if !is_topic(topic) {
-                fault(
+                issue(
                     "motors.ros2_twist.topic",
                     topic,
                     "it names a topic of ROS 2",
@@ -71,7 +71,7 @@ impl MotorsConfig {
                 );
             }
         }
-        faults
+        issues
     }
 }
 

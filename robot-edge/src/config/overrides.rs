@@ -7,7 +7,7 @@ use toml::de::ValueDeserializer;
 use toml::{Table, Value};
 
 use super::error::Origin;
-use super::layer::{Layer, Origins, is_bare, join, quoted};
+use super::layer::{ConfigLayer, Origins, is_bare, join, quoted};
 
 /// Parts of a dotted key; no key that exists has as many.
 const MAX_KEY_PARTS: usize = 16;
@@ -40,7 +40,7 @@ impl Override {
         })
     }
 
-    pub(super) fn layer(&self) -> Layer {
+    pub(super) fn layer(&self) -> ConfigLayer {
         let mut value = self.value.clone();
         for part in self.parts.iter().rev() {
             value = Value::Table(Table::from_iter([(part.clone(), value)]));
@@ -54,7 +54,7 @@ impl Override {
             | Value::Datetime(_)
             | Value::Array(_) => Table::new(),
         };
-        Layer {
+        ConfigLayer {
             table,
             origins: Origins::One(self.origin.clone()),
         }

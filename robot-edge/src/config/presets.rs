@@ -1,8 +1,8 @@
 //! Vehicles that come with the program.
 
 use super::error::ConfigError;
-use super::layer::Layer;
-use super::nearest::nearest;
+use super::layer::ConfigLayer;
+use super::suggestion::suggest;
 
 /// A vehicle's configuration, embedded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,8 +20,8 @@ impl Preset {
         line.trim_start_matches(['#', ' '])
     }
 
-    pub(super) fn layer(&self) -> Result<Layer, ConfigError> {
-        Layer::preset(self.name, self.text)
+    pub(super) fn layer(&self) -> Result<ConfigLayer, ConfigError> {
+        ConfigLayer::preset(self.name, self.text)
     }
 }
 
@@ -69,7 +69,7 @@ pub fn get(name: &str) -> Result<Preset, ConfigError> {
 pub(super) fn unknown(name: &str) -> ConfigError {
     ConfigError::UnknownVehicle {
         name: super::layer::quoted(name),
-        nearest: nearest(name, PRESETS.iter().map(|preset| preset.name))
+        suggestion: suggest(name, PRESETS.iter().map(|preset| preset.name))
             .filter(|hint| hint.is_close),
         presets: PRESETS.iter().map(|preset| preset.name).collect(),
     }

@@ -3,7 +3,7 @@
 use serde::Deserialize;
 
 use crate::mapping::octree_config::RangeSensorModel;
-use crate::mapping::posed_scan::SensorId;
+use crate::mapping::registered_scan::SensorId;
 
 mod mount;
 mod pose_sensors;

@@ -5,7 +5,7 @@ use self::sensors::sensor;
 use self::terrain::terrain;
 use self::voxels::voxels;
 use super::checks::{Allowed, Checks, as_toml};
-use super::error::Fault;
+use super::error::ConfigIssue;
 use super::layer::quoted;
 use super::{Config, VehicleConfig};
 use crate::link::config::LinkConfig;
@@ -24,13 +24,13 @@ pub(super) const MAX_SENSORS: usize = 32;
 
 impl Config {
     /// Everything that is wrong with the values; empty where nothing is.
-    pub fn validate(&self) -> Vec<Fault> {
+    pub fn validate(&self) -> Vec<ConfigIssue> {
         let mut checks = Checks::default();
         vehicle(&mut checks, &self.vehicle);
         let sensors = self.sensors.len();
         if !(1..=MAX_SENSORS).contains(&sensors) {
             let why = "maps are made of what sensors say, and each takes memory";
-            checks.fault(
+            checks.issue(
                 "sensors",
                 format!("a table of {sensors}"),
                 why,
@@ -47,10 +47,10 @@ impl Config {
         voxels(&mut checks, &self.mapping);
         streaming(&mut checks, &self.streaming);
         link(&mut checks, &self.link);
-        let mut faults = checks.into_faults();
-        faults.extend(self.teleop.check());
-        faults.extend(self.motors.check());
-        faults
+        let mut issues = checks.into_issues();
+        issues.extend(self.teleop.check());
+        issues.extend(self.motors.check());
+        issues
     }
 }
 
@@ -63,7 +63,7 @@ fn link(checks: &mut Checks, link: &LinkConfig) {
         if let Some(endpoint) = endpoint
             && bulk_endpoint(endpoint).is_err()
         {
-            checks.fault(
+            checks.issue(
                 key,
                 quoted(endpoint),
                 "control is at this port and tiles at the next",
@@ -77,7 +77,7 @@ fn vehicle(checks: &mut Checks, vehicle: &VehicleConfig) {
     checks.name(
         "vehicle.name",
         &vehicle.name,
-        "it stands in summaries and messages",
+        "it is used in summaries and messages",
     );
     let body = "it is the size of a ground robot or boat, in metres";
     let size = Allowed::PositiveUpTo(100.0);
@@ -85,8 +85,8 @@ fn vehicle(checks: &mut Checks, vehicle: &VehicleConfig) {
     checks.number("vehicle.width_m", vehicle.width_m, size, body);
     checks.number("vehicle.height_m", vehicle.height_m, size, body);
     checks.number(
-        "vehicle.lowest_point_m",
-        vehicle.lowest_point_m,
+        "vehicle.bottom_z_m",
+        vehicle.bottom_z_m,
         Allowed::Within(-10.0, 10.0),
         "it is the height of the vehicle's lowest part above its base frame",
     );
@@ -94,7 +94,7 @@ fn vehicle(checks: &mut Checks, vehicle: &VehicleConfig) {
     if vehicle.length_m > 0.0
         && !(-vehicle.length_m..=vehicle.length_m).contains(&vehicle.footprint_offset_m)
     {
-        checks.fault(
+        checks.issue(
             "vehicle.footprint_offset_m",
             as_toml(vehicle.footprint_offset_m),
             "the base frame is at the vehicle",
@@ -104,7 +104,7 @@ fn vehicle(checks: &mut Checks, vehicle: &VehicleConfig) {
     if let Some(wheelbase_m) = vehicle.wheelbase_m
         && !(wheelbase_m > 0.0 && wheelbase_m <= vehicle.length_m)
     {
-        checks.fault(
+        checks.issue(
             "vehicle.wheelbase_m",
             as_toml(wheelbase_m),
             "the axles are under the vehicle",
@@ -150,7 +150,7 @@ fn occupancy(checks: &mut Checks, occupancy: &OccupancyConfig) {
     } = *occupancy;
     let mut ordered = |name: &str, value: f64, holds: bool, why, allowed: String| {
         if !holds {
-            checks.fault(&key(name), as_toml(value), why, allowed);
+            checks.issue(&key(name), as_toml(value), why, allowed);
         }
     };
     let free = "seeing through a cell must make it less likely to be occupied";
@@ -205,8 +205,8 @@ fn streaming(checks: &mut Checks, streaming: &StreamingConfig) {
     );
     let store = "the store must hold something, and the machine must hold the store";
     checks.whole(
-        "streaming.store_mb",
-        streaming.store_mb.into(),
+        "streaming.tile_store_mb",
+        streaming.tile_store_mb.into(),
         1,
         1 << 20,
         store,

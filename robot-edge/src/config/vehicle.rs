@@ -20,7 +20,7 @@ pub struct VehicleConfig {
     /// Extent along z from the ground up, metres.
     pub height_m: f64,
     /// Height of its lowest part above the base frame, metres: negative for a hull.
-    pub lowest_point_m: f64,
+    pub bottom_z_m: f64,
     /// Distance of the axles, metres; where absent, the length.
     pub wheelbase_m: Option<f64>,
     /// Greatest speed, metres per second.
@@ -38,7 +38,7 @@ impl Default for VehicleConfig {
             width_m: 0.5,
             footprint_offset_m: 0.0,
             height_m: 0.5,
-            lowest_point_m: 0.0,
+            bottom_z_m: 0.0,
             wheelbase_m: None,
             max_speed_mps: 1.0,
             max_turn_rate_radps: 1.0,
@@ -53,7 +53,7 @@ impl VehicleConfig {
             length_m: self.length_m,
             width_m: self.width_m,
             height_m: self.height_m,
-            lowest_point_m: self.lowest_point_m,
+            bottom_z_m: self.bottom_z_m,
             wheelbase_m: self.wheelbase_m(),
         }
     }

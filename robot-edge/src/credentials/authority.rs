@@ -16,7 +16,7 @@ use crate::clock;
 /// How long the authority itself is good for.
 const AUTHORITY_DAYS: u32 = 20 * 365;
 /// Certificates begin this long before they are made: not every machine's clock is right.
-const HEAD_START: Duration = Duration::from_hours(24);
+const CLOCK_TOLERANCE: Duration = Duration::from_hours(24);
 const DAY: Duration = Duration::from_hours(24);
 
 /// What signs certificates.
@@ -127,7 +127,7 @@ fn named(common_name: &str) -> DistinguishedName {
 
 fn set_validity(params: &mut CertificateParams, days: u32) {
     let now = date_time_ymd(1970, 1, 1) + Duration::from_secs(clock::seconds_since_1970());
-    params.not_before = now - HEAD_START;
+    params.not_before = now - CLOCK_TOLERANCE;
     params.not_after = now + days * DAY;
 }
 

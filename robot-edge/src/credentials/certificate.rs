@@ -13,7 +13,7 @@ use super::{CredentialsError, Identity, files};
 use crate::clock;
 
 /// It is said that a certificate expires this long before it does, seconds.
-const NOTICE_S: i64 = 30 * 86_400;
+const EXPIRY_NOTICE_S: i64 = 30 * 86_400;
 
 /// A certificate that the fleet's authority has signed.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -75,7 +75,7 @@ impl Certificate {
     }
 
     /// What somebody should know about its time, if anything; `now_s` is seconds since 1970.
-    pub fn complaint(&self, now_s: i64) -> Option<String> {
+    pub fn warning(&self, now_s: i64) -> Option<String> {
         let [from_s, until_s] = self.valid_s;
         let day = |seconds: i64| clock::utc_label(u64::try_from(seconds).unwrap_or(0));
         let until = day(until_s);
@@ -92,7 +92,7 @@ impl Certificate {
                 "the certificate of {} expired at {until}, and nobody accepts it: {anew}",
                 self.identity
             ))
-        } else if now_s + NOTICE_S >= until_s {
+        } else if now_s + EXPIRY_NOTICE_S >= until_s {
             Some(format!(
                 "the certificate of {} expires at {until}: {anew}",
                 self.identity

@@ -86,7 +86,7 @@ impl FleetFolder {
 }
 
 /// The folder inside `folder` that was probably meant, if it is a whole fleet's.
-pub(super) fn meant_inside(folder: &Path) -> Option<String> {
+pub(super) fn subfolder_hint(folder: &Path) -> Option<String> {
     let fleet = FleetFolder::new(folder);
     fleet.authority().exists().then(|| {
         format!(

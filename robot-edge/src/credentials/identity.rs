@@ -24,7 +24,7 @@ pub enum Identity {
 /// A common name that `robot-edge keys` does not give.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("its common name {0:?} is not one that `robot-edge keys` gives")]
-pub struct StrangeName(pub String);
+pub struct InvalidName(pub String);
 
 impl Identity {
     /// Whether a console may take who says this for a robot, or for the way to one.
@@ -56,10 +56,10 @@ impl fmt::Display for Identity {
 }
 
 impl FromStr for Identity {
-    type Err = StrangeName;
+    type Err = InvalidName;
 
-    fn from_str(common_name: &str) -> Result<Self, StrangeName> {
-        let strange = || StrangeName(common_name.to_owned());
+    fn from_str(common_name: &str) -> Result<Self, InvalidName> {
+        let strange = || InvalidName(common_name.to_owned());
         let (word, name) = common_name.split_once(':').ok_or_else(strange)?;
         if (word, name) == ("router", "") {
             return Ok(Self::Router);
@@ -116,7 +116,7 @@ mod tests {
         ] {
             assert_eq!(
                 name.parse::<Identity>(),
-                Err(StrangeName(name.to_owned())),
+                Err(InvalidName(name.to_owned())),
                 "{name}"
             );
         }

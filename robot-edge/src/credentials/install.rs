@@ -24,7 +24,7 @@ pub struct Installed {
     /// How many people are on its list.
     pub people: usize,
     /// What the owner should know of its certificate's time, if anything.
-    pub complaint: Option<String>,
+    pub warning: Option<String>,
 }
 
 /// Puts a copy of the vehicle's folder `from` at `to`, where nothing is or the same vehicle's keys are, which are removed.
@@ -67,7 +67,7 @@ pub fn install(from: &Path, to: &Path) -> Result<Installed, CredentialsError> {
     Ok(Installed {
         robot,
         people: list.people().len(),
-        complaint: credentials.complaint(),
+        warning: credentials.warning(),
     })
 }
 

@@ -10,7 +10,7 @@ use rcgen::{KeyPair, PublicKeyData as _};
 use super::authority::{self, Authority};
 use super::files::{self, Readers};
 use super::folder::{CA_CERTIFICATE, CERTIFICATE, FleetFolder, PRIVATE_KEY, SIGNING_KEY};
-use super::{Certificate, CredentialsError, Identity, Listed, OperatorList};
+use super::{Certificate, CredentialsError, Identity, ListedOperator, OperatorList};
 use crate::link::security::RouterConfig;
 use crate::teleop::Role;
 
@@ -103,9 +103,13 @@ impl Fleet {
         Ok(())
     }
 
-    fn person(&mut self, name: &OperatorId, role: Role) -> Result<Listed, CredentialsError> {
+    fn person(
+        &mut self,
+        name: &OperatorId,
+        role: Role,
+    ) -> Result<ListedOperator, CredentialsError> {
         let folder = self.folder.person(name);
-        let listed = |key| Listed {
+        let listed = |key| ListedOperator {
             name: name.clone(),
             role,
             key,
@@ -125,7 +129,7 @@ impl Fleet {
     }
 
     /// Puts somebody on a vehicle's list.
-    fn list(&mut self, robot: &RobotId, person: &Listed) -> Result<(), CredentialsError> {
+    fn list(&mut self, robot: &RobotId, person: &ListedOperator) -> Result<(), CredentialsError> {
         let path = self.folder.operators(robot);
         let text = files::read(&path)?;
         let list =
@@ -205,7 +209,7 @@ impl Fleet {
         };
         if certificate.exists() {
             let known = Certificate::read(&certificate, &ca)?;
-            check_known(&certificate, &known, identity, hosts, &key_pair)?;
+            check_existing(&certificate, &known, identity, hosts, &key_pair)?;
             return Ok(false);
         }
         let mut all_hosts = hosts.to_vec();
@@ -224,7 +228,7 @@ impl Fleet {
     }
 }
 
-fn check_known(
+fn check_existing(
     path: &Path,
     known: &Certificate,
     identity: &Identity,

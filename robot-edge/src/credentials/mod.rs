@@ -14,7 +14,7 @@ mod identity;
 mod install;
 pub mod issue;
 pub mod operator_list;
-mod own;
+mod own_credentials;
 
 pub use certificate::Certificate;
 pub use error::CredentialsError;
@@ -22,5 +22,5 @@ pub use folder::FleetFolder;
 pub use identity::Identity;
 pub use install::{Installed, install};
 pub use issue::{IssueRequest, issue};
-pub use operator_list::{Listed, OperatorList};
-pub use own::Credentials;
+pub use operator_list::{ListedOperator, OperatorList};
+pub use own_credentials::Credentials;

@@ -21,7 +21,7 @@ const VERSION: u32 = 1;
 
 /// One person of a list.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Listed {
+pub struct ListedOperator {
     /// The name in the certificate and in the keys of what they send.
     pub name: OperatorId,
     /// What they may do.
@@ -33,7 +33,7 @@ pub struct Listed {
 /// Those who may watch or drive one vehicle, each name once.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct OperatorList {
-    people: Vec<Listed>,
+    people: Vec<ListedOperator>,
 }
 
 #[derive(Deserialize)]
@@ -48,29 +48,29 @@ struct File {
 #[serde(deny_unknown_fields)]
 struct Entry {
     name: OperatorId,
-    role: RoleWord,
+    role: RoleName,
     key: Option<String>,
 }
 
 #[derive(Clone, Copy, Deserialize)]
 #[serde(rename_all = "lowercase")]
-enum RoleWord {
+enum RoleName {
     Observer,
     Operator,
     Supervisor,
 }
 
-impl From<RoleWord> for Role {
-    fn from(word: RoleWord) -> Self {
+impl From<RoleName> for Role {
+    fn from(word: RoleName) -> Self {
         match word {
-            RoleWord::Observer => Self::Observer,
-            RoleWord::Operator => Self::Operator,
-            RoleWord::Supervisor => Self::Supervisor,
+            RoleName::Observer => Self::Observer,
+            RoleName::Operator => Self::Operator,
+            RoleName::Supervisor => Self::Supervisor,
         }
     }
 }
 
-impl Listed {
+impl ListedOperator {
     /// Whose certificate is theirs.
     pub fn identity(&self) -> Identity {
         Identity::Person(self.name.clone(), self.role)
@@ -141,7 +141,7 @@ impl OperatorList {
                     role_name(role)
                 ));
             }
-            people.push(Listed { name, role, key });
+            people.push(ListedOperator { name, role, key });
         }
         Ok(Self { people })
     }
@@ -155,12 +155,12 @@ impl OperatorList {
     }
 
     /// Everybody, in the order of the file.
-    pub fn people(&self) -> &[Listed] {
+    pub fn people(&self) -> &[ListedOperator] {
         &self.people
     }
 
     /// Who goes by that name.
-    pub fn find(&self, name: &OperatorId) -> Option<&Listed> {
+    pub fn find(&self, name: &OperatorId) -> Option<&ListedOperator> {
         self.people.iter().find(|listed| listed.name == *name)
     }
 }
@@ -171,15 +171,15 @@ mod tests {
 
     use super::*;
 
-    fn listed(name: &str, role: Role, seed: Option<u8>) -> Listed {
-        Listed {
+    fn listed(name: &str, role: Role, seed: Option<u8>) -> ListedOperator {
+        ListedOperator {
             name: name.parse().unwrap(),
             role,
             key: seed.map(|seed| SecretKey::from_seed(&[seed; 32]).public()),
         }
     }
 
-    fn text(people: &[Listed]) -> String {
+    fn text(people: &[ListedOperator]) -> String {
         let entries = people.iter().map(|listed| listed.entry().unwrap());
         OperatorList::empty_text("scout") + &entries.collect::<String>()
     }

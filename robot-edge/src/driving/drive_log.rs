@@ -8,10 +8,10 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use crate::clock::Monotonic;
-use crate::free_space::{SpaceOf, space_of};
+use crate::free_space::{DiskSpaceFn, disk_space};
 use crate::new_file::{self, NewFile};
 use crate::teleop::report::Clamp;
-use crate::teleop::{GuardVerdict, Mode, TeleopReport};
+use crate::teleop::{CollisionMonitorOutput, Mode, TeleopReport};
 
 /// Rounds that wait for the disk at most: 80 s of them.
 const CAPACITY: usize = 4096;
@@ -53,7 +53,7 @@ impl DriveLog {
             .name("drive-log".to_owned())
             .spawn(move || {
                 let path = file.path.clone();
-                let written = Writer::new(file, FILE_BYTES, space_of)
+                let written = Writer::new(file, FILE_BYTES, disk_space)
                     .and_then(|mut writer| writer.write_all(&to_write));
                 if let Err(error) = written {
                     tracing::error!(path = %path.display(), %error, "the drive log ended; driving goes on");
@@ -104,20 +104,20 @@ struct Writer {
     /// Where the log began: the next file is of the same name.
     first: PathBuf,
     file_bytes: u64,
-    space_of: SpaceOf,
+    disk_space: DiskSpaceFn,
     synced_at: Monotonic,
     line: Vec<u8>,
 }
 
 impl Writer {
-    fn new(file: NewFile, file_bytes: u64, space_of: SpaceOf) -> io::Result<Self> {
+    fn new(file: NewFile, file_bytes: u64, disk_space: DiskSpaceFn) -> io::Result<Self> {
         let mut writer = Self {
             out: BufWriter::new(file.file.try_clone()?),
             first: file.path.clone(),
             file,
             bytes: 0,
             file_bytes,
-            space_of,
+            disk_space,
             synced_at: Monotonic::now(),
             line: Vec::new(),
         };
@@ -163,7 +163,7 @@ impl Writer {
         self.synced_at = Monotonic::now();
         self.file.sync()?;
         self.file
-            .scarce_space(self.space_of)
+            .low_space(self.disk_space)
             .map_or(Ok(()), |space| {
                 let what = format!("the disk is nearly full: {space}");
                 Err(io::Error::new(io::ErrorKind::StorageFull, what))
@@ -193,7 +193,7 @@ fn write_round(round: &Round, file: &mut impl Write) -> io::Result<()> {
         report.lease.epoch,
         OrEmpty(report.last_seq),
         OrEmpty(report.clamp.map(clamp)),
-        guard(report.guard),
+        guard(report.collision_monitor),
     )
 }
 
@@ -221,18 +221,18 @@ const fn clamp(clamp: Clamp) -> &'static str {
     match clamp {
         Clamp::Vehicle => "vehicle",
         Clamp::Age => "age",
-        Clamp::Guard => "guard",
+        Clamp::CollisionMonitor => "guard",
         Clamp::Ramp => "ramp",
     }
 }
 
-const fn guard(verdict: Option<GuardVerdict>) -> &'static str {
-    match verdict {
+const fn guard(output: Option<CollisionMonitorOutput>) -> &'static str {
+    match output {
         None => "silent",
-        Some(GuardVerdict::Off) => "off",
-        Some(GuardVerdict::Stale) => "stale",
-        Some(GuardVerdict::Limits(limits)) if limits.is_blind => "blind",
-        Some(GuardVerdict::Limits(_)) => "on",
+        Some(CollisionMonitorOutput::Off) => "off",
+        Some(CollisionMonitorOutput::Stale) => "stale",
+        Some(CollisionMonitorOutput::Limits(limits)) if limits.in_unknown_space => "blind",
+        Some(CollisionMonitorOutput::Limits(_)) => "on",
     }
 }
 
@@ -240,7 +240,7 @@ const fn guard(verdict: Option<GuardVerdict>) -> &'static str {
 mod tests {
     use super::*;
     use crate::config::VehicleConfig;
-    use crate::free_space::Space;
+    use crate::free_space::DiskSpace;
     use crate::teleop::{ArbiterState, Rules, TeleopConfig};
 
     fn report() -> TeleopReport {
@@ -288,8 +288,8 @@ mod tests {
 
     #[test]
     fn a_file_that_is_full_is_followed_by_another_with_a_header_of_its_own() {
-        let roomy: SpaceOf = |_| {
-            Ok(Space {
+        let roomy: DiskSpaceFn = |_| {
+            Ok(DiskSpace {
                 free_bytes: 90_000_000_000,
                 total_bytes: 100_000_000_000,
             })
@@ -318,8 +318,8 @@ mod tests {
 
     #[test]
     fn it_ends_where_the_disk_is_nearly_full() {
-        let scarce: SpaceOf = |_| {
-            Ok(Space {
+        let scarce: DiskSpaceFn = |_| {
+            Ok(DiskSpace {
                 free_bytes: 900_000_000,
                 total_bytes: 10_000_000_000,
             })

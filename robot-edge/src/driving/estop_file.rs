@@ -10,7 +10,7 @@ use crate::teleop::emergency_stop::StoredEStop;
 const NAME: &str = "estop";
 const BYTES: usize = 38;
 
-/// A file that says which emergency stop is in force, if one is.
+/// A file that says which emergency stop is active, if one is.
 ///
 /// It always has the same length and is written in place: on a full disk an emergency stop is still stored (on file
 /// systems that write in place). What is half written or damaged reads as an emergency stop.
@@ -21,7 +21,7 @@ pub struct EStopFile {
 }
 
 impl EStopFile {
-    /// Opens the file of a directory; where there is none it is made, and says that no emergency stop is in force.
+    /// Opens the file of a directory; where there is none it is made, and says that no emergency stop is active.
     ///
     /// # Errors
     /// Where the directory or the file cannot be made or written.
@@ -59,7 +59,7 @@ impl EStopFile {
         }
     }
 
-    /// Says which emergency stop is in force, and returns when it is on the disk.
+    /// Says which emergency stop is active, and returns when it is on the disk.
     ///
     /// # Errors
     /// Where it cannot be written.
@@ -76,12 +76,12 @@ impl EStopFile {
 }
 
 fn content(estop: Option<EStopId>) -> String {
-    let said = match estop {
+    let record = match estop {
         None => format!("{:<8}{:020}", "none", 0),
         Some(EStopId(id)) => format!("{:<8}{id:020}", "latched"),
     };
-    let check = crc32fast::hash(said.as_bytes());
-    format!("{said} {check:08x}\n")
+    let check = crc32fast::hash(record.as_bytes());
+    format!("{record} {check:08x}\n")
 }
 
 fn parse(bytes: &[u8]) -> StoredEStop {

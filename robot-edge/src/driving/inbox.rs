@@ -9,7 +9,7 @@ use protocol::keys::{OperatorId, OperatorTopic};
 use protocol::message::{Answer, Drive};
 use protocol::signed::Envelope;
 
-use crate::teleop::Wish;
+use crate::teleop::RequestKind;
 
 /// Messages that wait for the loop at most. It takes all of them every 20 ms, or as they come.
 const CAPACITY: usize = 256;
@@ -33,60 +33,60 @@ pub struct Incoming {
 #[derive(Clone, Debug)]
 pub struct Inbox {
     sender: SyncSender<Incoming>,
-    overflown: Arc<AtomicU64>,
+    dropped: Arc<AtomicU64>,
 }
 
 /// The loop's end of an [`Inbox`].
 #[derive(Debug)]
-pub struct Outlet {
+pub struct InboxReceiver {
     pub(super) receiver: Receiver<Incoming>,
-    overflown: Arc<AtomicU64>,
+    dropped: Arc<AtomicU64>,
 }
 
 impl Inbox {
     /// An empty inbox and its other end.
-    pub fn new() -> (Self, Outlet) {
+    pub fn new() -> (Self, InboxReceiver) {
         let (sender, receiver) = sync_channel(CAPACITY);
-        let overflown = Arc::new(AtomicU64::new(0));
-        let outlet = Outlet {
+        let dropped = Arc::new(AtomicU64::new(0));
+        let inbox_receiver = InboxReceiver {
             receiver,
-            overflown: Arc::clone(&overflown),
+            dropped: Arc::clone(&dropped),
         };
-        (Self { sender, overflown }, outlet)
+        (Self { sender, dropped }, inbox_receiver)
     }
 
     /// Leaves a message for the loop, at once: where there is no room for it, it is dropped and counted, and whoever
     /// sent it hears nothing, which means "again".
     pub fn offer(&self, incoming: Incoming) {
         if self.sender.try_send(incoming).is_err() {
-            self.overflown.fetch_add(1, Ordering::Relaxed);
+            self.dropped.fetch_add(1, Ordering::Relaxed);
         }
     }
 }
 
-impl Outlet {
+impl InboxReceiver {
     /// Messages for which there was no room, since the last call.
-    pub(super) fn take_overflown(&self) -> u64 {
-        self.overflown.swap(0, Ordering::Relaxed)
+    pub(super) fn take_dropped(&self) -> u64 {
+        self.dropped.swap(0, Ordering::Relaxed)
     }
 }
 
 impl Incoming {
     /// What it asks for, as its key says and what it claims: a driving command can carry an emergency stop.
-    pub(super) fn wish(&self) -> Wish {
+    pub(super) fn request_kind(&self) -> RequestKind {
         match self.topic {
-            OperatorTopic::Drive if self.carries_estop() => Wish::EStop,
-            OperatorTopic::Drive => Wish::Drive,
-            OperatorTopic::EStop => Wish::EStop,
-            OperatorTopic::Reset => Wish::Reset,
-            OperatorTopic::Lease => Wish::Lease,
-            OperatorTopic::Set => Wish::Setting,
+            OperatorTopic::Drive if self.carries_estop() => RequestKind::EStop,
+            OperatorTopic::Drive => RequestKind::Drive,
+            OperatorTopic::EStop => RequestKind::EStop,
+            OperatorTopic::Reset => RequestKind::Reset,
+            OperatorTopic::Lease => RequestKind::Lease,
+            OperatorTopic::Set => RequestKind::Setting,
         }
     }
 
     fn carries_estop(&self) -> bool {
-        let claimed =
-            Envelope::parse(&self.bytes).and_then(|envelope| envelope.claimed_command::<Drive>());
+        let claimed = Envelope::parse(&self.bytes)
+            .and_then(|envelope| envelope.unverified_command::<Drive>());
         claimed.is_ok_and(|drive| drive.estop.is_some())
     }
 }

@@ -53,13 +53,13 @@ pub enum MotorReadiness {
 
 /// The motors of a simulated vehicle: what the loop tells, the simulation takes.
 #[derive(Clone, Debug, Default)]
-pub struct SimulatedMotors(Arc<Mutex<Told>>);
+pub struct SimulatedMotors(Arc<Mutex<SimulatedMotorState>>);
 
 /// What both sides of simulated motors last said.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Told {
+pub struct SimulatedMotorState {
     /// The vehicle no longer goes its own way, as simulated ones do until somebody takes them.
-    pub is_taken_over: bool,
+    pub is_engaged: bool,
     /// What the motors are told.
     pub velocity: Velocity,
     /// When that was decided.
@@ -94,7 +94,7 @@ impl Motors {
                     readiness: match report.readiness {
                         Readiness::Starting => MotorReadiness::Starting,
                         // Held motors obey as soon as zero is asked for, which it is until somebody drives.
-                        Readiness::Holding(_) | Readiness::Obeying => MotorReadiness::Ready,
+                        Readiness::Holding(_) | Readiness::Active => MotorReadiness::Ready,
                     },
                     measured: report.measured,
                 },
@@ -109,7 +109,7 @@ impl Motors {
     /// From now on the vehicle does nothing but what it is told.
     pub fn take_over(&mut self) {
         if let Self::Simulated(motors) = self {
-            motors.told().is_taken_over = true;
+            motors.state().is_engaged = true;
         }
     }
 
@@ -137,23 +137,23 @@ impl Motors {
 impl SimulatedMotors {
     /// Tells them a velocity that was decided at `now`; returns how fast the vehicle is, as far as they know.
     pub(super) fn command(&self, velocity: Velocity, now: Monotonic) -> Option<Velocity> {
-        let mut told = self.told();
-        told.velocity = velocity;
-        told.decided_at = now;
-        told.measured
+        let mut state = self.state();
+        state.velocity = velocity;
+        state.decided_at = now;
+        state.measured
     }
 
     /// Says how fast the vehicle is, and what the motors are told: zero, where nothing was decided lately.
-    pub fn exchange(&self, measured: Velocity) -> Told {
-        let mut told = self.told();
-        told.measured = Some(measured);
-        if told.decided_at.elapsed() >= WATCHDOG {
-            told.velocity = Velocity::ZERO;
+    pub fn exchange(&self, measured: Velocity) -> SimulatedMotorState {
+        let mut state = self.state();
+        state.measured = Some(measured);
+        if state.decided_at.elapsed() >= WATCHDOG {
+            state.velocity = Velocity::ZERO;
         }
-        *told
+        *state
     }
 
-    fn told(&self) -> std::sync::MutexGuard<'_, Told> {
+    fn state(&self) -> std::sync::MutexGuard<'_, SimulatedMotorState> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -172,8 +172,8 @@ mod tests {
         };
         let decided = Monotonic::now();
         motors.apply(ahead, decided);
-        let told = simulated.exchange(ahead).velocity;
-        assert!(told == ahead || decided.elapsed() >= WATCHDOG);
+        let state = simulated.exchange(ahead).velocity;
+        assert!(state == ahead || decided.elapsed() >= WATCHDOG);
         crate::clock::sleep_until(decided + WATCHDOG, || false);
         assert_eq!(simulated.exchange(ahead).velocity, Velocity::ZERO);
         motors.apply(ahead, decided);

@@ -18,23 +18,23 @@ pub const MAX_OPERATORS: usize = 64;
 pub struct Operators {
     known: Vec<Operator>,
     is_open: bool,
-    newer: NewerList,
+    pending: PendingOperatorList,
 }
 
 /// Where a list is left that is newer than the one in force; the last one counts.
 #[derive(Clone, Debug, Default)]
-pub struct NewerList(Arc<Mutex<Option<OperatorList>>>);
+pub struct PendingOperatorList(Arc<Mutex<Option<OperatorList>>>);
 
-impl NewerList {
+impl PendingOperatorList {
     /// Leaves a list for whoever takes it.
-    pub fn leave(&self, list: OperatorList) {
+    pub fn set(&self, list: OperatorList) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(list);
     }
 
     /// Takes what was left; whoever is leaving one just now is not waited for.
     pub(crate) fn take(&self) -> Option<OperatorList> {
         match self.0.try_lock() {
-            Ok(mut newer) => newer.take(),
+            Ok(mut pending) => pending.take(),
             Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner().take(),
             Err(TryLockError::WouldBlock) => None,
         }
@@ -61,7 +61,7 @@ impl Operators {
         Self {
             known: Vec::new(),
             is_open: true,
-            newer: NewerList::default(),
+            pending: PendingOperatorList::default(),
         }
     }
 
@@ -70,18 +70,18 @@ impl Operators {
         Self {
             known: signers(list).take(MAX_OPERATORS).collect(),
             is_open: false,
-            newer: NewerList::default(),
+            pending: PendingOperatorList::default(),
         }
     }
 
     /// Where a newer list is left for these.
-    pub fn newer(&self) -> NewerList {
-        self.newer.clone()
+    pub fn pending(&self) -> PendingOperatorList {
+        self.pending.clone()
     }
 
     /// Takes the newer list, if there is one: who may no more do what they could, or is told by another key.
-    pub(super) fn take_newer(&mut self) -> Option<Vec<OperatorId>> {
-        let list = self.newer.take()?;
+    pub(super) fn take_pending(&mut self) -> Option<Vec<OperatorId>> {
+        let list = self.pending.take()?;
         let mut revoked = Vec::new();
         for (at, known) in self.known.iter_mut().enumerate() {
             let listed = signers(&list).find(|listed| listed.name == known.name);
@@ -205,18 +205,18 @@ mod tests {
             ("dora", "supervisor", 4),
         ];
         let mut operators = Operators::listed(&list(&people));
-        assert_eq!(operators.take_newer(), None);
-        let newer = operators.newer();
-        newer.leave(list(&[]));
+        assert_eq!(operators.take_pending(), None);
+        let pending = operators.pending();
+        pending.set(list(&[]));
         // Bert's key is another, Cleo only watches, Dora may less but may drive, Emil is new.
-        newer.leave(list(&[
+        pending.set(list(&[
             ("emil", "operator", 5),
             ("dora", "operator", 4),
             ("bert", "operator", 9),
             ("cleo", "observer", 3),
         ]));
         let revoked = [0, 1, 2].map(OperatorId).to_vec();
-        assert_eq!(operators.take_newer(), Some(revoked));
+        assert_eq!(operators.take_pending(), Some(revoked));
         assert!(operators.find(&name("anna")).is_none());
         for (who, number, role, seed) in [
             ("bert", 1, Role::Operator, 9),
@@ -228,11 +228,11 @@ mod tests {
             let key = SecretKey::from_seed(&[seed; 32]).public();
             assert_eq!((id.0, operator.role, operator.key), (number, role, key));
         }
-        newer.leave(list(&people[..1]));
+        pending.set(list(&people[..1]));
         let revoked = [1, 2, 3, 4].map(OperatorId).to_vec();
-        assert_eq!(operators.take_newer(), Some(revoked));
+        assert_eq!(operators.take_pending(), Some(revoked));
         assert_eq!(operators.find(&name("anna")).unwrap().0, OperatorId(0));
-        newer.leave(list(&people[..1]));
-        assert_eq!(operators.take_newer(), Some(Vec::new()));
+        pending.set(list(&people[..1]));
+        assert_eq!(operators.take_pending(), Some(Vec::new()));
     }
 }

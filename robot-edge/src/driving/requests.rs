@@ -1,19 +1,19 @@
 //! Requests that are answered: emergency stop, reset, lease, settings.
 
 use protocol::message::{Answer, EStop, LeaseRequest, Reset, Setting};
-use protocol::signed::{Command, Envelope, Stamp};
+use protocol::signed::{Command, CommandHeader, Envelope};
 
-use super::board::Notice;
-use super::driver::{Driver, Sender};
+use super::drive_loop::{DriveLoop, Sender};
 use super::inbox::Reply;
-use super::words;
+use super::shared_drive_state::DriveEvent;
+use super::status_message;
 use crate::clock::Monotonic;
-use crate::teleop::{Caller, EStopId, Event, LeaseVerb, Refusal, Role};
+use crate::teleop::{ArbiterInput, Caller, EStopId, LeaseVerb, Refusal, Role};
 
 /// A refusal before the arbiter was asked, and where it goes.
 type Refused = (Refusal, Option<Reply>);
 
-impl Driver {
+impl DriveLoop {
     pub(super) fn estop(
         &mut self,
         sender: &Sender,
@@ -23,7 +23,7 @@ impl Driver {
     ) -> Result<(), Refused> {
         let (_, EStop { press }, reply) = self.open(sender, bytes, reply)?;
         let report = self.state.report(&self.rules, now);
-        if self.is_repetition(sender, press) {
+        if self.is_repeated_press(sender, press) {
             // It hears what became of the stop, and does not make another one.
             if let Some(reply) = reply {
                 match report.estop {
@@ -35,7 +35,7 @@ impl Driver {
             return Ok(());
         }
         let caller = self.caller(sender, reply);
-        self.step(now, Event::EStop(caller));
+        self.step(now, ArbiterInput::EStop(caller));
         Ok(())
     }
 
@@ -50,9 +50,9 @@ impl Driver {
         let caller = self.caller(sender, reply);
         self.step(
             now,
-            Event::Reset {
+            ArbiterInput::Reset {
                 caller,
-                token: words::token(&stamp),
+                token: status_message::token(&stamp),
                 id: EStopId(estop),
             },
         );
@@ -71,8 +71,8 @@ impl Driver {
             LeaseRequest::Request => LeaseVerb::Request,
             LeaseRequest::Release => LeaseVerb::Release,
             LeaseRequest::TakeOver => LeaseVerb::TakeOver,
-            LeaseRequest::Consent(to) => match self.operators.find(&to) {
-                Some((to, _)) => LeaseVerb::Consent { to },
+            LeaseRequest::HandOver(to) => match self.operators.find(&to) {
+                Some((to, _)) => LeaseVerb::HandOver { to },
                 None => return Err((Refusal::NotWaiting, reply)),
             },
             LeaseRequest::Refuse(whom) => match self.operators.find(&whom) {
@@ -83,9 +83,9 @@ impl Driver {
         let caller = self.caller(sender, reply);
         self.step(
             now,
-            Event::Lease {
+            ArbiterInput::Lease {
                 caller,
-                token: words::token(&stamp),
+                token: status_message::token(&stamp),
                 verb,
             },
         );
@@ -113,7 +113,7 @@ impl Driver {
     fn change(
         &mut self,
         sender: &Sender,
-        stamp: &Stamp,
+        stamp: &CommandHeader,
         setting: Setting,
         now: Monotonic,
     ) -> Result<(), protocol::message::Refusal> {
@@ -121,40 +121,44 @@ impl Driver {
         if !sender.role.may_drive() {
             return Err(No::Role);
         }
-        let age = self.state.tokens().age(words::token(stamp), now);
-        let age = age.map_err(|fault| words::refusal(fault.into()))?;
+        let age = self.state.tokens().age(status_message::token(stamp), now);
+        let age = age.map_err(|fault| status_message::refusal(fault.into()))?;
         if age > self.rules.max_age() {
             return Err(No::TooOld);
         }
         match setting {
             Setting::BudgetKbps(kbps) if (1..=1_000_000).contains(&kbps) => {
-                self.switches.budget_kbps = kbps;
+                self.runtime_settings.budget_kbps = kbps;
             }
             Setting::BudgetKbps(_) => return Err(No::OutOfRange),
-            Setting::Guard(_) if self.sight.is_none() => return Err(No::Unavailable),
-            Setting::Guard(is_on) => {
+            Setting::CollisionMonitor(_) if self.monitor_runner.is_none() => {
+                return Err(No::Unavailable);
+            }
+            Setting::CollisionMonitor(is_on) => {
                 let lease = self.state.report(&self.rules, now).lease;
                 // Whoever looks on does not take the guard of whoever drives away.
                 let may = is_on || lease.is_held_by(sender.id) || sender.role == Role::Supervisor;
                 if !may {
                     return Err(No::NotHolder);
                 }
-                if self.switches.guard != is_on {
+                if self.runtime_settings.collision_monitor != is_on {
                     let by = sender.id;
-                    self.notice(Notice::Guard { is_on, by }, now);
+                    self.drive_event(DriveEvent::MonitorSwitched { is_on, by }, now);
                 }
-                self.switches.guard = is_on;
+                self.runtime_settings.collision_monitor = is_on;
             }
-            Setting::Recording(_) if !self.switches.can_record => return Err(No::Unavailable),
+            Setting::Recording(_) if !self.runtime_settings.can_record => {
+                return Err(No::Unavailable);
+            }
             Setting::Recording(is_on) => {
-                if !self.board.wish_recording(is_on) {
+                if !self.drive_state.request_recording(is_on) {
                     return Err(No::Busy);
                 }
                 let by = sender.id;
-                self.notice(Notice::Recording { is_on, by }, now);
+                self.drive_event(DriveEvent::Recording { is_on, by }, now);
             }
         }
-        self.board.show_switches(self.switches);
+        self.drive_state.publish_settings(self.runtime_settings);
         Ok(())
     }
 
@@ -164,14 +168,14 @@ impl Driver {
         sender: &Sender,
         bytes: &[u8],
         reply: Option<Reply>,
-    ) -> Result<(Stamp, T, Option<Reply>), Refused> {
+    ) -> Result<(CommandHeader, T, Option<Reply>), Refused> {
         let opened = Envelope::parse(bytes).and_then(|envelope| {
             let command = envelope.open(self.route(sender), &sender.key)?;
-            Ok((envelope.claimed_stamp(), command))
+            Ok((envelope.unverified_header(), command))
         });
         match opened {
             Ok((stamp, command)) => Ok((stamp, command, reply)),
-            Err(error) => Err((words::refused(&error), reply)),
+            Err(error) => Err((status_message::refusal_for(&error), reply)),
         }
     }
 
@@ -179,7 +183,7 @@ impl Driver {
         Caller {
             operator: sender.id,
             role: sender.role,
-            request: self.expect_reply(reply),
+            request: self.register_reply(reply),
         }
     }
 }

@@ -7,27 +7,27 @@ use std::time::Duration;
 use protocol::keys::RobotId;
 use protocol::tile::BootId;
 
-use super::board::Board;
+use super::audit_recorder::AuditRecorder;
 use super::drive_log::DriveLog;
-use super::driver::Driver;
-use super::inbox::{Inbox, Outlet};
-use super::keeper::Keeper;
-use super::local::LocalWishes;
-use super::lookout::Sight;
-use super::loop_watch::{Heartbeat, UntilItEnds, watch};
+use super::drive_loop::DriveLoop;
+use super::estop_store::EStopStore;
+use super::inbox::{Inbox, InboxReceiver};
+use super::local_commands::LocalCommands;
+use super::loop_watchdog::{EndMarker, Heartbeat, run_watchdog};
+use super::monitor_input::MonitorRunner;
 use super::motors::Motors;
 use super::operators::Operators;
-use super::witness::Witness;
+use super::shared_drive_state::SharedDriveState;
 use crate::audit::Audit;
 use crate::clock::Monotonic;
 use crate::service_manager::ServiceManager;
 use crate::teleop::emergency_stop::StoredEStop;
-use crate::teleop::{Event, Rules};
+use crate::teleop::{ArbiterInput, Rules};
 
 /// A round ends at the latest after this.
 const ROUND: Duration = Duration::from_millis(20);
 /// Commands make a round end sooner, but not sooner than this after the last one.
-const SHORTEST_ROUND: Duration = Duration::from_millis(2);
+const MIN_ROUND: Duration = Duration::from_millis(2);
 /// Messages taken before a round may end: no flood delays it.
 const MESSAGES_AT_ONCE: usize = 32;
 
@@ -49,12 +49,12 @@ pub struct DrivingSettings {
     pub motors: Motors,
     /// Bytes for tiles, kbit/s, until somebody sets another number.
     pub budget_kbps: u32,
-    /// What the collision guard sees; where there is none, it is off.
-    pub sight: Option<Sight>,
+    /// What the collision monitor sees; where there is none, it is off.
+    pub monitor_runner: Option<MonitorRunner>,
     /// What keeps the emergency stop; where there is none, it is forgotten at the end.
-    pub keeper: Option<Keeper>,
+    pub estop_store: Option<EStopStore>,
     /// What somebody at the vehicle wants.
-    pub local: LocalWishes,
+    pub local_commands: LocalCommands,
     /// Whether somebody takes wishes for recordings from the board.
     pub can_record: bool,
     /// Where every round is logged.
@@ -69,7 +69,7 @@ pub struct DrivingSettings {
 #[derive(Debug)]
 pub struct Driving {
     inbox: Inbox,
-    board: Arc<Board>,
+    drive_state: Arc<SharedDriveState>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -79,37 +79,37 @@ impl Driving {
     /// # Errors
     /// Where the system gives no thread.
     pub fn start(settings: DrivingSettings) -> std::io::Result<Self> {
-        let (inbox, outlet) = Inbox::new();
-        let board = Arc::new(Board::default());
+        let (inbox, inbox_receiver) = Inbox::new();
+        let drive_state = Arc::new(SharedDriveState::default());
         let heartbeat = Arc::new(Heartbeat::default());
         let simulated = settings.motors.simulated();
         let thread = thread::Builder::new().name("teleop".to_owned()).spawn({
-            let (shown, heartbeat) = (Arc::clone(&board), Arc::clone(&heartbeat));
-            move || run(settings, &outlet, shown, &heartbeat)
+            let (shown, heartbeat) = (Arc::clone(&drive_state), Arc::clone(&heartbeat));
+            move || run(settings, &inbox_receiver, shown, &heartbeat)
         })?;
         // Where there is no thread for it, the service manager's watchdog is left.
         thread::Builder::new()
             .name("teleop-watch".to_owned())
             .spawn({
-                let board = Arc::clone(&board);
-                move || watch(&heartbeat, &board, simulated.as_ref())
+                let drive_state = Arc::clone(&drive_state);
+                move || run_watchdog(&heartbeat, &drive_state, simulated.as_ref())
             })?;
         Ok(Self {
             inbox,
-            board,
+            drive_state,
             thread: Some(thread),
         })
     }
 
     /// For the network: where it leaves what operators send, and what the loop shows.
-    pub fn handles(&self) -> (Inbox, Arc<Board>) {
-        (self.inbox.clone(), Arc::clone(&self.board))
+    pub fn handles(&self) -> (Inbox, Arc<SharedDriveState>) {
+        (self.inbox.clone(), Arc::clone(&self.drive_state))
     }
 }
 
 impl Drop for Driving {
     fn drop(&mut self) {
-        self.board.close();
+        self.drive_state.close();
         if let Some(thread) = self.thread.take()
             && thread.join().is_err()
         {
@@ -118,7 +118,12 @@ impl Drop for Driving {
     }
 }
 
-fn run(settings: DrivingSettings, outlet: &Outlet, board: Arc<Board>, heartbeat: &Heartbeat) {
+fn run(
+    settings: DrivingSettings,
+    inbox_receiver: &InboxReceiver,
+    drive_state: Arc<SharedDriveState>,
+    heartbeat: &Heartbeat,
+) {
     let start = Monotonic::now();
     let DrivingSettings {
         robot,
@@ -127,60 +132,65 @@ fn run(settings: DrivingSettings, outlet: &Outlet, board: Arc<Board>, heartbeat:
         operators,
         motors,
         budget_kbps,
-        sight,
-        keeper,
-        local,
+        monitor_runner,
+        estop_store,
+        local_commands,
         can_record,
         log,
         audit,
         service_manager,
     } = settings;
-    let mut driver = Driver::new((robot, boot), rules, operators, motors, board, start);
+    let mut drive_loop =
+        DriveLoop::new((robot, boot), rules, operators, motors, drive_state, start);
     // Gone before the driver, which may wait for its motors.
-    let _until_it_ends = UntilItEnds(heartbeat);
-    driver.switches.budget_kbps = budget_kbps;
-    driver.witness = Witness::new(audit);
-    driver.log = log;
-    driver.switches.can_record = can_record;
-    driver.switches.guard = sight.is_some();
-    driver.sight = sight;
-    let stored = keeper.as_ref().map_or(StoredEStop::None, Keeper::found);
-    driver.keeper = keeper;
-    driver.board.show_switches(driver.switches);
-    driver.untested = Some(stored);
+    let _end_marker = EndMarker(heartbeat);
+    drive_loop.runtime_settings.budget_kbps = budget_kbps;
+    drive_loop.audit_recorder = AuditRecorder::new(audit);
+    drive_loop.log = log;
+    drive_loop.runtime_settings.can_record = can_record;
+    drive_loop.runtime_settings.collision_monitor = monitor_runner.is_some();
+    drive_loop.monitor_runner = monitor_runner;
+    let stored = estop_store
+        .as_ref()
+        .map_or(StoredEStop::None, EStopStore::previous);
+    drive_loop.estop_store = estop_store;
+    drive_loop
+        .drive_state
+        .publish_settings(drive_loop.runtime_settings);
+    drive_loop.pending_self_test = Some(stored);
     // So that the motors begin to be found.
-    driver.step(start, Event::Tick);
+    drive_loop.step(start, ArbiterInput::Tick);
     service_manager.ready();
     let (mut last, mut fed) = (start, start);
-    while !driver.board.is_closing() {
+    while !drive_loop.drive_state.is_closing() {
         let mut due = last + ROUND;
         let wait = due.since(Monotonic::now());
-        if let Ok(incoming) = outlet.receiver.recv_timeout(wait) {
-            driver.receive(incoming, Monotonic::now());
-            for incoming in outlet.receiver.try_iter().take(MESSAGES_AT_ONCE) {
-                driver.receive(incoming, Monotonic::now());
+        if let Ok(incoming) = inbox_receiver.receiver.recv_timeout(wait) {
+            drive_loop.receive(incoming, Monotonic::now());
+            for incoming in inbox_receiver.receiver.try_iter().take(MESSAGES_AT_ONCE) {
+                drive_loop.receive(incoming, Monotonic::now());
             }
-            due = last + SHORTEST_ROUND;
+            due = last + MIN_ROUND;
             // What came right behind the last round waits for the next one, which is soon.
             thread::sleep(due.since(Monotonic::now()));
         }
-        driver.overflown(outlet.take_overflown());
-        for wish in local.take() {
-            driver.local(wish, Monotonic::now());
+        drive_loop.dropped(inbox_receiver.take_dropped());
+        for command in local_commands.take() {
+            drive_loop.execute_local(command, Monotonic::now());
         }
         let now = Monotonic::now();
         if now >= due {
-            driver.tick(now);
+            drive_loop.tick(now);
             last = now;
             heartbeat.round();
             if now.since(fed) >= FEED_EVERY {
                 fed = now;
-                service_manager.feed_watchdog();
+                service_manager.notify_watchdog();
             }
         }
     }
-    driver.stop();
-    service_manager.end_watchdog();
+    drive_loop.stop();
+    service_manager.disable_watchdog();
 }
 
 #[cfg(test)]
@@ -224,17 +234,17 @@ mod tests {
             operators: Operators::open(),
             motors: Motors::Simulated(SimulatedMotors::default()),
             budget_kbps: 1000,
-            sight: None,
-            keeper: None,
-            local: LocalWishes::default(),
+            monitor_runner: None,
+            estop_store: None,
+            local_commands: LocalCommands::default(),
             can_record: false,
             log: None,
             audit: None,
             service_manager: ServiceManager::default(),
         });
         let driving = driving.unwrap();
-        let (inbox, board) = driving.handles();
-        while board.status().is_none() {
+        let (inbox, drive_state) = driving.handles();
+        while drive_state.status().is_none() {
             thread::sleep(ROUND);
         }
         match how.as_str() {
@@ -245,7 +255,7 @@ mod tests {
         }
         let end = Monotonic::now() + Duration::from_secs(if how == "end" { 2 } else { 60 });
         while Monotonic::now() < end {
-            for (kind, text) in board.take_events() {
+            for (kind, text) in drive_state.take_events() {
                 if kind == "fault" {
                     eprintln!("{text}");
                 }

@@ -64,7 +64,7 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
         };
         outcome.checks.push(Check::gate(
             format!("pillar to wall, cells of {cell_m} m"),
-            spread.words(2, " m"),
+            spread.text(2, " m"),
             format!("{DISTANCE_M} m ± {cell_m} m"),
             runs.iter().all(|(distance_m, _)| is_near(distance_m)),
         ));

@@ -23,7 +23,7 @@ struct Floor {
     farthest_m: f64,
     cells: usize,
     not_free: usize,
-    happenings: usize,
+    events: usize,
     agreement: Agreement,
 }
 
@@ -33,7 +33,7 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     let sweep = Sweep::of(&floor, &plane, |_| true)?;
     let floors = session.for_each_seed("E2: floor", |seed| {
         let mut pipeline = floor.run(seed, 0.0)?.finish()?;
-        let happenings = pipeline.take_happenings().len();
+        let events = pipeline.take_map_events().len();
         let store = pipeline.publisher().store();
         let heights = known_cells(&store, LayerId::Elevation)
             .filter_map(|(_, code)| LayerId::Elevation.quantisation().decode(code));
@@ -43,7 +43,7 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
             farthest_m: heights.fold(0.0, |most, height| f64::from(height.abs()).max(most)),
             cells: map.len(),
             not_free: not_free.count(),
-            happenings,
+            events,
             agreement: Agreement::of(&floor, &plane, &map, &sweep),
         })
     })?;
@@ -65,33 +65,33 @@ fn checks(floors: &[Floor]) -> Vec<Check> {
     let farthest = spread(&|floor| 100.0 * floor.farthest_m);
     let not_free = spread(&|floor| floor.not_free as f64);
     let cells = spread(&|floor| floor.cells as f64);
-    let happenings = spread(&|floor| floor.happenings as f64);
+    let events = spread(&|floor| floor.events as f64);
     let agreements: Vec<_> = floors.iter().map(|floor| floor.agreement.clone()).collect();
     let mut checks = vec![
         Check::gate(
             "height farthest from the floor",
-            farthest.words(1, " cm"),
+            farthest.text(1, " cm"),
             format!("within ± {:.0} cm", 100.0 * GROUND_M),
             // What is published is rounded to half a centimetre.
             farthest.most <= 100.0 * GROUND_M + 1e-3,
         ),
         Check::gate(
             "known cells that are not Free",
-            not_free.words(0, ""),
+            not_free.text(0, ""),
             "0",
             not_free.most == 0.0,
         ),
         Check::gate(
             "known cells",
-            cells.words(0, ""),
+            cells.text(0, ""),
             format!("≥ {CELLS_MIN}"),
             cells.least >= CELLS_MIN,
         ),
         Check::gate(
             "changes of the ground plane",
-            happenings.words(0, ""),
+            events.text(0, ""),
             "0",
-            happenings.most == 0.0,
+            events.most == 0.0,
         ),
     ];
     checks.extend(agreement::checks("floor", &agreements));

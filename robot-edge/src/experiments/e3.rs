@@ -22,7 +22,7 @@ const FALSE_OBSTACLES_MIN: f64 = 25.0;
 
 /// One drive.
 struct Drive {
-    /// When the ground plane was taken anew, seconds.
+    /// When the ground plane was reset, seconds.
     changes_s: Vec<f64>,
     /// Where the vehicle was then, metres along x.
     changes_m: Vec<f64>,
@@ -53,7 +53,7 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
         .collect();
     // Not asked for: it is the map that the change throws away, made while the front wheels leave the plane.
     let before = agreement::checks("before the change", &before);
-    checks.extend(before.into_iter().map(Check::only_shown));
+    checks.extend(before.into_iter().map(Check::without_gate));
     let after: Vec<_> = drives
         .iter()
         .map(|drive| Agreement::of(&ramp, &new, &drive.map, &sweep))
@@ -97,15 +97,15 @@ fn drive(ramp: &TerrainWorld, seed: u64) -> Result<Drive, ExperimentError> {
     let steps = libm::ceil(ramp.duration_s() / STEP_S) as u32;
     for until_s in (1..=steps).map(|step| f64::from(step) * STEP_S) {
         run.advance_to(until_s)?;
-        let happenings = run.take_happenings();
-        changes_s.extend(happenings.iter().map(|happening| seconds(happening.stamp)));
+        let events = run.take_map_events();
+        changes_s.extend(events.iter().map(|event| seconds(event.stamp)));
         if changes_s.is_empty() {
             before = obstacle_map(&run.store());
         }
     }
     let mut pipeline = run.finish()?;
-    let happenings = pipeline.take_happenings();
-    changes_s.extend(happenings.iter().map(|happening| seconds(happening.stamp)));
+    let events = pipeline.take_map_events();
+    changes_s.extend(events.iter().map(|event| seconds(event.stamp)));
     let obstacles = before
         .iter()
         .filter(|(_, class)| **class == CellClass::Obstacle);
@@ -159,13 +159,13 @@ fn checks(
     vec![
         Check::gate(
             "swept cells of the ramp that are Free in the end",
-            format!("{} of {}", free.words(1, " %"), swept.len()),
+            format!("{} of {}", free.text(1, " %"), swept.len()),
             format!("≥ {:.0} %", 100.0 * FREE_MIN),
             free.least >= 100.0 * FREE_MIN && !swept.is_empty(),
         ),
         Check::gate(
             "false obstacles on the ramp just before the change",
-            false_before.words(0, " cells"),
+            false_before.text(0, " cells"),
             format!("≥ {FALSE_OBSTACLES_MIN}"),
             false_before.least >= FALSE_OBSTACLES_MIN,
         ),
@@ -177,13 +177,13 @@ fn checks(
         ),
         Check::gate(
             "changes of the ground plane",
-            count.words(0, ""),
+            count.text(0, ""),
             "1",
             drives.iter().all(|drive| drive.changes_s.len() == 1),
         ),
         Check::gate(
             "where: the vehicle's middle, the ramp begins at 7.12 m",
-            places.words(2, " m"),
+            places.text(2, " m"),
             format!("≥ {:.2} m: all wheels on the ramp", RAMP_M + front_axle_m),
             places.least >= RAMP_M + front_axle_m,
         ),
@@ -197,7 +197,7 @@ fn places_before(drives: &[Drive], x_m: f64) -> usize {
 
 /// Each change of seed 1.
 fn changes(drives: &[Drive]) -> Table {
-    let mut table = Table::new(&["ground plane taken anew after, s", "at x, m"]);
+    let mut table = Table::new(&["ground plane reset after, s", "at x, m"]);
     for drive in drives.iter().take(1) {
         for (at_s, at_m) in drive.changes_s.iter().zip(&drive.changes_m) {
             table.push([format!("{at_s:.1}"), format!("{at_m:.2}")]);

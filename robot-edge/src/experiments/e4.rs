@@ -22,16 +22,16 @@ const LATE_M: f64 = 2.5;
 const COLUMNS_MIN: f64 = 10.0;
 
 /// A way that is driven.
-struct Way {
+struct Track {
     world: TerrainWorld,
     /// What stands up on both sides, the left one first: solids with an inner face along x.
     sides: [&'static str; 2],
-    sides_words: &'static str,
+    sides_label: &'static str,
     /// Two things one behind the other.
     landmarks: [&'static str; 2],
     /// The map at the beginning is the one after so long, seconds.
     beginning_s: f64,
-    words: &'static str,
+    label: &'static str,
     name: &'static str,
 }
 
@@ -43,7 +43,7 @@ struct Drive {
     /// Swept cells of which the map knows nothing.
     holes: usize,
     /// Where the vehicle takes itself to be in the end, metres along x.
-    way_m: f64,
+    estimated_x_m: f64,
 }
 
 /// Distances in an obstacle map.
@@ -57,35 +57,35 @@ struct Distances {
 pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome::default();
     outcome.parts.push(Part::text(include_str!("notes/e4.md")));
-    for way in [
-        Way {
+    for track in [
+        Track {
             world: TerrainWorld::load("hall", &[], Some(21.0))?,
             sides: ["left wall", "right wall"],
-            sides_words: "the walls",
+            sides_label: "the walls",
             landmarks: ["first pillar", "second pillar"],
             beginning_s: 5.0,
-            words: "hall, 4.2 m",
+            label: "hall, 4.2 m",
             name: "hall",
         },
-        Way {
+        Track {
             world: TerrainWorld::load("street", &[], None)?,
             sides: ["left pavement", "right pavement"],
-            sides_words: "the kerbs",
+            sides_label: "the kerbs",
             landmarks: ["car on the left", "van on the left"],
             // Kerbs are met where the beams meet the ground, 8 m ahead: 4 m of them by then.
             beginning_s: 20.0,
-            words: "street, 20 m and 12 m more",
+            label: "street, 20 m and 12 m more",
             name: "street",
         },
     ] {
-        way.run(session, &mut outcome)?;
+        track.run(session, &mut outcome)?;
     }
     Ok(outcome)
 }
 
-impl Way {
+impl Track {
     fn run(&self, session: &Session<'_>, outcome: &mut Outcome) -> Result<(), ExperimentError> {
-        session.step(&format!("E4: the truth of {}", self.words))?;
+        session.step(&format!("E4: the truth of {}", self.label))?;
         let plane = self.world.plane_at(0.0);
         let sweep = Sweep::of(&self.world, &plane, |_| true)?;
         let truly_m = self.landmarks_truly_m()?;
@@ -99,7 +99,7 @@ impl Way {
             "holes",
         ]);
         for error in ENCODER_ERRORS {
-            let what = format!("E4: {}, encoders {:.1} % off", self.words, 100.0 * error);
+            let what = format!("E4: {}, encoders {:.1} % off", self.label, 100.0 * error);
             let drives =
                 session.for_each_seed(&what, |seed| self.drive(seed, error, &plane, &sweep))?;
             table.rows.push(row(error, truly_m, &drives));
@@ -109,9 +109,9 @@ impl Way {
         }
         outcome
             .parts
-            .push(Part::text(format!("### {}", self.words)));
+            .push(Part::text(format!("### {}", self.label)));
         outcome.parts.push(Part::Table(table));
-        session.step(&format!("E4: pictures of {}", self.words))?;
+        session.step(&format!("E4: pictures of {}", self.label))?;
         let name = |rest: &str| format!("e4-{}-{rest}", self.name);
         let world = views::world_from_above(&self.world, &plane, &name("world"))?;
         outcome.parts.push(Part::Pictures(world));
@@ -150,7 +150,7 @@ impl Way {
             end: self.distances(&map, plane)?,
             agreement: Agreement::of(&self.world, plane, &map, sweep),
             holes: holes.len(),
-            way_m: pipeline.mapper().vehicle_in_odom().x,
+            estimated_x_m: pipeline.mapper().vehicle_in_odom().x,
         })
     }
 
@@ -186,7 +186,7 @@ impl Way {
 
     /// What is asked of drives with true encoders.
     fn checks(&self, drives: &[Drive], truly_m: f64, sweep: &Sweep) -> Vec<Check> {
-        let words = self.words;
+        let label = self.label;
         let cell_m = self.world.cell_m();
         let changes = Spread::of(drives.iter().map(Drive::greatest_change));
         let columns = Spread::of(drives.iter().map(|drive| drive.columns() as f64));
@@ -199,34 +199,34 @@ impl Way {
         let mut checks = vec![
             Check::gate(
                 format!(
-                    "{words}: greatest change of the distance between {}",
-                    self.sides_words
+                    "{label}: greatest change of the distance between {}",
+                    self.sides_label
                 ),
-                changes.words(0, " cells"),
+                changes.text(0, " cells"),
                 "≤ 1 cell",
                 changes.most <= 1.0,
             ),
             Check::gate(
-                format!("{words}: columns where it is known at the beginning and at the end"),
-                columns.words(0, ""),
+                format!("{label}: columns where it is known at the beginning and at the end"),
+                columns.text(0, ""),
                 format!("≥ {COLUMNS_MIN}"),
                 columns.least >= COLUMNS_MIN,
             ),
             Check::gate(
-                format!("{words}: {} to {}", self.landmarks[0], self.landmarks[1]),
-                apart.words(2, " m"),
+                format!("{label}: {} to {}", self.landmarks[0], self.landmarks[1]),
+                apart.text(2, " m"),
                 format!("{truly_m:.2} m ± {cell_m} m"),
                 is_near(apart.least) && is_near(apart.most),
             ),
             Check::gate(
-                format!("{words}: holes among the swept cells"),
-                format!("{} of {}", holes.words(0, ""), sweep.cells().count()),
+                format!("{label}: holes among the swept cells"),
+                format!("{} of {}", holes.text(0, ""), sweep.cells().count()),
                 "0",
                 holes.most == 0.0,
             ),
         ];
         let agreements: Vec<_> = drives.iter().map(|drive| drive.agreement.clone()).collect();
-        checks.extend(agreement::checks(words, &agreements));
+        checks.extend(agreement::checks(label, &agreements));
         checks
     }
 }
@@ -251,11 +251,11 @@ fn row(error: f64, truly_m: f64, drives: &[Drive]) -> Vec<String> {
     let spread = |figure: &dyn Fn(&Drive) -> f64| Spread::of(drives.iter().map(figure));
     vec![
         format!("{:.1} %", 100.0 * error),
-        spread(&|drive| drive.way_m).words(2, ""),
+        spread(&|drive| drive.estimated_x_m).text(2, ""),
         format!("{truly_m:.2}"),
-        spread(&|drive| drive.end.landmarks_m.unwrap_or(f64::NAN)).words(2, ""),
-        spread(&|drive| drive.agreement.false_obstacles.len() as f64).words(0, ""),
-        spread(&|drive| 100.0 * drive.agreement.share()).words(2, ""),
-        spread(&|drive| drive.holes as f64).words(0, ""),
+        spread(&|drive| drive.end.landmarks_m.unwrap_or(f64::NAN)).text(2, ""),
+        spread(&|drive| drive.agreement.false_obstacles.len() as f64).text(0, ""),
+        spread(&|drive| 100.0 * drive.agreement.share()).text(2, ""),
+        spread(&|drive| drive.holes as f64).text(0, ""),
     ]
 }

@@ -25,7 +25,7 @@ struct Attitude {
     pitch_deg: f64,
     roll_deg: f64,
     name: &'static str,
-    words: &'static str,
+    label: &'static str,
 }
 
 const ATTITUDES: [Attitude; 3] = [
@@ -33,19 +33,19 @@ const ATTITUDES: [Attitude; 3] = [
         pitch_deg: -4.5,
         roll_deg: 0.0,
         name: "nose-up",
-        words: "pitch −4.5°",
+        label: "pitch −4.5°",
     },
     Attitude {
         pitch_deg: 2.5,
         roll_deg: 0.0,
         name: "nose-down",
-        words: "pitch +2.5°",
+        label: "pitch +2.5°",
     },
     Attitude {
         pitch_deg: 0.0,
         roll_deg: -5.2,
         name: "right-up",
-        words: "roll −5.2°",
+        label: "roll −5.2°",
     },
 ];
 /// How near the true attitude must be to that of the document, degrees …
@@ -74,7 +74,7 @@ struct Wrong {
 /// One drive.
 struct Drive {
     wrong: Vec<Wrong>,
-    happenings: usize,
+    events: usize,
     whole: Agreement,
 }
 
@@ -89,17 +89,17 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
         .collect();
     let on_objects = on_objects?;
     let drives = session.for_each_seed("E5: bumps", |seed| {
-        let (maps, map, happenings) = drive(&bumps, seed)?;
-        let judged =
+        let (maps, map, events) = drive(&bumps, seed)?;
+        let evaluate =
             |map: &ElevationMap, sweep| Agreement::of(&bumps, &plane, &classes(map), sweep);
         let wrong = maps.iter().zip(&on_objects).map(|(maps, sweep)| Wrong {
             scans: maps.scans,
-            with: judged(&maps.with, sweep),
-            without: judged(&maps.without, sweep),
+            with: evaluate(&maps.with, sweep),
+            without: evaluate(&maps.without, sweep),
         });
         Ok(Drive {
             wrong: wrong.collect(),
-            happenings,
+            events,
             whole: Agreement::of(&bumps, &plane, &map, &sweep),
         })
     })?;
@@ -111,12 +111,12 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     ];
     let (maps, ..) = drive(&bumps, SEED)?;
     for (attitude, on_object) in ATTITUDES.iter().zip(&maps) {
-        for (map, name, words) in [
+        for (map, name, label) in [
             (&on_object.with, "with", "with compensation"),
             (&on_object.without, "without", "without compensation"),
         ] {
             let name = format!("e5-{}-{name}", attitude.name);
-            let caption = format!("{}, {words}", attitude.words);
+            let caption = format!("{}, {label}", attitude.label);
             parts.push(Part::Pictures(pictures(map, &name, &caption)?));
         }
     }
@@ -126,7 +126,7 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     })
 }
 
-/// The maps of each attitude, the finished map, and how often the ground plane was taken anew.
+/// The maps of each attitude, the finished map, and how often the ground plane was reset.
 type Driven = (Vec<OnObject>, BTreeMap<Cell, CellClass>, usize);
 
 /// Drives over the objects.
@@ -159,9 +159,9 @@ fn drive(bumps: &TerrainWorld, seed: u64) -> Result<Driven, ExperimentError> {
         }
     })?;
     let mut pipeline = run.finish()?;
-    let happenings = pipeline.take_happenings().len();
+    let events = pipeline.take_map_events().len();
     let map = obstacle_map(&pipeline.publisher().store());
-    Ok((maps.into(), map, happenings))
+    Ok((maps.into(), map, events))
 }
 
 impl Attitude {
@@ -216,37 +216,37 @@ fn checks(drives: &[Drive]) -> Vec<Check> {
                     .map(figure),
             )
         };
-        let words = attitude.words;
+        let label = attitude.label;
         let with = spread(&|wrong| wrong.with.false_obstacles.len() as f64);
         let without = spread(&|wrong| {
             (wrong.without.false_obstacles.len() + wrong.without.false_free.len()) as f64
         });
         let scans = spread(&|wrong| wrong.scans as f64);
         checks.push(Check::gate(
-            format!("{words}: false obstacles with compensation"),
-            with.words(0, ""),
+            format!("{label}: false obstacles with compensation"),
+            with.text(0, ""),
             "0",
             with.most == 0.0,
         ));
         checks.push(Check::gate(
-            format!("{words}: wrong cells without"),
-            without.words(0, ""),
+            format!("{label}: wrong cells without"),
+            without.text(0, ""),
             format!("≥ {WRONG_MIN}"),
             without.least >= WRONG_MIN,
         ));
         checks.push(Check::gate(
-            format!("{words}: scans"),
-            scans.words(0, ""),
+            format!("{label}: scans"),
+            scans.text(0, ""),
             format!("≥ {SCANS_MIN}"),
             scans.least >= SCANS_MIN,
         ));
     }
-    let happenings = Spread::of(drives.iter().map(|drive| drive.happenings as f64));
+    let events = Spread::of(drives.iter().map(|drive| drive.events as f64));
     checks.push(Check::gate(
         "changes of the ground plane",
-        happenings.words(0, ""),
+        events.text(0, ""),
         "0",
-        happenings.most == 0.0,
+        events.most == 0.0,
     ));
     let whole: Vec<_> = drives.iter().map(|drive| drive.whole.clone()).collect();
     checks.extend(agreement::checks("the whole drive", &whole));
@@ -264,14 +264,14 @@ fn table(drives: &[Drive]) -> Table {
     ]);
     for (place, attitude) in ATTITUDES.iter().enumerate() {
         let of_attitude = || drives.iter().filter_map(|drive| drive.wrong.get(place));
-        let scans = Spread::of(of_attitude().map(|wrong| wrong.scans as f64)).words(0, "");
-        let mut row = |words: &str, agreement: &dyn Fn(&Wrong) -> &Agreement| {
+        let scans = Spread::of(of_attitude().map(|wrong| wrong.scans as f64)).text(0, "");
+        let mut row = |label: &str, agreement: &dyn Fn(&Wrong) -> &Agreement| {
             let figure = |figure: &dyn Fn(&Agreement) -> f64| {
-                Spread::of(of_attitude().map(|wrong| figure(agreement(wrong)))).words(0, "")
+                Spread::of(of_attitude().map(|wrong| figure(agreement(wrong)))).text(0, "")
             };
             table.push([
-                attitude.words.to_owned(),
-                words.to_owned(),
+                attitude.label.to_owned(),
+                label.to_owned(),
                 scans.clone(),
                 figure(&|agreement| agreement.compared as f64),
                 figure(&|agreement| agreement.false_obstacles.len() as f64),

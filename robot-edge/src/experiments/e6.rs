@@ -85,25 +85,25 @@ fn checks(drives: &[Drive]) -> Vec<Check> {
     let mut checks = vec![
         Check::gate(
             "cells of the walls after the turn over those before",
-            growth.words(3, ""),
+            growth.text(3, ""),
             format!("≤ {GROWTH_MAX}"),
             growth.most <= GROWTH_MAX,
         ),
         Check::gate(
             "cells of the walls before",
-            before.words(0, ""),
+            before.text(0, ""),
             "≥ 20",
             before.least >= 20.0,
         ),
         Check::gate(
             "known cells beyond the glass at the end",
-            beyond.words(0, ""),
+            beyond.text(0, ""),
             format!("≥ {BEYOND_GLASS_MIN}"),
             beyond.least >= BEYOND_GLASS_MIN,
         ),
         Check::shown(
             "known cells beyond the glass before the turn",
-            spread(&|drive| drive.beyond_glass[0]).words(0, ""),
+            spread(&|drive| drive.beyond_glass[0]).text(0, ""),
         ),
     ];
     let agreements: Vec<_> = drives.iter().map(|drive| drive.agreement.clone()).collect();

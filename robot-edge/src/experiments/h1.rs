@@ -46,10 +46,10 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     session.step("H1: the truth")?;
     let open = OpenGround::of(&meadow)?;
     let drives = session.for_each_seed("H1: meadow", |seed| {
-        let seen = open.seen(run_of(&meadow, Encoder::Honest, seed)?, DURATION_S)?;
+        let observed = open.observed(run_of(&meadow, Encoder::Honest, seed)?, DURATION_S)?;
         let measured = |encoder| {
             let run = run_of(&meadow, encoder, seed)?;
-            open.surfaces(run, DURATION_S, &seen)
+            open.surfaces(run, DURATION_S, &observed)
         };
         Ok(Drive {
             without: measured(Encoder::Lagging)?,
@@ -112,25 +112,25 @@ fn checks(drives: &[Drive]) -> Vec<Check> {
     vec![
         Check::gate(
             "ground of sweeps down above that of sweeps up, 8 m to 15 m, without the offset",
-            apart.words(3, " m"),
+            apart.text(3, " m"),
             format!("≥ {APART_MIN_M} m"),
             apart.least >= APART_MIN_M,
         ),
         Check::gate(
             "the two apart with the offset, at any distance",
-            together.words(4, " m"),
+            together.text(4, " m"),
             format!("≤ {TOGETHER_MAX_M} m"),
             together.most <= TOGETHER_MAX_M,
         ),
         Check::gate(
             "columns of open ground with two surfaces, without the offset",
-            format!("{} of {}", double.words(1, " %"), columns.words(0, "")),
+            format!("{} of {}", double.text(1, " %"), columns.text(0, "")),
             format!("≥ {:.0} % of ≥ {COLUMNS_MIN}", percent[0]),
             double.least >= percent[0] && columns.least >= COLUMNS_MIN,
         ),
         Check::gate(
             "the same with the offset",
-            single.words(2, " %"),
+            single.text(2, " %"),
             format!("≤ {:.0} %", percent[1]),
             single.most <= percent[1],
         ),

@@ -1,4 +1,4 @@
-//! H3 [HYB 8.4.1]: rocks and trunks stay fatal, grass and twigs are trespassable.
+//! H3 [HYB 8.4.1]: rocks and trunks stay lethal, grass and twigs are traversable.
 
 mod objects;
 
@@ -18,7 +18,7 @@ use crate::mapping::obstacle_voxel::ObstacleVoxel;
 use crate::simulation::SimulationOptions;
 use objects::{Class, Columns, Objects};
 
-/// Share of all trespassable objects' obstructed columns that must be trespassable: the document's metrics err in
+/// Share of all traversable objects' obstructed columns that must be traversable: the document's metrics err in
 /// single columns, and what counts is that most of what could be pushed through is shown as such.
 const GIVES_WAY_MIN: f64 = 0.5;
 /// Share of all rigid objects' obstructed columns that must be rigid.
@@ -51,7 +51,7 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
 
 fn checks(objects: &Objects, drives: &[Drive]) -> Vec<Check> {
     let mut checks = Vec::new();
-    for class in Class::ASKED {
+    for class in Class::EVALUATED {
         let of_class = |drive: &Drive| -> Vec<Columns> {
             let names = objects.names(class);
             let found = names.filter_map(|name| drive.get(name).copied());
@@ -68,16 +68,16 @@ fn checks(objects: &Objects, drives: &[Drive]) -> Vec<Check> {
         checks.push(Check::gate(
             format!(
                 "{} that are {} in most columns",
-                class.words(),
-                class.verdict_in_words()
+                class.label(),
+                class.verdict_label()
             ),
-            format!("{} of {count}", right.words(0, "")),
+            format!("{} of {count}", right.text(0, "")),
             "all",
             right.least >= count as f64 && count > 0,
         ));
     }
     let total = |drive: &Drive, rigid: bool| {
-        let classes = Class::ASKED
+        let classes = Class::EVALUATED
             .into_iter()
             .filter(|class| class.is_rigid() == rigid);
         let names = classes.flat_map(|class| objects.names(class));
@@ -90,10 +90,12 @@ fn checks(objects: &Objects, drives: &[Drive]) -> Vec<Check> {
         .map(|drive| 100.0 * total(drive, true).rigid_share());
     let gives_way = drives
         .iter()
-        .map(|drive| 100.0 * total(drive, false).trespassable_share());
+        .map(|drive| 100.0 * total(drive, false).traversable_share());
     let (rigid, gives_way) = (Spread::of(rigid), Spread::of(gives_way));
     let least = drives.iter().flat_map(|drive| {
-        let rigid = Class::ASKED.into_iter().filter(|class| class.is_rigid());
+        let rigid = Class::EVALUATED
+            .into_iter()
+            .filter(|class| class.is_rigid());
         let names: Vec<_> = rigid.flat_map(|class| objects.names(class)).collect();
         names
             .into_iter()
@@ -103,19 +105,19 @@ fn checks(objects: &Objects, drives: &[Drive]) -> Vec<Check> {
     checks.extend([
         Check::gate(
             "rigid columns of a rock or trunk",
-            least.words(0, ""),
+            least.text(0, ""),
             "≥ 1 of each",
             least.least >= 1.0,
         ),
         Check::gate(
-            "obstructed columns of rocks and trunks that stay fatal",
-            rigid.words(1, " %"),
+            "obstructed columns of rocks and trunks that stay lethal",
+            rigid.text(1, " %"),
             format!("≥ {:.0} %", 100.0 * RIGID_MIN),
             rigid.least >= 100.0 * RIGID_MIN,
         ),
         Check::gate(
-            "obstructed columns of grass and twigs that are trespassable",
-            gives_way.words(1, " %"),
+            "obstructed columns of grass and twigs that are traversable",
+            gives_way.text(1, " %"),
             format!("≥ {:.0} %", 100.0 * GIVES_WAY_MIN),
             gives_way.least >= 100.0 * GIVES_WAY_MIN,
         ),
@@ -124,11 +126,11 @@ fn checks(objects: &Objects, drives: &[Drive]) -> Vec<Check> {
         let columns = objects
             .names(Class::FarTwigs)
             .filter_map(|name| drive.get(name));
-        columns.map(|columns| 100.0 * columns.trespassable_share())
+        columns.map(|columns| 100.0 * columns.traversable_share())
     });
     checks.push(Check::shown(
         "the same of twigs at 6.4 m to 8 m",
-        Spread::of(from_afar).words(1, " %"),
+        Spread::of(from_afar).text(1, " %"),
     ));
     checks
 }
@@ -139,8 +141,8 @@ fn by_object(objects: &Objects, drives: &[Drive]) -> Table {
         "",
         "obstructed columns",
         "rigid, %",
-        "trespassable, %",
-        "fatal, no metric, %",
+        "traversable, %",
+        "lethal, no metric, %",
         "passable columns",
     ]);
     for class in Class::ALL {
@@ -153,7 +155,7 @@ fn by_object(objects: &Objects, drives: &[Drive]) -> Table {
                 name.to_owned(),
                 format!("{:.0}", median(&|all| all.obstructed() as f64)),
                 format!("{:.0}", median(&|all| 100.0 * all.rigid_share())),
-                format!("{:.0}", median(&|all| 100.0 * all.trespassable_share())),
+                format!("{:.0}", median(&|all| 100.0 * all.traversable_share())),
                 format!("{:.0}", median(&|all| 100.0 * all.unlabelled_share())),
                 format!("{:.0}", median(&|all| all.passable as f64)),
             ]);

@@ -6,7 +6,7 @@ use super::ExperimentError;
 use super::outcome::{Check, Outcome, Part, Table};
 use super::run::vehicle_config;
 use super::session::{SEED, Session};
-use super::shores::judgement::{JudgedCluster, found_word, true_word};
+use super::shores::cluster_match::{MatchedCluster, found_label, true_label};
 use super::shores::{WaterWorld, views};
 use super::spread::Spread;
 use crate::mapping::shore::ShoreClass;
@@ -16,10 +16,10 @@ const RIGHT_MIN: f64 = 0.95;
 /// Clusters that there must be.
 const CLUSTERS_MIN: f64 = 12.0;
 /// Parts of the drive after which the columns of the pictures are gathered.
-const LOOKS: u32 = 4;
+const SAMPLES: u32 = 4;
 
 /// One drive along the lake: its clusters, by number.
-type Drive = Vec<JudgedCluster>;
+type Drive = Vec<MatchedCluster>;
 
 pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     let lake = WaterWorld::load("lake")?;
@@ -44,35 +44,37 @@ fn drive(lake: &WaterWorld, seed: u64) -> Result<Drive, ExperimentError> {
     let cell_m = maps.voxels.octree().cell_m();
     let clusters = maps.shore.clusters();
     Ok(clusters
-        .map(|cluster| JudgedCluster::of(lake, cell_m, cluster))
+        .map(|cluster| MatchedCluster::of(lake, cell_m, cluster))
         .collect())
 }
 
 /// The cluster of a stretch that most of its voxels are in.
-fn main_cluster(drive: &Drive, stretch: usize) -> Option<&JudgedCluster> {
-    let of_stretch = drive.iter().filter(|judged| judged.shore == Some(stretch));
-    of_stretch.max_by_key(|judged| judged.cluster.voxels)
+fn main_cluster(drive: &Drive, stretch: usize) -> Option<&MatchedCluster> {
+    let of_stretch = drive
+        .iter()
+        .filter(|matched| matched.shore == Some(stretch));
+    of_stretch.max_by_key(|matched| matched.cluster.voxels)
 }
 
 fn checks(lake: &WaterWorld, drives: &[Drive]) -> Vec<Check> {
     let all: Vec<_> = drives.iter().flatten().collect();
-    let right = all.iter().filter(|judged| judged.is_right()).count();
+    let right = all.iter().filter(|matched| matched.is_right()).count();
     let worst = all
         .iter()
-        .filter(|judged| judged.is_solid_called_sparse())
+        .filter(|matched| matched.is_solid_called_sparse())
         .count();
-    let strays = all.iter().filter(|judged| judged.shore.is_none()).count();
+    let strays = all.iter().filter(|matched| matched.shore.is_none()).count();
     let count = Spread::of(drives.iter().map(|drive| drive.len() as f64));
     let stretches = lake.world.shores().len();
     let found = |drive: &Drive| {
-        let found: BTreeSet<_> = drive.iter().filter_map(|judged| judged.shore).collect();
+        let found: BTreeSet<_> = drive.iter().filter_map(|matched| matched.shore).collect();
         found.len() as f64
     };
     let found = Spread::of(drives.iter().map(found));
     let main_right = drives
         .iter()
         .flat_map(|drive| (0..stretches).filter_map(|stretch| main_cluster(drive, stretch)))
-        .filter(|judged| judged.is_right())
+        .filter(|matched| matched.is_right())
         .count();
     let share = |part: usize, whole: usize| part as f64 / whole.max(1) as f64;
     let of = |part: usize, whole: usize| {
@@ -90,7 +92,7 @@ fn checks(lake: &WaterWorld, drives: &[Drive]) -> Vec<Check> {
         Check::gate("Solid called Sparse", worst.to_string(), "0", worst == 0),
         Check::gate(
             "clusters of a drive",
-            count.words(0, ""),
+            count.text(0, ""),
             format!("≥ {CLUSTERS_MIN}"),
             count.least >= CLUSTERS_MIN,
         ),
@@ -102,7 +104,7 @@ fn checks(lake: &WaterWorld, drives: &[Drive]) -> Vec<Check> {
         ),
         Check::gate(
             format!("stretches of shore that were found, of {stretches}"),
-            found.words(0, ""),
+            found.text(0, ""),
             stretches.to_string(),
             found.least >= stretches as f64,
         ),
@@ -121,17 +123,17 @@ fn clusters(lake: &WaterWorld, drive: &Drive) -> Table {
         "actual shore",
     ];
     let mut table = Table::new(&columns);
-    for judged in drive {
-        let cluster = &judged.cluster;
-        let shore = judged
+    for matched in drive {
+        let cluster = &matched.cluster;
+        let shore = matched
             .shore
             .and_then(|shore| lake.world.shores().get(shore));
         table.push([
             cluster.number.to_string(),
             cluster.voxels.to_string(),
             format!("{:.2}", cluster.ratio),
-            found_word(cluster.class).to_owned(),
-            judged.truth.map_or("none", true_word).to_owned(),
+            found_label(cluster.class).to_owned(),
+            matched.truth.map_or("none", true_label).to_owned(),
             shore.map_or_else(String::new, |shore| shore.name.clone()),
         ]);
     }
@@ -154,10 +156,10 @@ fn stretches(lake: &WaterWorld, drives: &[Drive]) -> Table {
         let main: Vec<_> = drives
             .iter()
             .filter_map(|drive| main_cluster(drive, number))
-            .map(|judged| &judged.cluster)
+            .map(|matched| &matched.cluster)
             .collect();
         let parts = drives.iter().map(|drive| {
-            let parts = drive.iter().filter(|judged| judged.shore == Some(number));
+            let parts = drive.iter().filter(|matched| matched.shore == Some(number));
             parts.count() as f64
         });
         let of_class = |class: ShoreClass| main.iter().filter(|c| c.class == class).count();
@@ -165,10 +167,10 @@ fn stretches(lake: &WaterWorld, drives: &[Drive]) -> Table {
         let ratio = Spread::of(main.iter().map(|cluster| cluster.ratio));
         table.push([
             shore.name.clone(),
-            true_word(shore.class).to_owned(),
-            Spread::of(parts).words(0, ""),
-            voxels.words(0, ""),
-            ratio.words(2, ""),
+            true_label(shore.class).to_owned(),
+            Spread::of(parts).text(0, ""),
+            voxels.text(0, ""),
+            ratio.text(2, ""),
             of_class(ShoreClass::Sparse).to_string(),
             of_class(ShoreClass::Dense).to_string(),
             of_class(ShoreClass::Solid).to_string(),
@@ -182,10 +184,10 @@ fn pictures(lake: &WaterWorld) -> Result<Vec<Part>, ExperimentError> {
     let mut run = lake.run(SEED)?;
     let mut metrics = views::MetricColumns::default();
     let mut parts = Vec::new();
-    for look in 1..=LOOKS {
-        run.advance_to(run.duration_s() * f64::from(look) / f64::from(LOOKS))?;
+    for sample in 1..=SAMPLES {
+        run.advance_to(run.duration_s() * f64::from(sample) / f64::from(SAMPLES))?;
         metrics.gather(&lake.maps(run.pipeline())?, &shore);
-        if 2 * look == LOOKS {
+        if 2 * sample == SAMPLES {
             let maps = views::octree_and_cost(lake, run.pipeline(), "h4")?;
             parts.push(Part::Pictures(maps));
         }

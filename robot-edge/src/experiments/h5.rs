@@ -19,7 +19,7 @@ struct Drive {
     /// When the ramp was first among them, seconds.
     found_s: Option<f64>,
     /// Looks at which something else was.
-    false_looks: usize,
+    false_detections: usize,
 }
 
 /// A docking site and where it truly is.
@@ -58,30 +58,30 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
 
 fn drive(dock: &WaterWorld, seed: u64) -> Result<Drive, ExperimentError> {
     let mut run = dock.run(seed)?;
-    let (mut found_s, mut false_looks) = (None, 0);
-    let looks = (run.duration_s() / STEP_S) as u32;
-    for at_s in (1..=looks).map(|look| f64::from(look) * STEP_S) {
+    let (mut found_s, mut false_detections) = (None, 0);
+    let samples = (run.duration_s() / STEP_S) as u32;
+    for at_s in (1..=samples).map(|sample| f64::from(sample) * STEP_S) {
         run.advance_to(at_s)?;
-        let sites = judged(dock, run.pipeline())?;
+        let sites = evaluate(dock, run.pipeline())?;
         if found_s.is_none() && sites.iter().any(Site::is_ramp) {
             found_s = Some(at_s);
         }
-        false_looks += usize::from(sites.iter().any(|site| !site.is_ramp()));
+        false_detections += usize::from(sites.iter().any(|site| !site.is_ramp()));
     }
     Ok(Drive {
-        sites: judged(dock, &run.finish()?)?,
+        sites: evaluate(dock, &run.finish()?)?,
         found_s,
-        false_looks,
+        false_detections,
     })
 }
 
-fn judged(
+fn evaluate(
     dock: &WaterWorld,
     pipeline: &crate::pipeline::Pipeline,
 ) -> Result<Vec<Site>, ExperimentError> {
     let maps = dock.maps(pipeline)?;
     let cell_m = maps.voxels.octree().cell_m();
-    let judge = |site: &DockingSite| {
+    let evaluate_site = |site: &DockingSite| {
         let cells = site.cells.iter();
         let at: Vec<_> = cells
             .map(|&cell| dock.cell_in_world(cell, cell_m))
@@ -101,7 +101,12 @@ fn judged(
             found: site.clone(),
         }
     };
-    Ok(maps.shore.docking_sites().iter().map(judge).collect())
+    Ok(maps
+        .shore
+        .docking_sites()
+        .iter()
+        .map(evaluate_site)
+        .collect())
 }
 
 fn checks(drives: &[Drive]) -> Vec<Check> {
@@ -117,7 +122,7 @@ fn checks(drives: &[Drive]) -> Vec<Check> {
         let best = drives.iter().filter_map(|drive| drive.sites.first());
         Spread::of(best.map(|site| figure(&site.found)))
     };
-    let false_looks: usize = drives.iter().map(|drive| drive.false_looks).sum();
+    let false_detections: usize = drives.iter().map(|drive| drive.false_detections).sum();
     vec![
         Check::gate(
             "drives whose best docking site is the ramp",
@@ -139,23 +144,23 @@ fn checks(drives: &[Drive]) -> Vec<Check> {
         ),
         Check::shown(
             "mean cost of the site, 0.37 by the ramp's 12°",
-            spread(&|site| site.mean_cost).words(2, ""),
+            spread(&|site| site.mean_cost).text(2, ""),
         ),
         Check::shown(
             "its heading, 90° straight up the ramp",
-            spread(&|site| site.heading_rad.to_degrees()).words(0, "°"),
+            spread(&|site| site.heading_rad.to_degrees()).text(0, "°"),
         ),
         Check::shown(
             "its width, of 6 m",
-            spread(&|site| site.width_m).words(1, " m"),
+            spread(&|site| site.width_m).text(1, " m"),
         ),
         Check::shown(
             "when the ramp was found first",
-            Spread::of(drives.iter().filter_map(|drive| drive.found_s)).words(0, " s"),
+            Spread::of(drives.iter().filter_map(|drive| drive.found_s)).text(0, " s"),
         ),
         Check::shown(
             format!("looks, {STEP_S} s apart, at which there was another site"),
-            false_looks.to_string(),
+            false_detections.to_string(),
         ),
     ]
 }
@@ -172,8 +177,8 @@ fn sites(dock: &WaterWorld, drive: &Drive) -> Table {
         "overgrown",
     ];
     let mut table = Table::new(&columns);
-    for (number, judged) in (1..).zip(&drive.sites) {
-        let site = &judged.found;
+    for (number, evaluate) in (1..).zip(&drive.sites) {
+        let site = &evaluate.found;
         let centre = dock.in_world(site.centre_in_odom);
         table.push([
             format!("{number}"),
@@ -182,8 +187,8 @@ fn sites(dock: &WaterWorld, drive: &Drive) -> Table {
             format!("{:.1}", site.width_m),
             format!("{:.0}", site.heading_rad.to_degrees()),
             format!("({:.1}, {:.1})", centre.x, centre.y),
-            format!("{:.0} %", 100.0 * judged.on_ramp),
-            format!("{:.0} %", 100.0 * judged.overgrown),
+            format!("{:.0} %", 100.0 * evaluate.on_ramp),
+            format!("{:.0} %", 100.0 * evaluate.overgrown),
         ]);
     }
     table

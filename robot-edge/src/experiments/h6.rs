@@ -34,7 +34,7 @@ struct Drive {
 }
 
 /// Where the person walks.
-struct Walk {
+struct WalkerPath {
     cells: BTreeSet<Cell>,
     comes_s: f64,
     leaves_s: f64,
@@ -43,10 +43,10 @@ struct Walk {
 pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     let walker = TerrainWorld::load("walker", &[], None)?;
     let plane = walker.plane_at(0.0);
-    let walk = Walk::of(&walker, &plane)?;
+    let walker_path = WalkerPath::of(&walker, &plane)?;
     let sweep = Sweep::of(&walker, &plane, |_| true)?;
     let drives = session.for_each_seed("H6: walker", |seed| {
-        drive(&walker, &plane, &walk, &sweep, seed)
+        drive(&walker, &plane, &walker_path, &sweep, seed)
     })?;
     session.step("H6: pictures")?;
     let mut parts = vec![
@@ -56,11 +56,15 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     let mut run = walker.run(SEED, 0.0)?;
     for (until_s, name, caption) in [
         (
-            0.5 * (walk.comes_s + walk.leaves_s),
+            0.5 * (walker_path.comes_s + walker_path.leaves_s),
             "during",
             "while the person is there",
         ),
-        (walk.leaves_s + AFTER_S, "after", "10 s after it left"),
+        (
+            walker_path.leaves_s + AFTER_S,
+            "after",
+            "10 s after it left",
+        ),
     ] {
         run.advance_to(until_s)?;
         let name = format!("h6-{name}");
@@ -72,9 +76,9 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     })
 }
 
-impl Walk {
+impl WalkerPath {
     fn of(walker: &TerrainWorld, plane: &GroundPlane) -> Result<Self, ExperimentError> {
-        let mut walk = Self {
+        let mut walker_path = Self {
             cells: BTreeSet::new(),
             comes_s: f64::INFINITY,
             leaves_s: 0.0,
@@ -84,25 +88,25 @@ impl Walk {
             let movers = walker.world.solids().iter();
             let movers = movers.filter(|solid| solid.motion.is_some());
             for solid in movers.filter_map(|solid| solid.at(time_s)) {
-                walk.comes_s = walk.comes_s.min(time_s);
-                walk.leaves_s = walk.leaves_s.max(time_s);
+                walker_path.comes_s = walker_path.comes_s.min(time_s);
+                walker_path.leaves_s = walker_path.leaves_s.max(time_s);
                 let (x, y) = (extent_m(&solid, 0), extent_m(&solid, 1));
                 let (first, last) = (walker.cell_at([x[0], y[0]]), walker.cell_at([x[1], y[1]]));
                 // Noise carries points into the next cell.
                 let columns = first[0] - 1..=last[0] + 1;
                 let cells = columns.flat_map(|x| (first[1] - 1..=last[1] + 1).map(move |y| [x, y]));
-                walk.cells.extend(cells.filter(|&cell| {
+                walker_path.cells.extend(cells.filter(|&cell| {
                     let verdict = walker.verdict(cell, plane);
                     verdict.is_some_and(|verdict| !verdict.is_obstacle)
                 }));
             }
         }
-        if walk.cells.is_empty() || walk.leaves_s + AFTER_S > walker.duration_s() {
+        if walker_path.cells.is_empty() || walker_path.leaves_s + AFTER_S > walker.duration_s() {
             return Err(ExperimentError::Unsuitable(
                 "nobody walks through the world `walker` in time".to_owned(),
             ));
         }
-        Ok(walk)
+        Ok(walker_path)
     }
 
     fn trail(&self, map: &BTreeMap<Cell, CellClass>) -> f64 {
@@ -114,19 +118,19 @@ impl Walk {
 fn drive(
     walker: &TerrainWorld,
     plane: &GroundPlane,
-    walk: &Walk,
+    walker_path: &WalkerPath,
     sweep: &Sweep,
     seed: u64,
 ) -> Result<Drive, ExperimentError> {
     let mut run = walker.run(seed, 0.0)?;
-    let after_s = walk.leaves_s + AFTER_S;
+    let after_s = walker_path.leaves_s + AFTER_S;
     let mut most_trail = 0.0_f64;
     let mut walls = BTreeSet::new();
     let steps = (after_s / STEP_S) as u32;
     for until_s in (1..=steps).map(|step| f64::from(step) * STEP_S) {
         run.advance_to(until_s)?;
         let map = obstacle_map(&run.store());
-        most_trail = most_trail.max(walk.trail(&map));
+        most_trail = most_trail.max(walker_path.trail(&map));
         walls.extend(map.into_iter().filter_map(|(cell, class)| {
             let is_wall = class == CellClass::Obstacle
                 && walker
@@ -137,7 +141,7 @@ fn drive(
     }
     run.advance_to(after_s)?;
     let map = obstacle_map(&run.store());
-    let (trail, pipeline) = (walk.trail(&map), run.finish()?);
+    let (trail, pipeline) = (walker_path.trail(&map), run.finish()?);
     let map = obstacle_map(&pipeline.publisher().store());
     let left = walls
         .iter()
@@ -145,7 +149,7 @@ fn drive(
     Ok(Drive {
         most_trail,
         trail,
-        trail_at_end: walk.trail(&map),
+        trail_at_end: walker_path.trail(&map),
         walls_left: left.count() as f64,
         walls: walls.len() as f64,
         agreement: Agreement::of(walker, plane, &map, sweep),
@@ -162,31 +166,31 @@ fn checks(drives: &[Drive]) -> Vec<Check> {
     let mut checks = vec![
         Check::gate(
             "obstacle cells where the person walked, 10 s after it left",
-            trail.words(0, ""),
+            trail.text(0, ""),
             "0",
             trail.most == 0.0,
         ),
         Check::gate(
             "cells of walls that stay obstacles to the end",
-            stay.words(2, " %"),
+            stay.text(2, " %"),
             format!("≥ {:.0} %", 100.0 * WALLS_STAY_MIN),
             stay.least >= 100.0 * WALLS_STAY_MIN,
         ),
         Check::gate(
             "most such cells at one time",
-            most.words(0, ""),
+            most.text(0, ""),
             "≥ 3",
             most.least >= 3.0,
         ),
         Check::gate(
             "such cells at the end",
-            at_end.words(0, ""),
+            at_end.text(0, ""),
             "0",
             at_end.most == 0.0,
         ),
         Check::gate(
             "cells of walls",
-            walls.words(0, ""),
+            walls.text(0, ""),
             "≥ 50",
             walls.least >= 50.0,
         ),

@@ -1,7 +1,7 @@
 //! L1 \[LRF\]: in rooms with a horizontal laser, occupied and free cells agree with the truth.
 //!
 //! *Observed* is a cell that is known and decided, free or occupied, in the published map. *Away from edges*
-//! is what [`Asked`](super::rooms::agreement::Asked) says. The mirror belongs to L2 and scatters light here.
+//! is what [`Expected`](super::rooms::agreement::Asked) says. The mirror belongs to L2 and scatters light here.
 
 use super::outcome::{Check, Outcome, Part, Table};
 use super::rooms::agreement::{Confusion, Truth};
@@ -55,14 +55,14 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     };
     outcome.checks.push(Check::gate(
         "scans in the map",
-        Spread::of(runs.iter().map(|(_, scans)| *scans as f64)).words(0, ""),
+        Spread::of(runs.iter().map(|(_, scans)| *scans as f64)).text(0, ""),
         SCANS.to_string(),
         runs.iter().all(|(_, scans)| *scans == SCANS),
     ));
     let parts = &mut outcome.parts;
     parts.push(Part::text(format!("Seed {SEED}, in cells:")));
     parts.extend(confusions.first().map(|first| Part::Table(first.table())));
-    parts.push(Part::text(format!("Over {}:", session.seeds_in_words())));
+    parts.push(Part::text(format!("Over {}:", session.seeds_text())));
     parts.push(Part::Table(over_seeds(&confusions)));
     parts.extend(seed_one(session, &world, &truth)?);
     Ok(outcome)
@@ -73,7 +73,7 @@ fn checks(confusions: &[Confusion]) -> Vec<Check> {
         let spread = Spread::of(confusions.iter().map(|confusion| 100.0 * figure(confusion)));
         let required = format!("≥ {:.1} %", 100.0 * least);
         let passed = spread.least >= 100.0 * least;
-        Check::gate(what, spread.words(2, " %"), required, passed)
+        Check::gate(what, spread.text(2, " %"), required, passed)
     };
     let count = |what: &str,
                  required: String,
@@ -82,7 +82,7 @@ fn checks(confusions: &[Confusion]) -> Vec<Check> {
         let figures: Vec<u64> = confusions.iter().map(figure).collect();
         let spread = Spread::of(figures.iter().map(|&count| count as f64));
         let passed = figures.into_iter().all(allowed);
-        Check::gate(what, spread.words(0, ""), required, passed)
+        Check::gate(what, spread.text(0, ""), required, passed)
     };
     let (free, occupied) = COMPARED_MIN;
     vec![

@@ -33,7 +33,7 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
         Part::text(format!("Seed {SEED}:")),
     ];
     parts.extend(drives.first().map(|first| Part::Table(course_table(first))));
-    parts.push(Part::text(format!("Over {}:", session.seeds_in_words())));
+    parts.push(Part::text(format!("Over {}:", session.seeds_text())));
     parts.push(Part::Table(over_seeds(&drives)));
     parts.push(Part::text(include_str!("notes/l2_holes.md")));
     session.step("L2: pictures")?;
@@ -52,7 +52,7 @@ fn checks(drives: &[Drives]) -> Vec<Check> {
         let figures: Vec<u64> = drives.iter().map(figure).collect();
         let spread = Spread::of(figures.iter().map(|&count| count as f64));
         let passed = figures.into_iter().all(allowed);
-        Check::gate(what, spread.words(0, ""), required, passed)
+        Check::gate(what, spread.text(0, ""), required, passed)
     };
     let end_s = drives.first().map_or(0.0, |drives| drives.mirror.end_s());
     let latest = Spread::of(drives.iter().map(|drives| drives.mirror.most_ghosts().0));
@@ -68,7 +68,7 @@ fn checks(drives: &[Drives]) -> Vec<Check> {
         ),
         Check::gate(
             "most ghosts after",
-            latest.words(0, " s"),
+            latest.text(0, " s"),
             format!("< {:.0} s", GHOSTS_UNTIL * end_s),
             latest.most < GHOSTS_UNTIL * end_s,
         ),

@@ -209,7 +209,7 @@ impl Experiment {
     }
 
     /// What it must show, in the words of the table.
-    pub const fn must_show(self) -> &'static str {
+    pub const fn criterion(self) -> &'static str {
         match self {
             Self::E1 => {
                 "pillar-to-wall distance 1.7 m within one cell; table of time and memory per size"
@@ -229,7 +229,7 @@ impl Experiment {
             Self::H2 => {
                 "cost as in §4; canopy above the vehicle no obstacle, low branch an obstacle"
             }
-            Self::H3 => "rock and trunk fatal, grass and twigs trespassable",
+            Self::H3 => "rock and trunk lethal, grass and twigs traversable",
             Self::H4 => {
                 "≥ 12 clusters; ≥ 95 % of clusters right over 20 seeds, and never Solid called Sparse"
             }

@@ -104,7 +104,7 @@ impl Check {
 
     /// The same figure with nothing asked of it.
     #[must_use]
-    pub fn only_shown(self) -> Self {
+    pub fn without_gate(self) -> Self {
         Self::shown(self.what, self.measured)
     }
 }

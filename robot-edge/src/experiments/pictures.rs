@@ -13,7 +13,7 @@ use protocol::tile::{BootId, TILE_SIDE, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 
 use super::ExperimentError;
-use crate::streaming::cells_to_tiles::put;
+use crate::streaming::cells_to_tiles::set_code;
 
 /// A picture.
 #[derive(Clone, Debug, PartialEq)]
@@ -178,7 +178,7 @@ pub(super) fn store_of(
         let first = key.first_cell();
         let place = (y - first.1) as usize * TILE_SIDE + (x - first.0) as usize;
         let tile = tiles.entry(key).or_insert_with(TileCells::unknown);
-        put(tile, place, code);
+        set_code(tile, place, code);
     }
     let mut store = TileStore::new(BootId([0; 16]), STORE_MB);
     store.set_grid(LayerGrid { layer, cell_m })?;

@@ -112,7 +112,7 @@ fn heading(experiment: Experiment) -> String {
         experiment.id(),
         experiment.title(),
         experiment.source(),
-        experiment.must_show()
+        experiment.criterion()
     )
 }
 
@@ -120,14 +120,14 @@ fn heading(experiment: Experiment) -> String {
 fn summary(outcomes: &[(Experiment, Outcome)]) -> Table {
     let mut table = Table::new(&["id", "must show", "measured", ""]);
     for (experiment, outcome) in outcomes {
-        let told = outcome.checks.iter().take(TOLD);
-        let told: Vec<_> = told
+        let summarized = outcome.checks.iter().take(SUMMARY_CHECKS);
+        let summarized: Vec<_> = summarized
             .map(|check| format!("{}: {}", check.what, check.measured))
             .collect();
         table.push([
             format!("{} {}", experiment.id(), experiment.source()),
-            experiment.must_show().to_owned(),
-            told.join("; "),
+            experiment.criterion().to_owned(),
+            summarized.join("; "),
             if outcome.passed() { "pass" } else { "**FAIL**" }.to_owned(),
         ]);
     }
@@ -135,10 +135,10 @@ fn summary(outcomes: &[(Experiment, Outcome)]) -> Table {
 }
 
 /// Checks that the summary tells of.
-const TOLD: usize = 3;
+const SUMMARY_CHECKS: usize = 3;
 
 fn checks(checks: &[Check], session: &Session<'_>) -> Table {
-    let measured = format!("measured, {}", session.seeds_in_words());
+    let measured = format!("measured, {}", session.seeds_text());
     let mut table = Table::new(&["what", &measured, "required", ""]);
     for check in checks {
         let verdict = match check.verdict {

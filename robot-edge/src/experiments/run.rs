@@ -7,11 +7,11 @@ use protocol::tile::BootId;
 use protocol::tile_store::TileStore;
 
 use super::ExperimentError;
-use crate::app::{self, placing};
+use crate::app::{self, localization_plan};
 use crate::config::{self, Config, Override};
-use crate::mapping::posed_scan::PosedScan;
+use crate::mapping::registered_scan::RegisteredScan;
 use crate::measurement::{Measurement, MeasurementData, Stream};
-use crate::pipeline::{Happening, Pipeline};
+use crate::pipeline::{MapEvent, Pipeline};
 use crate::robot_time::RobotDuration;
 use crate::simulation::attitude::Attitude;
 use crate::simulation::noise::NoiseStream;
@@ -107,13 +107,14 @@ impl SimulatedRun {
     pub fn advance_with(
         &mut self,
         until_s: f64,
-        mut mapped: impl FnMut(&Pipeline, &PosedScan),
+        mut mapped: impl FnMut(&Pipeline, &RegisteredScan),
     ) -> Result<(), ExperimentError> {
         let until = START + RobotDuration::from_secs_f64(until_s);
         let mut scans = Vec::new();
         while let Some(measurement) = self.next.take_if(|next| next.stamp <= until) {
-            self.pipeline
-                .push(measurement, |scan: &PosedScan| scans.push(scan.clone()))?;
+            self.pipeline.push(measurement, |scan: &RegisteredScan| {
+                scans.push(scan.clone())
+            })?;
             for scan in scans.drain(..) {
                 mapped(&self.pipeline, &scan);
             }
@@ -141,8 +142,8 @@ impl SimulatedRun {
     }
 
     /// Changes of the ground plane and jumps of poses since the last call, in order.
-    pub fn take_happenings(&mut self) -> Vec<Happening> {
-        self.pipeline.take_happenings()
+    pub fn take_map_events(&mut self) -> Vec<MapEvent> {
+        self.pipeline.take_map_events()
     }
 
     /// The maps as they are now.
@@ -197,8 +198,11 @@ impl AveragedNoise {
 /// # Errors
 /// Where the configuration does not fit.
 pub fn pipeline(config: &Config, streams: &[Stream]) -> Result<Pipeline, ExperimentError> {
-    let placer = placing::placer_settings(config, &app::simulated_placing(config, streams)?);
-    Ok(Pipeline::new(config, placer, BootId([0; 16]), false)?)
+    let registration = localization_plan::registration_settings(
+        config,
+        &app::simulated_localization_plan(config, streams)?,
+    );
+    Ok(Pipeline::new(config, registration, BootId([0; 16]), false)?)
 }
 
 /// The configuration of the world's vehicle, with `settings` (`key=value`) over it.

@@ -36,7 +36,7 @@ impl<'a> Session<'a> {
     }
 
     /// "seed 1" or "seeds 1 to 20".
-    pub fn seeds_in_words(&self) -> String {
+    pub fn seeds_text(&self) -> String {
         match self.seeds {
             SEED => "seed 1".to_owned(),
             last => format!("seeds {SEED} to {last}"),

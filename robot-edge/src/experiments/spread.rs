@@ -23,7 +23,7 @@ impl Spread {
     }
 
     /// "0.5 … 2 (median 1)" with so many decimals; one number where all are the same.
-    pub(super) fn words(&self, decimals: usize, unit: &str) -> String {
+    pub(super) fn text(&self, decimals: usize, unit: &str) -> String {
         let number = |value: f64| format!("{value:.decimals$}");
         let [least, median, most] = [self.least, self.median, self.most].map(number);
         if least == most {
@@ -59,9 +59,9 @@ mod tests {
         check(&[3.0, 1.0, 1.5], 1.0, 1.5, 3.0);
         assert!(Spread::of([]).median.is_nan());
         assert_eq!(
-            Spread::of([1.0, 2.0]).words(1, " m"),
+            Spread::of([1.0, 2.0]).text(1, " m"),
             "1.0 … 2.0 m (median 1.5)"
         );
-        assert_eq!(Spread::of([1.0]).words(0, ""), "1");
+        assert_eq!(Spread::of([1.0]).text(0, ""), "1");
     }
 }

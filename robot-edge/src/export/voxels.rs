@@ -47,7 +47,7 @@ pub struct VoxelFiles {
     /// The files.
     pub files: Vec<PathBuf>,
     /// Voxels that `voxels.bt` has no room for: farther than 32,768 voxels from the origin of `odom`.
-    pub voxels_left_out: u64,
+    pub voxels_omitted: u64,
 }
 
 /// Of a point without a class.
@@ -64,19 +64,19 @@ pub fn export_voxels(
     let tree = dir.join(VoxelFile::Tree.name());
     let points = dir.join(VoxelFile::Points.name());
     let create = |path: &Path| -> io::Result<_> { Ok(BufWriter::new(File::create(path)?)) };
-    let voxels_left_out = create(&tree)
+    let voxels_omitted = create(&tree)
         .map_err(BtWriteError::Io)
         .and_then(|mut out| {
-            let left_out = write_tree(octree, &mut out)?;
+            let omitted = write_tree(octree, &mut out)?;
             out.flush()?;
-            Ok(left_out)
+            Ok(omitted)
         })
         .map_err(|why| match why {
             BtWriteError::Io(why) => VoxelExportError::Io {
                 path: tree.clone(),
                 why,
             },
-            why @ (BtWriteError::Misplaced(_) | BtWriteError::Disordered(_)) => {
+            why @ (BtWriteError::OutOfRange(_) | BtWriteError::OutOfOrder(_)) => {
                 VoxelExportError::Tree {
                     path: tree.clone(),
                     why,
@@ -94,7 +94,7 @@ pub fn export_voxels(
         })?;
     Ok(VoxelFiles {
         files: vec![tree, points],
-        voxels_left_out,
+        voxels_omitted,
     })
 }
 
@@ -150,17 +150,17 @@ pub fn voxel_digest(octree: &Octree) -> String {
 /// Voxels that are left out, because the format has no place for them.
 fn write_tree(octree: &Octree, mut out: impl Write) -> Result<u64, BtWriteError> {
     let mut tree = BtWriter::default();
-    let mut left_out = 0;
+    let mut omitted = 0;
     for block in octree.known_blocks(octomap_bt::place) {
         if octomap_bt::place(block.least).is_some() {
             tree.push_block(block.least, &block.bricks)?;
         } else {
             let known = block.bricks.iter().map(|brick| brick.known.count_ones());
-            left_out += u64::from(known.sum::<u32>());
+            omitted += u64::from(known.sum::<u32>());
         }
     }
     tree.write(octree.cell_m(), &mut out)?;
-    Ok(left_out)
+    Ok(omitted)
 }
 
 fn write_points<'a>(
@@ -214,7 +214,7 @@ mod tests {
     use super::*;
     use crate::mapping::octree::{Ray, VoxelState};
     use crate::mapping::octree_config::{OctreeConfig, RangeSensorModel};
-    use crate::mapping::posed_scan::SensorId;
+    use crate::mapping::registered_scan::SensorId;
 
     #[test]
     fn the_tree_has_all_that_it_has_room_for_and_the_rest_is_counted() {

@@ -16,24 +16,24 @@ use super::outgoing::Outgoing;
 use crate::driving::{Inbox, Incoming, Reply};
 
 /// Answers that wait to be sent at most; whoever hears none asks again.
-const MAX_ANSWERS: usize = 64;
+const MAX_WAITING_REPLIES: usize = 64;
 /// Longest wait before it is asked whether the link closes.
-const NAP: Duration = Duration::from_millis(100);
+const POLL_TIMEOUT: Duration = Duration::from_millis(100);
 
 /// An answer on its way out.
-pub(super) type Answered = (Query, Answer);
+pub(super) type PendingReply = (Query, Answer);
 
 /// Hands all that operators send to the loop. Its answers come out at the other end: the loop must not wait for them.
 pub(super) fn take_commands(
     context: &Context,
     inbox: &Inbox,
-) -> Result<Receiver<Answered>, LinkError> {
+) -> Result<Receiver<PendingReply>, LinkError> {
     let declare = |what: &str, why| LinkError::Declare {
         what: what.to_owned(),
         why,
     };
     let key = Topic::Operator(OperatorTopic::Drive).key(&context.robot);
-    let (drives, shared) = (inbox.clone(), context.shared.clone());
+    let (drives, publish_state) = (inbox.clone(), context.publish_state.clone());
     context
         .control
         .declare_subscriber(key.clone())
@@ -41,20 +41,24 @@ pub(super) fn take_commands(
             let key = sample.key_expr().as_str();
             match incoming(key, sample.payload(), None) {
                 Some(incoming) => drives.offer(incoming),
-                None => shared.refuse(),
+                None => publish_state.count_rejected(),
             }
         })
         .background()
         .wait()
         .map_err(|why| declare(&key, why))?;
 
-    let (answers, answered) = sync_channel(MAX_ANSWERS);
+    let (replies, pending_replies) = sync_channel(MAX_WAITING_REPLIES);
     for topic in OperatorTopic::ALL {
         if topic == OperatorTopic::Drive {
             continue;
         }
         let key = Topic::Operator(topic).key(&context.robot);
-        let (inbox, answers, shared) = (inbox.clone(), answers.clone(), context.shared.clone());
+        let (inbox, replies, publish_state) = (
+            inbox.clone(),
+            replies.clone(),
+            context.publish_state.clone(),
+        );
         context
             .control
             .declare_queryable(key.clone())
@@ -63,27 +67,31 @@ pub(super) fn take_commands(
                 let empty = ZBytes::new();
                 let payload = query.payload().unwrap_or(&empty).clone();
                 let key = query.key_expr().as_str().to_owned();
-                match incoming(&key, &payload, Some(reply_to(query, &answers))) {
+                match incoming(&key, &payload, Some(reply_sender(query, &replies))) {
                     Some(incoming) => inbox.offer(incoming),
-                    None => shared.refuse(),
+                    None => publish_state.count_rejected(),
                 }
             })
             .background()
             .wait()
             .map_err(|why| declare(&key, why))?;
     }
-    Ok(answered)
+    Ok(pending_replies)
 }
 
 /// Sends the answers of the loop until the link closes.
-pub(super) fn send_answers(context: &Context, out: &Outgoing, answered: &Receiver<Answered>) {
+pub(super) fn send_replies(
+    context: &Context,
+    out: &Outgoing,
+    pending_replies: &Receiver<PendingReply>,
+) {
     while !context.is_closing() {
-        let (query, answer) = match answered.recv_timeout(NAP) {
-            Ok(answered) => answered,
+        let (query, answer) = match pending_replies.recv_timeout(POLL_TIMEOUT) {
+            Ok(pending_replies) => pending_replies,
             Err(RecvTimeoutError::Timeout) => continue,
             Err(RecvTimeoutError::Disconnected) => return,
         };
-        let Some(message) = out.message(context.shared.stamp_ns(), &answer) else {
+        let Some(message) = out.message(context.publish_state.stamp_ns(), &answer) else {
             continue;
         };
         if let Err(why) = query.reply(query.key_expr().clone(), message).wait() {
@@ -92,10 +100,10 @@ pub(super) fn send_answers(context: &Context, out: &Outgoing, answered: &Receive
     }
 }
 
-fn reply_to(query: Query, answers: &SyncSender<Answered>) -> Reply {
-    let answers = answers.clone();
+fn reply_sender(query: Query, replies: &SyncSender<PendingReply>) -> Reply {
+    let replies = replies.clone();
     Box::new(move |answer| {
-        if answers.try_send((query, answer)).is_err() {
+        if replies.try_send((query, answer)).is_err() {
             tracing::warn!("too many answers wait; one was not given");
         }
     })

@@ -16,5 +16,5 @@ pub struct LinkConfig {
     /// The vehicle's folder of `robot-edge keys`.
     pub keys: Option<PathBuf>,
     /// Audit log: a file to which lines of JSON are added. Without one, nothing is written down.
-    pub audit: Option<PathBuf>,
+    pub audit_log: Option<PathBuf>,
 }

@@ -18,25 +18,25 @@ use protocol::tile_store::TileStore;
 use super::LinkError;
 use super::open_sessions::OpenSessions;
 use super::outgoing::Outgoing;
+use super::publish_state::PublishState;
 use super::sessions::Endpoints;
-use super::shared::Shared;
 use crate::clock::{self, Monotonic};
 use crate::credentials::OperatorList;
-use crate::driving::operators::NewerList;
-use crate::driving::{Board, Inbox};
+use crate::driving::operators::PendingOperatorList;
+use crate::driving::{Inbox, SharedDriveState};
 use crate::events::event;
 
 /// Between two looks whether there is a newer list.
-const LIST_PERIOD: Duration = Duration::from_millis(100);
+const LIST_CHECK_PERIOD: Duration = Duration::from_millis(100);
 /// Sessions that are to end are waited for so long.
-const ENDING: Duration = Duration::from_millis(300);
-/// Between two attempts to open the sessions anew: the system may not have freed their ports yet. After [`PATIENCE`], ten
+const CLOSE_TIMEOUT: Duration = Duration::from_millis(300);
+/// Between two attempts to open the sessions anew: the system may not have freed their ports yet. After [`COMPLAINT_DELAY`], ten
 /// times as long.
 const RETRY_PERIOD: Duration = Duration::from_millis(50);
 /// Attempts that fail for so long are said to.
-const PATIENCE: Duration = Duration::from_secs(1);
+const COMPLAINT_DELAY: Duration = Duration::from_secs(1);
 /// And then this often.
-const REMINDER: Duration = Duration::from_secs(10);
+const REPEAT_INTERVAL: Duration = Duration::from_secs(10);
 
 /// What a robot is called and how it is reached.
 #[derive(Clone, Debug)]
@@ -48,65 +48,65 @@ pub struct EdgeSettings {
     /// Where, and by whom.
     pub endpoints: Endpoints,
     /// Where a newer list of those who may connect is left.
-    pub newer_people: NewerList,
+    pub newer_operators: PendingOperatorList,
     /// Tiles' share of the link, kilobits (10³ bits) per second.
     pub budget_kbps: u32,
     /// Who it is.
     pub info: Info,
     /// What drives it, if it can be driven.
-    pub driving: Option<(Inbox, Arc<Board>)>,
+    pub driving: Option<(Inbox, Arc<SharedDriveState>)>,
 }
 
 /// What is there as long as the link, whichever sessions it has.
-pub(super) struct Lasting {
+pub(super) struct LinkServer {
     pub(super) settings: EdgeSettings,
     pub(super) store: Arc<Mutex<TileStore>>,
-    pub(super) shared: Arc<Shared>,
+    pub(super) publish_state: Arc<PublishState>,
     pub(super) out: Outgoing,
 }
 
 /// An open link. Dropping it closes it.
 pub struct EdgeLink {
-    shared: Arc<Shared>,
+    publish_state: Arc<PublishState>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl EdgeLink {
-    /// Opens both sessions and starts to serve `store` and `shared`.
+    /// Opens both sessions and starts to serve `store` and `publish_state`.
     ///
     /// # Errors
     /// Where a session cannot be opened or Zenoh refuses a declaration.
     pub fn open(
         settings: EdgeSettings,
         store: Arc<Mutex<TileStore>>,
-        shared: Arc<Shared>,
+        publish_state: Arc<PublishState>,
     ) -> Result<Self, LinkError> {
-        let lasting = Lasting {
+        let server = LinkServer {
             out: Outgoing::new(settings.boot),
             settings,
             store,
-            shared: Arc::clone(&shared),
+            publish_state: Arc::clone(&publish_state),
         };
-        let sessions = OpenSessions::open(&lasting)?;
+        let sessions = OpenSessions::open(&server)?;
         let thread = thread::Builder::new()
             .name("link".to_owned())
-            .spawn(move || lasting.serve(sessions))
+            .spawn(move || server.serve(sessions))
             .map_err(LinkError::Thread)?;
         Ok(Self {
-            shared,
+            publish_state,
             thread: Some(thread),
         })
     }
 
     /// What mapping hands to the link.
-    pub const fn shared(&self) -> &Arc<Shared> {
-        &self.shared
+    pub const fn publish_state(&self) -> &Arc<PublishState> {
+        &self.publish_state
     }
 }
 
 impl Drop for EdgeLink {
     fn drop(&mut self) {
-        self.shared.close();
+        self.publish_state.close();
         if let Some(thread) = self.thread.take()
             && thread.join().is_err()
         {
@@ -115,17 +115,19 @@ impl Drop for EdgeLink {
     }
 }
 
-impl Lasting {
+impl LinkServer {
     /// Keeps sessions open until the link closes: those who may connect are always those of the newest list.
     fn serve(mut self, sessions: OpenSessions) {
         let mut sessions = Some(sessions);
-        while clock::sleep_until(Monotonic::now() + LIST_PERIOD, || self.shared.is_closing()) {
-            let Some(newer) = self.settings.newer_people.take() else {
+        while clock::sleep_until(Monotonic::now() + LIST_CHECK_PERIOD, || {
+            self.publish_state.is_closing()
+        }) {
+            let Some(newer) = self.settings.newer_operators.take() else {
                 continue;
             };
             let endpoints = &mut self.settings.endpoints;
-            let is_same = identities(&newer) == identities(&endpoints.people);
-            endpoints.people = newer;
+            let is_same = identities(&newer) == identities(&endpoints.operators);
+            endpoints.operators = newer;
             // Where nobody connects to the vehicle itself, a router decides who hears of it, by rules of its own.
             if is_same || endpoints.listen.is_empty() {
                 continue;
@@ -133,55 +135,55 @@ impl Lasting {
             let began = Monotonic::now();
             let message =
                 "all links are closed, and opened anew for those on the newer list of operators";
-            self.tell("access", message.to_owned());
+            self.publish_event("access", message.to_owned());
             // Those of before end first: at no moment there are listeners with both rules.
             if let Some(before) = sessions.take() {
                 end(before);
             }
-            sessions = self.open_again();
+            sessions = self.reopen();
             if sessions.is_some() {
                 let took_ms = began.elapsed().as_millis();
                 let message =
                     format!("links are open by the newer list of operators, after {took_ms} ms");
-                self.tell("access", message);
+                self.publish_event("access", message);
             }
         }
     }
 
     /// Opens the sessions, however often it takes; `None` where the link closes meanwhile.
-    fn open_again(&self) -> Option<OpenSessions> {
+    fn reopen(&self) -> Option<OpenSessions> {
         let began = Monotonic::now();
-        let mut complaint_due = began + PATIENCE;
-        while !self.shared.is_closing() {
+        let mut warning_due = began + COMPLAINT_DELAY;
+        while !self.publish_state.is_closing() {
             match OpenSessions::open(self) {
                 Ok(sessions) => return Some(sessions),
                 Err(why) => {
                     let now = Monotonic::now();
-                    if now >= complaint_due {
-                        complaint_due = now + REMINDER;
+                    if now >= warning_due {
+                        warning_due = now + REPEAT_INTERVAL;
                         tracing::error!(%why, "the links cannot be opened anew");
-                        self.tell(
+                        self.publish_event(
                             "access_failed",
                             format!("the links cannot be opened anew, which is tried again: {why}"),
                         );
                     }
                 }
             }
-            let pause = if began.elapsed() < PATIENCE {
+            let pause = if began.elapsed() < COMPLAINT_DELAY {
                 RETRY_PERIOD
             } else {
                 10 * RETRY_PERIOD
             };
-            clock::sleep_until(Monotonic::now() + pause, || self.shared.is_closing());
+            clock::sleep_until(Monotonic::now() + pause, || self.publish_state.is_closing());
         }
         None
     }
 
-    fn tell(&self, kind: &'static str, message: String) {
+    fn publish_event(&self, kind: &'static str, message: String) {
         if let Some(audit) = &self.settings.endpoints.audit {
             audit.write(kind, message.clone());
         }
-        self.shared.tell(event(kind, message));
+        self.publish_state.publish_event(event(kind, message));
     }
 }
 
@@ -194,7 +196,7 @@ fn end(sessions: OpenSessions) {
         // Nobody waits for it any more where it took too long.
         let _is_waited_for = ended.send(());
     });
-    let _has_ended = has_ended.recv_timeout(ENDING);
+    let _has_ended = has_ended.recv_timeout(CLOSE_TIMEOUT);
 }
 
 /// Whose certificates the rules of access control name.

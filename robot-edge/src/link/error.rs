@@ -28,7 +28,7 @@ pub enum LinkError {
     #[error(
         "whoever answers at {endpoints} shows the certificate of {name}, not of a vehicle or router of this fleet"
     )]
-    Stranger {
+    UnexpectedPeer {
         /// Where.
         endpoints: String,
         /// Who it says it is.
@@ -80,11 +80,11 @@ pub enum LinkError {
 }
 
 /// What the system says of a port that somebody else has.
-const TAKEN: &str = "Address already in use";
+const ADDRESS_IN_USE: &str = "Address already in use";
 
 fn not_opened(channel: Channel, endpoints: &str, why: &zenoh::Error) -> String {
     let why = why.to_string();
-    if why.contains(TAKEN) {
+    if why.contains(ADDRESS_IN_USE) {
         // What is set for Zenoh behind an address is nobody's concern.
         let places: Vec<_> = endpoints
             .split(", ")
@@ -110,7 +110,7 @@ mod tests {
 
     #[test]
     fn a_port_that_is_taken_is_said_to_be_and_what_to_do() {
-        let told_of = |channel, why: &str| {
+        let error_text = |channel, why: &str| {
             let error = LinkError::Open {
                 channel,
                 endpoints: "quic/127.0.0.1:7447?mixed_rel=1, tls/127.0.0.1:7447#so_sndbuf=1"
@@ -119,17 +119,17 @@ mod tests {
             };
             error.to_string()
         };
-        let told = |why| told_of(Channel::Control, why);
-        let of_tiles = told_of(Channel::Bulk, "Address already in use (os error 98)");
+        let message = |why| error_text(Channel::Control, why);
+        let of_tiles = error_text(Channel::Bulk, "Address already in use (os error 98)");
         assert!(of_tiles.contains("for tiles, which is the one after that for control, already"));
         assert_eq!(
-            told(
+            message(
                 "Can not create a new listener: Address already in use (os error 98) at a.rs:418."
             ),
             "another program has the port already: quic/127.0.0.1:7447, tls/127.0.0.1:7447. End that one, or choose \
              another port with --listen"
         );
-        assert!(told("no such host").ends_with(
+        assert!(message("no such host").ends_with(
             "mixed_rel=1, tls/127.0.0.1:7447#so_sndbuf=1): no such host. --listen names another endpoint"
         ));
     }

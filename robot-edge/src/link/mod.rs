@@ -10,10 +10,10 @@ pub mod config;
 pub mod edge;
 pub mod endpoints;
 mod error;
+pub mod publish_state;
 pub mod ros2;
 pub mod security;
 pub mod sessions;
-pub mod shared;
 
 mod open_sessions;
 mod outgoing;

@@ -16,17 +16,17 @@ use zenoh::liveliness::LivelinessToken;
 use zenoh::query::Query;
 use zenoh::{Session, Wait};
 
-use super::edge::Lasting;
+use super::edge::LinkServer;
 use super::endpoints::Channel;
+use super::publish_state::PublishState;
 use super::sessions::{self, Side};
-use super::shared::Shared;
-use super::streams::{self, StatePublishers};
+use super::streams::{self, TopicPublishers};
 use super::{LinkError, commands, queries, security, views};
 use crate::audit::Audit;
-use crate::driving::Board;
+use crate::driving::SharedDriveState;
 
 /// Questions that wait for an answer at most; whoever asks beyond that asks again.
-const MAX_QUERIES: usize = 64;
+const MAX_WAITING_QUERIES: usize = 64;
 
 /// Both sessions. Dropping them closes them.
 pub(super) struct OpenSessions {
@@ -42,10 +42,10 @@ pub(super) struct Context {
     pub(super) robot: RobotId,
     pub(super) control: Session,
     pub(super) bulk: Session,
-    pub(super) shared: Arc<Shared>,
+    pub(super) publish_state: Arc<PublishState>,
     pub(super) store: Arc<Mutex<TileStore>>,
     pub(super) budget_kbps: u32,
-    pub(super) board: Option<Arc<Board>>,
+    pub(super) drive_state: Option<Arc<SharedDriveState>>,
     /// These sessions are to end; others may follow.
     is_over: AtomicBool,
 }
@@ -53,54 +53,57 @@ pub(super) struct Context {
 impl Context {
     /// Whether the threads of these sessions are to end.
     pub(super) fn is_closing(&self) -> bool {
-        self.is_over.load(Ordering::Relaxed) || self.shared.is_closing()
+        self.is_over.load(Ordering::Relaxed) || self.publish_state.is_closing()
     }
 }
 
 impl OpenSessions {
     /// Opens both sessions, with the rules for those who may connect, and starts to serve what lasts.
-    pub(super) fn open(lasting: &Lasting) -> Result<Self, LinkError> {
-        let (settings, shared) = (&lasting.settings, &lasting.shared);
+    pub(super) fn open(server: &LinkServer) -> Result<Self, LinkError> {
+        let (settings, publish_state) = (&server.settings, &server.publish_state);
         let control = sessions::open(Side::Edge, Channel::Control, &settings.endpoints)?;
         let bulk = sessions::open(Side::Edge, Channel::Bulk, &settings.endpoints)?;
-        let board = settings.driving.as_ref().map(|(_, board)| board);
+        let drive_state = settings
+            .driving
+            .as_ref()
+            .map(|(_, drive_state)| drive_state);
         let context = Arc::new(Context {
             robot: settings.robot.clone(),
             control: control.clone(),
             bulk: bulk.clone(),
-            shared: Arc::clone(shared),
-            store: Arc::clone(&lasting.store),
+            publish_state: Arc::clone(publish_state),
+            store: Arc::clone(&server.store),
             budget_kbps: settings.budget_kbps,
-            board: board.map(Arc::clone),
+            drive_state: drive_state.map(Arc::clone),
             is_over: AtomicBool::new(false),
         });
 
         // Apart, so that whoever is slow to take tiles holds up no answer to `ping`.
-        let (small_questions, small_waiting) = sync_channel(MAX_QUERIES);
-        let (questions, waiting) = sync_channel(MAX_QUERIES);
+        let (small_queries, small_waiting) = sync_channel(MAX_WAITING_QUERIES);
+        let (queries, waiting) = sync_channel(MAX_WAITING_QUERIES);
         for topic in [Topic::Info, Topic::Ping] {
-            take_questions(
+            declare_queries(
                 &control,
                 &topic.key(&context.robot),
-                &small_questions,
-                shared,
+                &small_queries,
+                publish_state,
             )?;
         }
         // Layers that the robot does not map too: their answer is an empty list, and not silence.
         for layer in LayerId::ALL {
             for topic in [Topic::Tiles(layer), Topic::Digests(layer)] {
-                take_questions(&bulk, &topic.key(&context.robot), &questions, shared)?;
+                declare_queries(&bulk, &topic.key(&context.robot), &queries, publish_state)?;
             }
         }
         for topic in [Topic::Shores, Topic::Voxels, Topic::Trajectory] {
-            take_questions(&bulk, &topic.key(&context.robot), &questions, shared)?;
+            declare_queries(&bulk, &topic.key(&context.robot), &queries, publish_state)?;
         }
         views::watch(&context)?;
         let inbox = settings.driving.as_ref().map(|(inbox, _)| inbox);
-        let answered = inbox
+        let pending_replies = inbox
             .map(|inbox| commands::take_commands(&context, inbox))
             .transpose()?;
-        let publishers = StatePublishers::declare(&context)?;
+        let publishers = TopicPublishers::declare(&context)?;
         let key = Topic::Alive.key(&context.robot);
         let alive = control
             .liveliness()
@@ -111,12 +114,12 @@ impl OpenSessions {
         let encoder = || Encoder::new().map_err(LinkError::Encoder);
         let (answering, answering_small, pushing) = (encoder()?, encoder()?, encoder()?);
         let info = Arc::new(settings.info.clone());
-        let out = &lasting.out;
+        let out = &server.out;
         let mut threads = Vec::new();
-        if let Some(answered) = answered {
+        if let Some(pending_replies) = pending_replies {
             let (context, out) = (Arc::clone(&context), out.clone());
             threads.push(thread::spawn(move || {
-                commands::send_answers(&context, &out, &answered);
+                commands::send_replies(&context, &out, &pending_replies);
             }));
         }
         threads.extend([
@@ -149,7 +152,7 @@ impl OpenSessions {
 impl Drop for OpenSessions {
     fn drop(&mut self) {
         // The last word: why they end is among the events.
-        self.context.shared.call();
+        self.context.publish_state.request_status();
         self.context.is_over.store(true, Ordering::Relaxed);
         for thread in self.threads.drain(..) {
             if thread.join().is_err() {
@@ -158,8 +161,8 @@ impl Drop for OpenSessions {
         }
         let Context { control, bulk, .. } = &*self.context;
         if let Some(audit) = &self.audit {
-            security::write_down_ends(control, Channel::Control, audit);
-            security::write_down_ends(bulk, Channel::Bulk, audit);
+            security::audit_closed_links(control, Channel::Control, audit);
+            security::audit_closed_links(bulk, Channel::Bulk, audit);
         }
         // At the same time: whoever takes nothing any more may hold up the end of one.
         thread::scope(|scope| {
@@ -175,13 +178,13 @@ impl Drop for OpenSessions {
 }
 
 /// Lets questions for `key` through to the thread that answers them: Zenoh's own threads must not wait.
-fn take_questions(
+fn declare_queries(
     session: &Session,
     key: &str,
-    questions: &SyncSender<Query>,
-    shared: &Arc<Shared>,
+    queries: &SyncSender<Query>,
+    publish_state: &Arc<PublishState>,
 ) -> Result<(), LinkError> {
-    let (questions, shared) = (questions.clone(), Arc::clone(shared));
+    let (queries, publish_state) = (queries.clone(), Arc::clone(publish_state));
     session
         .declare_queryable(key.to_owned())
         .complete(true)
@@ -190,9 +193,9 @@ fn take_questions(
             let is_small = |bytes: &ZBytes| bytes.len() <= wire::MAX_MESSAGE_BYTES;
             let is_fit = query.payload().is_none_or(is_small) && query.attachment().is_none();
             // What finds no room gets no reply, which means "ask again".
-            let is_taken = is_fit && questions.try_send(query).is_ok();
+            let is_taken = is_fit && queries.try_send(query).is_ok();
             if !is_taken {
-                shared.refuse();
+                publish_state.count_rejected();
             }
         })
         .background()

@@ -15,10 +15,10 @@ use zenoh::query::Query;
 use super::open_sessions::{Context, payload};
 use super::outgoing::Outgoing;
 use crate::clock::Monotonic;
-use crate::streaming::answers;
+use crate::streaming::replies;
 
 /// Longest wait before it is asked whether the link closes.
-const NAP: Duration = Duration::from_millis(100);
+const POLL_TIMEOUT: Duration = Duration::from_millis(100);
 
 /// Answers one question after another until the link closes.
 pub(super) fn serve(
@@ -29,14 +29,14 @@ pub(super) fn serve(
     waiting: &Receiver<Query>,
 ) {
     while !context.is_closing() {
-        let query = match waiting.recv_timeout(NAP) {
+        let query = match waiting.recv_timeout(POLL_TIMEOUT) {
             Ok(query) => query,
             Err(RecvTimeoutError::Timeout) => continue,
             Err(RecvTimeoutError::Disconnected) => return,
         };
         let replies = answer(context, out, info, &mut encoder, &query);
         if replies.is_none() {
-            context.shared.refuse();
+            context.publish_state.count_rejected();
         }
         for reply in replies.into_iter().flatten() {
             let key = query.key_expr().clone();
@@ -58,13 +58,13 @@ fn answer(
 ) -> Option<Vec<Vec<u8>>> {
     let store = &context.store;
     let (_, topic) = Topic::parse(query.key_expr().as_str())?;
-    let stamp_ns = context.shared.stamp_ns();
+    let stamp_ns = context.publish_state.stamp_ns();
     Some(match topic {
-        Topic::Info => messages(out, stamp_ns, &[context.shared.info(info)]),
+        Topic::Info => messages(out, stamp_ns, &[context.publish_state.info(info)]),
         Topic::Ping => messages(out, stamp_ns, &[Pong]),
         Topic::Tiles(layer) => {
-            let near_m = context.shared.position_m().unwrap_or_default();
-            answers::tiles(store, encoder, layer, &request(query)?, near_m)
+            let near_m = context.publish_state.position_m().unwrap_or_default();
+            replies::tiles(store, encoder, layer, &request(query)?, near_m)
                 .iter()
                 .filter_map(|(stamp_ns, reply)| out.message(*stamp_ns, reply))
                 .collect()
@@ -72,19 +72,25 @@ fn answer(
         Topic::Digests(layer) => messages(
             out,
             stamp_ns,
-            &[answers::digests(store, layer, request(query)?)],
+            &[replies::digests(store, layer, request(query)?)],
         ),
         Topic::Shores => {
             let ShoresRequest { newer_than } = request(query)?;
-            let (stamp_ns, news) = context.shared.shores_newer_than(newer_than);
+            let (stamp_ns, news) = context.publish_state.shores_newer_than(newer_than);
             messages(out, stamp_ns, &[news])
         }
         Topic::Voxels => {
-            let (stamp_ns, reply) = context.shared.voxels(request(query)?, Monotonic::now());
+            let (stamp_ns, reply) = context
+                .publish_state
+                .voxels(request(query)?, Monotonic::now());
             messages(out, stamp_ns, &[reply])
         }
         Topic::Trajectory => {
-            let (stamp_ns, part) = context.shared.trajectory().lock().answer(request(query)?);
+            let (stamp_ns, part) = context
+                .publish_state
+                .trajectory()
+                .lock()
+                .reply(request(query)?);
             messages(out, stamp_ns, &[part])
         }
         Topic::Alive

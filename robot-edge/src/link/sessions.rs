@@ -29,7 +29,7 @@ pub struct Endpoints {
     /// Who this program is: with them the link is mutual TLS, without them it is open to whoever reaches it.
     pub credentials: Option<Credentials>,
     /// Who may connect to a vehicle with credentials: nobody but these, and routers.
-    pub people: OperatorList,
+    pub operators: OperatorList,
     /// Where it is written down who connects.
     pub audit: Option<Audit>,
 }
@@ -50,7 +50,7 @@ pub const RETRY_PERIOD: Duration = Duration::from_millis(500);
 
 /// What QUIC is given before TLS is tried beside it: some round trips on a long link. Its listener may be held up by a
 /// stranger who begins to connect and falls silent; that of TLS is not.
-const HEAD_START: Duration = Duration::from_millis(600);
+const FALLBACK_DELAY: Duration = Duration::from_millis(600);
 
 /// Opens one session.
 ///
@@ -62,18 +62,20 @@ const HEAD_START: Duration = Duration::from_millis(600);
 pub fn open(side: Side, channel: Channel, endpoints: &Endpoints) -> Result<Session, LinkError> {
     let credentials = endpoints.credentials.as_ref();
     let listen = listeners(channel, &endpoints.listen, credentials.is_some())?;
-    let mut ways = attempts(channel, &endpoints.connect, credentials.is_some())?;
+    let mut attempt_list = attempts(channel, &endpoints.connect, credentials.is_some())?;
     let security = match (credentials, side) {
         (None, _) => SettingsOfTls::new(),
-        (Some(credentials), Side::Edge) => security::edge_settings(credentials, &endpoints.people),
+        (Some(credentials), Side::Edge) => {
+            security::edge_settings(credentials, &endpoints.operators)
+        }
         (Some(credentials), Side::Console) => security::console_settings(credentials),
     };
     if side == Side::Edge {
         // It goes on trying in the background, and would never come to the second way.
-        ways.truncate(1);
+        attempt_list.truncate(1);
     }
-    let mut configs = Vec::with_capacity(ways.len());
-    for connect in ways {
+    let mut configs = Vec::with_capacity(attempt_list.len());
+    for connect in attempt_list {
         let settings = settings((side, channel), &listen, &connect, credentials.is_none());
         let file = endpoints.zenoh_config.as_deref();
         let config = config(settings.chain(security.clone()), file)?;
@@ -81,17 +83,20 @@ pub fn open(side: Side, channel: Channel, endpoints: &Endpoints) -> Result<Sessi
     }
     let session = first_to_open(channel, configs)?;
     if side == Side::Console && credentials.is_some() {
-        security::refuse_strangers(&session, &endpoints.connect.join(", "))?;
+        security::check_peers(&session, &endpoints.connect.join(", "))?;
     }
     if let Some(audit) = &endpoints.audit {
-        security::write_down_links(&session, channel, audit.clone())?;
+        security::audit_links(&session, channel, audit.clone())?;
     }
     Ok(session)
 }
 
 /// Opens sessions in turn, each beside those before when these have failed or had their head start; the first that is
 /// open.
-fn first_to_open(channel: Channel, ways: Vec<(Config, String)>) -> Result<Session, LinkError> {
+fn first_to_open(
+    channel: Channel,
+    attempt_list: Vec<(Config, String)>,
+) -> Result<Session, LinkError> {
     let open = move |config: Config, endpoints: String| {
         zenoh::open(config).wait().map_err(|why| LinkError::Open {
             channel,
@@ -99,12 +104,12 @@ fn first_to_open(channel: Channel, ways: Vec<(Config, String)>) -> Result<Sessio
             why,
         })
     };
-    let count = ways.len();
-    let mut ways = ways.into_iter().enumerate();
+    let count = attempt_list.len();
+    let mut attempt_list = attempt_list.into_iter().enumerate();
     let (sender, opened) = sync_channel(count);
     let mut underway = 0;
     loop {
-        if let Some((n, (config, endpoints))) = ways.next() {
+        if let Some((n, (config, endpoints))) = attempt_list.next() {
             if count == 1 {
                 return open(config, endpoints);
             }
@@ -117,7 +122,7 @@ fn first_to_open(channel: Channel, ways: Vec<(Config, String)>) -> Result<Sessio
                 }
             });
         }
-        match opened.recv_timeout(HEAD_START) {
+        match opened.recv_timeout(FALLBACK_DELAY) {
             Ok((n, Ok(session))) => {
                 if n > 0 {
                     tracing::warn!(
@@ -128,7 +133,7 @@ fn first_to_open(channel: Channel, ways: Vec<(Config, String)>) -> Result<Sessio
             }
             Ok((_, Err(why))) => {
                 underway -= 1;
-                if underway == 0 && ways.len() == 0 {
+                if underway == 0 && attempt_list.len() == 0 {
                     return Err(why);
                 }
             }

@@ -17,10 +17,10 @@ use super::open_sessions::Context;
 use super::outgoing::Outgoing;
 use super::scan_push::ScanPush;
 use crate::clock::{self, Monotonic};
-use crate::driving::Board;
+use crate::driving::SharedDriveState;
 use crate::events::event;
-use crate::streaming::answers::{self, with};
-use crate::streaming::flow::Flow;
+use crate::streaming::bandwidth_limiter::BandwidthLimiter;
+use crate::streaming::replies::{self, with_store};
 
 const POSE_PERIOD: Duration = Duration::from_millis(50);
 /// While somebody drives, or is about to: with each pose goes a token, and a command is as old as its token.
@@ -28,7 +28,7 @@ const DRIVEN_POSE_PERIOD: Duration = Duration::from_millis(20);
 const STATUS_PERIOD: Duration = Duration::from_millis(500);
 const HEAD_PERIOD: Duration = Duration::from_secs(1);
 /// Heads that are news wait for this long at most.
-const NEWS_PERIOD: Duration = Duration::from_millis(200);
+const CHANGED_HEAD_PERIOD: Duration = Duration::from_millis(200);
 const TILES_PERIOD: Duration = Duration::from_millis(20);
 /// Shores are not pushed more often.
 const SHORES_PERIOD: Duration = Duration::from_secs(1);
@@ -36,14 +36,14 @@ const SHORES_PERIOD: Duration = Duration::from_secs(1);
 const TILES_AT_ONCE: usize = 8;
 
 /// Publishers of the topics that are sent again and again: their keys cross the network once.
-pub(super) struct StatePublishers {
+pub(super) struct TopicPublishers {
     pose: Publisher<'static>,
     status: Publisher<'static>,
     event: Publisher<'static>,
     map_head: Publisher<'static>,
 }
 
-impl StatePublishers {
+impl TopicPublishers {
     pub(super) fn declare(context: &Context) -> Result<Self, LinkError> {
         let declare = |topic: Topic, reliability| {
             let key = topic.key(&context.robot);
@@ -69,68 +69,73 @@ impl StatePublishers {
 }
 
 /// Sends pose, status, events and map heads until the link closes.
-pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &StatePublishers) {
+pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPublishers) {
     let start = Monotonic::now();
     let mut next = start;
-    let [mut status_due, mut head_due, mut news_due] = [Due(start); 3];
-    let mut told: Option<MapHead> = None;
-    let mut shown = None;
+    let [mut status_due, mut head_due, mut changed_head_due] = [Due(start); 3];
+    let mut announced: Option<MapHead> = None;
+    let mut sent_teleop_state = None;
     loop {
-        let board = context.board.as_deref();
-        let period = if board.is_some_and(Board::is_held) {
+        let drive_state = context.drive_state.as_deref();
+        let period = if drive_state.is_some_and(SharedDriveState::is_held) {
             DRIVEN_POSE_PERIOD
         } else {
             POSE_PERIOD
         };
         // What a suspended machine missed is not made up for.
         next = (next + period).max(Monotonic::now());
-        let goes_on = clock::sleep_until(next, || context.is_closing());
+        let is_open = clock::sleep_until(next, || context.is_closing());
         // Somebody new should know at once, and the last word is a head behind a status that says so. It is said also
         // where the link closes at once: an end would be taken for a link that is lost.
-        let is_asked_for = context.shared.take_call();
-        if !goes_on && !is_asked_for {
+        let is_requested = context.publish_state.take_status_request();
+        if !is_open && !is_requested {
             return;
         }
         let now = Monotonic::now();
         let mut stamp_ns = 0;
-        if let Some((stamp, mut pose)) = context.shared.pose() {
+        if let Some((stamp, mut pose)) = context.publish_state.pose() {
             stamp_ns = stamp.as_nanos();
-            pose.token = board.and_then(Board::token).map(|token| AgeToken {
-                n: token.n,
-                nonce: token.nonce,
-            });
+            pose.token = drive_state
+                .and_then(SharedDriveState::token)
+                .map(|token| AgeToken {
+                    n: token.n,
+                    nonce: token.nonce,
+                });
             put(&publishers.pose, out.message(stamp_ns, &pose));
         }
-        for (kind, message) in board.map(Board::take_events).unwrap_or_default() {
-            context.shared.tell(event(kind, message));
+        for (kind, message) in drive_state
+            .map(SharedDriveState::take_events)
+            .unwrap_or_default()
+        {
+            context.publish_state.publish_event(event(kind, message));
         }
-        for event in context.shared.take_events() {
+        for event in context.publish_state.take_events() {
             put(&publishers.event, out.message(stamp_ns, &event));
         }
-        let teleop = board.and_then(Board::status);
+        let teleop = drive_state.and_then(SharedDriveState::status);
         let state = teleop
             .as_ref()
             .map(|teleop| (teleop.state, teleop.lease.clone(), teleop.estop));
-        let is_changed = shown != state;
-        if status_due.is_due(now, STATUS_PERIOD, is_asked_for || is_changed) {
-            let mut status = context.shared.status(now);
+        let is_changed = sent_teleop_state != state;
+        if status_due.is_due(now, STATUS_PERIOD, is_requested || is_changed) {
+            let mut status = context.publish_state.status(now);
             status.teleop = teleop;
             put(&publishers.status, out.message(stamp_ns, &status));
-            shown = state;
+            sent_teleop_state = state;
         }
         // A head that is announced while tiles wait is one that nobody can have reached.
-        let is_news = news_due.is_due(now, NEWS_PERIOD, false)
-            && context.shared.outbox().is_empty()
-            && context.shared.take_news();
-        let is_head_due = head_due.is_due(now, HEAD_PERIOD, is_asked_for);
-        if is_head_due || is_news {
-            let head = answers::head(&context.store);
-            if is_head_due || told.as_ref() != Some(&head) {
+        let is_changed_head = changed_head_due.is_due(now, CHANGED_HEAD_PERIOD, false)
+            && context.publish_state.tile_queue().is_empty()
+            && context.publish_state.take_map_changed();
+        let is_head_due = head_due.is_due(now, HEAD_PERIOD, is_requested);
+        if is_head_due || is_changed_head {
+            let head = replies::head(&context.store);
+            if is_head_due || announced.as_ref() != Some(&head) {
                 put(&publishers.map_head, out.message(stamp_ns, &head));
             }
-            told = Some(head);
+            announced = Some(head);
         }
-        if !goes_on {
+        if !is_open {
             return;
         }
     }
@@ -161,7 +166,7 @@ fn put(publisher: &Publisher<'static>, message: Option<Vec<u8>>) {
 /// Sends changed tiles, nearest first, and shores that changed, inside the budget, until the link closes.
 pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder) {
     let mut next = Monotonic::now();
-    let mut flow = Flow::new(context.budget_kbps, next);
+    let mut bandwidth_limiter = BandwidthLimiter::new(context.budget_kbps, next);
     let mut shores = ShoresPush::new(next);
     let mut scans = ScanPush::new(context.budget_kbps, next);
     loop {
@@ -170,51 +175,51 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder
             return;
         }
         let now = Monotonic::now();
-        if let Some(board) = &context.board {
-            flow.set_budget(board.budget_kbps());
-            scans.set_budget(board.budget_kbps());
+        if let Some(drive_state) = &context.drive_state {
+            bandwidth_limiter.set_budget(drive_state.budget_kbps());
+            scans.set_budget(drive_state.budget_kbps());
         }
-        let views = context.shared.views(now);
+        let views = context.publish_state.views(now);
         let wanted = views.iter().fold(0, |wanted, view| wanted | view.layers);
         // Nothing is encoded that nobody looks at; whoever turns to it asks.
         context
-            .shared
-            .outbox()
+            .publish_state
+            .tile_queue()
             .keep_layers(|layer| wanted & bit(layer) != 0);
         let newest_held = views.iter().map(|view| view.revision).max();
-        flow.acknowledged(newest_held.unwrap_or(u64::MAX), now);
+        bandwidth_limiter.acknowledged(newest_held.unwrap_or(u64::MAX), now);
         let near: Vec<_> = context
-            .shared
+            .publish_state
             .position_m()
             .into_iter()
             .chain(views.iter().map(center_m))
             .collect();
         // Before the tiles, of which there may always be more.
-        if !views.is_empty() && flow.allows(now) {
-            flow.spent(shores.send(context, out, now));
+        if !views.is_empty() && bandwidth_limiter.allows(now) {
+            bandwidth_limiter.spent(shores.send(context, out, now));
         }
         let wants_scan = views.iter().any(|view| view.wants_scan);
-        context.shared.want_scan(wants_scan);
-        if wants_scan && flow.allows(now) {
-            flow.spent(scans.send(context, out, now));
+        context.publish_state.want_scan(wants_scan);
+        if wants_scan && bandwidth_limiter.allows(now) {
+            bandwidth_limiter.spent(scans.send(context, out, now));
         }
         let mut has_sent = false;
-        while flow.allows(Monotonic::now()) {
+        while bandwidth_limiter.allows(Monotonic::now()) {
             let keys = next_tiles(context, &near);
             if keys.is_empty() {
                 break;
             }
             has_sent = true;
             for key in keys {
-                for (stamp_ns, band) in answers::bands(&context.store, &mut encoder, key) {
+                for (stamp_ns, band) in replies::bands(&context.store, &mut encoder, key) {
                     let message = out.message(stamp_ns, &band);
                     let bytes = message.map_or(0, |message| send_band(context, key, message));
-                    flow.pushed(band.revision, bytes, Monotonic::now());
+                    bandwidth_limiter.pushed(band.revision, bytes, Monotonic::now());
                 }
             }
         }
         if has_sent {
-            context.shared.tell_news();
+            context.publish_state.mark_map_changed();
         }
     }
 }
@@ -238,7 +243,7 @@ impl ShoresPush {
         if now < self.next {
             return 0;
         }
-        let (stamp_ns, news) = context.shared.shores_newer_than(self.revision);
+        let (stamp_ns, news) = context.publish_state.shores_newer_than(self.revision);
         if news.shores.is_none() {
             return 0;
         }
@@ -264,18 +269,18 @@ fn center_m(view: &View) -> [f64; 2] {
 }
 
 fn next_tiles(context: &Context, near: &[[f64; 2]]) -> Vec<TileKey> {
-    let mut outbox = context.shared.outbox();
-    if outbox.is_empty() {
+    let mut tile_queue = context.publish_state.tile_queue();
+    if tile_queue.is_empty() {
         return Vec::new();
     }
-    let cells = with(&context.store, |store| store.grids().collect::<Vec<_>>());
-    outbox.take_nearest(TILES_AT_ONCE, near, |key| cell_m(&cells, key))
+    let cells = with_store(&context.store, |store| store.grids().collect::<Vec<_>>());
+    tile_queue.take_nearest(TILES_AT_ONCE, near, |key| cell_m(&cells, key))
 }
 
 /// Sends a tile, or half of one; how many bytes that were.
 fn send_band(context: &Context, key: TileKey, message: Vec<u8>) -> usize {
     let bytes = put_bulk(context, Topic::Tile(key), message);
-    context.shared.pushed(bytes);
+    context.publish_state.pushed(bytes);
     bytes
 }
 

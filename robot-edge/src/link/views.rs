@@ -17,7 +17,7 @@ const MAX_VIEW_BYTES: usize = 256;
 /// Remembers every view that arrives.
 pub(super) fn watch(context: &Arc<Context>) -> Result<(), LinkError> {
     let key = Topic::View.key(&context.robot);
-    let shared = Arc::clone(&context.shared);
+    let publish_state = Arc::clone(&context.publish_state);
     context
         .control
         .declare_subscriber(key.clone())
@@ -33,9 +33,9 @@ pub(super) fn watch(context: &Arc<Context>) -> Result<(), LinkError> {
                 .and_then(|bytes| wire::decode::<View>(&bytes).ok());
             match view {
                 Some((_, view)) if view.rectangle_m.iter().all(|edge| edge.is_finite()) => {
-                    shared.set_view(session.to_owned(), view, Monotonic::now());
+                    publish_state.set_view(session.to_owned(), view, Monotonic::now());
                 }
-                Some(_) | None => shared.refuse(),
+                Some(_) | None => publish_state.count_rejected(),
             }
         })
         .background()

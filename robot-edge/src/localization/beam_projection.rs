@@ -3,9 +3,9 @@
 use nalgebra::{Point3, Vector3};
 
 use super::beam_fan::BeamFan;
-use super::beam_range::{RangeRule, ZeroRange};
+use super::beam_range::{RangeLimits, ZeroRange};
 use crate::drops::{DropCounts, DropReason};
-use crate::mapping::posed_scan::{BeamOutcome, PosedBeam, PosedScan, SensorId};
+use crate::mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
 use crate::pose::Pose;
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::scan::Scan;
@@ -20,7 +20,7 @@ pub struct SensorSettings {
     /// Replaces the scans' own greatest range, metres.
     pub range_max_m: Option<f32>,
     /// What a range below the smallest one means.
-    pub zero: ZeroRange,
+    pub zero_range: ZeroRange,
     /// Added to the sensor's stamps, to take out its latency.
     pub time_offset: RobotDuration,
     /// Where it is mounted, for pose sources that do not say.
@@ -63,7 +63,7 @@ impl BodyBox {
     }
 
     /// The distance from a point that no part of it exceeds, metres.
-    fn reach_m(&self, point_in_base: &Point3<f64>) -> f64 {
+    fn max_distance_m(&self, point_in_base: &Point3<f64>) -> f64 {
         let middle_m = 0.5 * (self.lowest_m + self.highest_m);
         let half = Vector3::new(
             0.5 * self.length_m,
@@ -107,11 +107,11 @@ impl BeamProjector {
         first_beam: RobotTime,
         odom_from_base: Pose,
         mut odom_from_sensor_at: impl FnMut(RobotTime) -> Result<Pose, DropReason>,
-    ) -> Result<PosedScan, DropReason> {
-        let rule = RangeRule {
+    ) -> Result<RegisteredScan, DropReason> {
+        let rule = RangeLimits {
             range_min_m: self.sensor.range_min_m.unwrap_or(scan.range_min_m),
             range_max_m: self.sensor.range_max_m.unwrap_or(scan.range_max_m),
-            zero: self.sensor.zero,
+            zero_range: self.sensor.zero_range,
         };
         let directions = self.fan.directions(scan);
         let sweeps = scan.time_increment_s > 0.0;
@@ -119,7 +119,7 @@ impl BeamProjector {
         let base_from_odom = odom_from_base.inverse();
         let sensor_in_base = base_from_odom * Point3::from(odom_from_sensor.translation.vector);
         let body = self.body.up_to_sensor(sensor_in_base.z);
-        let body_reach_m = body.reach_m(&sensor_in_base);
+        let body_max_distance_m = body.max_distance_m(&sensor_in_base);
 
         let mut beams = Vec::with_capacity(scan.ranges_m.len());
         let (mut invalid, mut own_body) = (0, 0);
@@ -129,7 +129,7 @@ impl BeamProjector {
                     RobotDuration::from_secs_f64(beam as f64 * f64::from(scan.time_increment_s));
                 odom_from_sensor = odom_from_sensor_at(first_beam + after)?;
             }
-            let Some(outcome) = rule.judge(range_m) else {
+            let Some(outcome) = rule.classify(range_m) else {
                 invalid += 1;
                 continue;
             };
@@ -139,14 +139,14 @@ impl BeamProjector {
             });
             let end_in_odom = odom_from_sensor * Point3::new(length_m * cos, length_m * sin, 0.0);
             if outcome == BeamOutcome::Hit
-                && length_m < body_reach_m
+                && length_m < body_max_distance_m
                 && body.contains(&(base_from_odom * end_in_odom))
             {
                 own_body += 1;
                 continue;
             }
             let origin_in_odom = Point3::from(odom_from_sensor.translation.vector);
-            beams.push(PosedBeam {
+            beams.push(RegisteredBeam {
                 origin_in_odom,
                 end_in_odom,
                 outcome,
@@ -158,7 +158,7 @@ impl BeamProjector {
         self.dropped_beams
             .add_many(DropReason::InvalidRange, invalid);
         self.dropped_beams.add_many(DropReason::OwnBody, own_body);
-        Ok(PosedScan {
+        Ok(RegisteredScan {
             stamp: first_beam,
             sensor: self.sensor.id,
             beam_step_rad: f64::from(scan.angle_increment_rad.abs()),

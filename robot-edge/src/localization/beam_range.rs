@@ -1,16 +1,16 @@
 //! What a range says: hit, miss or nothing (`algorithms.md` §0).
 
-use crate::mapping::posed_scan::BeamOutcome;
+use crate::mapping::registered_scan::BeamOutcome;
 
 /// The limits by which a range is judged.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RangeRule {
+pub struct RangeLimits {
     /// Smallest range that is a measurement, metres.
     pub range_min_m: f32,
     /// Ranges at or above this are misses, metres.
     pub range_max_m: f32,
     /// What a range below `range_min_m` means, 0 included.
-    pub zero: ZeroRange,
+    pub zero_range: ZeroRange,
 }
 
 /// What a range below the sensor's smallest one means.
@@ -24,16 +24,16 @@ pub enum ZeroRange {
     Miss,
 }
 
-impl RangeRule {
+impl RangeLimits {
     /// Judges one range, in this order: not-a-number, −∞ or negative is invalid (`None`); +∞ or
-    /// ≥ `range_max_m` is a miss; < `range_min_m` is what `zero` says; the rest are hits.
-    pub fn judge(&self, range_m: f32) -> Option<BeamOutcome> {
+    /// ≥ `range_max_m` is a miss; < `range_min_m` is what `zero_range` says; the rest are hits.
+    pub fn classify(&self, range_m: f32) -> Option<BeamOutcome> {
         if range_m.is_nan() || range_m < 0.0 {
             None
         } else if range_m >= self.range_max_m {
             Some(BeamOutcome::Miss)
         } else if range_m < self.range_min_m {
-            match self.zero {
+            match self.zero_range {
                 ZeroRange::Invalid => None,
                 ZeroRange::Miss => Some(BeamOutcome::Miss),
             }
@@ -49,10 +49,10 @@ mod tests {
 
     #[test]
     fn ranges_are_judged_in_order() {
-        let rule = RangeRule {
+        let rule = RangeLimits {
             range_min_m: 0.1,
             range_max_m: 20.0,
-            zero: ZeroRange::Invalid,
+            zero_range: ZeroRange::Invalid,
         };
         for (range, expected) in [
             (f32::NAN, None),
@@ -66,13 +66,13 @@ mod tests {
             (0.1, Some(BeamOutcome::Hit)),
             (19.999, Some(BeamOutcome::Hit)),
         ] {
-            assert_eq!(rule.judge(range), expected, "{range}");
+            assert_eq!(rule.classify(range), expected, "{range}");
         }
-        let trusting = RangeRule {
-            zero: ZeroRange::Miss,
+        let trusting = RangeLimits {
+            zero_range: ZeroRange::Miss,
             ..rule
         };
-        assert_eq!(trusting.judge(0.0), Some(BeamOutcome::Miss));
-        assert_eq!(trusting.judge(-0.5), None);
+        assert_eq!(trusting.classify(0.0), Some(BeamOutcome::Miss));
+        assert_eq!(trusting.classify(-0.5), None);
     }
 }

@@ -17,7 +17,7 @@ pub struct LocalizationConfig {
     /// Longest gap between two poses that is interpolated, seconds.
     pub max_gap_s: f64,
     /// How far the stream's stamps pass a scan's last beam before the scan stops waiting, seconds.
-    pub wait_s: f64,
+    pub max_pose_wait_s: f64,
     /// Farthest that a pose is extrapolated past the newest one, seconds.
     pub max_extrapolation_s: f64,
     /// How much of the past the transform buffer keeps, seconds (tf2's own default).
@@ -70,7 +70,7 @@ impl Default for LocalizationConfig {
             fixed_frame: None,
             base_frame: "base_link".to_owned(),
             max_gap_s: 0.5,
-            wait_s: 0.1,
+            max_pose_wait_s: 0.1,
             max_extrapolation_s: 0.1,
             buffer_s: 10.0,
             max_waiting_scans: 256,

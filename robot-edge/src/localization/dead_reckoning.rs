@@ -11,9 +11,9 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use super::attitude_filter::{AttitudeFilter, AttitudeSettings, attitude_at};
 use super::attitude_smoothing::StampedAttitude;
-use super::attitude_track::{AttitudeSettings, AttitudeTrack, attitude_at};
-use super::joined_samples::{Around, JoinedSamples};
+use super::sample_synchronizer::{Bracket, SampleSynchronizer};
 use super::wheel_odometer::{WheelOdometer, WheelSettings};
 use crate::drops::{DropCounts, DropReason};
 use crate::measurement::ImuSample;
@@ -48,11 +48,11 @@ impl DeadReckoningSettings {
 pub struct DeadReckoning {
     settings: DeadReckoningSettings,
     odometer: WheelOdometer,
-    attitudes: AttitudeTrack,
+    attitudes: AttitudeFilter,
     smoothed: Vec<StampedAttitude>,
     /// How far the vehicle has come, metres, and how it stood.
-    joined: JoinedSamples<f64, UnitQuaternion<f64>>,
-    at: Option<Reckoned>,
+    joined: SampleSynchronizer<f64, UnitQuaternion<f64>>,
+    at: Option<ReckonedState>,
     drops: DropCounts,
 }
 
@@ -60,10 +60,10 @@ pub struct DeadReckoning {
 pub type StampedPose = (RobotTime, Pose);
 
 #[derive(Clone, Copy, Debug)]
-struct Reckoned {
+struct ReckonedState {
     position_m: Vector3<f64>,
     attitude: UnitQuaternion<f64>,
-    way_m: f64,
+    distance_m: f64,
 }
 
 impl DeadReckoning {
@@ -71,9 +71,9 @@ impl DeadReckoning {
     pub fn new(settings: DeadReckoningSettings) -> Self {
         Self {
             odometer: WheelOdometer::new(settings.wheels.clone()),
-            attitudes: AttitudeTrack::new(settings.attitude),
+            attitudes: AttitudeFilter::new(settings.attitude),
             smoothed: Vec::new(),
-            joined: JoinedSamples::default(),
+            joined: SampleSynchronizer::default(),
             at: None,
             drops: DropCounts::default(),
             settings,
@@ -89,7 +89,7 @@ impl DeadReckoning {
     ) {
         let stamp = stamp + self.settings.wheels_time_offset;
         let pushed = match self.odometer.push(stamp, joints) {
-            Ok(Some(way_m)) => self.joined.push_a((stamp, way_m)),
+            Ok(Some(distance_m)) => self.joined.push_a((stamp, distance_m)),
             Ok(None) => Ok(()),
             Err(reason) => Err(reason),
         };
@@ -146,11 +146,11 @@ impl DeadReckoning {
 
     fn reckon(&mut self, out: &mut Vec<StampedPose>) {
         while let Some(joint) = self.joined.take_next() {
-            let (stamp, way, attitude) = (joint.stamp, &joint.a, &joint.b);
-            let reckoned = self.step(way_at(way, stamp), attitude_at(attitude, stamp));
+            let (stamp, distance, attitude) = (joint.stamp, &joint.a, &joint.b);
+            let reckoned = self.step(distance_at(distance, stamp), attitude_at(attitude, stamp));
             self.at = Some(reckoned);
             let max_gap = self.settings.max_gap;
-            if way.is_known_at(stamp, max_gap) && attitude.is_known_at(stamp, max_gap) {
+            if distance.is_known_at(stamp, max_gap) && attitude.is_known_at(stamp, max_gap) {
                 let pose = Pose::from_parts(reckoned.position_m.into(), reckoned.attitude);
                 out.push((stamp, pose));
             }
@@ -158,7 +158,7 @@ impl DeadReckoning {
     }
 
     /// Along the vehicle's x axis as it stood in the middle of the step.
-    fn step(&self, way_m: f64, attitude: UnitQuaternion<f64>) -> Reckoned {
+    fn step(&self, distance_m: f64, attitude: UnitQuaternion<f64>) -> ReckonedState {
         let position_m = self.at.map_or(Vector3::zeros(), |at| {
             let (a, b) = (at.attitude.quaternion(), attitude.quaternion());
             let same_sign = if a.coords.dot(&b.coords) < 0.0 {
@@ -167,22 +167,22 @@ impl DeadReckoning {
                 *b
             };
             let middle = UnitQuaternion::new_normalize(a + same_sign);
-            at.position_m + middle * (Vector3::x() * (way_m - at.way_m))
+            at.position_m + middle * (Vector3::x() * (distance_m - at.distance_m))
         });
-        Reckoned {
+        ReckonedState {
             position_m,
             attitude,
-            way_m,
+            distance_m,
         }
     }
 }
 
-fn way_at(around: &Around<f64>, stamp: RobotTime) -> f64 {
+fn distance_at(around: &Bracket<f64>, stamp: RobotTime) -> f64 {
     let (before_m, after_m) = (around.before.1, around.after.1);
     if around.before.0 == around.after.0 {
         return after_m;
     }
-    before_m + around.share(stamp) * (after_m - before_m)
+    before_m + around.fraction(stamp) * (after_m - before_m)
 }
 
 #[cfg(test)]

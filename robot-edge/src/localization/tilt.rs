@@ -47,7 +47,7 @@ impl TiltSettings {
     }
 
     /// Whether the joint's angles are taken from `stream`.
-    pub fn listens_to(&self, stream: StreamId) -> bool {
+    pub fn uses_stream(&self, stream: StreamId) -> bool {
         self.stream.is_none_or(|own| own == stream)
     }
 

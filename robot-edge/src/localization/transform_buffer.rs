@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use super::pose_buffer::{InterpolationLimits, PoseBuffer, Segment};
 use super::pose_jump::PoseJump;
-use super::pose_track::{PoseTrack, Reach, Segment};
 use crate::drops::DropReason;
 use crate::measurement::FrameId;
 use crate::pose::Pose;
@@ -15,27 +15,27 @@ const MAX_FRAMES: usize = 1024;
 /// The tree: each frame's parent, and its pose in it over time.
 #[derive(Clone, Debug)]
 pub struct TransformBuffer {
-    reach: Reach,
+    limits: InterpolationLimits,
     edges: BTreeMap<FrameId, Edge>,
 }
 
 #[derive(Clone, Debug)]
 struct Edge {
     parent: FrameId,
-    parent_from_child: Motion,
+    parent_from_child: EdgeTransform,
 }
 
 #[derive(Clone, Debug)]
-enum Motion {
-    Fixed(Pose),
-    Moving(PoseTrack),
+enum EdgeTransform {
+    Static(Pose),
+    Dynamic(PoseBuffer),
 }
 
 impl TransformBuffer {
     /// An empty tree.
-    pub const fn new(reach: Reach) -> Self {
+    pub const fn new(limits: InterpolationLimits) -> Self {
         Self {
-            reach,
+            limits,
             edges: BTreeMap::new(),
         }
     }
@@ -59,7 +59,7 @@ impl TransformBuffer {
         if is_static {
             let edge = Edge {
                 parent: FrameId::clone(parent),
-                parent_from_child: Motion::Fixed(parent_from_child),
+                parent_from_child: EdgeTransform::Static(parent_from_child),
             };
             self.edges.insert(FrameId::clone(child), edge);
             return None;
@@ -67,34 +67,34 @@ impl TransformBuffer {
         let edge = self
             .edges
             .entry(FrameId::clone(child))
-            .or_insert_with(|| Edge::moving(parent));
+            .or_insert_with(|| Edge::dynamic(parent));
         if edge.parent != *parent {
-            *edge = Edge::moving(parent);
+            *edge = Edge::dynamic(parent);
         }
         match &mut edge.parent_from_child {
-            Motion::Moving(track) => {
-                let jump = track.jump_to(stamp, parent_from_child, &self.reach);
-                track.insert(stamp, parent_from_child);
+            EdgeTransform::Dynamic(poses) => {
+                let jump = poses.jump_to(stamp, parent_from_child, &self.limits);
+                poses.insert(stamp, parent_from_child);
                 jump
             }
-            Motion::Fixed(_) => None,
+            EdgeTransform::Static(_) => None,
         }
     }
 
     /// Forgets moving poses before `stamp`, but never a frame's newest.
     pub fn forget_before(&mut self, stamp: RobotTime) {
         for edge in self.edges.values_mut() {
-            if let Motion::Moving(track) = &mut edge.parent_from_child {
-                track.forget_before(stamp);
+            if let EdgeTransform::Dynamic(poses) = &mut edge.parent_from_child {
+                poses.forget_before(stamp);
             }
         }
     }
 
     /// Forgets all moving poses: the data's clock started anew.
-    pub fn forget_motion(&mut self) {
+    pub fn clear_dynamic(&mut self) {
         for edge in self.edges.values_mut() {
-            if let Motion::Moving(track) = &mut edge.parent_from_child {
-                *track = PoseTrack::default();
+            if let EdgeTransform::Dynamic(poses) = &mut edge.parent_from_child {
+                *poses = PoseBuffer::default();
             }
         }
     }
@@ -115,13 +115,13 @@ impl TransformBuffer {
     /// Whether `frame` is one whose own poses move `source` in `target`: `source` or a frame above it, below
     /// `target`. `None` where `target` is not above `source`.
     pub fn is_between(&self, target: &str, source: &FrameId, frame: &FrameId) -> Option<bool> {
-        let way_up = self.ancestry(source);
-        let at = way_up.iter().position(|above| &**above == target)?;
-        Some(way_up[..at].contains(frame))
+        let ancestors = self.ancestry(source);
+        let at = ancestors.iter().position(|above| &**above == target)?;
+        Some(ancestors[..at].contains(frame))
     }
 
     /// The links from `source` up to `target`, `source`'s first; `None` where `target` is not above it.
-    pub fn path<'a>(&'a self, target: &str, source: &FrameId) -> Option<Path<'a>> {
+    pub fn chain<'a>(&'a self, target: &str, source: &FrameId) -> Option<TransformChain<'a>> {
         let mut links = Vec::new();
         let mut frame = source;
         while &**frame != target {
@@ -132,30 +132,30 @@ impl TransformBuffer {
             links.push(&edge.parent_from_child);
             frame = &edge.parent;
         }
-        Some(Path {
+        Some(TransformChain {
             links,
-            reach: &self.reach,
+            limits: &self.limits,
         })
     }
 }
 
 impl Edge {
-    fn moving(parent: &FrameId) -> Self {
+    fn dynamic(parent: &FrameId) -> Self {
         Self {
             parent: FrameId::clone(parent),
-            parent_from_child: Motion::Moving(PoseTrack::default()),
+            parent_from_child: EdgeTransform::Dynamic(PoseBuffer::default()),
         }
     }
 }
 
 /// The links between two frames.
 #[derive(Clone, Debug)]
-pub struct Path<'a> {
-    links: Vec<&'a Motion>,
-    reach: &'a Reach,
+pub struct TransformChain<'a> {
+    links: Vec<&'a EdgeTransform>,
+    limits: &'a InterpolationLimits,
 }
 
-impl Path<'_> {
+impl TransformChain<'_> {
     /// The newest stamp up to which every moving link has poses; `None` where one has none at all.
     ///
     /// [`RobotTime::MAX`] where no link moves.
@@ -163,24 +163,24 @@ impl Path<'_> {
         self.links
             .iter()
             .try_fold(RobotTime::MAX, |newest, link| match link {
-                Motion::Fixed(_) => Some(newest),
-                Motion::Moving(track) => Some(newest.min(track.newest()?)),
+                EdgeTransform::Static(_) => Some(newest),
+                EdgeTransform::Dynamic(poses) => Some(newest.min(poses.newest()?)),
             })
     }
 
     /// A sampler of `target_from_source` for a run of stamps that mostly rise, such as those of beams.
     pub const fn sampler(&self) -> Sampler<'_> {
         Sampler {
-            path: self,
+            chain: self,
             segments: Vec::new(),
         }
     }
 }
 
-/// Gives poses along a [`Path`]; remembers where in the buffers the last one was found.
+/// Gives poses along a [`TransformChain`]; remembers where in the buffers the last one was found.
 #[derive(Clone, Debug)]
 pub struct Sampler<'a> {
-    path: &'a Path<'a>,
+    chain: &'a TransformChain<'a>,
     segments: Vec<Option<Segment>>,
 }
 
@@ -190,15 +190,15 @@ impl Sampler<'_> {
     /// # Errors
     /// The reason why there is no pose at `stamp`.
     pub fn pose_at(&mut self, stamp: RobotTime) -> Result<Pose, DropReason> {
-        self.segments.resize(self.path.links.len(), None);
+        self.segments.resize(self.chain.links.len(), None);
         let mut target_from_source: Option<Pose> = None;
-        for (link, remembered) in self.path.links.iter().zip(&mut self.segments) {
+        for (link, remembered) in self.chain.links.iter().zip(&mut self.segments) {
             let parent_from_child = match link {
-                Motion::Fixed(pose) => *pose,
-                Motion::Moving(track) => match remembered {
+                EdgeTransform::Static(pose) => *pose,
+                EdgeTransform::Dynamic(poses) => match remembered {
                     Some(segment) if segment.covers(stamp) => segment.pose_at(stamp),
                     Some(_) | None => {
-                        let segment = track.segment(stamp, self.path.reach)?;
+                        let segment = poses.segment(stamp, self.chain.limits)?;
                         remembered.insert(segment).pose_at(stamp)
                     }
                 },
@@ -221,7 +221,7 @@ mod tests {
     use crate::pose::planar;
     use crate::robot_time::RobotDuration;
 
-    const REACH: Reach = Reach {
+    const LIMITS: InterpolationLimits = InterpolationLimits {
         max_gap: RobotDuration::from_millis(500),
         max_extrapolation: RobotDuration::from_millis(100),
         jump: JumpLimit {
@@ -235,7 +235,7 @@ mod tests {
     }
 
     fn buffer(edges: &[(&str, &str, f64, Pose, bool)]) -> TransformBuffer {
-        let mut buffer = TransformBuffer::new(REACH);
+        let mut buffer = TransformBuffer::new(LIMITS);
         for &(parent, child, secs, pose, is_static) in edges {
             buffer.insert(&parent.into(), &child.into(), at(secs), pose, is_static);
         }
@@ -249,9 +249,9 @@ mod tests {
             ("odom", "base_link", 1.0, planar(10.0, 0.0, 0.0), false),
             ("odom", "base_link", 1.2, planar(10.0, 2.0, 0.0), false),
         ]);
-        let path = buffer.path("odom", &"laser".into()).unwrap();
-        assert_eq!(path.newest(), Some(at(1.2)));
-        let mut sampler = path.sampler();
+        let chain = buffer.chain("odom", &"laser".into()).unwrap();
+        assert_eq!(chain.newest(), Some(at(1.2)));
+        let mut sampler = chain.sampler();
         for (secs, y) in [(1.0, 0.0), (1.1, 1.0), (1.2, 2.0), (1.25, 2.5), (1.05, 0.5)] {
             let point = sampler.pose_at(at(secs)).unwrap() * Point3::new(1.0, 0.0, 0.0);
             assert!(
@@ -259,14 +259,14 @@ mod tests {
                 "{secs}: {point}"
             );
         }
-        assert_eq!(sampler.pose_at(at(2.0)), Err(DropReason::PoseTooOld));
+        assert_eq!(sampler.pose_at(at(2.0)), Err(DropReason::AfterLastPose));
         assert_eq!(sampler.pose_at(at(0.9)), Err(DropReason::BeforeFirstPose));
     }
 
     #[test]
     fn what_is_not_connected_has_no_path() {
         let buffer = buffer(&[("cloud", "radar", 0.0, planar(0.0, 0.0, 0.0), false)]);
-        assert!(buffer.path("odom", &"cloud".into()).is_none());
+        assert!(buffer.chain("odom", &"cloud".into()).is_none());
         assert_eq!(
             buffer.ancestry(&"radar".into()),
             ["radar".into(), "cloud".into()] as [FrameId; 2]
@@ -281,8 +281,8 @@ mod tests {
             ("b", "a", 0.0, pose, false),
             ("c", "c", 0.0, pose, true),
         ]);
-        assert!(buffer.path("odom", &"a".into()).is_none());
+        assert!(buffer.chain("odom", &"a".into()).is_none());
         assert!(buffer.ancestry(&"a".into()).len() <= MAX_FRAMES + 2);
-        assert!(buffer.path("odom", &"c".into()).is_none());
+        assert!(buffer.chain("odom", &"c".into()).is_none());
     }
 }

@@ -110,7 +110,7 @@ mod tests {
                 RobotTime::from_secs_f64(secs).unwrap(),
                 &joints.map(|(name, angle_rad)| (name.to_owned(), angle_rad)),
             )
-            .map(|way_m| way_m.map(|way_m| (way_m * 1e9).round() / 1e9))
+            .map(|distance_m| distance_m.map(|distance_m| (distance_m * 1e9).round() / 1e9))
     }
 
     #[test]

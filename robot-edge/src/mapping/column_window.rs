@@ -1,22 +1,22 @@
 //! A window of tiles of columns that moves with the vehicle; tiles stay where they are in `odom`.
 
-use super::columns::{Column, TILE_COLUMNS, TILE_EDGE_COLUMNS, offset};
 use super::cost_map::CostCell;
 use super::grid::CellIndex;
+use super::height_columns::{Column, TILE_COLUMNS, TILE_EDGE_COLUMNS, offset};
 use super::octree::BrickColumn;
 use super::slope::{PATCH_COLUMNS, PATCH_EDGE, Patch, REACH_COLUMNS};
 
 /// Sixteen columns, and what follows from them.
 #[derive(Clone, Debug)]
-pub(super) struct Tile {
+pub(super) struct ColumnTile {
     at: Option<BrickColumn>,
     pub(super) columns: [Column; TILE_COLUMNS],
     /// By slope alone, not-a-number where unknown.
     pub(super) costs: [f32; TILE_COLUMNS],
-    told: [CostCell; TILE_COLUMNS],
+    published: [CostCell; TILE_COLUMNS],
     is_read: bool,
     is_sloped: bool,
-    is_judged: bool,
+    is_classified: bool,
 }
 
 /// The windows that lie in each other, from the outermost one.
@@ -27,7 +27,7 @@ pub(super) enum WindowPart {
     /// Slopes are known.
     Sloped,
     /// What is rigid is known; what is told.
-    Judged,
+    Classified,
 }
 
 /// A square of tiles, each at the place that its coordinates give it.
@@ -35,18 +35,18 @@ pub(super) enum WindowPart {
 pub(super) struct ColumnWindow {
     side: i32,
     first: Option<BrickColumn>,
-    tiles: Vec<Tile>,
+    tiles: Vec<ColumnTile>,
 }
 
-impl Tile {
+impl ColumnTile {
     const BLANK: Self = Self {
         at: None,
         columns: [UNKNOWN; TILE_COLUMNS],
         costs: [f32::NAN; TILE_COLUMNS],
-        told: [CostCell::UNKNOWN; TILE_COLUMNS],
+        published: [CostCell::UNKNOWN; TILE_COLUMNS],
         is_read: false,
         is_sloped: false,
-        is_judged: false,
+        is_classified: false,
     };
 
     /// The cell of a column of a tile.
@@ -60,7 +60,7 @@ impl Tile {
 }
 
 const UNKNOWN: Column = Column {
-    kind: super::columns::ColumnKind::Unknown,
+    kind: super::height_columns::ColumnKind::Unknown,
     ground_z: 0,
     top_z: 0,
     ground_m: [0.0; 3],
@@ -74,7 +74,7 @@ impl WindowPart {
         match self {
             Self::Read => 0,
             Self::Sloped => 1,
-            Self::Judged => 2,
+            Self::Classified => 2,
         }
     }
 }
@@ -82,12 +82,12 @@ impl WindowPart {
 impl ColumnWindow {
     /// So large that what is told covers `box_m`.
     pub(super) fn new(box_m: f64, cell_m: f64) -> Self {
-        let told = libm::ceil(box_m / (f64::from(TILE_EDGE_COLUMNS) * cell_m) - 1e-9) as i32;
-        let side = told.max(1) + 2 * WindowPart::Judged.margin();
+        let published = libm::ceil(box_m / (f64::from(TILE_EDGE_COLUMNS) * cell_m) - 1e-9) as i32;
+        let side = published.max(1) + 2 * WindowPart::Classified.margin();
         Self {
             side,
             first: None,
-            tiles: vec![Tile::BLANK; (side * side) as usize],
+            tiles: vec![ColumnTile::BLANK; (side * side) as usize],
         }
     }
 
@@ -103,39 +103,39 @@ impl ColumnWindow {
         }
         for at in self.tiles(WindowPart::Read) {
             let slot = self.slot(at);
-            let (slopes, judges) = (
+            let (slopes, classifies) = (
                 self.is_inside(at, WindowPart::Sloped),
-                self.is_inside(at, WindowPart::Judged),
+                self.is_inside(at, WindowPart::Classified),
             );
             let tile = &mut self.tiles[slot];
             if tile.at != Some(at) {
-                *tile = Tile {
+                *tile = ColumnTile {
                     at: Some(at),
-                    ..Tile::BLANK
+                    ..ColumnTile::BLANK
                 };
             }
             tile.is_sloped &= slopes;
-            tile.is_judged &= judges;
+            tile.is_classified &= classifies;
         }
     }
 
     /// What is known of no tile is up to date.
-    pub(super) fn forget(&mut self) {
+    pub(super) fn invalidate(&mut self) {
         for tile in &mut self.tiles {
             tile.is_read = false;
             tile.is_sloped = false;
-            tile.is_judged = false;
+            tile.is_classified = false;
         }
     }
 
     /// Nothing is known, or was ever told.
-    pub(super) fn forget_all(&mut self) {
-        self.tiles.fill(Tile::BLANK);
+    pub(super) fn clear(&mut self) {
+        self.tiles.fill(ColumnTile::BLANK);
         self.first = None;
     }
 
     /// The columns of a tile are no longer up to date.
-    pub(super) fn stale(&mut self, at: BrickColumn) {
+    pub(super) fn mark_stale(&mut self, at: BrickColumn) {
         if self.is_inside(at, WindowPart::Read) {
             let slot = self.slot(at);
             self.tiles[slot].is_read = false;
@@ -143,14 +143,14 @@ impl ColumnWindow {
     }
 
     /// Tiles whose columns must be read.
-    pub(super) fn wanting_columns(&self) -> Vec<BrickColumn> {
+    pub(super) fn tiles_to_read(&self) -> Vec<BrickColumn> {
         self.tiles(WindowPart::Read)
             .filter(|&at| !self.tiles[self.slot(at)].is_read)
             .collect()
     }
 
     /// Tiles whose slopes must be computed after columns have changed.
-    pub(super) fn wanting_slopes(&mut self, changed: &[BrickColumn]) -> Vec<BrickColumn> {
+    pub(super) fn tiles_without_slopes(&mut self, changed: &[BrickColumn]) -> Vec<BrickColumn> {
         for at in self.around(changed) {
             let slot = self.slot(at);
             self.tiles[slot].is_sloped = false;
@@ -161,13 +161,13 @@ impl ColumnWindow {
     }
 
     /// Tiles to be told anew after voxels or slopes of others have changed.
-    pub(super) fn wanting_verdicts(&mut self, sloped: &[BrickColumn]) -> Vec<BrickColumn> {
+    pub(super) fn tiles_to_classify(&mut self, sloped: &[BrickColumn]) -> Vec<BrickColumn> {
         for at in self.around(sloped) {
             let slot = self.slot(at);
-            self.tiles[slot].is_judged = false;
+            self.tiles[slot].is_classified = false;
         }
-        self.tiles(WindowPart::Judged)
-            .filter(|&at| !self.tiles[self.slot(at)].is_judged)
+        self.tiles(WindowPart::Classified)
+            .filter(|&at| !self.tiles[self.slot(at)].is_classified)
             .collect()
     }
 
@@ -205,7 +205,7 @@ impl ColumnWindow {
         })
     }
 
-    pub(super) fn tile(&self, at: BrickColumn) -> Option<&Tile> {
+    pub(super) fn tile(&self, at: BrickColumn) -> Option<&ColumnTile> {
         self.is_inside(at, WindowPart::Read)
             .then(|| &self.tiles[self.slot(at)])
     }
@@ -233,7 +233,7 @@ impl ColumnWindow {
     }
 
     /// Appends what is new of the cells of a tile.
-    pub(super) fn tell(
+    pub(super) fn publish(
         &mut self,
         at: BrickColumn,
         cells: &[CostCell; TILE_COLUMNS],
@@ -241,19 +241,19 @@ impl ColumnWindow {
     ) {
         let slot = self.slot(at);
         let tile = &mut self.tiles[slot];
-        for (column, (cell, told)) in cells.iter().zip(&mut tile.told).enumerate() {
-            if cell.differs(*told) {
-                changed.push((Tile::cell_of(at, column), *cell));
+        for (column, (cell, published)) in cells.iter().zip(&mut tile.published).enumerate() {
+            if cell.differs(*published) {
+                changed.push((ColumnTile::cell_of(at, column), *cell));
             }
-            *told = *cell;
+            *published = *cell;
         }
-        tile.is_judged = true;
+        tile.is_classified = true;
     }
 
     /// The columns of a tile of the middle windows and those around it.
     pub(super) fn patch(&self, at: BrickColumn) -> Patch {
         let mut patch = [UNKNOWN; PATCH_COLUMNS];
-        let least = Tile::cell_of(at, 0);
+        let least = ColumnTile::cell_of(at, 0);
         for (y, row) in (least.y - REACH_COLUMNS..).zip(patch.chunks_exact_mut(PATCH_EDGE)) {
             for (x, column) in (least.x - REACH_COLUMNS..).zip(row) {
                 let slot = self.slot(BrickColumn {
@@ -273,15 +273,15 @@ impl ColumnWindow {
             y: cell.y >> 2,
         };
         let column = ((cell.y & 3) * 4 + (cell.x & 3)) as usize;
-        self.is_inside(at, WindowPart::Judged)
-            .then(|| self.tiles[self.slot(at)].told[column])
+        self.is_inside(at, WindowPart::Classified)
+            .then(|| self.tiles[self.slot(at)].published[column])
     }
 
     /// What was told of all cells, row by row; the least cell, and how many are in a row.
     pub(super) fn cells(&self) -> (CellIndex, usize, Vec<CostCell>) {
         let first = self.first.unwrap_or(BrickColumn { x: 0, y: 0 });
-        let margin = WindowPart::Judged.margin();
-        let least = Tile::cell_of(
+        let margin = WindowPart::Classified.margin();
+        let least = ColumnTile::cell_of(
             BrickColumn {
                 x: first.x + margin,
                 y: first.y + margin,
@@ -295,14 +295,14 @@ impl ColumnWindow {
                 y: least.y + y,
             })
         });
-        let told = cells
+        let published = cells
             .map(|cell| self.cell(cell).unwrap_or(CostCell::UNKNOWN))
             .collect();
-        (least, width as usize, told)
+        (least, width as usize, published)
     }
 
     pub(super) fn bytes(&self) -> usize {
-        self.tiles.len() * size_of::<Tile>()
+        self.tiles.len() * size_of::<ColumnTile>()
     }
 
     fn is_inside(&self, at: BrickColumn, part: WindowPart) -> bool {

@@ -13,8 +13,8 @@ pub struct CostConfig {
     /// Side of the box, metres (\[HYB\] §5.1: 40 on land, 160 on water).
     pub box_m: f64,
     /// How far the box reaches below and above the vehicle, metres.
-    pub reach_m: f64,
-    /// The slope that is fatal, degrees (45 on land, 30 for docking).
+    pub box_half_height_m: f64,
+    /// The slope that is lethal, degrees (45 on land, 30 for docking).
     pub critical_slope_deg: f64,
     /// What the vehicle moves on.
     pub surface: Surface,
@@ -59,8 +59,8 @@ pub struct RigidityConfig {
     pub intra_threshold: f64,
     /// Rigid below this `InterScan` (\[HYB\] §7.1: 0.39).
     pub inter_threshold: f64,
-    /// Cost of a column that is obstructed but trespassable.
-    pub trespassable_cost: f64,
+    /// Cost of a column that is obstructed but traversable.
+    pub traversable_vegetation_cost: f64,
 }
 
 /// Shores and what grows there.
@@ -88,7 +88,7 @@ impl Default for CostConfig {
         Self {
             enabled: false,
             box_m: 40.0,
-            reach_m: 4.0,
+            box_half_height_m: 4.0,
             critical_slope_deg: 45.0,
             surface: Surface::Land,
             period_s: 0.2,
@@ -114,7 +114,7 @@ impl Default for RigidityConfig {
             enabled: false,
             intra_threshold: 0.04,
             inter_threshold: 0.39,
-            trespassable_cost: 0.7,
+            traversable_vegetation_cost: 0.7,
         }
     }
 }

@@ -8,10 +8,10 @@
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use super::column_window::{ColumnWindow, Tile, WindowPart};
-use super::columns::{ColumnKind, ColumnRules, TILE_COLUMNS, read_columns};
+use super::column_window::{ColumnTile, ColumnWindow, WindowPart};
 use super::cost_config::{CostConfig, RigidityConfig, Surface};
 use super::grid::CellIndex;
+use super::height_columns::{ColumnKind, ColumnRules, TILE_COLUMNS, read_columns};
 use super::obstacle_voxel::{ObstacleVoxel, Rigidity};
 use super::octree::{BrickColumn, Octree, SurfaceVoxel};
 use super::rigidity::RigidityMap;
@@ -25,9 +25,9 @@ const MIN_SHARE: usize = 64;
 /// A cell of the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CostCell {
-    /// 0 is flat or clear, 1 fatal; not a number where unknown.
+    /// 0 is flat or clear, 1 lethal; not a number where unknown.
     pub cost: f32,
-    /// Of what makes the column fatal; unlabelled where nothing does, or nobody can say.
+    /// Of what makes the column lethal; unlabelled where nothing does, or nobody can say.
     pub rigidity: Rigidity,
     /// Water without an obstacle.
     pub is_clear_water: bool,
@@ -95,12 +95,12 @@ impl CostMap {
             .center_on(VoxelIndex::containing(vehicle_in_odom, self.cell_m).column());
         let rules = self.rules_at(vehicle_in_odom.z);
         if self.rules.replace(rules) != Some(rules) {
-            self.window.forget();
+            self.window.invalidate();
         }
         for at in changed {
-            self.window.stale(at);
+            self.window.mark_stale(at);
         }
-        let read = self.window.wanting_columns();
+        let read = self.window.tiles_to_read();
         let columns = self.for_each(&read, |at| read_columns(octree, at, &rules));
         // Most of what a scan changes is air that is none of a column's levels.
         let mut changed = Vec::new();
@@ -109,7 +109,7 @@ impl CostMap {
                 changed.push(at);
             }
         }
-        let sloped = self.window.wanting_slopes(&changed);
+        let sloped = self.window.tiles_without_slopes(&changed);
         let beach = self.beach(&rules);
         let costs = self.for_each(&sloped, |at| self.costs(at, beach.as_ref()));
         // What stands in the way may have become rigid where no level has changed.
@@ -119,8 +119,8 @@ impl CostMap {
                 changed.push(at);
             }
         }
-        let judged = self.window.wanting_verdicts(&changed);
-        self.judge(octree, &judged, &rules);
+        let to_classify = self.window.tiles_to_classify(&changed);
+        self.classify(octree, &to_classify, &rules);
     }
 
     /// The cells that have changed since the last call; of the same cell the last one counts.
@@ -130,7 +130,7 @@ impl CostMap {
 
     /// Forgets everything; changes that nobody took are forgotten.
     pub fn erase(&mut self) {
-        self.window.forget_all();
+        self.window.clear();
         self.rules = None;
         self.changed.clear();
     }
@@ -145,19 +145,19 @@ impl CostMap {
         self.window.cells()
     }
 
-    /// Every voxel of what makes columns fatal, in the whole window.
+    /// Every voxel of what makes columns lethal, in the whole window.
     pub fn obstacle_voxels(&self, octree: &Octree) -> Vec<ObstacleVoxel> {
         let mut voxels = Vec::new();
         if let Some(rules) = &self.rules {
-            for at in self.window.tiles(WindowPart::Judged) {
+            for at in self.window.tiles(WindowPart::Classified) {
                 self.collect_obstacles(octree, at, rules, &mut voxels);
             }
         }
         voxels
     }
 
-    /// Whether it tells what makes columns fatal apart.
-    pub const fn judges_rigidity(&self) -> bool {
+    /// Whether it tells what makes columns lethal apart.
+    pub const fn classifies_rigidity(&self) -> bool {
         self.rigidity.enabled
     }
 
@@ -194,7 +194,7 @@ impl CostMap {
         let height = voxels(self.vehicle.height_m).max(1);
         match self.config.surface {
             Surface::Land => {
-                let reach = voxels(self.config.reach_m);
+                let reach = voxels(self.config.box_half_height_m);
                 let z = libm::floor(z_m / self.cell_m) as i32;
                 // The box moves in steps of an eighth of itself: each one makes all columns be read anew.
                 let step = (reach / 4).max(1);
@@ -211,7 +211,7 @@ impl CostMap {
             }
             Surface::Water => {
                 // A boat heaves: its waterline is where it was, unless it is three quarters of a voxel off.
-                let level = (z_m + self.vehicle.lowest_point_m) / self.cell_m;
+                let level = (z_m + self.vehicle.bottom_z_m) / self.cell_m;
                 let is_held =
                     |rules: &ColumnRules| (level - f64::from(rules.from_z) - 0.5).abs() <= 1.25;
                 self.rules.filter(is_held).unwrap_or_else(|| {
@@ -247,28 +247,28 @@ impl CostMap {
     }
 
     /// Decides what is told of the columns of tiles.
-    fn judge(&mut self, octree: &Octree, judged: &[BrickColumn], rules: &ColumnRules) {
+    fn classify(&mut self, octree: &Octree, to_classify: &[BrickColumn], rules: &ColumnRules) {
         let mut verdicts = Vec::new();
         if self.rigidity.enabled {
             let mut voxels = Vec::new();
-            for at in self.window.around(judged) {
+            for at in self.window.around(to_classify) {
                 self.collect_obstacles(octree, at, rules, &mut voxels);
             }
             verdicts = RigidityMap::of(&voxels, &self.rigidity).columns;
         }
         let water_m = self.water_m(rules);
-        for &at in judged {
+        for &at in to_classify {
             let Some(tile) = self.window.tile(at) else {
                 continue;
             };
             let cells = std::array::from_fn(|column| {
-                let cell = Tile::cell_of(at, column);
+                let cell = ColumnTile::cell_of(at, column);
                 let found = verdicts.binary_search_by_key(&cell, |&(cell, _)| cell);
                 let rigidity = found.map_or(Rigidity::Unlabelled, |place| verdicts[place].1);
                 let read = &tile.columns[column];
                 CostCell {
                     cost: match rigidity {
-                        Rigidity::Trespassable => self.rigidity.trespassable_cost as f32,
+                        Rigidity::Traversable => self.rigidity.traversable_vegetation_cost as f32,
                         Rigidity::Rigid | Rigidity::Unlabelled => tile.costs[column],
                     },
                     rigidity,
@@ -278,11 +278,11 @@ impl CostMap {
                         && read.top_m[2] > water_m,
                 }
             });
-            self.window.tell(at, &cells, &mut self.changed);
+            self.window.publish(at, &cells, &mut self.changed);
         }
     }
 
-    /// The occupied voxels above the ground of the fatal columns of a tile.
+    /// The occupied voxels above the ground of the lethal columns of a tile.
     fn collect_obstacles(
         &self,
         octree: &Octree,
@@ -293,20 +293,20 @@ impl CostMap {
         let Some(tile) = self.window.tile(at) else {
             return;
         };
-        let is_fatal = |column: usize| tile.costs[column] >= 1.0;
-        let fatal = (0..TILE_COLUMNS).filter(|&column| is_fatal(column));
-        let fatal = fatal.fold(0_u16, |bits, column| bits | 1 << column);
-        if fatal == 0 {
+        let is_lethal = |column: usize| tile.costs[column] >= 1.0;
+        let lethal = (0..TILE_COLUMNS).filter(|&column| is_lethal(column));
+        let lethal = lethal.fold(0_u16, |bits, column| bits | 1 << column);
+        if lethal == 0 {
             return;
         }
         for layers in octree.columns(at, rules.from_z, rules.highest_z()) {
             for (z, occupied) in (layers.z..).zip(layers.occupied) {
                 for column in
-                    (0..TILE_COLUMNS).filter(|column| (occupied & fatal) >> column & 1 == 1)
+                    (0..TILE_COLUMNS).filter(|column| (occupied & lethal) >> column & 1 == 1)
                 {
                     let ground_z = tile.columns[column].ground_z;
                     if z > ground_z && z <= ground_z + rules.height {
-                        let CellIndex { x, y } = Tile::cell_of(at, column);
+                        let CellIndex { x, y } = ColumnTile::cell_of(at, column);
                         let voxel = VoxelIndex { x, y, z };
                         let surface = octree.surface(voxel);
                         voxels.push(ObstacleVoxel {

@@ -2,14 +2,14 @@
 //!
 //! \[HYB\] §8.2.2 (*Hybrid 3D perception on land and water*) leaves the choice to navigation. Here a *berth* is
 //! a place and heading of the boat where its footprint lies on cells of moderate cost, above 0 and below
-//! fatal, the water it comes through, as wide and as long as itself right behind it, is clear, and it lies on
-//! land, or land begins right ahead: a shoal with water around it is none. A site is what berths that touch cover. Asking for the whole footprint keeps overgrown shores out: among their fatal
+//! lethal, the water it comes through, as wide and as long as itself right behind it, is clear, and it lies on
+//! land, or land begins right ahead: a shoal with water around it is none. A site is what berths that touch cover. Asking for the whole footprint keeps overgrown shores out: among their lethal
 //! cells there are moderate ones, but no rectangle of them as wide as the boat.
 
 use nalgebra::{Point2, Vector2};
 
-use super::berth::{Berth, BerthShapes};
-use super::docking_window::{DockingWindow, Ground};
+use super::docking_grid::{DockingGrid, Ground};
+use super::docking_pose::{DockingPose, DockingTemplates};
 use super::grid::CellIndex;
 
 /// The outline of a boat.
@@ -46,12 +46,12 @@ const HEADINGS_BESIDE: usize = 2;
 ///
 /// Gentler slopes are better, in steps of 0.05 of mean cost, because it is the slope that the hulls have to
 /// bear; of the same step the wider site, which leaves more room for error; then that of the least cell.
-pub fn find_docking_sites(window: &DockingWindow<'_>, boat: &BoatFootprint) -> Vec<DockingSite> {
-    let shapes = BerthShapes::new(boat, window.cell_m());
-    let berths = shapes.berths(window);
-    let mut sites: Vec<_> = connected(&covered(window, &shapes, &berths), window)
+pub fn find_docking_sites(window: &DockingGrid<'_>, boat: &BoatFootprint) -> Vec<DockingSite> {
+    let shapes = DockingTemplates::new(boat, window.cell_m());
+    let docking_poses = shapes.docking_poses(window);
+    let mut sites: Vec<_> = connected(&covered(window, &shapes, &docking_poses), window)
         .into_iter()
-        .filter_map(|cells| site(window, &shapes, boat, &cells, &berths))
+        .filter_map(|cells| site(window, &shapes, boat, &cells, &docking_poses))
         .collect();
     sites.sort_by(|a, b| {
         let rank = |site: &DockingSite| (site.mean_cost / COST_RANK) as u32;
@@ -63,10 +63,14 @@ pub fn find_docking_sites(window: &DockingWindow<'_>, boat: &BoatFootprint) -> V
 }
 
 /// Which cells of moderate cost any berth covers.
-fn covered(window: &DockingWindow<'_>, shapes: &BerthShapes, berths: &[Berth]) -> Vec<bool> {
+fn covered(
+    window: &DockingGrid<'_>,
+    shapes: &DockingTemplates,
+    docking_poses: &[DockingPose],
+) -> Vec<bool> {
     let mut covered = vec![false; window.columns().len()];
-    for berth in berths {
-        for at in shapes.cells(window, *berth) {
+    for docking_pose in docking_poses {
+        for at in shapes.cells(window, *docking_pose) {
             covered[at] = window.ground(at) == Ground::Moderate;
         }
     }
@@ -74,7 +78,7 @@ fn covered(window: &DockingWindow<'_>, shapes: &BerthShapes, berths: &[Berth]) -
 }
 
 /// The sets of marked cells that touch, also at corners; each ascending by place.
-fn connected(marked: &[bool], window: &DockingWindow<'_>) -> Vec<Vec<usize>> {
+fn connected(marked: &[bool], window: &DockingGrid<'_>) -> Vec<Vec<usize>> {
     let mut open = marked.to_vec();
     let mut sets = Vec::new();
     for seed in 0..open.len() {
@@ -98,21 +102,23 @@ fn connected(marked: &[bool], window: &DockingWindow<'_>) -> Vec<Vec<usize>> {
 }
 
 fn site(
-    window: &DockingWindow<'_>,
-    shapes: &BerthShapes,
+    window: &DockingGrid<'_>,
+    shapes: &DockingTemplates,
     boat: &BoatFootprint,
     places: &[usize],
-    berths: &[Berth],
+    docking_poses: &[DockingPose],
 ) -> Option<DockingSite> {
-    let berths = berths.iter().copied();
-    let berths = berths.filter(|berth| places.binary_search(&berth.centre).is_ok());
-    let berths: Vec<_> = berths.collect();
-    let heading = main_heading(shapes, &berths)?;
+    let docking_poses = docking_poses.iter().copied();
+    let docking_poses =
+        docking_poses.filter(|docking_pose| places.binary_search(&docking_pose.centre).is_ok());
+    let docking_poses: Vec<_> = docking_poses.collect();
+    let heading = main_heading(shapes, &docking_poses)?;
     let across = Vector2::new(-heading.y, heading.x);
     let (mut least_m, mut greatest_m) = (f64::INFINITY, f64::NEG_INFINITY);
-    let alike = |berth: &&Berth| shapes.direction(berth.heading).dot(&heading) > 0.5;
-    for berth in berths.iter().filter(alike) {
-        let offset_m = window.centre(berth.centre).coords.dot(&across);
+    let alike =
+        |docking_pose: &&DockingPose| shapes.direction(docking_pose.heading).dot(&heading) > 0.5;
+    for docking_pose in docking_poses.iter().filter(alike) {
+        let offset_m = window.centre(docking_pose.centre).coords.dot(&across);
         least_m = least_m.min(offset_m);
         greatest_m = greatest_m.max(offset_m);
     }
@@ -135,11 +141,11 @@ fn site(
 
 /// The mean direction of the berths whose headings are about that of most: a spit of land has berths from
 /// both sides, and the mean of all of them points along it.
-fn main_heading(shapes: &BerthShapes, berths: &[Berth]) -> Option<Vector2<f64>> {
+fn main_heading(shapes: &DockingTemplates, docking_poses: &[DockingPose]) -> Option<Vector2<f64>> {
     let headings = shapes.headings();
     let mut counts = vec![0_u32; headings];
-    for berth in berths {
-        counts[berth.heading] += 1;
+    for docking_pose in docking_poses {
+        counts[docking_pose.heading] += 1;
     }
     let beside = |heading: usize| {
         let first = heading + headings - HEADINGS_BESIDE;

@@ -15,10 +15,10 @@ use super::elevation_config::{
 use super::grid::CellIndex;
 use super::ground_plane::GroundPlane;
 use super::local_ground::LocalGround;
-use super::posed_scan::{BeamOutcome, PosedScan};
+use super::ray_clearing::{RayClearing, around, rises_from_ground};
+use super::registered_scan::{BeamOutcome, RegisteredScan};
 use super::rolling_grid::RollingGrid;
 use super::scan_hits::{HitCell, ScanHits};
-use super::sight_lines::{SightLines, around, rose_from_the_ground};
 use crate::pose::{self, Pose};
 use crate::robot_time::{RobotDuration, RobotTime};
 
@@ -34,17 +34,17 @@ pub struct ElevationMap {
     compensation: bool,
     grid: RollingGrid<ElevationCell>,
     hits: ScanHits,
-    sight_lines: SightLines,
+    ray_clearing: RayClearing,
     forget_ms: u32,
     /// Obstacles when they were first seen, oldest first: some were never seen again.
-    young: VecDeque<(u32, CellIndex)>,
+    unconfirmed: VecDeque<(u32, CellIndex)>,
     last_position: Option<Point3<f64>>,
     travel_m: f32,
     last_stamp: Option<RobotTime>,
     elapsed: RobotDuration,
     /// Milliseconds from the first scan to the last one, and to the one with which the map began.
     now_ms: u32,
-    begun_ms: u32,
+    start_ms: u32,
     /// Cells whose class the last scan changed.
     reclassified: Vec<CellIndex>,
 }
@@ -61,7 +61,7 @@ pub struct ElevationReport {
 }
 
 /// An obstacle seen in fewer scans is forgotten if it is not seen again.
-const YOUNG_SCANS: u16 = 5;
+const CONFIRMING_SCANS: u16 = 5;
 /// What is there when a map begins is taken to stand there: nothing was seen of how it came, milliseconds.
 const BEGINNING_MS: u32 = 1000;
 
@@ -83,24 +83,24 @@ impl ElevationMap {
             compensation: ground.compensation,
             grid: RollingGrid::new(elevation.cells, ElevationCell::UNKNOWN),
             hits: ScanHits::default(),
-            sight_lines: SightLines::new(elevation.cells, elevation.cell_m),
+            ray_clearing: RayClearing::new(elevation.cells, elevation.cell_m),
             forget_ms: (1000.0 * elevation.forget_s) as u32,
-            young: VecDeque::new(),
+            unconfirmed: VecDeque::new(),
             last_position: None,
             travel_m: 0.0,
             last_stamp: None,
             elapsed: RobotDuration::ZERO,
             now_ms: 0,
-            begun_ms: 0,
+            start_ms: 0,
             reclassified: Vec::new(),
         }
     }
 
     /// Adds one scan; heights are those above `plane`.
-    pub fn integrate(&mut self, scan: &PosedScan, plane: &GroundPlane) -> ElevationReport {
+    pub fn integrate(&mut self, scan: &RegisteredScan, plane: &GroundPlane) -> ElevationReport {
         self.reclassified.clear();
         self.hits.clear();
-        let now_ms = self.pass_time(scan.stamp);
+        let now_ms = self.advance_time(scan.stamp);
         self.now_ms = now_ms;
         self.follow_vehicle(&scan.odom_from_base);
         let mut report = ElevationReport::default();
@@ -110,18 +110,18 @@ impl ElevationMap {
             });
         } else {
             let flattened = Flattened::new(&scan.odom_from_base);
-            self.add_points(scan, &mut report, |point| flattened.place(&point));
+            self.add_points(scan, &mut report, |point| flattened.project(&point));
         }
         self.classify_hits(now_ms);
         if self.compensation {
-            report.cleared = self.clear_what_is_seen_through(scan, plane);
+            report.cleared = self.clear_passed_through(scan, plane);
         }
-        self.forget_young(now_ms);
+        self.expire_unconfirmed(now_ms);
         report
     }
 
     /// Time of the data that has passed over the scans, milliseconds; steps back count for nothing.
-    fn pass_time(&mut self, stamp: RobotTime) -> u32 {
+    fn advance_time(&mut self, stamp: RobotTime) -> u32 {
         let step = stamp.since(self.last_stamp.replace(stamp).unwrap_or(stamp));
         self.elapsed = self.elapsed + step.max(RobotDuration::ZERO);
         u32::try_from(self.elapsed.as_nanos() / 1_000_000).unwrap_or(u32::MAX)
@@ -133,22 +133,22 @@ impl ElevationMap {
             self.travel_m += (position - last).norm() as f32;
         }
         let center = CellIndex::containing(position.xy(), self.cell_m);
-        self.sight_lines.center_on(center);
+        self.ray_clearing.center_on(center);
         self.grid.center_on(center);
     }
 
     fn add_points(
         &mut self,
-        scan: &PosedScan,
+        scan: &RegisteredScan,
         report: &mut ElevationReport,
-        place: impl Fn(Point3<f64>) -> (Point2<f64>, f64),
+        project: impl Fn(Point3<f64>) -> (Point2<f64>, f64),
     ) {
         let hits = scan
             .beams
             .iter()
             .filter(|beam| beam.outcome == BeamOutcome::Hit);
         for beam in hits {
-            let (position, height_m) = place(beam.end_in_odom);
+            let (position, height_m) = project(beam.end_in_odom);
             let cell = CellIndex::near(position, self.cells_per_m);
             let Some(slot) = self.grid.slot(cell) else {
                 report.outside += 1;
@@ -174,26 +174,26 @@ impl ElevationMap {
     fn classify_hits(&mut self, now_ms: u32) {
         for hit in self.hits.cells() {
             let cell = self.grid.at_mut(hit.cell, hit.slot);
-            let (stood_out, class) = (cell.stands_out(), cell.class());
+            let (was_raised, class) = (cell.is_raised(), cell.class());
             cell.end_scan(now_ms, self.travel_m);
             match self.rule {
                 ObstacleRule::Mean => cell.classify_by_mean(hit.bounds),
                 ObstacleRule::Points => cell.classify_by_points(),
             }
-            let (stands_out, is_grounded) = (cell.stands_out(), cell.is_grounded());
+            let (is_raised, is_grounded) = (cell.is_raised(), cell.is_grounded());
             let scans = cell.scans();
             if cell.class() != class {
                 self.reclassified.push(hit.cell);
             }
-            match (stood_out, stands_out) {
-                (_, true) => self.sight_lines.mark(hit.cell, cell.max_m()),
-                (true, false) => self.sight_lines.unmark(hit.cell),
+            match (was_raised, is_raised) {
+                (_, true) => self.ray_clearing.mark(hit.cell, cell.max_m()),
+                (true, false) => self.ray_clearing.unmark(hit.cell),
                 (false, false) => {}
             }
-            if stands_out && !stood_out && scans < YOUNG_SCANS {
-                self.young.push_back((now_ms, hit.cell));
+            if is_raised && !was_raised && scans < CONFIRMING_SCANS {
+                self.unconfirmed.push_back((now_ms, hit.cell));
             }
-            if stands_out && !is_grounded && self.is_grounded(hit, now_ms) {
+            if is_raised && !is_grounded && self.is_grounded(hit, now_ms) {
                 self.grid.at_mut(hit.cell, hit.slot).grounded_at_travel_m = self.travel_m;
             }
             self.grid.mark_changed(hit.cell, hit.slot);
@@ -205,23 +205,23 @@ impl ElevationMap {
     /// does so within a moment, and the cells behind them are no older.
     fn is_grounded(&self, hit: &HitCell, now_ms: u32) -> bool {
         let known_before_m = self.travel_m - 0.5 * self.cell_m as f32;
-        let touches_what_is = || {
+        let touches_grounded = || {
             around(hit.cell).any(|at| {
                 let near = self.grid.get(at);
                 near.is_some_and(|near| {
-                    near.stands_out() && near.grounded_at_travel_m <= known_before_m
+                    near.is_raised() && near.grounded_at_travel_m <= known_before_m
                 })
             })
         };
-        now_ms.saturating_sub(self.begun_ms) < BEGINNING_MS
-            || rose_from_the_ground(self.grid.at(hit.cell, hit.slot))
-            || touches_what_is()
+        now_ms.saturating_sub(self.start_ms) < BEGINNING_MS
+            || rises_from_ground(self.grid.at(hit.cell, hit.slot))
+            || touches_grounded()
     }
 
-    fn clear_what_is_seen_through(&mut self, scan: &PosedScan, plane: &GroundPlane) -> u32 {
-        let gone = self
-            .sight_lines
-            .cross(scan, plane, &mut self.grid, &self.hits, self.travel_m);
+    fn clear_passed_through(&mut self, scan: &RegisteredScan, plane: &GroundPlane) -> u32 {
+        let gone =
+            self.ray_clearing
+                .cleared_cells(scan, plane, &mut self.grid, &self.hits, self.travel_m);
         let cleared = gone.len() as u32;
         for cell in gone {
             self.clear(cell);
@@ -229,18 +229,18 @@ impl ElevationMap {
         cleared
     }
 
-    fn forget_young(&mut self, now_ms: u32) {
-        while let Some(&(seen, cell)) = self.young.front()
+    fn expire_unconfirmed(&mut self, now_ms: u32) {
+        while let Some(&(seen, cell)) = self.unconfirmed.front()
             && now_ms.saturating_sub(seen) > self.forget_ms
         {
-            self.young.pop_front();
-            let is_young = self.grid.get(cell).is_some_and(|value| {
-                value.stands_out()
+            self.unconfirmed.pop_front();
+            let is_unconfirmed = self.grid.get(cell).is_some_and(|value| {
+                value.is_raised()
                     && !value.is_grounded()
-                    && value.scans() < YOUNG_SCANS
+                    && value.scans() < CONFIRMING_SCANS
                     && now_ms.saturating_sub(value.last_seen_ms()) > self.forget_ms
             });
-            if is_young {
+            if is_unconfirmed {
                 self.clear(cell);
             }
         }
@@ -250,17 +250,17 @@ impl ElevationMap {
         if let Some(slot) = self.grid.slot(cell) {
             self.grid.at_mut(cell, slot).clear();
             self.grid.mark_changed(cell, slot);
-            self.sight_lines.unmark(cell);
+            self.ray_clearing.unmark(cell);
             self.reclassified.push(cell);
         }
     }
 
-    /// Forgets everything: the ground plane was taken anew.
+    /// Forgets everything: the ground plane was reset.
     pub fn erase(&mut self) {
         self.grid.erase();
-        self.sight_lines.erase();
-        self.young.clear();
-        self.begun_ms = self.now_ms;
+        self.ray_clearing.erase();
+        self.unconfirmed.clear();
+        self.start_ms = self.now_ms;
         self.reclassified.clear();
     }
 
@@ -293,7 +293,7 @@ impl ElevationMap {
 
     /// Memory, bytes.
     pub fn bytes(&self) -> usize {
-        self.grid.bytes() + self.sight_lines.bytes()
+        self.grid.bytes() + self.ray_clearing.bytes()
     }
 }
 
@@ -312,7 +312,7 @@ impl Flattened {
         }
     }
 
-    fn place(&self, point_in_odom: &Point3<f64>) -> (Point2<f64>, f64) {
+    fn project(&self, point_in_odom: &Point3<f64>) -> (Point2<f64>, f64) {
         let point_in_base = self.base_from_odom * point_in_odom;
         let point = self.odom_from_flat * point_in_base;
         (point.xy(), point_in_base.z)

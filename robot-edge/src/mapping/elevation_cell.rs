@@ -132,7 +132,7 @@ impl ElevationCell {
     }
 
     /// Whether something stands in it that beams below its top cannot pass.
-    pub(super) const fn stands_out(&self) -> bool {
+    pub(super) const fn is_raised(&self) -> bool {
         matches!(self.class, CellClass::Obstacle) && self.above > 0
     }
 

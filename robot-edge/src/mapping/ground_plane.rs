@@ -44,7 +44,7 @@ pub struct GroundTracker {
     /// η as a rate: the document's is per scan, at 25 Hz.
     eta_radps: f64,
     wheelbase_m: f64,
-    plane: Option<TakenPlane>,
+    plane: Option<AveragedPlane>,
     last: Option<Sample>,
     /// How far the vehicle has driven with a steady pitch, and what that was where it began to be.
     steady_m: f64,
@@ -53,7 +53,7 @@ pub struct GroundTracker {
 
 /// A plane and the attitudes that it is the mean of.
 #[derive(Clone, Copy, Debug)]
-struct TakenPlane {
+struct AveragedPlane {
     plane: GroundPlane,
     pitch_rad: f64,
     scans: u32,
@@ -61,9 +61,9 @@ struct TakenPlane {
 
 /// A plane is the mean of so many attitudes after it was taken: 0.1° of noise in a single one would be 7 cm
 /// at the end of a street.
-const SETTLING_SCANS: u32 = 50;
+const AVERAGED_SCANS: u32 = 50;
 
-impl TakenPlane {
+impl AveragedPlane {
     fn new(odom_from_base: &Pose, pitch_rad: f64) -> Self {
         Self {
             plane: GroundPlane::under(odom_from_base),
@@ -73,8 +73,8 @@ impl TakenPlane {
     }
 
     /// Takes in one more attitude of a vehicle that still stands on the plane.
-    fn settle(&mut self, odom_from_base: &Pose, pitch_rad: f64) {
-        if self.scans < SETTLING_SCANS {
+    fn average_in(&mut self, odom_from_base: &Pose, pitch_rad: f64) {
+        if self.scans < AVERAGED_SCANS {
             self.scans += 1;
             let share = 1.0 / f64::from(self.scans);
             let up = odom_from_base.rotation * Vector3::z();
@@ -92,9 +92,9 @@ struct Sample {
     pitch_rad: f64,
 }
 
-/// The ground plane was taken anew.
+/// The ground plane was reset.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GroundChange {
+pub struct GroundPlaneReset {
     /// When.
     pub stamp: RobotTime,
     /// Pitch when it was taken before, radians, positive nose down.
@@ -105,11 +105,11 @@ pub struct GroundChange {
     pub steady_m: f64,
 }
 
-impl std::fmt::Display for GroundChange {
+impl std::fmt::Display for GroundPlaneReset {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
             f,
-            "the ground plane was taken anew and the elevation and obstacle maps erased: pitch went from {:.1}° \
+            "the ground plane was reset and the elevation and obstacle maps erased: pitch went from {:.1}° \
              to {:.1}° and stayed there for {:.2} m",
             tenths(self.pitch_before_rad),
             tenths(self.pitch_rad),
@@ -146,28 +146,28 @@ impl GroundTracker {
         &mut self,
         stamp: RobotTime,
         odom_from_base: &Pose,
-    ) -> (GroundPlane, Option<GroundChange>) {
+    ) -> (GroundPlane, Option<GroundPlaneReset>) {
         let now = Sample {
             stamp,
             position: Point3::from(odom_from_base.translation.vector),
             pitch_rad: pose::pitch_rad(odom_from_base),
         };
         self.follow_pitch(now);
-        let taken = TakenPlane::new(odom_from_base, now.pitch_rad);
+        let taken = AveragedPlane::new(odom_from_base, now.pitch_rad);
         let Some(before) = &mut self.plane else {
             self.plane = Some(taken);
             return (taken.plane, None);
         };
         let is_tilted = (now.pitch_rad - before.pitch_rad).abs() > self.epsilon_rad;
         if !is_tilted {
-            before.settle(odom_from_base, now.pitch_rad);
+            before.average_in(odom_from_base, now.pitch_rad);
         }
         let before = *before;
         if !is_tilted || self.steady_m < self.wheelbase_m {
             return (before.plane, None);
         }
         self.plane = Some(taken);
-        let change = GroundChange {
+        let change = GroundPlaneReset {
             stamp,
             pitch_before_rad: before.pitch_rad,
             pitch_rad: now.pitch_rad,

@@ -4,7 +4,7 @@
 //! not made here.
 
 use super::cost_config::MetricsConfig;
-use super::posed_scan::{BeamOutcome, PosedScan, SensorId};
+use super::registered_scan::{BeamOutcome, RegisteredScan, SensorId};
 use crate::robot_time::{RobotDuration, RobotTime};
 
 /// Compares each scan with the one before it of the same sensor.
@@ -49,7 +49,7 @@ impl InterScan {
     ///
     /// What the previous scan hit beyond the greatest range counts: a beam that now hits a cane and before
     /// went through to the far shore says that the cane is thin.
-    pub fn measure(&mut self, scan: &PosedScan, values: &mut Vec<f32>) {
+    pub fn measure(&mut self, scan: &RegisteredScan, values: &mut Vec<f32>) {
         values.clear();
         values.resize(scan.beams.len(), f32::NAN);
         let place = self
@@ -75,7 +75,7 @@ impl InterScan {
 }
 
 impl PreviousScan {
-    fn first(scan: &PosedScan) -> Self {
+    fn first(scan: &RegisteredScan) -> Self {
         Self {
             sensor: scan.sensor,
             stamp: scan.stamp,
@@ -86,7 +86,7 @@ impl PreviousScan {
     }
 
     /// Whether the beams of `scan` can be compared with these, number by number.
-    fn is_followed_by(&self, scan: &PosedScan) -> bool {
+    fn is_followed_by(&self, scan: &RegisteredScan) -> bool {
         let pause = scan.stamp.since(self.stamp);
         let periods = self.period.map_or(i64::MAX, |period| {
             period.as_nanos().saturating_mul(MAX_PERIODS)
@@ -99,7 +99,7 @@ impl PreviousScan {
         is_next && shift_rad < 0.5 * self.beam_step_rad
     }
 
-    fn take(&mut self, scan: &PosedScan) {
+    fn take(&mut self, scan: &RegisteredScan) {
         let pause = scan.stamp.since(self.stamp);
         // Of a clock that went back nothing is known about the period; after a long pause it may have changed.
         self.period = (pause > RobotDuration::ZERO).then_some(pause);
@@ -110,14 +110,14 @@ impl PreviousScan {
     }
 }
 
-fn hits(scan: &PosedScan) -> impl Iterator<Item = (u32, f32)> {
+fn hits(scan: &RegisteredScan) -> impl Iterator<Item = (u32, f32)> {
     let hits = scan.beams.iter();
     let hits = hits.filter(|beam| beam.outcome == BeamOutcome::Hit);
     hits.map(|beam| (beam.index, beam.range_m))
 }
 
 fn compare(
-    scan: &PosedScan,
+    scan: &RegisteredScan,
     previous: &[(u32, f32)],
     max_range_m: f32,
     full_m: f64,
@@ -146,7 +146,7 @@ mod tests {
     const LEFT_OUT: f32 = f32::NAN;
 
     /// Percent of each beam, −1 where it has no value.
-    fn measured(metric: &mut InterScan, scan: &PosedScan) -> Vec<i32> {
+    fn measured(metric: &mut InterScan, scan: &RegisteredScan) -> Vec<i32> {
         let mut values = vec![7.0; 2];
         metric.measure(scan, &mut values);
         assert_eq!(values.len(), scan.beams.len());
@@ -214,7 +214,7 @@ mod tests {
     #[test]
     fn sensors_are_kept_apart() {
         let mut metric = metric();
-        let scan = |stamp_s: f64, sensor: u8, range_m: f32| PosedScan {
+        let scan = |stamp_s: f64, sensor: u8, range_m: f32| RegisteredScan {
             sensor: SensorId(sensor),
             ..scan_of(stamp_s, &[range_m])
         };

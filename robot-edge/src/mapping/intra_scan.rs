@@ -4,7 +4,7 @@
 //! average over voxels is not made here.
 
 use super::cost_config::MetricsConfig;
-use super::posed_scan::{BeamOutcome, PosedBeam, PosedScan};
+use super::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
 
 /// Measures scans; each for itself, nothing is kept between them.
 #[derive(Clone, Debug)]
@@ -36,7 +36,7 @@ impl IntraScan {
     ///
     /// Hits beyond the greatest range count for the segments all the same: how wide a wall is does not depend
     /// on which of its beams are given a value.
-    pub fn measure(&self, scan: &PosedScan, values: &mut Vec<f32>) {
+    pub fn measure(&self, scan: &RegisteredScan, values: &mut Vec<f32>) {
         values.clear();
         values.resize(scan.beams.len(), f32::NAN);
         // γ in beam·m; a value is Γ·r/γ.
@@ -60,7 +60,7 @@ impl IntraScan {
         &self,
         segment: Segment,
         value_of_beam_m: f64,
-        beams: &[PosedBeam],
+        beams: &[RegisteredBeam],
         values: &mut [f32],
     ) {
         if segment.differences == 0 {
@@ -98,7 +98,7 @@ impl Segment {
 }
 
 /// How much farther `next` reached; `None` where they are not neighbours that both hit something.
-fn difference_m(beam: &PosedBeam, next: &PosedBeam) -> Option<f64> {
+fn difference_m(beam: &RegisteredBeam, next: &RegisteredBeam) -> Option<f64> {
     let both_hit = beam.outcome == BeamOutcome::Hit && next.outcome == BeamOutcome::Hit;
     let are_neighbours = next.index.checked_sub(beam.index) == Some(1);
     (both_hit && are_neighbours).then(|| f64::from(next.range_m) - f64::from(beam.range_m))
@@ -110,14 +110,14 @@ pub(super) mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::mapping::posed_scan::SensorId;
+    use crate::mapping::registered_scan::SensorId;
     use crate::pose::Pose;
     use crate::robot_time::RobotTime;
 
     /// A scan of 0.25° with these ranges: infinity is a miss, NaN is left out.
-    pub(in super::super) fn scan_of(stamp_s: f64, ranges_m: &[f32]) -> PosedScan {
+    pub(in super::super) fn scan_of(stamp_s: f64, ranges_m: &[f32]) -> RegisteredScan {
         let beams = (0..).zip(ranges_m).filter(|(_, range)| !range.is_nan());
-        let beams = beams.map(|(index, &range_m)| PosedBeam {
+        let beams = beams.map(|(index, &range_m)| RegisteredBeam {
             origin_in_odom: Point3::origin(),
             end_in_odom: Point3::new(f64::from(range_m.min(300.0)), 0.0, 0.0),
             outcome: if range_m.is_finite() {
@@ -128,7 +128,7 @@ pub(super) mod tests {
             index,
             range_m: range_m.min(300.0),
         });
-        PosedScan {
+        RegisteredScan {
             stamp: RobotTime::from_secs_f64(stamp_s).unwrap(),
             sensor: SensorId(0),
             beam_step_rad: 0.25_f64.to_radians(),

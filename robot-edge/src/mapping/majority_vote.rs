@@ -24,9 +24,9 @@ pub fn majority_vote(voxels: &[VoxelIndex], labels: &[Rigidity]) -> Vec<Rigidity
     smoothed
         .map(|(&label, balance)| match label {
             Rigidity::Unlabelled => Rigidity::Unlabelled,
-            Rigidity::Rigid if balance < 0 => Rigidity::Trespassable,
-            Rigidity::Trespassable if balance > 0 => Rigidity::Rigid,
-            Rigidity::Rigid | Rigidity::Trespassable => label,
+            Rigidity::Rigid if balance < 0 => Rigidity::Traversable,
+            Rigidity::Traversable if balance > 0 => Rigidity::Rigid,
+            Rigidity::Rigid | Rigidity::Traversable => label,
         })
         .collect()
 }
@@ -65,7 +65,7 @@ impl VoteField {
         }
         let votes = labels.iter().map(|label| match label {
             Rigidity::Unlabelled => 0,
-            Rigidity::Trespassable => -1,
+            Rigidity::Traversable => -1,
             Rigidity::Rigid => 1,
         });
         let running = votes.scan(0, |balance, vote| {
@@ -134,7 +134,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use Rigidity::{Rigid, Trespassable, Unlabelled};
+    use Rigidity::{Rigid, Traversable, Unlabelled};
 
     const fn at(x: i32, y: i32, z: i32) -> VoxelIndex {
         VoxelIndex { x, y, z }
@@ -149,19 +149,19 @@ mod tests {
     #[test]
     fn the_majority_of_those_in_reach_wins_and_ties_keep() {
         assert_eq!(voted([(at(0, 0, 0), Rigid)]), [Rigid]);
-        let tie = [(at(0, 0, 0), Rigid), (at(0, 0, 1), Trespassable)];
-        assert_eq!(voted(tie), [Rigid, Trespassable]);
+        let tie = [(at(0, 0, 0), Rigid), (at(0, 0, 1), Traversable)];
+        assert_eq!(voted(tie), [Rigid, Traversable]);
         let outvoted = [
-            (at(0, 0, 0), Trespassable),
+            (at(0, 0, 0), Traversable),
             (at(1, 1, 1), Rigid),
-            (at(2, 2, 2), Trespassable),
+            (at(2, 2, 2), Traversable),
         ];
-        assert_eq!(voted(outvoted), [Trespassable; 3]);
+        assert_eq!(voted(outvoted), [Traversable; 3]);
         let out_of_reach = [
-            (at(-3, 0, 0), Trespassable),
+            (at(-3, 0, 0), Traversable),
             (at(0, 0, 0), Rigid),
-            (at(0, 0, 3), Trespassable),
-            (at(0, 3, 0), Trespassable),
+            (at(0, 0, 3), Traversable),
+            (at(0, 3, 0), Traversable),
         ];
         assert_eq!(voted(out_of_reach)[1], Rigid);
     }
@@ -181,8 +181,8 @@ mod tests {
         let (least, greatest) = (i32::MIN, i32::MAX);
         let corners = [
             (at(least, least, least), Rigid),
-            (at(least, greatest, least), Trespassable),
-            (at(greatest, greatest, greatest - 1), Trespassable),
+            (at(least, greatest, least), Traversable),
+            (at(greatest, greatest, greatest - 1), Traversable),
             (at(greatest, greatest, greatest), Rigid),
         ];
         assert_eq!(voted(corners), corners.map(|(_, label)| label));
@@ -193,7 +193,7 @@ mod tests {
         fn it_is_the_vote_counted_one_by_one(
             labelled in prop::collection::btree_map(
                 (-6..6i32, -6..6i32, -6..6i32),
-                prop_oneof![Just(Rigid), Just(Trespassable), Just(Unlabelled)],
+                prop_oneof![Just(Rigid), Just(Traversable), Just(Unlabelled)],
                 0..300,
             ),
         ) {
@@ -214,9 +214,9 @@ mod tests {
             });
             others.count()
         };
-        match count(Rigid).cmp(&count(Trespassable)) {
+        match count(Rigid).cmp(&count(Traversable)) {
             _ if label == Unlabelled => Unlabelled,
-            std::cmp::Ordering::Less => Trespassable,
+            std::cmp::Ordering::Less => Traversable,
             std::cmp::Ordering::Equal => label,
             std::cmp::Ordering::Greater => Rigid,
         }

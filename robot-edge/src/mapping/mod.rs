@@ -8,7 +8,7 @@ pub mod cost_config;
 pub mod elevation_config;
 pub mod occupancy_config;
 pub mod octree_config;
-pub mod posed_scan;
+pub mod registered_scan;
 pub mod vehicle_shape;
 
 pub mod grid;
@@ -22,9 +22,9 @@ pub mod elevation_cell;
 pub mod ground_plane;
 mod local_ground;
 pub mod obstacle;
+mod ray_clearing;
 pub mod rolling_grid;
 mod scan_hits;
-mod sight_lines;
 pub mod terrain;
 
 pub mod octree;
@@ -32,24 +32,24 @@ pub mod radial_filter;
 pub mod voxel;
 
 mod column_window;
-pub mod columns;
 pub mod cost_map;
+pub mod height_columns;
 mod slope;
 
 pub mod inter_scan;
 pub mod intra_scan;
 
+pub mod cluster_tracker;
 pub mod majority_vote;
 pub mod obstacle_voxel;
 pub mod rigidity;
 pub mod shore;
 pub mod shore_clusters;
 pub mod shore_layer;
-pub mod shore_numbers;
 
-mod berth;
 pub mod docking;
-pub mod docking_window;
+pub mod docking_grid;
+mod docking_pose;
 
 pub mod voxel_layers;
 mod waterline;
@@ -58,10 +58,10 @@ use nalgebra::Point3;
 
 use crate::drops::{DropCounts, DropReason};
 use config::MappingConfig;
-use ground_plane::GroundChange;
+use ground_plane::GroundPlaneReset;
 use occupancy_grid::OccupancyGrid;
 use octree_config::RangeSensorModel;
-use posed_scan::PosedScan;
+use registered_scan::RegisteredScan;
 use terrain::Terrain;
 use vehicle_shape::VehicleShape;
 use voxel_layers::VoxelLayers;
@@ -85,8 +85,8 @@ pub struct MapReport {
     pub misses: u64,
     /// Beams that did not reach a layer, by reason.
     pub dropped_beams: DropCounts,
-    /// The ground plane was taken anew, and the maps above it erased.
-    pub ground_change: Option<GroundChange>,
+    /// The ground plane was reset, and the maps above it erased.
+    pub ground_plane_reset: Option<GroundPlaneReset>,
     /// Bricks of the octree that were evicted to keep its memory limit.
     pub evicted_bricks: u32,
 }
@@ -115,7 +115,7 @@ impl Mapper {
     }
 
     /// Adds one scan to every layer.
-    pub fn integrate(&mut self, scan: &PosedScan) -> MapReport {
+    pub fn integrate(&mut self, scan: &RegisteredScan) -> MapReport {
         self.vehicle_in_odom = Point3::from(scan.odom_from_base.translation.vector);
         let mut report = MapReport::default();
         if let Some(occupancy) = &mut self.occupancy {
@@ -125,7 +125,7 @@ impl Mapper {
         }
         if let Some(terrain) = &mut self.terrain {
             let mapped = terrain.integrate(scan);
-            report.ground_change = mapped.ground_change;
+            report.ground_plane_reset = mapped.ground_plane_reset;
             // Each beam has one fate: where there is an occupancy grid, which knows no window, it is that one.
             if self.occupancy.is_none() {
                 let points = mapped.elevation;
@@ -213,11 +213,11 @@ impl Mapper {
     /// Keeps every layer within its memory limit; says how many tiles were evicted.
     ///
     /// Call it after the changes were taken and published.
-    pub fn keep_limits(&mut self) -> usize {
+    pub fn enforce_memory_limits(&mut self) -> usize {
         let vehicle = self.vehicle_in_odom;
         self.occupancy
             .as_mut()
-            .map_or(0, |occupancy| occupancy.keep_limit(&vehicle))
+            .map_or(0, |occupancy| occupancy.enforce_memory_limit(&vehicle))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::voxel::VoxelIndex;
 
-/// A voxel that is occupied now, in a column of fatal cost, strictly above the ground and no higher than the
+/// A voxel that is occupied now, in a column of lethal cost, strictly above the ground and no higher than the
 /// vehicle: the ground under grass is rigid, and what hangs higher is not in the way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ObstacleVoxel {
@@ -21,7 +21,7 @@ pub enum Rigidity {
     #[default]
     Unlabelled,
     /// It gives way: vegetation.
-    Trespassable,
+    Traversable,
     /// It does not.
     Rigid,
 }
@@ -43,7 +43,7 @@ impl Rigidity {
         match metric {
             Some(value) if value.is_nan() => Self::Unlabelled,
             Some(value) if is_rigid(value.into()) => Self::Rigid,
-            Some(_) => Self::Trespassable,
+            Some(_) => Self::Traversable,
             None => Self::Unlabelled,
         }
     }
@@ -54,7 +54,7 @@ impl Rigidity {
         match (self, other) {
             (Self::Unlabelled, label) | (label, Self::Unlabelled) => label,
             (Self::Rigid, Self::Rigid) => Self::Rigid,
-            (Self::Trespassable, _) | (_, Self::Trespassable) => Self::Trespassable,
+            (Self::Traversable, _) | (_, Self::Traversable) => Self::Traversable,
         }
     }
 
@@ -63,7 +63,7 @@ impl Rigidity {
     pub const fn either(self, other: Self) -> Self {
         match (self, other) {
             (Self::Unlabelled, label) | (label, Self::Unlabelled) => label,
-            (Self::Trespassable, Self::Trespassable) => Self::Trespassable,
+            (Self::Traversable, Self::Traversable) => Self::Traversable,
             (Self::Rigid, _) | (_, Self::Rigid) => Self::Rigid,
         }
     }
@@ -72,7 +72,7 @@ impl Rigidity {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use Rigidity::{Rigid, Trespassable, Unlabelled};
+    use Rigidity::{Rigid, Traversable, Unlabelled};
 
     #[test]
     fn labels_follow_the_thresholds() {
@@ -85,7 +85,7 @@ mod tests {
         assert_eq!(labels(voxel(Some(0.05), Some(0.3))), (Rigid, Rigid));
         assert_eq!(
             labels(voxel(Some(0.03), Some(0.4))),
-            (Trespassable, Trespassable)
+            (Traversable, Traversable)
         );
         assert_eq!(
             labels(voxel(None, Some(f32::NAN))),
@@ -95,14 +95,14 @@ mod tests {
 
     #[test]
     fn land_asks_both_and_water_either() {
-        let all = [Unlabelled, Trespassable, Rigid];
+        let all = [Unlabelled, Traversable, Rigid];
         let both = all.map(|a| all.map(|b| a.both(b)));
         assert_eq!(both[0], all);
-        assert_eq!(both[1], [Trespassable, Trespassable, Trespassable]);
-        assert_eq!(both[2], [Rigid, Trespassable, Rigid]);
+        assert_eq!(both[1], [Traversable, Traversable, Traversable]);
+        assert_eq!(both[2], [Rigid, Traversable, Rigid]);
         let either = all.map(|a| all.map(|b| a.either(b)));
         assert_eq!(either[0], all);
-        assert_eq!(either[1], [Trespassable, Trespassable, Rigid]);
+        assert_eq!(either[1], [Traversable, Traversable, Rigid]);
         assert_eq!(either[2], [Rigid, Rigid, Rigid]);
     }
 }

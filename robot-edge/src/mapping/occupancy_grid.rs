@@ -5,8 +5,8 @@ use nalgebra::Point3;
 use super::grid::{CellIndex, TILE_EDGE, TileIndex, TiledGrid};
 use super::log_odds::{LogOdds, LogOddsUpdate};
 use super::occupancy_config::{Miss, OccupancyConfig};
-use super::posed_scan::{BeamOutcome, PosedScan};
 use super::ray::FixedPoint;
+use super::registered_scan::{BeamOutcome, RegisteredScan};
 use super::scan_marks::{MAX_BEAM_CELLS, ScanMarks};
 
 /// The grid. Cells are fixed in `odom`; memory grows with the area that was seen, up to a limit.
@@ -56,12 +56,12 @@ impl OccupancyGrid {
 
     /// Updates every cell that the scan saw, once: a hit in it wins over beams that only cross it, or
     /// grazing beams would erase walls.
-    pub fn integrate(&mut self, scan: &PosedScan) -> OccupancyReport {
+    pub fn integrate(&mut self, scan: &RegisteredScan) -> OccupancyReport {
         let mut report = OccupancyReport::default();
         let Some(extent) = self.take_beams(scan, &mut report) else {
             return report;
         };
-        self.marks.lay_over(extent.lowest, extent.highest);
+        self.marks.cover(extent.lowest, extent.highest);
         for &(start, end, outcome) in &self.beams {
             self.marks.cross(start, end, outcome == BeamOutcome::Miss);
         }
@@ -81,7 +81,11 @@ impl OccupancyGrid {
     }
 
     /// Fills `self.beams` with those that mark cells; their extent, or `None` if there are none.
-    fn take_beams(&mut self, scan: &PosedScan, report: &mut OccupancyReport) -> Option<Extent> {
+    fn take_beams(
+        &mut self,
+        scan: &RegisteredScan,
+        report: &mut OccupancyReport,
+    ) -> Option<Extent> {
         self.beams.clear();
         let fixed = |point: &Point3<f64>| FixedPoint::from_metres(point.x, point.y, self.cell_m);
         let mut extent = None;
@@ -142,7 +146,7 @@ impl OccupancyGrid {
     /// Keeps the memory limit: evicts the tiles farthest from `point_in_odom` and says how many.
     ///
     /// Call it after [`OccupancyGrid::take_changed`], or their last changes are lost.
-    pub fn keep_limit(&mut self, point_in_odom: &Point3<f64>) -> usize {
+    pub fn enforce_memory_limit(&mut self, point_in_odom: &Point3<f64>) -> usize {
         let centre = CellIndex::containing(point_in_odom.xy(), self.cell_m)
             .split()
             .0;

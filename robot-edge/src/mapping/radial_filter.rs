@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use super::posed_scan::{BeamOutcome, PosedScan, SensorId};
+use super::registered_scan::{BeamOutcome, RegisteredScan, SensorId};
 
 /// Least radius within which a neighbour confirms a hit, metres.
 const LEAST_RADIUS_M: f64 = 0.1;
@@ -26,7 +26,12 @@ type Hits = Vec<Option<Point3<f64>>>;
 
 impl RadialFilter {
     /// Says of each beam of a scan whether it is a hit that fewer than `min_neighbours` confirm.
-    pub fn isolated(&mut self, scan: &PosedScan, min_neighbours: u8, isolated: &mut Vec<bool>) {
+    pub fn isolated(
+        &mut self,
+        scan: &RegisteredScan,
+        min_neighbours: u8,
+        isolated: &mut Vec<bool>,
+    ) {
         isolated.clear();
         isolated.resize(scan.beams.len(), false);
         if min_neighbours == 0 {
@@ -72,7 +77,7 @@ impl RadialFilter {
         self.before.clear();
     }
 
-    fn collect(&mut self, scan: &PosedScan) {
+    fn collect(&mut self, scan: &RegisteredScan) {
         self.now.clear();
         for beam in &scan.beams {
             let number = beam.index as usize;
@@ -89,13 +94,13 @@ impl RadialFilter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mapping::posed_scan::PosedBeam;
+    use crate::mapping::registered_scan::RegisteredBeam;
     use crate::pose::Pose;
     use crate::robot_time::RobotTime;
 
     /// Beams straight ahead side by side, at these ranges; 0 is a miss.
-    fn scan(ranges_m: &[f64]) -> PosedScan {
-        let beams = (0..).zip(ranges_m).map(|(index, &range_m)| PosedBeam {
+    fn scan(ranges_m: &[f64]) -> RegisteredScan {
+        let beams = (0..).zip(ranges_m).map(|(index, &range_m)| RegisteredBeam {
             origin_in_odom: Point3::origin(),
             end_in_odom: Point3::new(range_m, 0.02 * f64::from(index), 0.0),
             outcome: if range_m > 0.0 {
@@ -106,7 +111,7 @@ mod tests {
             index,
             range_m: range_m as f32,
         });
-        PosedScan {
+        RegisteredScan {
             stamp: RobotTime::from_nanos(0),
             sensor: SensorId(0),
             beam_step_rad: 0.004,

@@ -14,7 +14,7 @@ use super::voxel::VoxelIndex;
 pub struct RigidityMap {
     /// Every voxel, ascending.
     pub voxels: Vec<(VoxelIndex, Rigidity)>,
-    /// Every column that holds a voxel, ascending: rigid with one rigid voxel, trespassable with only others
+    /// Every column that holds a voxel, ascending: rigid with one rigid voxel, traversable with only others
     /// that are labelled, unlabelled (it keeps its cost) where none is.
     pub columns: Vec<(CellIndex, Rigidity)>,
 }
@@ -54,7 +54,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use Rigidity::{Rigid, Trespassable, Unlabelled};
+    use Rigidity::{Rigid, Traversable, Unlabelled};
 
     fn obstacle(x: i32, z: i32, intra: Option<f32>, inter: Option<f32>) -> ObstacleVoxel {
         let voxel = VoxelIndex { x, y: 0, z };
@@ -96,11 +96,11 @@ mod tests {
             [
                 (0, Rigid),
                 (10, Unlabelled),
-                (20, Trespassable),
-                (30, Trespassable),
-                (40, Trespassable),
+                (20, Traversable),
+                (30, Traversable),
+                (40, Traversable),
                 (50, Rigid),
-                (60, Trespassable),
+                (60, Traversable),
             ]
         );
     }
@@ -114,7 +114,7 @@ mod tests {
             obstacle(9, 0, NARROW, STILL),
             obstacle(9, 5, None, None),
         ];
-        assert_eq!(columns(&column), [(0, Rigid), (9, Trespassable)]);
+        assert_eq!(columns(&column), [(0, Rigid), (9, Traversable)]);
     }
 
     #[test]

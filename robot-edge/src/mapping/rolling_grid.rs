@@ -17,7 +17,7 @@ pub struct RollingGrid<T> {
     /// Column and row of `first` in the buffer.
     origin: (i32, i32),
     /// Row-major by `y mod side`, then `x mod side`.
-    places: Vec<Place<T>>,
+    entries: Vec<Entry<T>>,
     changed: Vec<CellIndex>,
     /// Cells that lost their place after a change that nobody had taken.
     departed: Vec<(CellIndex, T)>,
@@ -25,7 +25,7 @@ pub struct RollingGrid<T> {
 
 /// A place of the buffer: all that is known of a cell lies together.
 #[derive(Clone, Copy, Debug)]
-struct Place<T> {
+struct Entry<T> {
     owner: CellIndex,
     is_changed: bool,
     value: T,
@@ -34,7 +34,7 @@ struct Place<T> {
 /// Windows stay within ± this, cells.
 const MAX_INDEX: i32 = 1 << 30;
 /// The owner of a place that holds nothing: no window reaches it.
-const NOBODY: CellIndex = CellIndex {
+const NO_OWNER: CellIndex = CellIndex {
     x: i32::MIN,
     y: i32::MIN,
 };
@@ -46,8 +46,8 @@ pub struct Slot(usize);
 impl<T: Copy> RollingGrid<T> {
     /// A window of `side` × `side` cells (at least 1) that begin as `blank`.
     pub fn new(side: u32, blank: T) -> Self {
-        let empty = Place {
-            owner: NOBODY,
+        let empty = Entry {
+            owner: NO_OWNER,
             is_changed: false,
             value: blank,
         };
@@ -56,7 +56,7 @@ impl<T: Copy> RollingGrid<T> {
             side: side.cast_signed(),
             first: None,
             origin: (0, 0),
-            places: vec![empty; side as usize * side as usize],
+            entries: vec![empty; side as usize * side as usize],
             changed: Vec::new(),
             departed: Vec::new(),
         }
@@ -74,7 +74,7 @@ impl<T: Copy> RollingGrid<T> {
 
     /// Memory of the cells, bytes.
     pub const fn bytes(&self) -> usize {
-        self.places.len() * size_of::<Place<T>>()
+        self.entries.len() * size_of::<Entry<T>>()
     }
 
     /// Moves the window so that `center` is its middle cell. Cells that enter it are blank, but for those
@@ -104,16 +104,16 @@ impl<T: Copy> RollingGrid<T> {
     }
 
     /// The place of a cell that may lie outside of the window.
-    fn place_of(&self, cell: CellIndex) -> usize {
+    fn entry_index(&self, cell: CellIndex) -> usize {
         let (x, y) = (cell.x.rem_euclid(self.side), cell.y.rem_euclid(self.side));
         y as usize * self.side as usize + x as usize
     }
 
     /// The value of `cell`, whose place is `slot`.
     pub fn at(&self, cell: CellIndex, slot: Slot) -> &T {
-        let place = &self.places[slot.0];
-        if place.owner == cell {
-            &place.value
+        let entry = &self.entries[slot.0];
+        if entry.owner == cell {
+            &entry.value
         } else {
             &self.blank
         }
@@ -121,15 +121,15 @@ impl<T: Copy> RollingGrid<T> {
 
     /// The value of `cell`, whose place is `slot`, to be changed; say so with [`RollingGrid::mark_changed`].
     pub fn at_mut(&mut self, cell: CellIndex, slot: Slot) -> &mut T {
-        let place = &mut self.places[slot.0];
-        if place.owner != cell {
-            if std::mem::take(&mut place.is_changed) {
-                self.departed.push((place.owner, place.value));
+        let entry = &mut self.entries[slot.0];
+        if entry.owner != cell {
+            if std::mem::take(&mut entry.is_changed) {
+                self.departed.push((entry.owner, entry.value));
             }
-            place.owner = cell;
-            place.value = self.blank;
+            entry.owner = cell;
+            entry.value = self.blank;
         }
-        &mut place.value
+        &mut entry.value
     }
 
     /// The value of `cell`; `None` outside of the window.
@@ -139,7 +139,7 @@ impl<T: Copy> RollingGrid<T> {
 
     /// What [`RollingGrid::at_mut`] gave for `cell` at `slot` has changed.
     pub fn mark_changed(&mut self, cell: CellIndex, slot: Slot) {
-        if !std::mem::replace(&mut self.places[slot.0].is_changed, true) {
+        if !std::mem::replace(&mut self.entries[slot.0].is_changed, true) {
             self.changed.push(cell);
         }
     }
@@ -149,11 +149,11 @@ impl<T: Copy> RollingGrid<T> {
     pub fn take_changed(&mut self) -> Vec<(CellIndex, T)> {
         let mut taken = std::mem::take(&mut self.departed);
         for cell in std::mem::take(&mut self.changed) {
-            let place = self.place_of(cell);
-            let place = &mut self.places[place];
+            let entry = self.entry_index(cell);
+            let entry = &mut self.entries[entry];
             // Whoever lost its place is in `departed`; whoever came back changed has been listed twice.
-            if place.owner == cell && std::mem::take(&mut place.is_changed) {
-                taken.push((cell, place.value));
+            if entry.owner == cell && std::mem::take(&mut entry.is_changed) {
+                taken.push((cell, entry.value));
             }
         }
         taken
@@ -161,9 +161,9 @@ impl<T: Copy> RollingGrid<T> {
 
     /// Blanks every cell; changes that nobody took are forgotten.
     pub fn erase(&mut self) {
-        for place in &mut self.places {
-            place.owner = NOBODY;
-            place.is_changed = false;
+        for entry in &mut self.entries {
+            entry.owner = NO_OWNER;
+            entry.is_changed = false;
         }
         self.changed.clear();
         self.departed.clear();

@@ -50,7 +50,7 @@ impl TouchedRows<'_> {
 
 impl ScanMarks {
     /// Lays the window over the cells `lowest` to `highest`, both included.
-    pub fn lay_over(&mut self, lowest: (i32, i32), highest: (i32, i32)) {
+    pub fn cover(&mut self, lowest: (i32, i32), highest: (i32, i32)) {
         let edge = TILE_EDGE_CELLS;
         let tile = |cell: (i32, i32)| (cell.0.div_euclid(edge), cell.1.div_euclid(edge));
         let (first, last) = (tile(lowest), tile(highest));
@@ -171,7 +171,7 @@ mod tests {
     fn a_hit_wins_over_a_beam_that_crosses_it() {
         let point = |x: f64, y: f64| FixedPoint::from_metres(x, y, 1.0).unwrap();
         let mut marks = ScanMarks::default();
-        marks.lay_over((-70, 0), (2, 0));
+        marks.cover((-70, 0), (2, 0));
         let (sensor, near, far) = (point(2.5, 0.5), point(-0.5, 0.5), point(-69.5, 0.5));
         marks.cross(sensor, far, false);
         marks.cross(sensor, near, false);
@@ -195,10 +195,10 @@ mod tests {
     fn a_smaller_window_after_a_larger_one_starts_clean() {
         let point = |x: f64, y: f64| FixedPoint::from_metres(x, y, 1.0).unwrap();
         let mut marks = ScanMarks::default();
-        marks.lay_over((0, 0), (500, 500));
+        marks.cover((0, 0), (500, 500));
         marks.cross(point(0.5, 0.5), point(500.5, 500.5), true);
         assert_eq!(drained(&mut marks).len(), 1001);
-        marks.lay_over((1000, -1000), (1003, -1000));
+        marks.cover((1000, -1000), (1003, -1000));
         marks.cross(point(1000.5, -999.5), point(1003.5, -999.5), true);
         let cells = drained(&mut marks);
         assert_eq!(

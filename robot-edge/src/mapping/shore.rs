@@ -6,12 +6,12 @@
 
 use nalgebra::Point3;
 
+use super::cluster_tracker::ClusterTracker;
 use super::cost_config::ShoreConfig;
 use super::grid::CellIndex;
 use super::majority_vote::majority_vote;
 use super::obstacle_voxel::{ObstacleVoxel, Rigidity};
 use super::shore_clusters::euclidean_clusters;
-use super::shore_numbers::ShoreNumbers;
 use super::voxel::VoxelIndex;
 
 /// Clusters obstacles, and knows clusters again.
@@ -19,7 +19,7 @@ use super::voxel::VoxelIndex;
 pub struct Shores {
     config: ShoreConfig,
     cell_m: f64,
-    numbers: ShoreNumbers,
+    tracker: ClusterTracker,
 }
 
 /// The shores of one update.
@@ -67,7 +67,7 @@ pub enum ShoreClass {
 pub struct ShoreVoxel {
     /// Where it lies.
     pub voxel: VoxelIndex,
-    /// Rigid or trespassable, after the vote.
+    /// Rigid or traversable, after the vote.
     pub rigidity: Rigidity,
     /// The number of its cluster.
     pub cluster: u32,
@@ -79,7 +79,7 @@ impl Shores {
         Self {
             config: config.clone(),
             cell_m,
-            numbers: ShoreNumbers::default(),
+            tracker: ClusterTracker::default(),
         }
     }
 
@@ -103,7 +103,7 @@ impl Shores {
             .iter_mut()
             .map(|part| std::mem::take(&mut part.columns))
             .collect();
-        let numbers = self.numbers.assign(&columns);
+        let numbers = self.tracker.assign(&columns);
 
         let labelled = voxels.iter().zip(labels).zip(cluster_of);
         let voxels = labelled.map(|((&voxel, rigidity), cluster)| ShoreVoxel {

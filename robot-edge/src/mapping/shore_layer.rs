@@ -1,11 +1,11 @@
-//! The shore layer: clusters of what makes columns fatal on water, their classes, and where a boat can dock.
+//! The shore layer: clusters of what makes columns lethal on water, their classes, and where a boat can dock.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::cost_config::ShoreConfig;
 use super::cost_map::CostMap;
 use super::docking::{BoatFootprint, DockingSite, find_docking_sites};
-use super::docking_window::{DockingColumn, DockingWindow};
+use super::docking_grid::{DockingColumn, DockingGrid};
 use super::grid::CellIndex;
 use super::obstacle_voxel::ObstacleVoxel;
 use super::octree::Octree;
@@ -82,7 +82,7 @@ impl ShoreLayer {
                 rises_from_water: cell.rises_from_water,
             })
             .collect();
-        let docking = DockingWindow::new(first, width, self.cell_m, &columns);
+        let docking = DockingGrid::new(first, width, self.cell_m, &columns);
         self.sites = find_docking_sites(&docking, &self.boat);
         let mut cells = BTreeMap::new();
         for site in &self.sites {
@@ -96,7 +96,7 @@ impl ShoreLayer {
             let class = ShoreCell::Cluster(cluster.class);
             cells.extend(cluster.columns.iter().map(|&cell| (cell, class)));
         }
-        self.tell(cells, is_inside);
+        self.publish(cells, is_inside);
         // What was left behind is remembered as it was.
         self.clusters
             .retain(|_, cluster| !cluster.columns.iter().any(|&cell| is_inside(cell)));
@@ -188,7 +188,7 @@ impl ShoreLayer {
     }
 
     /// Lists what differs from the last time. What lies outside of the window stays as it was told.
-    fn tell(
+    fn publish(
         &mut self,
         cells: BTreeMap<CellIndex, ShoreCell>,
         is_inside: impl Fn(CellIndex) -> bool,

@@ -5,7 +5,7 @@
 
 mod planes;
 
-use super::columns::{Column, ColumnKind, TILE_COLUMNS, TILE_EDGE};
+use super::height_columns::{Column, ColumnKind, TILE_COLUMNS, TILE_EDGE};
 use super::octree::FINER;
 use planes::{Plane, Planes, SUMS};
 
@@ -57,8 +57,8 @@ pub(super) fn slopes(patch: &Patch, cell_m: f32, beach: Option<&Beach>) -> [f32;
             PointKind::Unknown => f32::NAN,
             PointKind::Water => 0.0,
             PointKind::Below => plane().map_or(f32::NAN, Plane::slope),
-            PointKind::Overlooked => land().map_or(0.0, Plane::slope),
-            PointKind::Dry => land().map_or(f32::INFINITY, Plane::slope),
+            PointKind::Occluded => land().map_or(0.0, Plane::slope),
+            PointKind::Bank => land().map_or(f32::INFINITY, Plane::slope),
             PointKind::Ground | PointKind::Obstacle if points.is_alone(window) => f32::NAN,
             PointKind::Ground | PointKind::Obstacle => {
                 plane().map_or_else(|| points.steepest(window, cell_m), Plane::slope)
@@ -88,9 +88,9 @@ enum PointKind {
     /// Where the ground lies is not known, but that it is no higher than what was seen through.
     Below,
     /// The same beside water.
-    Overlooked,
+    Occluded,
     /// Beside water: what was hit, and nothing seen through beneath it.
-    Dry,
+    Bank,
 }
 
 /// The columns of a patch, a number of each in a row; x and y from the patch's middle, z from a height nearby, metres.
@@ -125,13 +125,13 @@ impl PointKind {
             (ColumnKind::Inferred, true) => Self::Below,
             (ColumnKind::Sampled, true) => Self::Ground,
             (ColumnKind::Water, true) => Self::Water,
-            (ColumnKind::Overlooked, true) => Self::Overlooked,
-            (ColumnKind::Dry, _) => Self::Dry,
+            (ColumnKind::Occluded, true) => Self::Occluded,
+            (ColumnKind::Bank, _) => Self::Bank,
             (
                 ColumnKind::Inferred
                 | ColumnKind::Sampled
                 | ColumnKind::Water
-                | ColumnKind::Overlooked,
+                | ColumnKind::Occluded,
                 false,
             ) => Self::Obstacle,
         }
@@ -176,7 +176,7 @@ impl Points {
             }
             let is_hit = matches!(
                 kind,
-                PointKind::Ground | PointKind::Obstacle | PointKind::Dry
+                PointKind::Ground | PointKind::Obstacle | PointKind::Bank
             );
             if is_hit {
                 points.weight[n] = 1.0;
@@ -190,8 +190,8 @@ impl Points {
                 PointKind::Ground
                 | PointKind::Obstacle
                 | PointKind::Below
-                | PointKind::Overlooked
-                | PointKind::Dry => ground[2],
+                | PointKind::Occluded
+                | PointKind::Bank => ground[2],
             };
         }
         points

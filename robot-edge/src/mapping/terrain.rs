@@ -2,9 +2,9 @@
 
 use super::config::MappingConfig;
 use super::elevation::{ElevationMap, ElevationReport};
-use super::ground_plane::{GroundChange, GroundPlane, GroundTracker};
+use super::ground_plane::{GroundPlane, GroundPlaneReset, GroundTracker};
 use super::obstacle::ObstacleMap;
-use super::posed_scan::PosedScan;
+use super::registered_scan::RegisteredScan;
 
 /// Ground plane, elevation map and obstacle map of one vehicle.
 #[derive(Clone, Debug)]
@@ -13,7 +13,7 @@ pub struct Terrain {
     elevation: ElevationMap,
     obstacle: ObstacleMap,
     /// How often both maps were erased.
-    erased: u32,
+    epoch: u32,
 }
 
 /// What became of one scan.
@@ -21,8 +21,8 @@ pub struct Terrain {
 pub struct TerrainReport {
     /// Of its points.
     pub elevation: ElevationReport,
-    /// The ground plane was taken anew before it was added.
-    pub ground_change: Option<GroundChange>,
+    /// The ground plane was reset before it was added.
+    pub ground_plane_reset: Option<GroundPlaneReset>,
 }
 
 impl Terrain {
@@ -32,15 +32,15 @@ impl Terrain {
             ground: GroundTracker::new(&config.ground, wheelbase_m),
             elevation: ElevationMap::new(&config.elevation, &config.obstacle, &config.ground),
             obstacle: ObstacleMap::new(&config.obstacle),
-            erased: 0,
+            epoch: 0,
         }
     }
 
     /// Adds one scan.
-    pub fn integrate(&mut self, scan: &PosedScan) -> TerrainReport {
+    pub fn integrate(&mut self, scan: &RegisteredScan) -> TerrainReport {
         let pose = &scan.odom_from_base;
-        let (plane, ground_change) = self.ground.update(scan.stamp, pose);
-        if ground_change.is_some() {
+        let (plane, ground_plane_reset) = self.ground.update(scan.stamp, pose);
+        if ground_plane_reset.is_some() {
             self.erase_maps();
         }
         let elevation = self.elevation.integrate(scan, &plane);
@@ -48,7 +48,7 @@ impl Terrain {
             .update(&self.elevation, pose.translation.vector.xy().into());
         TerrainReport {
             elevation,
-            ground_change,
+            ground_plane_reset,
         }
     }
 
@@ -61,7 +61,7 @@ impl Terrain {
     fn erase_maps(&mut self) {
         self.elevation.erase();
         self.obstacle.erase();
-        self.erased += 1;
+        self.epoch += 1;
     }
 
     /// The plane that heights refer to; `None` before the first scan.
@@ -90,8 +90,8 @@ impl Terrain {
     }
 
     /// How often both maps were erased.
-    pub const fn erased(&self) -> u32 {
-        self.erased
+    pub const fn epoch(&self) -> u32 {
+        self.epoch
     }
 
     /// Memory of both maps, bytes.

@@ -10,7 +10,7 @@ pub struct VehicleShape {
     /// From the ground, or from its lowest point, up; metres.
     pub height_m: f64,
     /// Height of its lowest point above its base frame, metres; negative for a hull.
-    pub lowest_point_m: f64,
+    pub bottom_z_m: f64,
     /// Distance of the axles, metres.
     pub wheelbase_m: f64,
 }

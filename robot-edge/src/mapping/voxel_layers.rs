@@ -9,8 +9,8 @@ use super::inter_scan::InterScan;
 use super::intra_scan::IntraScan;
 use super::octree::{Octree, Ray, SurfaceHit};
 use super::octree_config::RangeSensorModel;
-use super::posed_scan::{BeamOutcome, PosedBeam, PosedScan};
 use super::radial_filter::RadialFilter;
+use super::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
 use super::shore_layer::ShoreLayer;
 use super::vehicle_shape::VehicleShape;
 use super::waterline::Waterline;
@@ -28,13 +28,13 @@ pub struct VoxelLayers {
     metrics: Metrics,
     weight: f32,
     cost: Option<CostMap>,
-    cost_due: Due,
+    cost_timer: UpdateTimer,
     shore: Option<ShoreLayer>,
-    shore_due: Due,
+    shore_timer: UpdateTimer,
     vehicle_in_odom: Point3<f64>,
     /// Of a boat.
     waterline: Option<Waterline>,
-    erased: u32,
+    epoch: u32,
 }
 
 /// Of each beam of the scan that is added, not-a-number where it has none.
@@ -61,7 +61,7 @@ pub struct VoxelReport {
 
 /// When something is done again, by the time of the data.
 #[derive(Clone, Copy, Debug)]
-struct Due {
+struct UpdateTimer {
     period: RobotDuration,
     last: Option<RobotTime>,
 }
@@ -87,20 +87,20 @@ impl VoxelLayers {
             cost: cost
                 .enabled
                 .then(|| CostMap::new(cost, &config.rigidity, vehicle, cell_m, config.threads)),
-            cost_due: Due::every(cost.period_s),
+            cost_timer: UpdateTimer::every(cost.period_s),
             shore: config
                 .shore
                 .enabled
                 .then(|| ShoreLayer::new(&config.shore, vehicle, cell_m)),
-            shore_due: Due::every(config.shore.period_s),
+            shore_timer: UpdateTimer::every(config.shore.period_s),
             vehicle_in_odom: Point3::origin(),
             waterline: (cost.enabled && cost.surface == Surface::Water).then(Waterline::default),
-            erased: 0,
+            epoch: 0,
         }
     }
 
     /// Adds one scan, and brings the maps made of the octree up to date where that is due.
-    pub fn integrate(&mut self, scan: &PosedScan) -> VoxelReport {
+    pub fn integrate(&mut self, scan: &RegisteredScan) -> VoxelReport {
         self.vehicle_in_odom = Point3::from(scan.odom_from_base.translation.vector);
         let model = self
             .sensors
@@ -114,7 +114,7 @@ impl VoxelLayers {
         }
         // What tells of vegetation is light; sound goes on in water.
         let waterline = self.waterline.filter(|_| model.has_metrics);
-        let end = |beam: &PosedBeam| match (beam.outcome, waterline) {
+        let end = |beam: &RegisteredBeam| match (beam.outcome, waterline) {
             (BeamOutcome::Miss, Some(waterline)) => {
                 waterline.end_of_miss(beam.origin_in_odom, beam.end_in_odom)
             }
@@ -131,10 +131,10 @@ impl VoxelLayers {
         let out_of_bounds = self.octree.integrate(scan.sensor, rays);
         if self.cost.is_some() {
             self.add_surfaces(scan, model);
-            if self.cost_due.is_due(scan.stamp) {
+            if self.cost_timer.is_due(scan.stamp) {
                 self.update_cost();
             }
-            if self.shore_due.is_due(scan.stamp) {
+            if self.shore_timer.is_due(scan.stamp) {
                 self.update_shore();
             }
         } else {
@@ -153,7 +153,7 @@ impl VoxelLayers {
             misses: scan.beams.len() as u32 - hits,
             isolated,
             out_of_bounds,
-            evicted_bricks: self.octree.keep_limit(self.vehicle_in_odom) as u32,
+            evicted_bricks: self.octree.enforce_memory_limit(self.vehicle_in_odom) as u32,
         }
     }
 
@@ -169,20 +169,20 @@ impl VoxelLayers {
         self.filter.reset();
         self.inter.reset();
         self.waterline = self.waterline.map(|_| Waterline::default());
-        self.cost_due.last = None;
-        self.shore_due.last = None;
+        self.cost_timer.last = None;
+        self.shore_timer.last = None;
         if let Some(cost) = &mut self.cost {
             cost.erase();
         }
         if let Some(shore) = &mut self.shore {
             shore.erase();
         }
-        self.erased += 1;
+        self.epoch += 1;
     }
 
     /// How often everything was forgotten.
-    pub const fn erased(&self) -> u32 {
-        self.erased
+    pub const fn epoch(&self) -> u32 {
+        self.epoch
     }
 
     /// The octree.
@@ -210,7 +210,7 @@ impl VoxelLayers {
         self.shore.as_mut()
     }
 
-    fn add_surfaces(&mut self, scan: &PosedScan, model: RangeSensorModel) {
+    fn add_surfaces(&mut self, scan: &RegisteredScan, model: RangeSensorModel) {
         let spread = libm::tan(0.5 * model.divergence_rad) as f32;
         let Metrics { intra, inter } = &mut self.metrics;
         if model.has_metrics {
@@ -251,7 +251,7 @@ impl VoxelLayers {
     }
 }
 
-impl Due {
+impl UpdateTimer {
     fn every(period_s: f64) -> Self {
         Self {
             period: RobotDuration::from_secs_f64(period_s),

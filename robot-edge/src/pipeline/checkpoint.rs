@@ -19,8 +19,8 @@ pub struct MapsCheckpoint {
     published_at: Option<RobotTime>,
     scans_unpublished: u32,
     report: MapsReport,
-    evictions_told: Option<RobotTime>,
-    shores_taken: u32,
+    evictions_reported_at: Option<RobotTime>,
+    shore_updates_taken: u32,
     last_scan: Option<RobotTime>,
     datum: Option<GeodeticPoint>,
 }
@@ -47,8 +47,8 @@ impl Maps {
             published_at: self.published_at,
             scans_unpublished: self.scans_unpublished,
             report: self.report.clone(),
-            evictions_told: self.evictions_told,
-            shores_taken: self.shores_taken,
+            evictions_reported_at: self.evictions_reported_at,
+            shore_updates_taken: self.shore_updates_taken,
             last_scan: self.last_scan,
             datum: self.datum,
         }
@@ -58,22 +58,22 @@ impl Maps {
     ///
     /// # Errors
     /// Where publishing stopped.
-    pub fn go_back(&mut self, checkpoint: &MapsCheckpoint) -> Result<(), PublishError> {
-        self.publisher.go_back(&checkpoint.publisher)?;
+    pub fn restore(&mut self, checkpoint: &MapsCheckpoint) -> Result<(), PublishError> {
+        self.publisher.restore(&checkpoint.publisher)?;
         self.mapper = checkpoint.mapper.clone();
         self.published_at = checkpoint.published_at;
         self.scans_unpublished = checkpoint.scans_unpublished;
         self.report = checkpoint.report.clone();
-        self.happenings.clear();
-        self.evictions_told = checkpoint.evictions_told;
-        self.shores_taken = checkpoint.shores_taken;
+        self.map_events.clear();
+        self.evictions_reported_at = checkpoint.evictions_reported_at;
+        self.shore_updates_taken = checkpoint.shore_updates_taken;
         self.last_scan = checkpoint.last_scan;
         self.datum = checkpoint.datum;
         Ok(())
     }
 
     /// Shores and docking sites where any were looked for, whether they were taken or not, and the stamp of the last scan.
-    pub fn known_shores(&self) -> Option<(RobotTime, Shores)> {
+    pub fn current_shores(&self) -> Option<(RobotTime, Shores)> {
         let is_known = self.mapper.voxels()?.shore()?.updates() > 0;
         Some((self.last_scan.filter(|_| is_known)?, self.shores()?))
     }

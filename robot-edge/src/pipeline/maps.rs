@@ -3,14 +3,14 @@
 use protocol::message::Shores;
 use protocol::tile::{BootId, TileKey};
 
-use super::{Happening, ScanObserver};
+use super::{MapEvent, ScanObserver};
 use crate::clock::Monotonic;
 use crate::config::Config;
 use crate::drops::{DropCounts, DropReason};
 use crate::localization::config::OnJump;
 use crate::localization::geodesy::GeodeticPoint;
-use crate::localization::placer::Placed;
 use crate::localization::pose_jump::PoseJump;
+use crate::localization::registration::RegistrationOutput;
 use crate::mapping::Mapper;
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::streaming::publisher::{PublishError, Publisher};
@@ -26,9 +26,9 @@ pub struct Maps {
     pub(super) scans_unpublished: u32,
     pub(super) report: MapsReport,
     pub(super) on_jump: OnJump,
-    pub(super) happenings: Vec<Happening>,
-    pub(super) evictions_told: Option<RobotTime>,
-    pub(super) shores_taken: u32,
+    pub(super) map_events: Vec<MapEvent>,
+    pub(super) evictions_reported_at: Option<RobotTime>,
+    pub(super) shore_updates_taken: u32,
     pub(super) last_scan: Option<RobotTime>,
     /// Where on Earth `odom` is, as far as that is known.
     pub(super) datum: Option<GeodeticPoint>,
@@ -50,12 +50,12 @@ pub struct MapsReport {
     /// Bricks that left the octree to keep its memory limit.
     pub evicted_bricks: u64,
     /// Time spent per scan in the layers, and per publication.
-    pub stages: Stages,
+    pub stages: StageTimers,
 }
 
 /// Where time goes.
 #[derive(Clone, Debug, Default)]
-pub struct Stages {
+pub struct StageTimers {
     /// Updating every layer, per scan.
     pub mapping: StageTimer,
     /// Turning changed cells into stored tiles, per publication.
@@ -63,7 +63,7 @@ pub struct Stages {
 }
 
 /// Least time between two tellings of evictions.
-const EVICTIONS_APART: RobotDuration = RobotDuration::from_nanos(10_000_000_000);
+const EVICTION_REPORT_INTERVAL: RobotDuration = RobotDuration::from_nanos(10_000_000_000);
 
 /// Scans after which is published, whatever their stamps say.
 const MAX_SCANS_UNPUBLISHED: u32 = 250;
@@ -79,7 +79,7 @@ impl Maps {
             config.vehicle.shape(),
             &config.range_models(),
         );
-        let publisher = Publisher::new(boot, config.streaming.store_mb, &mapper, encode)?;
+        let publisher = Publisher::new(boot, config.streaming.tile_store_mb, &mapper, encode)?;
         Ok(Self {
             mapper,
             publisher,
@@ -88,9 +88,9 @@ impl Maps {
             scans_unpublished: 0,
             report: MapsReport::default(),
             on_jump: config.localization.on_jump,
-            happenings: Vec::new(),
-            evictions_told: None,
-            shores_taken: 0,
+            map_events: Vec::new(),
+            evictions_reported_at: None,
+            shore_updates_taken: 0,
             last_scan: None,
             datum: None,
         })
@@ -102,13 +102,13 @@ impl Maps {
     /// Where publishing stopped.
     pub fn take(
         &mut self,
-        placed: &Placed,
+        placed: &RegistrationOutput,
         observer: &mut impl ScanObserver,
     ) -> Result<(), PublishError> {
         let scan = match placed {
-            Placed::Scan(scan) => scan,
-            Placed::Jump(jump) => {
-                self.jumped(jump);
+            RegistrationOutput::Scan(scan) => scan,
+            RegistrationOutput::Jump(jump) => {
+                self.on_pose_jump(jump);
                 return Ok(());
             }
         };
@@ -120,9 +120,9 @@ impl Maps {
         self.report.hits += map.hits;
         self.report.misses += map.misses;
         self.report.dropped_beams.merge(&map.dropped_beams);
-        self.tell_evictions(scan.stamp, map.evicted_bricks);
-        if let Some(change) = map.ground_change {
-            self.tell(change.stamp, "ground_plane", change.to_string());
+        self.report_evictions(scan.stamp, map.evicted_bricks);
+        if let Some(change) = map.ground_plane_reset {
+            self.add_event(change.stamp, "ground_plane", change.to_string());
         }
         observer.mapped(scan, &self.mapper);
         self.scans_unpublished += 1;
@@ -141,7 +141,7 @@ impl Maps {
     }
 
     /// A placed scan does not get into the maps, for this reason.
-    pub fn leave_out(&mut self, reason: DropReason) {
+    pub fn count_dropped(&mut self, reason: DropReason) {
         self.report.dropped_scans.add(reason);
     }
 
@@ -159,13 +159,13 @@ impl Maps {
         self.publish()
     }
 
-    /// Where on Earth the origin of `odom` lies, as [`BeamPlacer::datum`](crate::localization::placer::BeamPlacer::datum)
+    /// Where on Earth the origin of `odom` lies, as [`ScanRegistration::datum`](crate::localization::registration::ScanRegistration::datum)
     /// tells it: shores are told with it.
     pub const fn set_datum(&mut self, datum: Option<GeodeticPoint>) {
         self.datum = datum;
     }
 
-    fn jumped(&mut self, jump: &PoseJump) {
+    fn on_pose_jump(&mut self, jump: &PoseJump) {
         let maps = match self.on_jump {
             OnJump::Keep => "the maps were kept",
             OnJump::Reset => {
@@ -174,30 +174,34 @@ impl Maps {
             }
         };
         let message = format!("the poses jumped by {:.2} m: {maps}", jump.distance_m);
-        self.tell(jump.stamp, "pose_jump", message);
+        self.add_event(jump.stamp, "pose_jump", message);
     }
 
     /// Tells of bricks that left the octree, not more often than a person could read it.
-    fn tell_evictions(&mut self, stamp: RobotTime, bricks: u32) {
+    fn report_evictions(&mut self, stamp: RobotTime, bricks: u32) {
         if bricks == 0 {
             return;
         }
         self.report.evicted_bricks += u64::from(bricks);
-        let told = self.evictions_told.filter(|&told| told <= stamp);
-        if told.is_none_or(|told| stamp.since(told) >= EVICTIONS_APART) {
-            self.evictions_told = Some(stamp);
+        let reported_at = self
+            .evictions_reported_at
+            .filter(|&reported_at| reported_at <= stamp);
+        if reported_at
+            .is_none_or(|reported_at| stamp.since(reported_at) >= EVICTION_REPORT_INTERVAL)
+        {
+            self.evictions_reported_at = Some(stamp);
             let bricks = self.report.evicted_bricks;
             let message = format!(
                 "the octree is at its memory limit (mapping.octree.memory_limit_mb): {bricks} bricks farthest from the \
                  vehicle are gone so far"
             );
-            self.tell(stamp, "voxels_evicted", message);
+            self.add_event(stamp, "voxels_evicted", message);
         }
     }
 
-    fn tell(&mut self, stamp: RobotTime, kind: &'static str, message: String) {
+    fn add_event(&mut self, stamp: RobotTime, kind: &'static str, message: String) {
         tracing::info!(%stamp, kind, message);
-        self.happenings.push(Happening {
+        self.map_events.push(MapEvent {
             stamp,
             kind,
             message,
@@ -205,8 +209,8 @@ impl Maps {
     }
 
     /// What happened since the last call, in order.
-    pub fn take_happenings(&mut self) -> Vec<Happening> {
-        std::mem::take(&mut self.happenings)
+    pub fn take_map_events(&mut self) -> Vec<MapEvent> {
+        std::mem::take(&mut self.map_events)
     }
 
     fn publish(&mut self) -> Result<(), PublishError> {
@@ -243,7 +247,7 @@ impl Maps {
     /// Shores and docking sites if they were brought up to date since the last call, and the stamp of the last scan.
     pub fn take_shores(&mut self) -> Option<(RobotTime, Shores)> {
         let updates = self.mapper.voxels()?.shore()?.updates();
-        if std::mem::replace(&mut self.shores_taken, updates) == updates {
+        if std::mem::replace(&mut self.shore_updates_taken, updates) == updates {
             return None;
         }
         Some((self.last_scan?, self.shores()?))

@@ -11,7 +11,7 @@ use super::rosbag::{self, RosbagReader};
 use super::{RecordingError, RecordingReader, Selection};
 
 /// Bytes looked at; enough for the first 100 lines of most CARMEN logs.
-const LOOKED_AT_BYTES: u64 = 64 << 10;
+const DETECTION_BYTES: u64 = 64 << 10;
 
 const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
@@ -46,20 +46,20 @@ impl Format {
         }
         let mut beginning = Vec::new();
         File::open(path)
-            .and_then(|file| file.take(LOOKED_AT_BYTES).read_to_end(&mut beginning))
+            .and_then(|file| file.take(DETECTION_BYTES).read_to_end(&mut beginning))
             .map_err(io_error)?;
         if beginning.starts_with(GIT_LFS_POINTER) {
             return Err(RecordingError::GitLfsPointer {
                 path: path.to_owned(),
             });
         }
-        Self::of_beginning(&beginning).ok_or_else(|| RecordingError::UnknownFormat {
+        Self::from_prefix(&beginning).ok_or_else(|| RecordingError::UnknownFormat {
             path: path.to_owned(),
             begins_with: printable(&beginning),
         })
     }
 
-    fn of_beginning(beginning: &[u8]) -> Option<Self> {
+    fn from_prefix(beginning: &[u8]) -> Option<Self> {
         if beginning.starts_with(MCAP_MAGIC) {
             Some(Self::Mcap)
         } else if rosbag::is_rosbag(beginning) {
@@ -91,19 +91,19 @@ pub fn open(path: &Path, selection: Selection) -> Result<Box<dyn RecordingReader
 }
 
 /// Opens a recording whose survey found out from which range on its laser sees nothing although its messages
-/// do not say so ([`super::survey::scans::ScanSurvey::unsaid_miss_from_m`]): CARMEN's.
+/// do not say so ([`super::survey::scans::ScanSurvey::inferred_miss_range_m`]): CARMEN's.
 ///
 /// # Errors
 /// Those of [`open`].
 pub fn open_surveyed(
     path: &Path,
     selection: Selection,
-    unsaid_miss_from_m: Option<f32>,
+    inferred_miss_range_m: Option<f32>,
 ) -> Result<Box<dyn RecordingReader>, RecordingError> {
     Ok(match Format::of(path)? {
         Format::Carmen => {
             let reader = CarmenReader::open(path, selection)?;
-            Box::new(match unsaid_miss_from_m {
+            Box::new(match inferred_miss_range_m {
                 Some(range_m) => reader.with_laser_range_max_m(range_m),
                 None => reader,
             })
@@ -131,7 +131,7 @@ mod tests {
     fn formats_are_told_by_their_first_bytes() {
         let check = |beginning: &[u8], expected| {
             assert_eq!(
-                Format::of_beginning(beginning),
+                Format::from_prefix(beginning),
                 expected,
                 "{}",
                 printable(beginning)

@@ -81,11 +81,11 @@ impl Messages {
                 for part in parts {
                     match part {
                         Ok(decoded) => self.take_decoded(stream, log_time, decoded),
-                        Err(err) => self.lose_message(stream, err),
+                        Err(err) => self.count_lost_message(stream, err),
                     }
                 }
             }
-            Err(err) => self.lose_message(stream, err),
+            Err(err) => self.count_lost_message(stream, err),
         }
     }
 
@@ -122,7 +122,11 @@ impl Messages {
     ) {
         // A message without a stamp happened when its neighbours did, on *their* clock.
         let Some(stamp) = decoded.stamp.or(self.newest_stamp).or(log_time) else {
-            return self.lose(stream, DropReason::BadStamp, &"nothing says when it was");
+            return self.count_loss(
+                stream,
+                DropReason::BadStamp,
+                &"it has no time: neither a stamp nor a log time",
+            );
         };
         self.newest_stamp = self.newest_stamp.max(decoded.stamp);
         self.ready.push_back(Measurement {
@@ -133,11 +137,11 @@ impl Messages {
         });
     }
 
-    fn lose_message(&mut self, stream: StreamId, err: DecodeError) {
-        self.lose(stream, err.reason(), &err);
+    fn count_lost_message(&mut self, stream: StreamId, err: DecodeError) {
+        self.count_loss(stream, err.reason(), &err);
     }
 
-    fn lose(&mut self, stream: StreamId, reason: DropReason, why: &dyn std::fmt::Display) {
+    fn count_loss(&mut self, stream: StreamId, reason: DropReason, why: &dyn std::fmt::Display) {
         let Some(summary) = self.streams.get(usize::from(stream.0)) else {
             return;
         };

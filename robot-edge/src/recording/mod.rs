@@ -12,7 +12,7 @@ use crate::robot_time::RobotTime;
 
 pub mod carmen;
 #[cfg(test)]
-mod damage_check;
+mod corruption_tests;
 mod format;
 mod loss_log;
 pub mod mcap;
@@ -20,8 +20,8 @@ pub(crate) mod messages;
 pub mod rosbag;
 #[cfg(test)]
 pub(crate) mod shared_data;
-pub mod stamp_order;
 pub mod survey;
+pub mod time_sequencer;
 pub mod writer;
 
 pub use format::{Format, open, open_surveyed};

@@ -10,7 +10,7 @@ use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
 
 use super::mcap::{METADATA_NAME, VEHICLE_KEY};
-use crate::free_space::{Space, SpaceOf};
+use crate::free_space::{DiskSpace, DiskSpaceFn};
 use crate::measurement::{Measurement, Stream};
 use crate::new_file::{self, NewFile};
 use crate::ros::{self, MessageType};
@@ -43,19 +43,19 @@ pub enum WriteError {
         /// Which file.
         path: PathBuf,
         /// What is left.
-        space: Space,
+        space: DiskSpace,
     },
 }
 
 /// A recording's file, to have it synced by whoever may wait for that.
 #[derive(Clone, Debug)]
-pub struct OnDisk(Arc<NewFile>);
+pub struct RecordingFile(Arc<NewFile>);
 
 /// Writes one file: chunks with checksums, an index at the end. The same input gives the same bytes.
 pub struct McapWriter {
     writer: mcap::Writer<BufWriter<File>>,
     /// The same file.
-    on_disk: OnDisk,
+    on_disk: RecordingFile,
     /// By topic and type: channel, and messages written.
     channels: BTreeMap<(String, &'static str), (u16, u32)>,
     not_written: u64,
@@ -92,7 +92,7 @@ impl McapWriter {
         }
         Ok(Self {
             writer,
-            on_disk: OnDisk(Arc::new(same)),
+            on_disk: RecordingFile(Arc::new(same)),
             channels: BTreeMap::new(),
             not_written: 0,
         })
@@ -135,16 +135,16 @@ impl McapWriter {
     /// # Errors
     /// Where the disk fails.
     pub fn flush(&mut self) -> Result<(), WriteError> {
-        self.hand_over()?;
+        self.flush_to_os()?;
         self.on_disk.sync()
     }
 
-    /// Closes the chunk and hands all of it to the system, which puts it on the disk in its own time, or as [`OnDisk::sync`]
+    /// Closes the chunk and hands all of it to the system, which puts it on the disk in its own time, or as [`RecordingFile::sync`]
     /// demands.
     ///
     /// # Errors
     /// Where the system refuses.
-    pub fn hand_over(&mut self) -> Result<(), WriteError> {
+    pub fn flush_to_os(&mut self) -> Result<(), WriteError> {
         self.writer.flush().map_err(|source| WriteError::Mcap {
             path: self.path().to_owned(),
             source,
@@ -152,7 +152,7 @@ impl McapWriter {
     }
 
     /// The file, for another thread to sync.
-    pub fn on_disk(&self) -> OnDisk {
+    pub fn on_disk(&self) -> RecordingFile {
         self.on_disk.clone()
     }
 
@@ -187,7 +187,7 @@ impl McapWriter {
     }
 }
 
-impl OnDisk {
+impl RecordingFile {
     /// Waits until all that was handed to the system is on the disk: it survives a power cut.
     ///
     /// # Errors
@@ -200,8 +200,8 @@ impl OnDisk {
     ///
     /// # Errors
     /// Where the disk is nearly full.
-    pub fn check_space(&self, space_of: SpaceOf) -> Result<(), WriteError> {
-        self.0.scarce_space(space_of).map_or(Ok(()), |space| {
+    pub fn check_space(&self, disk_space: DiskSpaceFn) -> Result<(), WriteError> {
+        self.0.low_space(disk_space).map_or(Ok(()), |space| {
             Err(WriteError::DiskLow {
                 path: self.0.path.clone(),
                 space,

@@ -7,10 +7,10 @@ pub const MAX_MARKS: usize = 500;
 
 /// Something that happened at a time of the data.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Mark {
+pub struct TimelineMark {
     /// When, from the first scan.
     pub at: RobotDuration,
-    /// What, in one word: those of [`crate::pipeline::Happening`], `gap`, `clock` and `loss`.
+    /// What, in one word: those of [`crate::pipeline::MapEvent`], `gap`, `clock` and `loss`.
     pub kind: &'static str,
     /// What, in a sentence.
     pub message: String,
@@ -18,15 +18,15 @@ pub struct Mark {
 
 /// Marks in the order of the data, each once however often it is replayed.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Marks(Vec<Mark>);
+pub(super) struct TimelineMarks(Vec<TimelineMark>);
 
-impl Marks {
-    pub(super) fn all(&self) -> &[Mark] {
+impl TimelineMarks {
+    pub(super) fn all(&self) -> &[TimelineMark] {
         &self.0
     }
 
     /// Whether it is not known yet: replaying is deterministic, so that what happens again is the same.
-    pub(super) fn add(&mut self, mark: Mark) -> bool {
+    pub(super) fn add(&mut self, mark: TimelineMark) -> bool {
         let place = self.0.partition_point(|known| known.at < mark.at);
         let of_the_time = self.0[place..]
             .iter()
@@ -45,8 +45,8 @@ impl Marks {
 mod tests {
     use super::*;
 
-    fn mark(s: i64, kind: &'static str) -> Mark {
-        Mark {
+    fn mark(s: i64, kind: &'static str) -> TimelineMark {
+        TimelineMark {
             at: RobotDuration::from_millis(1000 * s),
             kind,
             message: format!("{kind} at {s}"),
@@ -55,7 +55,7 @@ mod tests {
 
     #[test]
     fn a_mark_is_kept_once_and_in_its_place() {
-        let mut marks = Marks::default();
+        let mut marks = TimelineMarks::default();
         for (mark, is_new) in [
             (mark(5, "gap"), true),
             (mark(9, "gap"), true),
@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn marks_are_bounded() {
-        let mut marks = Marks::default();
+        let mut marks = TimelineMarks::default();
         for s in 0..1000 {
             marks.add(mark(s, "gap"));
         }

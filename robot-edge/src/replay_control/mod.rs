@@ -1,7 +1,7 @@
 //! Who replays a recording pauses it, winds it and changes its speed: a handle that both sides share.
 //!
 //! One side says what is wanted and looks at how far it is; the other ([`crate::app::play`]) maps. The map that is
-//! published is at every moment the map of the recording from its start to [`ReplaySight::position`]: winding back begins
+//! published is at every moment the map of the recording from its start to [`ReplayStatus::position`]: winding back begins
 //! it anew, and so does a round.
 
 mod marks;
@@ -15,16 +15,16 @@ use crate::clock::Monotonic;
 use crate::pacer::Rate;
 use crate::robot_time::RobotDuration;
 
-pub use marks::{MAX_MARKS, Mark};
+pub use marks::{MAX_MARKS, TimelineMark};
 pub(crate) use rate_meter::RateMeter;
-pub(crate) use trail::Trail;
+pub(crate) use trail::ReplayTrail;
 
-use marks::Marks;
+use marks::TimelineMarks;
 
 /// Slowest and fastest multiple of the recording's own speed.
 pub const RATES: [f64; 2] = [0.1, 20.0];
 /// Whoever waits for a wish looks up at least this often: an interrupt wakes nobody.
-const LONGEST_WAIT: Duration = Duration::from_millis(50);
+const MAX_WAIT: Duration = Duration::from_millis(50);
 
 /// Pauses, winds and paces a replay, and says how far it is. Clones are handles of the same replay.
 #[derive(Clone, Debug)]
@@ -34,23 +34,23 @@ pub struct ReplayControl(Arc<Inner>);
 struct Inner {
     state: Mutex<State>,
     /// Something else is wanted.
-    called: Condvar,
+    changed: Condvar,
 }
 
 #[derive(Debug)]
 struct State {
-    wishes: Wishes,
-    progress: Progress,
+    commands: ReplayCommands,
+    progress: ReplayProgress,
     rate_reached: Option<f64>,
     length: Option<Length>,
-    marks: Marks,
-    trail: Trail,
-    rounds: u64,
+    marks: TimelineMarks,
+    trail: ReplayTrail,
+    restarts: u64,
 }
 
 /// What is wanted of a replay.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Wishes {
+pub(crate) struct ReplayCommands {
     /// It stands still where it is, or where it was wound to.
     pub(crate) is_paused: bool,
     /// How fast it goes.
@@ -63,7 +63,7 @@ pub(crate) struct Wishes {
 
 /// How far a replay is, as who replays tells it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Progress {
+pub(crate) struct ReplayProgress {
     /// The recording is being looked through; nothing is mapped yet.
     pub(crate) is_opening: bool,
     /// Time of the data that is in the map, from the first scan.
@@ -105,7 +105,7 @@ pub struct Length {
 
 /// How a replay is going.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ReplaySight {
+pub struct ReplayStatus {
     /// What it is doing.
     pub state: ReplayState,
     /// Time of the data that is in the map, from the first scan.
@@ -124,9 +124,9 @@ pub struct ReplaySight {
     /// `robot-edge replay --duration` with the position.
     pub is_settled: bool,
     /// What happened in the part that was replayed so far, in the order of the recording.
-    pub marks: Vec<Mark>,
+    pub marks: Vec<TimelineMark>,
     /// How often the maps began anew or went back.
-    pub rounds: u64,
+    pub restarts: u64,
 }
 
 impl ReplayControl {
@@ -134,13 +134,13 @@ impl ReplayControl {
     pub fn new(rate: Rate) -> Self {
         Self(Arc::new(Inner {
             state: Mutex::new(State {
-                wishes: Wishes {
+                commands: ReplayCommands {
                     is_paused: false,
                     rate: within_limits(rate),
                     is_looping: false,
                     seek: None,
                 },
-                progress: Progress {
+                progress: ReplayProgress {
                     is_opening: true,
                     position: RobotDuration::ZERO,
                     seeking: None,
@@ -149,78 +149,78 @@ impl ReplayControl {
                 },
                 rate_reached: None,
                 length: None,
-                marks: Marks::default(),
-                trail: Trail::default(),
-                rounds: 0,
+                marks: TimelineMarks::default(),
+                trail: ReplayTrail::default(),
+                restarts: 0,
             }),
-            called: Condvar::new(),
+            changed: Condvar::new(),
         }))
     }
 
     /// Goes on; at the end, from the beginning.
     pub fn play(&self) {
-        self.wish(|state| {
-            state.wishes.is_paused = false;
-            if state.progress.has_ended && state.wishes.seek.is_none() {
-                state.wishes.seek = Some(RobotDuration::ZERO);
+        self.update(|state| {
+            state.commands.is_paused = false;
+            if state.progress.has_ended && state.commands.seek.is_none() {
+                state.commands.seek = Some(RobotDuration::ZERO);
             }
         });
     }
 
     /// Stands still.
     pub fn pause(&self) {
-        self.wish(|state| state.wishes.is_paused = true);
+        self.update(|state| state.commands.is_paused = true);
     }
 
     /// Goes on at this rate. Multiples are kept within [`RATES`].
     pub fn set_rate(&self, rate: Rate) {
-        self.wish(|state| state.wishes.rate = within_limits(rate));
+        self.update(|state| state.commands.rate = within_limits(rate));
     }
 
     /// Whether to begin anew at the end.
     pub fn set_looping(&self, is_looping: bool) {
-        self.wish(|state| state.wishes.is_looping = is_looping);
+        self.update(|state| state.commands.is_looping = is_looping);
     }
 
     /// Winds to this time of the data, from the first scan, and there goes on or stands still as before. What stood at
     /// the end stands still there, too: an earlier moment can be looked at for as long as one likes.
     pub fn seek(&self, to: RobotDuration) {
-        self.wish(|state| state.seek(to));
+        self.update(|state| state.seek(to));
     }
 
     /// Winds on, or back where negative, from where it is or is being wound to.
     pub fn step(&self, by: RobotDuration) {
-        self.wish(|state| {
-            let seeking = state.wishes.seek.or(state.progress.seeking);
+        self.update(|state| {
+            let seeking = state.commands.seek.or(state.progress.seeking);
             state.seek(seeking.unwrap_or(state.progress.position) + by);
         });
     }
 
     /// How it is going.
-    pub fn sight(&self) -> ReplaySight {
+    pub fn status(&self) -> ReplayStatus {
         let state = self.lock();
         let State {
-            wishes, progress, ..
+            commands, progress, ..
         } = *state;
-        let now = match wishes.seek.or(progress.seeking) {
+        let now = match commands.seek.or(progress.seeking) {
             _ if progress.is_opening => ReplayState::Opening,
             Some(to) => ReplayState::Seeking { to },
             None if progress.has_ended => ReplayState::Ended,
-            None if wishes.is_paused => ReplayState::Paused,
+            None if commands.is_paused => ReplayState::Paused,
             None => ReplayState::Playing,
         };
         let is_going = matches!(now, ReplayState::Playing | ReplayState::Seeking { .. });
-        ReplaySight {
+        ReplayStatus {
             state: now,
             position: progress.position,
             length: state.length,
-            rate: wishes.rate,
+            rate: commands.rate,
             rate_reached: state.rate_reached.filter(|_| is_going),
-            is_paused: wishes.is_paused,
-            is_looping: wishes.is_looping,
+            is_paused: commands.is_paused,
+            is_looping: commands.is_looping,
             is_settled: progress.is_settled && !is_going,
             marks: state.marks.all().to_vec(),
-            rounds: state.rounds,
+            restarts: state.restarts,
         }
     }
 
@@ -230,21 +230,21 @@ impl ReplayControl {
         self.lock().trail.newer_than(known)
     }
 
-    fn wish(&self, change: impl FnOnce(&mut State)) {
+    fn update(&self, change: impl FnOnce(&mut State)) {
         change(&mut self.lock());
-        self.0.called.notify_all();
+        self.0.changed.notify_all();
     }
 
     /// What is wanted now. Where to wind to is said once.
-    pub(crate) fn take_wishes(&self) -> Wishes {
+    pub(crate) fn take_commands(&self) -> ReplayCommands {
         let mut state = self.lock();
-        let wishes = state.wishes;
-        if let Some(to) = state.wishes.seek.take() {
+        let commands = state.commands;
+        if let Some(to) = state.commands.seek.take() {
             // Or there would be a moment in which nobody knows of it.
             state.progress.seeking = Some(to);
             state.progress.has_ended = false;
         }
-        wishes
+        commands
     }
 
     /// Sleeps until `deadline`, or until something else is wanted than was taken with `known`; whether the deadline was
@@ -252,16 +252,16 @@ impl ReplayControl {
     pub(crate) fn sleep_until(
         &self,
         deadline: Monotonic,
-        known: Wishes,
+        known: ReplayCommands,
         is_interrupted: impl Fn() -> bool,
     ) -> bool {
-        let known = Wishes {
+        let known = ReplayCommands {
             seek: None,
             ..known
         };
         let mut state = self.lock();
         loop {
-            if state.wishes != known || is_interrupted() {
+            if state.commands != known || is_interrupted() {
                 return false;
             }
             let rest = deadline.since(Monotonic::now());
@@ -270,22 +270,22 @@ impl ReplayControl {
             }
             let woken = self
                 .0
-                .called
-                .wait_timeout(state, rest.min(LONGEST_WAIT))
+                .changed
+                .wait_timeout(state, rest.min(MAX_WAIT))
                 .unwrap_or_else(PoisonError::into_inner);
             state = woken.0;
         }
     }
 
     /// Tells how far it is.
-    pub(crate) fn tell(&self, progress: Progress, rate_reached: Option<f64>) {
+    pub(crate) fn report_progress(&self, progress: ReplayProgress, rate_reached: Option<f64>) {
         let mut state = self.lock();
         state.progress = progress;
         state.rate_reached = rate_reached;
     }
 
     /// Tells how long the recording is. A guess gives way to what is known.
-    pub(crate) fn tell_length(&self, length: Length) {
+    pub(crate) fn set_length(&self, length: Length) {
         let mut state = self.lock();
         let is_known = state.length.is_some_and(|known| !known.is_estimate);
         if !(is_known && length.is_estimate) {
@@ -294,31 +294,31 @@ impl ReplayControl {
     }
 
     /// Tells that the maps began anew.
-    pub(crate) fn begin_anew(&self) {
+    pub(crate) fn restart(&self) {
         let mut state = self.lock();
-        state.rounds += 1;
-        state.trail.begin_anew();
+        state.restarts += 1;
+        state.trail.restart();
     }
 
     /// Tells that the maps went back to where this trail was taken.
-    pub(crate) fn go_back(&self, trail: &Trail) {
+    pub(crate) fn restore(&self, trail: &ReplayTrail) {
         let mut state = self.lock();
-        state.rounds += 1;
-        state.trail.go_back(trail);
+        state.restarts += 1;
+        state.trail.restore(trail);
     }
 
     /// The trail so far.
-    pub(crate) fn trail_so_far(&self) -> Trail {
+    pub(crate) fn trail_snapshot(&self) -> ReplayTrail {
         self.lock().trail.clone()
     }
 
     /// The vehicle was here, metres in `odom`.
-    pub(crate) fn pass(&self, point_m: [f64; 2]) {
-        self.lock().trail.pass(point_m);
+    pub(crate) fn add_point(&self, point_m: [f64; 2]) {
+        self.lock().trail.add_point(point_m);
     }
 
     /// Keeps a mark; whether it is a new one, and not the same as in an earlier round.
-    pub(crate) fn mark(&self, mark: Mark) -> bool {
+    pub(crate) fn mark(&self, mark: TimelineMark) -> bool {
         self.lock().marks.add(mark)
     }
 
@@ -339,12 +339,12 @@ impl State {
         let to = to.clamp(RobotDuration::ZERO, end.max(RobotDuration::ZERO));
         // What is wound already, or begins anew, does not stand there.
         let stands_at_end =
-            self.progress.has_ended && self.wishes.seek.is_none() && !self.wishes.is_looping;
+            self.progress.has_ended && self.commands.seek.is_none() && !self.commands.is_looping;
         if stands_at_end && to >= self.progress.position {
             return;
         }
-        self.wishes.is_paused |= stands_at_end;
-        self.wishes.seek = Some(to);
+        self.commands.is_paused |= stands_at_end;
+        self.commands.seek = Some(to);
     }
 }
 

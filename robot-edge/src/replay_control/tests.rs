@@ -7,8 +7,8 @@ const fn ms(ms: i64) -> RobotDuration {
 /// A replay that is at `position`.
 fn at(position: RobotDuration, has_ended: bool) -> ReplayControl {
     let control = ReplayControl::new(Rate::Times(1.0));
-    control.tell(
-        Progress {
+    control.report_progress(
+        ReplayProgress {
             is_opening: false,
             position,
             seeking: None,
@@ -17,7 +17,7 @@ fn at(position: RobotDuration, has_ended: bool) -> ReplayControl {
         },
         Some(0.98),
     );
-    control.tell_length(Length {
+    control.set_length(Length {
         duration: ms(116_000),
         is_estimate: false,
     });
@@ -27,24 +27,24 @@ fn at(position: RobotDuration, has_ended: bool) -> ReplayControl {
 #[test]
 fn what_is_wanted_is_seen_at_once() {
     let control = ReplayControl::new(Rate::Times(1.0));
-    assert_eq!(control.sight().state, ReplayState::Opening);
+    assert_eq!(control.status().state, ReplayState::Opening);
     let control = at(ms(5_000), false);
-    let sight = control.sight();
-    assert_eq!(sight.state, ReplayState::Playing);
-    assert_eq!(sight.rate_reached, Some(0.98));
+    let status = control.status();
+    assert_eq!(status.state, ReplayState::Playing);
+    assert_eq!(status.rate_reached, Some(0.98));
     control.pause();
-    let sight = control.sight();
+    let status = control.status();
     assert_eq!(
-        (sight.state, sight.rate_reached),
+        (status.state, status.rate_reached),
         (ReplayState::Paused, None)
     );
-    assert!(!sight.is_settled, "nobody has stopped yet");
+    assert!(!status.is_settled, "nobody has stopped yet");
     control.seek(ms(60_000));
     let to = ms(60_000);
-    assert_eq!(control.sight().state, ReplayState::Seeking { to });
-    assert_eq!(control.take_wishes().seek, Some(to));
-    assert_eq!(control.take_wishes().seek, None);
-    assert_eq!(control.sight().state, ReplayState::Seeking { to });
+    assert_eq!(control.status().state, ReplayState::Seeking { to });
+    assert_eq!(control.take_commands().seek, Some(to));
+    assert_eq!(control.take_commands().seek, None);
+    assert_eq!(control.status().state, ReplayState::Seeking { to });
 }
 
 #[test]
@@ -53,12 +53,12 @@ fn steps_add_up_and_stay_within_the_recording() {
     for (by, to) in [(1, 6), (10, 16), (-1, 15), (-100, 0), (1, 1), (500, 116)] {
         control.step(ms(1000 * by));
         let to = ms(1000 * to);
-        assert_eq!(control.sight().state, ReplayState::Seeking { to });
+        assert_eq!(control.status().state, ReplayState::Seeking { to });
     }
-    control.take_wishes();
+    control.take_commands();
     control.step(ms(-1000));
     assert_eq!(
-        control.take_wishes().seek,
+        control.take_commands().seek,
         Some(ms(115_000)),
         "while it is wound"
     );
@@ -67,16 +67,16 @@ fn steps_add_up_and_stay_within_the_recording() {
 #[test]
 fn who_plays_at_the_end_begins_anew() {
     let control = at(ms(116_000), true);
-    assert_eq!(control.sight().state, ReplayState::Ended);
-    assert!(control.sight().is_settled);
+    assert_eq!(control.status().state, ReplayState::Ended);
+    assert!(control.status().is_settled);
     control.play();
-    assert_eq!(control.take_wishes().seek, Some(ms(0)));
+    assert_eq!(control.take_commands().seek, Some(ms(0)));
 
     let paused = at(ms(5_000), false);
     paused.pause();
     paused.play();
-    assert_eq!(paused.take_wishes().seek, None);
-    assert_eq!(paused.sight().state, ReplayState::Playing);
+    assert_eq!(paused.take_commands().seek, None);
+    assert_eq!(paused.status().state, ReplayState::Playing);
 }
 
 #[test]
@@ -86,22 +86,22 @@ fn what_is_wound_from_the_end_stands_still_unless_it_was_to_go_on() {
         let control = at(end, true);
         prepare(&control);
         control.step(ms(-1000));
-        let wishes = control.take_wishes();
-        (wishes.is_paused, wishes.seek)
+        let commands = control.take_commands();
+        (commands.is_paused, commands.seek)
     };
     assert_eq!(wound(|_| {}), (true, Some(ms(115_000))));
     // There is nothing behind the end.
     let behind = at(end, true);
     behind.step(ms(1000));
-    assert_eq!(behind.sight().state, ReplayState::Ended);
-    assert!(!behind.sight().is_paused, "it would not go round any more");
+    assert_eq!(behind.status().state, ReplayState::Ended);
+    assert!(!behind.status().is_paused, "it would not go round any more");
     // Round it goes in any case, and who plays it has not let it stand.
     let loops = wound(|control| control.set_looping(true));
     assert_eq!(loops, (false, Some(ms(115_000))));
     assert_eq!(wound(ReplayControl::play), (false, Some(ms(0))));
     let playing = at(ms(5_000), false);
     playing.seek(end);
-    assert!(!playing.take_wishes().is_paused);
+    assert!(!playing.take_commands().is_paused);
 }
 
 #[test]
@@ -109,16 +109,16 @@ fn rates_are_kept_within_their_limits() {
     let control = at(ms(0), false);
     for (wanted, kept) in [(0.01, 0.1), (0.25, 0.25), (20.0, 20.0), (1e9, 20.0)] {
         control.set_rate(Rate::Times(wanted));
-        assert_eq!(control.sight().rate, Rate::Times(kept));
+        assert_eq!(control.status().rate, Rate::Times(kept));
     }
     control.set_rate(Rate::Max);
-    assert_eq!(control.sight().rate, Rate::Max);
+    assert_eq!(control.status().rate, Rate::Max);
 }
 
 #[test]
 fn a_wish_wakes_who_sleeps() {
     let control = at(ms(0), false);
-    let known = control.take_wishes();
+    let known = control.take_commands();
     let far = Monotonic::now() + Duration::from_hours(1);
     let sleeper = std::thread::spawn({
         let control = control.clone();
@@ -126,7 +126,7 @@ fn a_wish_wakes_who_sleeps() {
     });
     control.pause();
     assert!(!sleeper.join().unwrap());
-    let (now, known) = (Monotonic::now(), control.take_wishes());
+    let (now, known) = (Monotonic::now(), control.take_commands());
     assert!(control.sleep_until(now, known, || false));
     assert!(!control.sleep_until(far, known, || true), "interrupted");
 }
@@ -138,14 +138,14 @@ fn a_guess_of_the_length_gives_way_to_what_is_known() {
         duration: ms(1000 * s),
         is_estimate,
     };
-    control.tell_length(length(100, true));
+    control.set_length(length(100, true));
     control.seek(ms(500_000));
     assert_eq!(
-        control.take_wishes().seek,
+        control.take_commands().seek,
         Some(ms(500_000)),
         "it may be longer"
     );
-    control.tell_length(length(120, false));
-    control.tell_length(length(90, true));
-    assert_eq!(control.sight().length, Some(length(120, false)));
+    control.set_length(length(120, false));
+    control.set_length(length(90, true));
+    assert_eq!(control.status().length, Some(length(120, false)));
 }

@@ -8,14 +8,14 @@ const MAX_POINTS: usize = 20_000;
 
 /// Where the vehicle was.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Trail {
+pub(crate) struct ReplayTrail {
     points_m: Vec<[f64; 2]>,
     step_m: f64,
     /// Changes with every point.
     version: u64,
 }
 
-impl Default for Trail {
+impl Default for ReplayTrail {
     fn default() -> Self {
         Self {
             points_m: Vec::new(),
@@ -25,9 +25,9 @@ impl Default for Trail {
     }
 }
 
-impl Trail {
+impl ReplayTrail {
     /// The vehicle was here.
-    pub(super) fn pass(&mut self, point_m: [f64; 2]) {
+    pub(super) fn add_point(&mut self, point_m: [f64; 2]) {
         let is_far = self.points_m.last().is_none_or(|last| {
             let [dx, dy] = [point_m[0] - last[0], point_m[1] - last[1]];
             dx * dx + dy * dy >= self.step_m * self.step_m
@@ -48,14 +48,14 @@ impl Trail {
     }
 
     /// The data begins anew.
-    pub(super) fn begin_anew(&mut self) {
+    pub(super) fn restart(&mut self) {
         self.points_m.clear();
         self.step_m = STEP_M;
         self.version += 1;
     }
 
     /// The data goes on where `then` was taken.
-    pub(super) fn go_back(&mut self, then: &Self) {
+    pub(super) fn restore(&mut self, then: &Self) {
         let version = self.version + 1;
         self.clone_from(then);
         self.version = version;
@@ -73,25 +73,25 @@ mod tests {
 
     #[test]
     fn a_trail_is_bounded_and_known_once() {
-        let mut trail = Trail::default();
+        let mut trail = ReplayTrail::default();
         assert_eq!(trail.newer_than(0), None);
         for x in 0..3 {
-            trail.pass([0.06 * f64::from(x), 0.0]);
+            trail.add_point([0.06 * f64::from(x), 0.0]);
         }
         let (version, points_m) = trail.newer_than(0).unwrap();
         assert_eq!(points_m, [[0.0, 0.0], [0.12, 0.0]]);
         assert_eq!(trail.newer_than(version), None);
         for x in 1..100_000 {
-            trail.pass([f64::from(x), 0.0]);
+            trail.add_point([f64::from(x), 0.0]);
             assert!(trail.points_m.len() <= MAX_POINTS);
         }
         assert_eq!(trail.points_m.first(), Some(&[0.0, 0.0]));
         let then = trail.clone();
-        trail.begin_anew();
-        trail.go_back(&then);
+        trail.restart();
+        trail.restore(&then);
         let (newer, points_m) = trail.newer_than(then.version).unwrap();
         assert_eq!(Some((then.version, points_m)), then.newer_than(0));
-        trail.begin_anew();
+        trail.restart();
         assert!(trail.newer_than(newer).is_some());
         let (_, points_m) = trail.newer_than(version).unwrap();
         assert_eq!(points_m, [[0.0; 2]; 0]);

@@ -89,10 +89,7 @@ fn frame_id(name: &str) -> FrameId {
     name.strip_prefix('/').unwrap_or(name).into()
 }
 
-fn laser_scan(
-    fields: &mut Cursor<'_>,
-    several_echoes: bool,
-) -> Result<MeasurementData, DecodeError> {
+fn laser_scan(fields: &mut Cursor<'_>, multi_echo: bool) -> Result<MeasurementData, DecodeError> {
     let angle_min_rad = fields.f32()?;
     let _angle_max = fields.f32()?;
     let angle_increment_rad = fields.f32()?;
@@ -104,7 +101,7 @@ fn laser_scan(
         time_increment_s,
         range_min_m: fields.f32()?,
         range_max_m: fields.f32()?,
-        ranges_m: if several_echoes {
+        ranges_m: if multi_echo {
             first_echoes(fields)?
         } else {
             fields.f32_sequence()?

@@ -50,7 +50,7 @@ impl Bumper {
     ///
     /// Where something is in its body already, because that moved or because the body came down on it, it can move
     /// to where it is no deeper.
-    pub fn lets_pass(&self, from: &Pose, to: &Pose, time_s: f64) -> bool {
+    pub fn allows_motion(&self, from: &Pose, to: &Pose, time_s: f64) -> bool {
         let is_no_deeper = || self.depth_m(to, time_s) <= self.depth_m(from, time_s) + NO_DEEPER_M;
         !self.touches(to, time_s) || (self.touches(from, time_s) && is_no_deeper())
     }

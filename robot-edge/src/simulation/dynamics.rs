@@ -27,14 +27,19 @@ pub struct Momentum {
 }
 
 impl Drive {
-    /// What becomes of `momentum` while the vehicle is told `told` for `duration_s`, a few milliseconds.
-    pub fn after(&self, momentum: Momentum, told: CommandedVelocity, duration_s: f64) -> Momentum {
+    /// What becomes of `momentum` while the vehicle is told `command` for `duration_s`, a few milliseconds.
+    pub fn after(
+        &self,
+        momentum: Momentum,
+        command: CommandedVelocity,
+        duration_s: f64,
+    ) -> Momentum {
         match self {
             Self::Wheels(wheels) => Momentum {
-                velocity: wheels.after(momentum.velocity, told, duration_s),
+                velocity: wheels.after(momentum.velocity, command, duration_s),
                 ..Momentum::default()
             },
-            Self::Thrusters(thrusters) => thrusters.after(momentum, told, duration_s),
+            Self::Thrusters(thrusters) => thrusters.after(momentum, command, duration_s),
         }
     }
 }

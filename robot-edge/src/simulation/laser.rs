@@ -1,12 +1,12 @@
 //! A planar laser or sonar: where its beams point and when, and how its readings err.
 
-mod footprint;
+mod beam_footprint;
 
 use nalgebra::{Point3, Vector3};
 
 use crate::pose::Pose;
 use crate::scan::Scan;
-use crate::simulation::laser::footprint::Footprint;
+use crate::simulation::laser::beam_footprint::BeamFootprint;
 use crate::simulation::noise::NoiseStream;
 use crate::simulation::scene::Scene;
 
@@ -181,7 +181,7 @@ impl PlanarLaser {
                 if noise.dropout.uniform() < errors.dropout {
                     return f32::NAN;
                 }
-                let footprint = Footprint {
+                let footprint = BeamFootprint {
                     scene,
                     origin: Point3::from(world_from_laser.translation.vector),
                     axis: world_from_laser.rotation * self.direction(beam),

@@ -7,7 +7,7 @@ mod support;
 
 use std::sync::Arc;
 
-pub use driven::{Collisions, Helm};
+pub use driven::{Collisions, DriveModel};
 
 use crate::pose::Pose;
 use crate::simulation::bumper::Bumper;
@@ -94,7 +94,7 @@ impl Motion {
     /// The vehicle's pose.
     ///
     /// On the path: before its beginning that at its start, after its end that at its end, where waves go on. Off
-    /// the path: of the last [`Helm::KEPT_S`] up to [`Motion::advance_to`], before and after the nearest of them.
+    /// the path: of the last [`DriveModel::KEPT_S`] up to [`Motion::advance_to`], before and after the nearest of them.
     pub fn world_from_base(&self, time_s: f64) -> Pose {
         match &self.driven {
             Some(driven) if driven.has_begun(time_s) => {
@@ -124,8 +124,8 @@ impl Motion {
             let time_s = step as f64 * POSTURE_STEP_S;
             let at = self.path.planar_pose(time_s);
             let posture = self.support.posture_on_path(time_s);
-            let helm = Helm::new(drive, bumper, self.path.velocity(time_s));
-            self.driven = Some(Driven::new(step, at, posture, helm));
+            let drive_model = DriveModel::new(drive, bumper, self.path.velocity(time_s));
+            self.driven = Some(Driven::new(step, at, posture, drive_model));
         }
     }
 
@@ -137,13 +137,13 @@ impl Motion {
     }
 
     /// Who drives the vehicle; `None` on the path.
-    pub fn helm(&self) -> Option<&Helm> {
-        self.driven.as_ref().map(Driven::helm)
+    pub fn drive_model(&self) -> Option<&DriveModel> {
+        self.driven.as_ref().map(Driven::drive_model)
     }
 
     /// The same, to tell it something.
-    pub fn helm_mut(&mut self) -> Option<&mut Helm> {
-        self.driven.as_mut().map(Driven::helm_mut)
+    pub fn drive_model_mut(&mut self) -> Option<&mut DriveModel> {
+        self.driven.as_mut().map(Driven::drive_model_mut)
     }
 }
 

@@ -43,7 +43,7 @@ pub struct Growth {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Receiver {
     /// The least share of a beam's light that must come back at once to be noticed.
-    pub least_share: f64,
+    pub min_share: f64,
     /// Echoes that are no farther behind the first than this come at once, metres.
     pub separation_m: f64,
 }

@@ -102,7 +102,7 @@ impl SimulatedSource {
             let (ticks, sensor) = self.timetable.get_mut(place)?;
             ticks.advance();
             self.now_nanos = nanos;
-            self.frontier = self.frontier.max(driving::looked_at(nanos, sensor));
+            self.frontier = self.frontier.max(driving::observed_until(nanos, sensor));
             self.run.motion.advance_to(self.frontier);
             let stamp = START + RobotDuration::from_nanos(nanos);
             self.ready.extend(sensor.read(&self.run, stamp));

@@ -13,9 +13,9 @@ pub struct TiltServo {
     /// Its name in `/joint_states`.
     pub joint: &'static str,
     /// Highest that the sensor looks, radians.
-    pub least_rad: f64,
+    pub min_rad: f64,
     /// Lowest that the sensor looks, radians.
-    pub greatest_rad: f64,
+    pub max_rad: f64,
     /// From the least angle to the greatest and back, seconds.
     pub period_s: f64,
     /// Readings of the encoder a second.
@@ -33,7 +33,7 @@ impl TiltServo {
         let phase = (time_s / self.period_s).rem_euclid(1.0);
         // From 0 at the least angle to 1 at the greatest; on the way back time runs backwards.
         let share = 2.0 * phase.min(1.0 - phase);
-        self.least_rad + (self.greatest_rad - self.least_rad) * share_of_way(share)
+        self.min_rad + (self.max_rad - self.min_rad) * share_of_way(share)
     }
 
     /// The turn by [`TiltServo::angle_rad`].
@@ -51,7 +51,7 @@ impl TiltServo {
 
     /// The rate between acceleration and braking, rad/s.
     pub fn even_rate_radps(&self) -> f64 {
-        2.0 * (self.greatest_rad - self.least_rad) / (self.period_s * (1.0 - RAMP_SHARE))
+        2.0 * (self.max_rad - self.min_rad) / (self.period_s * (1.0 - RAMP_SHARE))
     }
 }
 

@@ -4,7 +4,7 @@ pub mod cells;
 pub mod heights;
 pub mod outline;
 pub mod shores;
-pub mod standing;
+pub mod terrain_truth;
 pub mod verdict;
 
 mod crossing;
@@ -15,7 +15,7 @@ use nalgebra::Point2;
 pub use cells::{Bounds, CellGrid, TruthError};
 pub use heights::{CellHeights, HeightOptions, HeightTruth, heights};
 pub use shores::{Dock, Shore, ShoreClass};
-pub use standing::Standing;
+pub use terrain_truth::TerrainTruth;
 pub use verdict::{GroundPlane, Thresholds, Verdict};
 
 use crate::simulation::World;

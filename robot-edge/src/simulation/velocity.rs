@@ -135,11 +135,11 @@ mod tests {
     #[test]
     fn nonsense_asks_for_nothing() {
         for linear_mps in [f64::NAN, f64::INFINITY] {
-            let told = CommandedVelocity {
+            let command = CommandedVelocity {
                 linear_mps,
                 angular_radps: 1.0,
             };
-            assert_eq!(told.or_zero(), CommandedVelocity::ZERO);
+            assert_eq!(command.or_zero(), CommandedVelocity::ZERO);
         }
         let back = CommandedVelocity {
             linear_mps: -2.0,

@@ -52,11 +52,11 @@ impl CellCoder {
         LayerId::Cost.quantisation().encode(cell.cost)
     }
 
-    /// The code of what makes a column fatal.
+    /// The code of what makes a column lethal.
     pub const fn rigidity(rigidity: Rigidity) -> u16 {
         match rigidity {
             Rigidity::Unlabelled => UNKNOWN,
-            Rigidity::Trespassable => 1,
+            Rigidity::Traversable => 1,
             Rigidity::Rigid => 2,
         }
     }
@@ -92,7 +92,7 @@ impl Default for CellCoder {
 const _: () = assert!(TILE_EDGE == protocol::tile::TILE_SIDE);
 
 /// Keeps what `before` knows where `cells` know nothing.
-pub fn keep_known(cells: &mut TileCells, before: &TileCells) {
+pub fn fill_unknown(cells: &mut TileCells, before: &TileCells) {
     for (code, &old) in cells.codes_mut().iter_mut().zip(before.codes()) {
         // Always stored, so that the compiler makes vectors of it.
         *code = if *code == UNKNOWN { old } else { *code };
@@ -100,7 +100,7 @@ pub fn keep_known(cells: &mut TileCells, before: &TileCells) {
 }
 
 /// Sets the code of the cell at `place` (row by row) of a tile.
-pub fn put(cells: &mut TileCells, place: usize, code: u16) {
+pub fn set_code(cells: &mut TileCells, place: usize, code: u16) {
     cells.codes_mut()[place] = code;
 }
 
@@ -115,7 +115,7 @@ pub const fn key(layer: LayerId, index: TileIndex) -> TileKey {
 
 /// A tile of cells that are all alike.
 #[cfg(test)]
-pub(super) fn alike(code: u16) -> TileCells {
+pub(super) fn uniform_tile(code: u16) -> TileCells {
     TileCells::from_fn(|_, _| code)
 }
 
@@ -141,7 +141,7 @@ mod tests {
     fn what_was_known_stays_where_nothing_newer_is() {
         let mut cells = TileCells::from_fn(|x, y| if y == 0 { x as u16 % 3 } else { UNKNOWN });
         let before = TileCells::from_fn(|_, y| if y < 2 { 7 } else { UNKNOWN });
-        keep_known(&mut cells, &before);
+        fill_unknown(&mut cells, &before);
         assert_eq!(cells.codes()[..4], [7, 1, 2, 7]);
         assert_eq!(cells.codes()[64..67], [7, 7, 7]);
         assert_eq!(cells.known(), 128);

@@ -1,13 +1,13 @@
 //! Cells → tiles → the store that exports, digests and consoles read.
 
-pub mod answers;
-pub mod budget;
+pub mod bandwidth_limiter;
 pub mod cells_to_tiles;
 pub mod config;
-pub mod flow;
-pub mod last_scan;
-pub mod outbox;
 pub mod publisher;
+pub mod replies;
+pub mod scan_downsampling;
 pub mod shores;
+pub mod tile_queue;
+pub mod token_bucket;
 pub mod trajectory;
 pub mod voxel_snapshots;

@@ -8,7 +8,7 @@ use protocol::tile::codec::Encoder;
 use protocol::tile::{BootId, TILE_CELLS, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, Publication, StoreError, StoredTile, TileStore};
 
-use super::cells_to_tiles::{CellCoder, keep_known, key, put};
+use super::cells_to_tiles::{CellCoder, fill_unknown, key, set_code};
 use crate::mapping::Mapper;
 use crate::mapping::cost_map::{CostCell, CostMap};
 use crate::mapping::grid::{CellIndex, TileIndex};
@@ -17,10 +17,10 @@ use crate::mapping::voxel_layers::VoxelLayers;
 use crate::robot_time::RobotTime;
 
 mod checkpoint;
-mod standstill;
+mod undo;
 
 pub(crate) use checkpoint::PublisherState;
-pub use standstill::Published;
+pub use undo::ReplacedTiles;
 
 /// Publishes the changes of a mapper.
 pub struct Publisher {
@@ -64,16 +64,16 @@ pub enum PublishError {
 }
 
 impl Publisher {
-    /// For the layers of `mapper`, with a store of at most `store_mb` megabytes.
+    /// For the layers of `mapper`, with a store of at most `tile_store_mb` megabytes.
     ///
     /// Tiles are encoded only if `encode`: somebody listens, or wants to know what it would cost.
     pub fn new(
         boot: BootId,
-        store_mb: u32,
+        tile_store_mb: u32,
         mapper: &Mapper,
         encode: bool,
     ) -> Result<Self, PublishError> {
-        let mut store = TileStore::new(boot, store_mb);
+        let mut store = TileStore::new(boot, tile_store_mb);
         for grid in grids(mapper) {
             store.set_grid(grid)?;
         }
@@ -84,8 +84,8 @@ impl Publisher {
             coder: CellCoder::new(),
             encoder,
             resets: mapper.resets(),
-            terrain_erased: mapper.terrain().map_or(0, Terrain::erased),
-            voxels_erased: mapper.voxels().map_or(0, VoxelLayers::erased),
+            terrain_erased: mapper.terrain().map_or(0, Terrain::epoch),
+            voxels_erased: mapper.voxels().map_or(0, VoxelLayers::epoch),
             traffic: TileTraffic::default(),
             replaced: None,
         })
@@ -119,7 +119,7 @@ impl Publisher {
         if let Some(voxels) = mapper.voxels_mut() {
             self.publish_voxel_layers(voxels)?;
         }
-        self.traffic.evicted_from_mapping += mapper.keep_limits() as u64;
+        self.traffic.evicted_from_mapping += mapper.enforce_memory_limits() as u64;
         Ok(())
     }
 
@@ -130,7 +130,7 @@ impl Publisher {
                 .iter()
                 .map(|(cell, value)| (*cell, CellCoder::cost(value)));
             self.publish_cells(LayerId::Cost, costs)?;
-            if voxels.cost().is_some_and(CostMap::judges_rigidity) {
+            if voxels.cost().is_some_and(CostMap::classifies_rigidity) {
                 let rigid = |(cell, value): &(CellIndex, CostCell)| {
                     (*cell, CellCoder::rigidity(value.rigidity))
                 };
@@ -153,16 +153,16 @@ impl Publisher {
         }
         self.resets = mapper.resets();
         if let Some(terrain) = mapper.terrain()
-            && terrain.erased() != self.terrain_erased
+            && terrain.epoch() != self.terrain_erased
         {
-            self.terrain_erased = terrain.erased();
+            self.terrain_erased = terrain.epoch();
             store.erase_layer(LayerId::Elevation)?;
             store.erase_layer(LayerId::Obstacle)?;
         }
         if let Some(voxels) = mapper.voxels()
-            && voxels.erased() != self.voxels_erased
+            && voxels.epoch() != self.voxels_erased
         {
-            self.voxels_erased = voxels.erased();
+            self.voxels_erased = voxels.epoch();
             for grid in voxel_grids(voxels) {
                 store.erase_layer(grid.layer)?;
             }
@@ -190,7 +190,7 @@ impl Publisher {
                 .and_then(|stored| stored.cells().cloned());
             let mut cells = before.unwrap_or_else(TileCells::unknown);
             for (place, code) in changes {
-                put(&mut cells, place, code);
+                set_code(&mut cells, place, code);
             }
             self.store_tile(key, cells)?;
         }
@@ -202,7 +202,7 @@ impl Publisher {
         // A tile that was evicted from the mapping memory and seen again starts blank there, but what was
         // published stays true until something newer is known.
         if let Some(before) = store.get(key).and_then(|stored| stored.cells()) {
-            keep_known(&mut cells, before);
+            fill_unknown(&mut cells, before);
         }
         drop(store);
         self.store_tile(key, cells)
@@ -285,7 +285,7 @@ fn voxel_grids(voxels: &VoxelLayers) -> Vec<LayerGrid> {
         (LayerId::Cost, cost.is_some()),
         (
             LayerId::Rigidity,
-            cost.is_some_and(CostMap::judges_rigidity),
+            cost.is_some_and(CostMap::classifies_rigidity),
         ),
         (LayerId::Shore, voxels.shore().is_some()),
     ];

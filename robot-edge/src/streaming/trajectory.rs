@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use protocol::export::StampedPose;
 use protocol::message::{TrajectoryPart, TrajectoryRequest};
 
-use crate::mapping::posed_scan::PosedScan;
+use crate::mapping::registered_scan::RegisteredScan;
 
 /// Poses kept: 64 MB. A longer trajectory is thinned to every second pose, again and again. Even, so that the next pose is kept.
 const MAX_POSES: usize = 1_000_000;
@@ -27,7 +27,7 @@ pub struct Trajectory {
     /// Those behind the last that is shown are of a recording that was wound back: winding it on needs them.
     poses: Vec<StampedPose>,
     /// Of scans that wait while a recording stands still, as if its data ended there.
-    standing: Vec<StampedPose>,
+    provisional: Vec<StampedPose>,
     /// Every `stride`-th pose is kept.
     stride: u64,
     /// Scans so far.
@@ -40,7 +40,7 @@ impl Default for Trajectory {
     fn default() -> Self {
         Self {
             poses: Vec::new(),
-            standing: Vec::new(),
+            provisional: Vec::new(),
             stride: 1,
             scans: 0,
             number: 0,
@@ -50,13 +50,13 @@ impl Default for Trajectory {
 
 impl Trajectory {
     /// A scan was mapped.
-    pub fn add(&mut self, scan: &PosedScan) {
+    pub fn add(&mut self, scan: &RegisteredScan) {
         self.add_pose(pose_of(scan));
     }
 
-    /// A scan was mapped for a standstill: until the recording [goes on](Self::wind).
-    pub fn add_standing(&mut self, scan: &PosedScan) {
-        self.standing.push(pose_of(scan));
+    /// A scan was mapped for a standstill: until the recording [goes on](Self::seek).
+    pub fn add_provisional(&mut self, scan: &RegisteredScan) {
+        self.provisional.push(pose_of(scan));
     }
 
     fn add_pose(&mut self, pose: StampedPose) {
@@ -75,53 +75,55 @@ impl Trajectory {
 
     /// The poses that are kept of it.
     pub fn poses(&self) -> Vec<StampedPose> {
-        (0..self.shown()).filter_map(|at| self.pose(at)).collect()
+        (0..self.visible_len())
+            .filter_map(|at| self.pose(at))
+            .collect()
     }
 
     fn pose(&self, at: usize) -> Option<StampedPose> {
         let len = self.len();
         let pose = match at.checked_sub(len) {
             None => self.poses.get(at),
-            Some(behind) => self.standing.get(behind),
+            Some(behind) => self.provisional.get(behind),
         };
         pose.copied()
     }
 
-    /// Scans so far, for [`Self::wind`].
+    /// Scans so far, for [`Self::seek`].
     pub const fn scans(&self) -> u64 {
         self.scans
     }
 
     /// The trajectory is now as it was, or will be, after so many scans of the same recording.
-    pub fn wind(&mut self, scans: u64) {
-        if scans != self.scans || !self.standing.is_empty() {
+    pub fn seek(&mut self, scans: u64) {
+        if scans != self.scans || !self.provisional.is_empty() {
             self.scans = scans;
-            self.standing.clear();
+            self.provisional.clear();
             self.number += 1;
         }
     }
 
     /// The answer to a question, and the stamp of the newest pose, nanoseconds.
-    pub fn answer(&self, request: TrajectoryRequest) -> (i64, TrajectoryPart) {
-        let shown = self.shown();
+    pub fn reply(&self, request: TrajectoryRequest) -> (i64, TrajectoryPart) {
+        let visible_len = self.visible_len();
         let is_this = request
             .trajectory
             .is_none_or(|number| number == self.number);
         let from = usize::try_from(request.from).unwrap_or(usize::MAX);
         let step = usize::try_from(request.step.get()).unwrap_or(usize::MAX);
-        let until = if is_this { shown } else { 0 };
+        let until = if is_this { visible_len } else { 0 };
         let part = (from..until).step_by(step).filter_map(|at| self.pose(at));
-        let newest = shown.checked_sub(1).and_then(|at| self.pose(at));
+        let newest = visible_len.checked_sub(1).and_then(|at| self.pose(at));
         let stamp_ns = newest.map_or(0, |pose| pose.stamp_ns);
         (
             stamp_ns,
-            TrajectoryPart::new(self.number, shown as u64, part),
+            TrajectoryPart::new(self.number, visible_len as u64, part),
         )
     }
 
     /// Poses that are shown.
-    fn shown(&self) -> usize {
-        self.len() + self.standing.len()
+    fn visible_len(&self) -> usize {
+        self.len() + self.provisional.len()
     }
 
     /// Poses so far.
@@ -141,7 +143,7 @@ impl Trajectory {
     }
 }
 
-fn pose_of(scan: &PosedScan) -> StampedPose {
+fn pose_of(scan: &RegisteredScan) -> StampedPose {
     let q = scan.odom_from_base.rotation.quaternion();
     StampedPose::new(
         scan.stamp.as_nanos(),
@@ -179,7 +181,7 @@ mod tests {
             from,
             step,
         };
-        trajectory.answer(request).1
+        trajectory.reply(request).1
     }
 
     #[test]
@@ -206,18 +208,18 @@ mod tests {
     #[test]
     fn a_recording_that_is_wound_has_the_way_up_to_where_it_stands() {
         let mut trajectory = of(100);
-        trajectory.wind(40);
+        trajectory.seek(40);
         assert_eq!(stamps(&trajectory.poses()), (0..40).collect::<Vec<_>>());
         assert_eq!(ask(&trajectory, Some(0), 0, 1).poses, 40);
         assert_eq!(ask(&trajectory, Some(0), 0, 1).rows, [[0; 8]; 0]);
         trajectory.add_pose(pose(40));
         assert_eq!(trajectory.poses().len(), 41);
-        trajectory.wind(90);
+        trajectory.seek(90);
         assert_eq!(trajectory.poses(), of(90).poses());
         assert_eq!(ask(&trajectory, None, 0, 1).trajectory, 2);
-        trajectory.wind(90);
+        trajectory.seek(90);
         assert_eq!(ask(&trajectory, Some(2), 0, 1).rows.len(), 90);
-        trajectory.wind(0);
+        trajectory.seek(0);
         assert_eq!(trajectory.poses(), []);
     }
 
@@ -236,14 +238,14 @@ mod tests {
     #[test]
     fn what_is_shown_for_a_standstill_changes_nothing_of_the_way() {
         let mut trajectory = of(100);
-        trajectory.wind(40);
-        trajectory.standing = [1_000, 1_001].map(pose).into();
+        trajectory.seek(40);
+        trajectory.provisional = [1_000, 1_001].map(pose).into();
         assert_eq!(stamps(&trajectory.poses())[38..], [38, 39, 1_000, 1_001]);
         let part = ask(&trajectory, Some(1), 39, 1);
         assert_eq!((part.poses, part.rows.len()), (42, 3));
-        trajectory.wind(40);
+        trajectory.seek(40);
         assert_eq!(ask(&trajectory, None, 0, 1).trajectory, 2);
-        trajectory.wind(90);
+        trajectory.seek(90);
         assert_eq!(trajectory.poses(), of(90).poses());
     }
 }

@@ -14,11 +14,11 @@ use crate::clock::Monotonic;
 use crate::robot_time::RobotTime;
 
 /// Moments that are kept: one that somebody still fetches, and a newer one for others.
-const MAX_KEPT: usize = 2;
+const MAX_CACHED: usize = 2;
 /// A moment is new enough for so long.
-const FRESH: Duration = Duration::from_secs(10);
+const MAX_AGE: Duration = Duration::from_secs(10);
 /// A moment that nobody has asked for since is kept for so long.
-const KEPT: Duration = Duration::from_mins(1);
+const CACHE_TIMEOUT: Duration = Duration::from_mins(1);
 
 /// The files of one moment.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -32,80 +32,86 @@ pub struct VoxelSnapshot {
 /// The moments that are kept, and what is wanted.
 #[derive(Clone, Debug, Default)]
 pub struct VoxelSnapshots {
-    is_offered: bool,
-    wish: Wish,
+    is_enabled: bool,
+    request_state: RequestState,
     /// Stamp of the newest measurement in the map, as far as is known.
     newest: Option<RobotTime>,
     /// Nothing newer comes for now: what is older than that is not as new as can be.
-    is_still: bool,
+    is_paused: bool,
     /// The newest is last.
-    kept: VecDeque<Kept>,
+    cached: VecDeque<CachedSnapshot>,
     number: u64,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Wish {
+enum RequestState {
     #[default]
     None,
-    Open,
+    Requested,
     /// Somebody makes it.
-    Taken,
+    InProgress,
     /// It could not be made, at this moment.
     Failed(Monotonic),
 }
 
 #[derive(Clone, Debug)]
-struct Kept {
+struct CachedSnapshot {
     number: u64,
     snapshot: Arc<VoxelSnapshot>,
     made: Monotonic,
-    asked: Monotonic,
+    requested_at: Monotonic,
 }
 
 impl VoxelSnapshots {
     /// There is an octree.
-    pub const fn offer(&mut self) {
-        self.is_offered = true;
+    pub const fn enable(&mut self) {
+        self.is_enabled = true;
     }
 
     /// The answer to a question, and the stamp of what it tells, nanoseconds; 0 where it tells nothing.
-    pub fn answer(&mut self, request: VoxelsRequest, now: Monotonic) -> (i64, VoxelsReply) {
-        self.kept.retain(|kept| now.since(kept.asked) < KEPT);
-        if !self.is_offered {
+    pub fn reply(&mut self, request: VoxelsRequest, now: Monotonic) -> (i64, VoxelsReply) {
+        self.cached
+            .retain(|cached| now.since(cached.requested_at) < CACHE_TIMEOUT);
+        if !self.is_enabled {
             return (0, VoxelsReply::None);
         }
-        let (newest, is_still) = (self.newest, self.is_still);
+        let (newest, is_paused) = (self.newest, self.is_paused);
         let found = match request.snapshot {
-            Some(number) => self.kept.iter_mut().find(|kept| kept.number == number),
-            None => self.kept.back_mut().filter(|kept| {
-                let is_fresh = !is_still && now.since(kept.made) < FRESH;
-                is_fresh || Some(kept.snapshot.stamp) == newest
+            Some(number) => self
+                .cached
+                .iter_mut()
+                .find(|cached| cached.number == number),
+            None => self.cached.back_mut().filter(|cached| {
+                let is_fresh = !is_paused && now.since(cached.made) < MAX_AGE;
+                is_fresh || Some(cached.snapshot.stamp) == newest
             }),
         };
-        if let Some(kept) = found {
-            kept.asked = now;
-            let stamp_ns = kept.snapshot.stamp.as_nanos();
-            return (stamp_ns, VoxelsReply::Part(kept.part(request)));
+        if let Some(cached) = found {
+            cached.requested_at = now;
+            let stamp_ns = cached.snapshot.stamp.as_nanos();
+            return (stamp_ns, VoxelsReply::Part(cached.part(request)));
         }
         if request.snapshot.is_some() {
             return (0, VoxelsReply::Gone);
         }
-        match self.wish {
-            Wish::None => self.wish = Wish::Open,
-            Wish::Failed(at) if now.since(at) >= FRESH => self.wish = Wish::Open,
-            Wish::Open | Wish::Taken | Wish::Failed(_) => {}
+        match self.request_state {
+            RequestState::None => self.request_state = RequestState::Requested,
+            RequestState::Failed(at) if now.since(at) >= MAX_AGE => {
+                self.request_state = RequestState::Requested
+            }
+            RequestState::Requested | RequestState::InProgress | RequestState::Failed(_) => {}
         }
         (0, VoxelsReply::Preparing)
     }
 
-    /// Whether files of the map up to `stamp` are wanted, behind which nothing comes for now where it `is_still`. Whoever hears
+    /// Whether files of the map up to `stamp` are wanted, behind which nothing comes for now where it `is_paused`. Whoever hears
     /// so makes them and [puts](Self::put) them.
-    pub fn take_wish(&mut self, stamp: RobotTime, is_still: bool) -> bool {
+    pub fn take_request(&mut self, stamp: RobotTime, is_paused: bool) -> bool {
         self.newest = Some(stamp);
-        self.is_still = is_still;
-        let is_wanted = self.wish == Wish::Open;
+        self.is_paused = is_paused;
+        let is_wanted = self.request_state == RequestState::Requested;
         if is_wanted {
-            self.wish = Wish::Taken;
+            self.request_state = RequestState::InProgress;
         }
         is_wanted
     }
@@ -113,24 +119,24 @@ impl VoxelSnapshots {
     /// What was wished for; `None` where it could not be made.
     pub fn put(&mut self, snapshot: Option<VoxelSnapshot>, now: Monotonic) {
         let Some(snapshot) = snapshot else {
-            self.wish = Wish::Failed(now);
+            self.request_state = RequestState::Failed(now);
             return;
         };
-        self.wish = Wish::None;
+        self.request_state = RequestState::None;
         self.number += 1;
-        if self.kept.len() >= MAX_KEPT {
-            self.kept.pop_front();
+        if self.cached.len() >= MAX_CACHED {
+            self.cached.pop_front();
         }
-        self.kept.push_back(Kept {
+        self.cached.push_back(CachedSnapshot {
             number: self.number,
             snapshot: Arc::new(snapshot),
             made: now,
-            asked: now,
+            requested_at: now,
         });
     }
 }
 
-impl Kept {
+impl CachedSnapshot {
     fn part(&self, request: VoxelsRequest) -> VoxelsPart {
         let [tree, points] = &self.snapshot.files;
         let file = match request.file {
@@ -194,26 +200,26 @@ mod tests {
     fn nothing_is_made_before_it_is_asked_for_and_then_once() {
         let mut voxels = VoxelSnapshots::default();
         let ask = newest(VoxelFile::Tree);
-        assert_eq!(voxels.answer(ask, at(0)), (0, VoxelsReply::None));
-        assert!(!voxels.take_wish(stamp(1), false));
-        voxels.offer();
+        assert_eq!(voxels.reply(ask, at(0)), (0, VoxelsReply::None));
+        assert!(!voxels.take_request(stamp(1), false));
+        voxels.enable();
         for _ in 0..2 {
-            assert_eq!(voxels.answer(ask, at(0)), (0, VoxelsReply::Preparing));
+            assert_eq!(voxels.reply(ask, at(0)), (0, VoxelsReply::Preparing));
         }
-        assert!(voxels.take_wish(stamp(1), false));
-        assert!(!voxels.take_wish(stamp(2), false));
-        assert_eq!(voxels.answer(ask, at(1)), (0, VoxelsReply::Preparing));
+        assert!(voxels.take_request(stamp(1), false));
+        assert!(!voxels.take_request(stamp(2), false));
+        assert_eq!(voxels.reply(ask, at(1)), (0, VoxelsReply::Preparing));
         voxels.put(Some(snapshot(1, 10)), at(2));
-        let (stamp_ns, reply) = voxels.answer(ask, at(3));
+        let (stamp_ns, reply) = voxels.reply(ask, at(3));
         assert_eq!(stamp_ns, 1_000_000_000);
         assert_eq!(part(reply).snapshot, 1);
-        assert!(!voxels.take_wish(stamp(3), false));
+        assert!(!voxels.take_request(stamp(3), false));
     }
 
     #[test]
     fn a_file_is_fetched_part_by_part() {
         let mut voxels = VoxelSnapshots::default();
-        voxels.offer();
+        voxels.enable();
         let made = snapshot(1, 2 * MAX_PART_BYTES + 5);
         voxels.put(Some(made.clone()), at(0));
         for (file, expected) in VoxelFile::ALL.into_iter().zip(&made.files) {
@@ -224,7 +230,7 @@ mod tests {
                     file,
                     offset: fetched.len() as u64,
                 };
-                let part = part(voxels.answer(request, at(0)).1);
+                let part = part(voxels.reply(request, at(0)).1);
                 assert_eq!((part.file, part.offset), (file, request.offset));
                 assert_eq!((part.bytes, part.digest), (expected.bytes, expected.digest));
                 assert_eq!(part.packed_bytes, expected.packed.len() as u64);
@@ -238,30 +244,30 @@ mod tests {
             file: VoxelFile::Tree,
             offset: u64::MAX,
         };
-        assert!(part(voxels.answer(beyond, at(0)).1).packed.is_empty());
+        assert!(part(voxels.reply(beyond, at(0)).1).packed.is_empty());
     }
 
     #[test]
     fn a_moment_is_new_enough_for_a_while_or_until_something_comes() {
         let mut voxels = VoxelSnapshots::default();
-        voxels.offer();
+        voxels.enable();
         let ask = newest(VoxelFile::Points);
-        assert!(!voxels.take_wish(stamp(1), false));
+        assert!(!voxels.take_request(stamp(1), false));
         voxels.put(Some(snapshot(1, 10)), at(0));
-        assert_eq!(part(voxels.answer(ask, at(30)).1).snapshot, 1);
-        assert!(!voxels.take_wish(stamp(2), false));
-        assert_eq!(voxels.answer(ask, at(31)).1, VoxelsReply::Preparing);
-        assert!(voxels.take_wish(stamp(3), false));
+        assert_eq!(part(voxels.reply(ask, at(30)).1).snapshot, 1);
+        assert!(!voxels.take_request(stamp(2), false));
+        assert_eq!(voxels.reply(ask, at(31)).1, VoxelsReply::Preparing);
+        assert!(voxels.take_request(stamp(3), false));
         voxels.put(Some(snapshot(3, 10)), at(32));
-        assert!(!voxels.take_wish(stamp(4), false));
-        assert_eq!(part(voxels.answer(ask, at(41)).1).snapshot, 2);
-        assert_eq!(voxels.answer(ask, at(42)).1, VoxelsReply::Preparing);
+        assert!(!voxels.take_request(stamp(4), false));
+        assert_eq!(part(voxels.reply(ask, at(41)).1).snapshot, 2);
+        assert_eq!(voxels.reply(ask, at(42)).1, VoxelsReply::Preparing);
     }
 
     #[test]
     fn two_moments_are_kept_and_none_for_ever() {
         let mut voxels = VoxelSnapshots::default();
-        voxels.offer();
+        voxels.enable();
         for number in 1..=3 {
             voxels.put(Some(snapshot(number, 10)), at(0));
         }
@@ -269,39 +275,39 @@ mod tests {
             snapshot: Some(number),
             ..newest(VoxelFile::Tree)
         };
-        assert_eq!(voxels.answer(of(1), at(1)).1, VoxelsReply::Gone);
-        assert_eq!(part(voxels.answer(of(2), at(59)).1).snapshot, 2);
-        assert_eq!(part(voxels.answer(of(2), at(118)).1).snapshot, 2);
-        assert_eq!(voxels.answer(of(3), at(118)).1, VoxelsReply::Gone);
-        assert_eq!(voxels.answer(of(2), at(178)).1, VoxelsReply::Gone);
+        assert_eq!(voxels.reply(of(1), at(1)).1, VoxelsReply::Gone);
+        assert_eq!(part(voxels.reply(of(2), at(59)).1).snapshot, 2);
+        assert_eq!(part(voxels.reply(of(2), at(118)).1).snapshot, 2);
+        assert_eq!(voxels.reply(of(3), at(118)).1, VoxelsReply::Gone);
+        assert_eq!(voxels.reply(of(2), at(178)).1, VoxelsReply::Gone);
     }
 
     #[test]
     fn what_cannot_be_made_is_not_tried_all_the_time() {
         let mut voxels = VoxelSnapshots::default();
-        voxels.offer();
+        voxels.enable();
         let ask = newest(VoxelFile::Tree);
-        assert_eq!(voxels.answer(ask, at(0)).1, VoxelsReply::Preparing);
-        assert!(voxels.take_wish(stamp(0), false));
+        assert_eq!(voxels.reply(ask, at(0)).1, VoxelsReply::Preparing);
+        assert!(voxels.take_request(stamp(0), false));
         voxels.put(None, at(1));
-        assert_eq!(voxels.answer(ask, at(10)).1, VoxelsReply::Preparing);
-        assert!(!voxels.take_wish(stamp(0), false));
-        assert_eq!(voxels.answer(ask, at(11)).1, VoxelsReply::Preparing);
-        assert!(voxels.take_wish(stamp(0), false));
+        assert_eq!(voxels.reply(ask, at(10)).1, VoxelsReply::Preparing);
+        assert!(!voxels.take_request(stamp(0), false));
+        assert_eq!(voxels.reply(ask, at(11)).1, VoxelsReply::Preparing);
+        assert!(voxels.take_request(stamp(0), false));
     }
 
     #[test]
     fn where_nothing_comes_any_more_only_the_end_is_new_enough() {
         let mut voxels = VoxelSnapshots::default();
-        voxels.offer();
+        voxels.enable();
         let ask = newest(VoxelFile::Tree);
         voxels.put(Some(snapshot(1, 10)), at(0));
-        assert!(!voxels.take_wish(stamp(2), false));
-        assert_eq!(part(voxels.answer(ask, at(1)).1).snapshot, 1);
-        assert!(!voxels.take_wish(stamp(2), true));
-        assert_eq!(voxels.answer(ask, at(1)).1, VoxelsReply::Preparing);
-        assert!(voxels.take_wish(stamp(2), true));
+        assert!(!voxels.take_request(stamp(2), false));
+        assert_eq!(part(voxels.reply(ask, at(1)).1).snapshot, 1);
+        assert!(!voxels.take_request(stamp(2), true));
+        assert_eq!(voxels.reply(ask, at(1)).1, VoxelsReply::Preparing);
+        assert!(voxels.take_request(stamp(2), true));
         voxels.put(Some(snapshot(2, 10)), at(2));
-        assert_eq!(part(voxels.answer(ask, at(30)).1).snapshot, 2);
+        assert_eq!(part(voxels.reply(ask, at(30)).1).snapshot, 2);
     }
 }

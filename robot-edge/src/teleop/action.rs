@@ -2,9 +2,9 @@
 
 use super::arbiter::Mode;
 use super::emergency_stop::{EStopId, EStopSource};
-use super::lease::{How, LeaseEnd};
+use super::lease::{GrantReason, LeaseEnd};
 use super::operator::{Caller, OperatorId, RequestId};
-use super::refusal::{Refusal, Wish};
+use super::refusal::{Refusal, RequestKind};
 use super::token::AgeToken;
 use super::velocity::Velocity;
 
@@ -14,7 +14,7 @@ const CAPACITY: usize = 8;
 /// What is to be done after one event.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Actions {
-    /// What the motors are to be told now. It changes with [`super::Event::Tick`]; with other events only to zero.
+    /// What the motors are to be told now. It changes with [`super::ArbiterInput::Tick`]; with other events only to zero.
     pub output: Velocity,
     actions: [Option<Action>; CAPACITY],
 }
@@ -23,7 +23,7 @@ pub struct Actions {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Action {
     /// Publish this token.
-    Publish(AgeToken),
+    PublishToken(AgeToken),
     /// Answer a request.
     Answer {
         /// Which.
@@ -33,12 +33,12 @@ pub enum Action {
     },
     /// Answer every request for an emergency stop that waits for an answer: it is stored.
     AcknowledgeEStop(EStopId),
-    /// Write it to disk on another thread, then say [`super::Event::EStopStored`].
+    /// Write it to disk on another thread, then say [`super::ArbiterInput::EStopStored`].
     StoreEStop(EStopId),
     /// Remove it from disk on that thread.
     ClearEStop(EStopId),
     /// Tell consoles and the audit log.
-    Tell(Happening),
+    Notify(ArbiterEvent),
 }
 
 /// What a request is answered with.
@@ -61,9 +61,9 @@ pub enum Answer {
 
 /// What people want to know, now or later.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Happening {
+pub enum ArbiterEvent {
     /// The state is another.
-    Mode {
+    ModeChanged {
         /// It was this.
         from: Mode,
         /// It is this.
@@ -81,7 +81,7 @@ pub enum Happening {
         /// By this grant.
         epoch: u64,
         /// In this way.
-        how: How,
+        how: GrantReason,
     },
     /// Somebody no longer has the lease.
     LeaseEnded {
@@ -90,7 +90,7 @@ pub enum Happening {
         /// Why.
         why: LeaseEnd,
     },
-    /// An emergency stop is in force.
+    /// An emergency stop is active.
     EStopped {
         /// This one.
         id: EStopId,
@@ -107,7 +107,7 @@ pub enum Happening {
     /// A request was refused (commands are only counted).
     Refused {
         /// What was asked for: an emergency stop, a reset or the lease.
-        wish: Wish,
+        request_kind: RequestKind,
         /// Whose.
         caller: Caller,
         /// Why.

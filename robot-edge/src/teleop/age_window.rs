@@ -12,7 +12,7 @@ const BUCKETS: usize = 11;
 /// The greatest of the ages recorded in the last second.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct AgeWindow {
-    greatest: [Option<Duration>; BUCKETS],
+    peak: [Option<Duration>; BUCKETS],
     /// Number of the bucket being filled, counted from the clock's start.
     bucket: u64,
 }
@@ -21,22 +21,22 @@ impl AgeWindow {
     /// Takes note of an age at the moment `now`; moments never go back.
     pub fn record(&mut self, now: Monotonic, age: Duration) {
         self.advance(now);
-        let greatest = &mut self.greatest[slot_of(self.bucket)];
-        *greatest = Some(greatest.map_or(age, |greatest| greatest.max(age)));
+        let peak = &mut self.peak[slot_of(self.bucket)];
+        *peak = Some(peak.map_or(age, |peak| peak.max(age)));
     }
 
     /// The greatest age of the second before `now`; absent where none was recorded.
-    pub fn greatest(&self, now: Monotonic) -> Option<Duration> {
+    pub fn peak(&self, now: Monotonic) -> Option<Duration> {
         let mut window = *self;
         window.advance(now);
-        window.greatest.into_iter().flatten().max()
+        window.peak.into_iter().flatten().max()
     }
 
     fn advance(&mut self, now: Monotonic) {
         let bucket = (now.since(Monotonic::default()).as_nanos() / BUCKET.as_nanos()) as u64;
         let passed = bucket.saturating_sub(self.bucket).min(BUCKETS as u64);
         for number in 0..passed {
-            self.greatest[slot_of(bucket - number)] = None;
+            self.peak[slot_of(bucket - number)] = None;
         }
         self.bucket = self.bucket.max(bucket);
     }
@@ -72,11 +72,11 @@ mod tests {
                 let recent = all.iter().filter(|(then, _)| now - then <= span);
                 recent.map(|(_, age)| Duration::from_millis(*age)).max()
             };
-            let greatest = window.greatest(at(now));
-            prop_assert!(greatest >= within(1000));
-            prop_assert!(greatest <= within(1100));
-            prop_assert_eq!(window.greatest(at(now + 1100)), None);
-            prop_assert_eq!(window.greatest(Monotonic::from_nanos(u64::MAX)), None);
+            let peak = window.peak(at(now));
+            prop_assert!(peak >= within(1000));
+            prop_assert!(peak <= within(1100));
+            prop_assert_eq!(window.peak(at(now + 1100)), None);
+            prop_assert_eq!(window.peak(Monotonic::from_nanos(u64::MAX)), None);
         }
     }
 }

@@ -6,20 +6,20 @@
 
 use std::time::Duration;
 
-use super::action::{Action, Actions, Happening};
+use super::action::{Action, Actions, ArbiterEvent};
 use super::age_window::AgeWindow;
 use super::arming::Arming;
 use super::config::Rules;
 use super::emergency_stop::{EStop, EStopId};
-use super::event::Event;
+use super::input::ArbiterInput;
 use super::lease::{Lease, LeaseEnd};
 use super::motion::Motion;
 use super::operator::RequestId;
 use super::refusal::Counters;
 use super::report::Clamp;
+use super::speed_limits::CollisionMonitorOutput;
 use super::token::TokenRing;
 use super::velocity::Velocity;
-use super::verdict::GuardVerdict;
 use crate::clock::Monotonic;
 
 mod commands;
@@ -28,10 +28,10 @@ mod output;
 mod stops;
 
 /// How long the guard's word holds. It speaks in every round, so that this only ends where it has died.
-const GUARD_SILENCE: Duration = Duration::from_millis(300);
+const MONITOR_TIMEOUT: Duration = Duration::from_millis(300);
 
 /// How soon after the start of a stop commands that are young again may take it back.
-const RECOVERY: Duration = Duration::from_millis(200);
+const RESUME_WINDOW: Duration = Duration::from_millis(200);
 
 /// What the vehicle is doing ("States").
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -66,8 +66,8 @@ pub enum StopReason {
     Age,
     /// A command asked for what is no number.
     NotFinite,
-    /// The collision guard knows too little, or says nothing.
-    GuardStale,
+    /// The collision monitor knows too little, or says nothing.
+    CollisionMonitorStale,
     /// Who drove no longer holds the lease.
     LeaseEnded(LeaseEnd),
 }
@@ -77,7 +77,7 @@ impl StopReason {
     pub const fn is_voluntary(self) -> bool {
         match self {
             Self::Released => true,
-            Self::Age | Self::NotFinite | Self::GuardStale => false,
+            Self::Age | Self::NotFinite | Self::CollisionMonitorStale => false,
             Self::LeaseEnded(why) => match why {
                 LeaseEnd::Released | LeaseEnd::Renewed | LeaseEnd::HandedOver | LeaseEnd::Reset => {
                     true
@@ -94,7 +94,7 @@ impl StopReason {
     const fn is_recoverable(self) -> bool {
         match self {
             Self::Released | Self::Age => true,
-            Self::NotFinite | Self::GuardStale | Self::LeaseEnded(_) => false,
+            Self::NotFinite | Self::CollisionMonitorStale | Self::LeaseEnded(_) => false,
         }
     }
 }
@@ -117,10 +117,10 @@ pub struct ArbiterState {
     pub(super) last_tick: Option<Monotonic>,
     pub(super) tokens: TokenRing,
     pub(super) lease: Lease,
-    pub(super) stream: Stream,
+    pub(super) stream: CommandStream,
     pub(super) motion: Motion,
     pub(super) clamp: Option<Clamp>,
-    pub(super) guard: Option<(GuardVerdict, Monotonic)>,
+    pub(super) collision_monitor: Option<(CollisionMonitorOutput, Monotonic)>,
     pub(super) measured: Option<Velocity>,
     pub(super) estop: Option<EStop>,
     pub(super) last_estop: EStopId,
@@ -129,7 +129,7 @@ pub struct ArbiterState {
 
 /// The holder's commands under one grant of the lease.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub(super) struct Stream {
+pub(super) struct CommandStream {
     /// The greatest sequence number taken.
     pub(super) last_seq: Option<u64>,
     /// When the token of the last command taken was issued.
@@ -139,7 +139,7 @@ pub(super) struct Stream {
     pub(super) ages: AgeWindow,
 }
 
-impl Stream {
+impl CommandStream {
     /// An upper bound on the age of the command in force.
     pub(super) fn age(&self, now: Monotonic) -> Option<Duration> {
         self.issued.map(|issued| now.since(issued))
@@ -155,10 +155,10 @@ impl ArbiterState {
             last_tick: None,
             tokens: TokenRing::new(boot_id),
             lease: Lease::default(),
-            stream: Stream::default(),
+            stream: CommandStream::default(),
             motion: Motion::default(),
             clamp: None,
-            guard: None,
+            collision_monitor: None,
             measured: None,
             estop: None,
             last_estop: EStopId(0),
@@ -176,59 +176,61 @@ impl ArbiterState {
         &self.tokens
     }
 
-    pub(super) fn not_before(&self, now: Monotonic) -> Monotonic {
+    pub(super) fn clamp_time(&self, now: Monotonic) -> Monotonic {
         self.now.max(now)
     }
 
     /// The guard's last word, unless it has been silent since.
-    pub(super) fn guard_verdict(&self, now: Monotonic) -> Option<GuardVerdict> {
-        let (verdict, told) = self.guard?;
-        (now.since(told) <= GUARD_SILENCE).then_some(verdict)
+    pub(super) fn monitor_output(&self, now: Monotonic) -> Option<CollisionMonitorOutput> {
+        let (output, received_at) = self.collision_monitor?;
+        (now.since(received_at) <= MONITOR_TIMEOUT).then_some(output)
     }
 }
 
-/// What follows from `event` at the moment `now`: the state after it, and what is to be done.
+/// What follows from `input` at the moment `now`: the state after it, and what is to be done.
 pub fn step(
     rules: &Rules,
     state: ArbiterState,
     now: Monotonic,
-    event: Event,
+    input: ArbiterInput,
 ) -> (ArbiterState, Actions) {
-    let now = state.not_before(now);
+    let now = state.clamp_time(now);
     let mut step = Step {
         rules,
         now,
         state: ArbiterState { now, ..state },
         actions: Actions::new(Velocity::ZERO),
-        told: state.mode,
+        notified: state.mode,
     };
-    match event {
-        Event::Tick => step.tick(),
-        Event::Token { nonce } => {
+    match input {
+        ArbiterInput::Tick => step.tick(),
+        ArbiterInput::Token { nonce } => {
             let token = step.state.tokens.issue(now, nonce);
-            step.actions.push(Action::Publish(token));
+            step.actions.push(Action::PublishToken(token));
         }
-        Event::Command { role, command } => step.command(role, &command),
-        Event::Rejected(refusal) => step.state.counters.refuse(refusal),
-        Event::Lease {
+        ArbiterInput::Command { role, command } => step.command(role, &command),
+        ArbiterInput::Rejected(refusal) => step.state.counters.refuse(refusal),
+        ArbiterInput::Lease {
             caller,
             token,
             verb,
         } => step.lease_request(caller, token, verb),
-        Event::Revoked(operator) => step.revoke(operator),
-        Event::EStop(caller) => step.estop_request(caller),
-        Event::LocalEStop => step.local_estop(),
-        Event::EStopStored(id) => step.estop_stored(id),
-        Event::Reset { caller, token, id } => step.reset_request(caller, token, id),
-        Event::LocalReset => step.local_reset(),
-        Event::SelfTest { has_passed, stored } => step.self_tested(has_passed, stored),
-        Event::Guard(verdict) => step.state.guard = Some((verdict, now)),
-        Event::Measured(velocity) => {
+        ArbiterInput::Revoked(operator) => step.revoke(operator),
+        ArbiterInput::EStop(caller) => step.estop_request(caller),
+        ArbiterInput::LocalEStop => step.local_estop(),
+        ArbiterInput::EStopStored(id) => step.estop_stored(id),
+        ArbiterInput::Reset { caller, token, id } => step.reset_request(caller, token, id),
+        ArbiterInput::LocalReset => step.local_reset(),
+        ArbiterInput::SelfTest { has_passed, stored } => step.finish_self_test(has_passed, stored),
+        ArbiterInput::CollisionMonitor(output) => {
+            step.state.collision_monitor = Some((output, now))
+        }
+        ArbiterInput::Measured(velocity) => {
             step.state.measured = velocity.is_finite().then_some(velocity);
         }
-        Event::ActuatorFault => step.fail(FaultReason::Actuator),
+        ArbiterInput::ActuatorFault => step.fail(FaultReason::Actuator),
     }
-    step.tell_mode();
+    step.notify_mode_change();
     step.actions.output = step.state.motion.velocity();
     (step.state, step.actions)
 }
@@ -240,20 +242,20 @@ struct Step<'a> {
     state: ArbiterState,
     actions: Actions,
     /// What people know of the mode.
-    told: Mode,
+    notified: Mode,
 }
 
 impl Step<'_> {
-    fn tell_mode(&mut self) {
-        let (from, to) = (self.told, self.state.mode);
+    fn notify_mode_change(&mut self) {
+        let (from, to) = (self.notified, self.state.mode);
         if from != to {
-            self.told = to;
-            self.tell(Happening::Mode { from, to });
+            self.notified = to;
+            self.notify(ArbiterEvent::ModeChanged { from, to });
         }
     }
 
-    fn tell(&mut self, happening: Happening) {
-        self.actions.push(Action::Tell(happening));
+    fn notify(&mut self, event: ArbiterEvent) {
+        self.actions.push(Action::Notify(event));
     }
 
     fn answer(&mut self, request: RequestId, answer: super::Answer) {
@@ -271,12 +273,12 @@ impl Step<'_> {
             since: self.now,
         };
         // A stop may be over within this step, where the process stood still meanwhile: its reason is told all the same.
-        self.tell_mode();
+        self.notify_mode_change();
         self.state.stream.arming = match reason {
             StopReason::Released => Arming::Neutral { since: self.now },
             StopReason::Age
             | StopReason::NotFinite
-            | StopReason::GuardStale
+            | StopReason::CollisionMonitorStale
             | StopReason::LeaseEnded(_) => Arming::Locked,
         };
     }
@@ -290,10 +292,10 @@ impl Step<'_> {
     }
 
     /// Whether the guard knows enough to drive by.
-    fn guard_sees(&self) -> bool {
-        match self.state.guard_verdict(self.now) {
-            None | Some(GuardVerdict::Stale) => false,
-            Some(GuardVerdict::Off | GuardVerdict::Limits(_)) => true,
+    fn monitor_is_available(&self) -> bool {
+        match self.state.monitor_output(self.now) {
+            None | Some(CollisionMonitorOutput::Stale) => false,
+            Some(CollisionMonitorOutput::Off | CollisionMonitorOutput::Limits(_)) => true,
         }
     }
 }

@@ -4,12 +4,12 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use super::guard::GuardConfig;
+use super::collision_monitor::CollisionMonitorConfig;
 use super::motion::AxisLimits;
-use crate::config::{Fault, Problem, VehicleConfig};
+use crate::config::{ConfigIssue, Problem, VehicleConfig};
 
 /// How long a request for the lease waits for the holder's consent: a person reads it and decides.
-const REQUEST_WAITS: Duration = Duration::from_secs(10);
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// How the vehicle obeys an operator ("Teleop: never obey an old command", settings).
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -20,7 +20,7 @@ pub struct TeleopConfig {
     /// How long the lease lasts that no command renews, seconds.
     pub lease_s: f64,
     /// How far the vehicle may go by a command that could be withdrawn meanwhile, metres.
-    pub blind_travel_m: f64,
+    pub max_latency_travel_m: f64,
     /// How long nothing must have been pressed before a press counts, milliseconds.
     pub neutral_ms: u32,
     /// Acceleration that commands may cause, metres per second squared.
@@ -37,8 +37,8 @@ pub struct TeleopConfig {
     pub stop_decel_radps2: f64,
     /// It floats: without thrust it drifts on.
     pub is_boat: bool,
-    /// The collision guard.
-    pub guard: GuardConfig,
+    /// The collision monitor.
+    pub collision_monitor: CollisionMonitorConfig,
 }
 
 impl Default for TeleopConfig {
@@ -47,7 +47,7 @@ impl Default for TeleopConfig {
         Self {
             max_command_age_ms: 400,
             lease_s: 2.0,
-            blind_travel_m: 0.15,
+            max_latency_travel_m: 0.15,
             neutral_ms: 200,
             accel_mps2: 0.5,
             accel_radps2: 2.0,
@@ -56,14 +56,14 @@ impl Default for TeleopConfig {
             stop_decel_mps2: 1.0,
             stop_decel_radps2: 4.0,
             is_boat: false,
-            guard: GuardConfig::default(),
+            collision_monitor: CollisionMonitorConfig::default(),
         }
     }
 }
 
 impl TeleopConfig {
     /// Everything that is wrong with the values; empty where nothing is.
-    pub fn check(&self) -> Vec<Fault> {
+    pub fn check(&self) -> Vec<ConfigIssue> {
         let mut faults = Vec::new();
         let mut number = |name: &str, value: f64, least: f64, most: f64, why| {
             if !(least..=most).contains(&value) {
@@ -85,8 +85,8 @@ impl TeleopConfig {
             "it outlasts the oldest command, and frees the vehicle when a console dies",
         );
         number(
-            "blind_travel_m",
-            self.blind_travel_m,
+            "max_latency_travel_m",
+            self.max_latency_travel_m,
             0.01,
             5.0,
             "it is the way made before a command can be withdrawn",
@@ -118,13 +118,13 @@ impl TeleopConfig {
         ] {
             number(name, value, least, 1000.0, brakes);
         }
-        faults.extend(self.guard.check());
+        faults.extend(self.collision_monitor.check());
         faults
     }
 }
 
-fn fault(name: &str, value: f64, allowed: String, why: &'static str) -> Fault {
-    Fault {
+fn fault(name: &str, value: f64, allowed: String, why: &'static str) -> ConfigIssue {
+    ConfigIssue {
         origin: None,
         key: format!("teleop.{name}"),
         problem: Problem::NotAllowed {
@@ -141,12 +141,12 @@ pub struct Rules {
     pub(super) max_age: Duration,
     pub(super) lease: Duration,
     pub(super) neutral: Duration,
-    pub(super) blind_travel_m: f64,
+    pub(super) max_latency_travel_m: f64,
     pub(super) linear: AxisLimits,
     pub(super) angular: AxisLimits,
     pub(super) is_boat: bool,
     /// How long a request for the lease waits for the holder's consent.
-    pub(super) request_waits: Duration,
+    pub(super) request_timeout: Duration,
 }
 
 impl Rules {
@@ -156,7 +156,7 @@ impl Rules {
     }
 
     /// The rules of a vehicle, or what is wrong with its settings.
-    pub fn new(teleop: &TeleopConfig, vehicle: &VehicleConfig) -> Result<Self, Vec<Fault>> {
+    pub fn new(teleop: &TeleopConfig, vehicle: &VehicleConfig) -> Result<Self, Vec<ConfigIssue>> {
         let mut faults = teleop.check();
         for (name, value) in [
             ("max_speed_mps", vehicle.max_speed_mps),
@@ -166,7 +166,7 @@ impl Rules {
                 let why = "limits must be finite and leave room to move";
                 let fault = fault(name, value, "above 0".to_owned(), why);
                 let key = format!("vehicle.{name}");
-                faults.push(Fault { key, ..fault });
+                faults.push(ConfigIssue { key, ..fault });
             }
         }
         if !faults.is_empty() {
@@ -176,7 +176,7 @@ impl Rules {
             max_age: Duration::from_millis(teleop.max_command_age_ms.into()),
             lease: Duration::from_secs_f64(teleop.lease_s),
             neutral: Duration::from_millis(teleop.neutral_ms.into()),
-            blind_travel_m: teleop.blind_travel_m,
+            max_latency_travel_m: teleop.max_latency_travel_m,
             linear: AxisLimits {
                 speed: vehicle.max_speed_mps,
                 accel: teleop.accel_mps2,
@@ -190,7 +190,7 @@ impl Rules {
                 stop_decel: teleop.stop_decel_radps2,
             },
             is_boat: teleop.is_boat,
-            request_waits: REQUEST_WAITS,
+            request_timeout: REQUEST_TIMEOUT,
         })
     }
 }
@@ -205,7 +205,7 @@ mod tests {
         assert_eq!(rules.max_age, Duration::from_millis(400));
         assert_eq!(rules.lease, Duration::from_secs(2));
         assert_eq!(rules.neutral, Duration::from_millis(200));
-        assert!((rules.blind_travel_m - 0.15).abs() < 1e-12);
+        assert!((rules.max_latency_travel_m - 0.15).abs() < 1e-12);
     }
 
     #[test]
@@ -213,7 +213,7 @@ mod tests {
         let teleop = TeleopConfig {
             max_command_age_ms: 0,
             lease_s: f64::NAN,
-            blind_travel_m: 0.0,
+            max_latency_travel_m: 0.0,
             neutral_ms: 199,
             accel_mps2: f64::INFINITY,
             accel_radps2: 5.0,
@@ -222,9 +222,9 @@ mod tests {
             stop_decel_mps2: 0.0,
             stop_decel_radps2: 4.0,
             is_boat: true,
-            guard: GuardConfig {
+            collision_monitor: CollisionMonitorConfig {
                 margin_m: f64::NAN,
-                ..GuardConfig::default()
+                ..CollisionMonitorConfig::default()
             },
         };
         let vehicle = VehicleConfig {
@@ -239,7 +239,7 @@ mod tests {
             [
                 "teleop.max_command_age_ms",
                 "teleop.lease_s",
-                "teleop.blind_travel_m",
+                "teleop.max_latency_travel_m",
                 "teleop.neutral_ms",
                 "teleop.accel_mps2",
                 "teleop.jerk_mps3",

@@ -35,7 +35,7 @@ pub struct EStop {
     /// It would be found after a restart; only then it is acknowledged and can be reset from afar.
     pub is_stored: bool,
     /// When somebody last asked for it. Who resets it must know of that: their token must be younger.
-    pub last_asked: Monotonic,
+    pub last_requested: Monotonic,
     /// When it was last given to be stored.
-    pub store_asked: Monotonic,
+    pub store_requested: Monotonic,
 }

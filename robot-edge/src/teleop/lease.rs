@@ -7,7 +7,7 @@ use crate::clock::Monotonic;
 
 /// Who may drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Holder {
+pub struct LeaseHolder {
     /// Who.
     pub operator: OperatorId,
     /// When the lease was granted or last renewed.
@@ -20,12 +20,12 @@ pub struct Waiting {
     /// Who.
     pub operator: OperatorId,
     /// When they last asked.
-    pub asked: Monotonic,
+    pub requested_at: Monotonic,
 }
 
 /// How somebody came by the lease.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum How {
+pub enum GrantReason {
     /// It was free, or theirs already.
     Request,
     /// The holder consented, or gave it back while they waited.
@@ -64,9 +64,9 @@ pub struct Lease {
     /// Grows with every grant; a command must name it.
     pub epoch: u64,
     /// Who may drive.
-    pub holder: Option<Holder>,
+    pub holder: Option<LeaseHolder>,
     /// Who gets the lease as soon as the output is zero.
-    pub next: Option<(OperatorId, How)>,
+    pub next: Option<(OperatorId, GrantReason)>,
     /// Who waits for the holder's consent.
     pub waiting: Option<Waiting>,
 }
@@ -81,7 +81,7 @@ impl Lease {
     /// Gives the lease to `operator`.
     pub fn grant(&mut self, operator: OperatorId, now: Monotonic) {
         self.epoch += 1;
-        self.holder = Some(Holder {
+        self.holder = Some(LeaseHolder {
             operator,
             renewed: now,
         });
@@ -115,7 +115,7 @@ impl Lease {
         if is_free {
             self.waiting = Some(Waiting {
                 operator,
-                asked: now,
+                requested_at: now,
             });
         }
         is_free
@@ -129,16 +129,16 @@ impl Lease {
         let was_next = self.next.is_some_and(|(next, _)| next == operator);
         if was_next {
             let waiting = self.waiting;
-            self.next = waiting.map(|waiting| (waiting.operator, How::HandOver));
+            self.next = waiting.map(|waiting| (waiting.operator, GrantReason::HandOver));
         }
         was_next || self.waiting != waiting
     }
 
     /// Forgets who has waited for longer than `longest`.
-    pub fn forget_waiting(&mut self, now: Monotonic, longest: Duration) {
+    pub fn expire_request(&mut self, now: Monotonic, longest: Duration) {
         if self
             .waiting
-            .is_some_and(|waiting| now.since(waiting.asked) > longest)
+            .is_some_and(|waiting| now.since(waiting.requested_at) > longest)
         {
             self.waiting = None;
         }

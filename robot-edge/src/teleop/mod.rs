@@ -9,24 +9,24 @@
 //! properties P1 to P12, which the tests of this module are named after.
 //!
 //! A caller that drives a vehicle does this in each round, at the latest every 20 ms:
-//! 1. [`Event::Guard`] with what the collision guard has to say, or that it is off;
-//! 2. for each command that arrived, [`ArbiterState::screen`], then its signature, then [`Event::Command`], or
-//!    [`Event::Rejected`] where one of the two failed;
-//! 3. [`Event::Tick`], and [`Actions::output`] to the motors, whatever it is.
+//! 1. [`ArbiterInput::CollisionMonitor`] with what the collision monitor has to say, or that it is off;
+//! 2. for each command that arrived, [`ArbiterState::precheck`], then its signature, then [`ArbiterInput::Command`], or
+//!    [`ArbiterInput::Rejected`] where one of the two failed;
+//! 3. [`ArbiterInput::Tick`], and [`Actions::output`] to the motors, whatever it is.
 
 pub mod command;
 pub mod config;
 pub mod operator;
+pub mod speed_limits;
 pub mod velocity;
-pub mod verdict;
 
 pub mod action;
-pub mod event;
+pub mod input;
 pub mod report;
 
 pub mod arbiter;
 
-pub mod guard;
+pub mod collision_monitor;
 
 pub mod age_window;
 pub mod arming;
@@ -39,15 +39,15 @@ pub mod token;
 #[cfg(test)]
 mod proofs;
 
-pub use action::{Action, Actions, Answer, Happening};
+pub use action::{Action, Actions, Answer, ArbiterEvent};
 pub use arbiter::{ArbiterState, Mode, step};
 pub use command::DriveCommand;
 pub use config::{Rules, TeleopConfig};
 pub use emergency_stop::EStopId;
-pub use event::{Event, LeaseVerb};
+pub use input::{ArbiterInput, LeaseVerb};
 pub use operator::{Caller, OperatorId, RequestId, Role};
-pub use refusal::{Counters, Refusal, Wish};
+pub use refusal::{Counters, Refusal, RequestKind};
 pub use report::TeleopReport;
+pub use speed_limits::{CollisionMonitorOutput, SpeedLimits};
 pub use token::{AgeToken, TokenFault, TokenRing};
 pub use velocity::Velocity;
-pub use verdict::{GuardLimits, GuardVerdict};

@@ -8,10 +8,10 @@ use std::time::Duration;
 use super::velocity::Velocity;
 
 /// Speed and acceleration closer to what is asked than this are that, metres or radians per second.
-const ARRIVED: f64 = 1e-9;
+const CONVERGED: f64 = 1e-9;
 
 /// Longest time for which one tick speeds up: a late round must not be made up for.
-const LONGEST_STEP: Duration = Duration::from_millis(40);
+const MAX_STEP: Duration = Duration::from_millis(40);
 
 /// Limits of one axis, in metres (along x) or radians (about z); all above zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,7 +53,7 @@ pub struct Caps {
 
 /// What the next tick of [`Motion`] is to come nearer to.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Aim {
+pub struct MotionTarget {
     /// What is asked, within every limit.
     pub target: Velocity,
     /// Greatest linear and angular speeds, which the jerk limit does not stretch. Where it is faster, it brakes as in a
@@ -122,7 +122,7 @@ impl Axis {
         let accel = wanted.clamp(self.accel - change, self.accel + change);
         let speed = (self.speed + accel * dt_s).clamp(-limits.speed, limits.speed);
         // Where it comes to rest at the target, not where it passes it: `a²/2j` is what is still to be added.
-        if (target - speed).abs() < ARRIVED && accel * accel <= 2.0 * limits.jerk * ARRIVED {
+        if (target - speed).abs() < CONVERGED && accel * accel <= 2.0 * limits.jerk * CONVERGED {
             return Self {
                 speed: target,
                 accel: 0.0,
@@ -146,7 +146,7 @@ impl Axis {
         if self.speed.abs() > cap {
             return self.brake(cap, dt.as_secs_f64(), limits);
         }
-        let next = self.follow(target, dt.min(LONGEST_STEP).as_secs_f64(), limits);
+        let next = self.follow(target, dt.min(MAX_STEP).as_secs_f64(), limits);
         let cap = caps.towards(next.speed);
         if next.speed.abs() > cap {
             // It was speeding up when the cap came down: letting go of that gently would pass the cap.
@@ -175,8 +175,13 @@ impl Motion {
 
     /// The motion `dt` later, nearer to `aim`.
     #[must_use]
-    pub fn towards(self, aim: &Aim, dt: Duration, limits: (&AxisLimits, &AxisLimits)) -> Self {
-        let Aim { target, caps } = aim;
+    pub fn towards(
+        self,
+        aim: &MotionTarget,
+        dt: Duration,
+        limits: (&AxisLimits, &AxisLimits),
+    ) -> Self {
+        let MotionTarget { target, caps } = aim;
         Self {
             linear: self.linear.towards(target.linear_mps, caps.0, dt, limits.0),
             angular: self

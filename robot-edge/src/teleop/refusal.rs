@@ -4,7 +4,7 @@ use super::token::TokenFault;
 
 /// What an operator may ask for, and be refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Wish {
+pub enum RequestKind {
     /// To drive.
     Drive,
     /// To stop and stay stopped.
@@ -17,7 +17,7 @@ pub enum Wish {
     Setting,
 }
 
-impl Wish {
+impl RequestKind {
     /// All of them.
     pub const ALL: [Self; 5] = [
         Self::Drive,
@@ -65,13 +65,13 @@ pub enum Refusal {
     #[error("its sequence number does not grow")]
     OldSequence,
     /// It asks for an infinite speed, or for none that is a number (P8).
-    #[error("it asks for a speed that is no finite number")]
+    #[error("its speed is not a finite number")]
     NotFinite,
     /// The vehicle is in a state that cannot grant it.
     #[error("the vehicle is not ready for it")]
     NotReady,
     /// Another request for the lease waits already.
-    #[error("somebody else waits for the lease already")]
+    #[error("another operator already waits for the lease")]
     Busy,
     /// Nobody waits for the lease, or somebody else.
     #[error("that operator does not wait for the lease")]
@@ -80,13 +80,13 @@ pub enum Refusal {
     #[error("there is no emergency stop")]
     NoEStop,
     /// Another emergency stop than the one named is in force.
-    #[error("another emergency stop is in force")]
+    #[error("another emergency stop is active")]
     OtherEStop,
     /// The emergency stop is not on disk yet.
     #[error("the emergency stop is not stored yet")]
     EStopNotStored,
     /// The reset was asked for before the latest request for an emergency stop was known.
-    #[error("an emergency stop was asked for since")]
+    #[error("an emergency stop was requested since")]
     EStopSince,
 }
 

@@ -8,8 +8,8 @@ use super::config::Rules;
 use super::emergency_stop::EStop;
 use super::lease::Lease;
 use super::refusal::Counters;
+use super::speed_limits::CollisionMonitorOutput;
 use super::velocity::Velocity;
-use super::verdict::GuardVerdict;
 use crate::clock::Monotonic;
 
 /// Everything an operator must see: who drives, how old commands are, what is asked, what is done and why it differs.
@@ -28,7 +28,7 @@ pub struct TeleopReport {
     /// Age of the command in force; absent where there is none.
     pub age: Option<Duration>,
     /// The greatest age within the last second; absent where no command came.
-    pub greatest_age: Option<Duration>,
+    pub peak_age: Option<Duration>,
     /// What that age allows, metres per second; at most the vehicle's greatest speed.
     pub speed_allowed_mps: f64,
     /// What the holder asks.
@@ -38,7 +38,7 @@ pub struct TeleopReport {
     /// What made the one differ from the other.
     pub clamp: Option<Clamp>,
     /// The guard's last word; absent where it has not spoken, or too long ago.
-    pub guard: Option<GuardVerdict>,
+    pub collision_monitor: Option<CollisionMonitorOutput>,
     /// How fast the vehicle is, as its sensors tell.
     pub measured: Option<Velocity>,
     /// The emergency stop in force.
@@ -52,10 +52,10 @@ pub struct TeleopReport {
 pub enum Clamp {
     /// The vehicle's greatest speed.
     Vehicle,
-    /// The age of commands: `teleop.blind_travel_m`.
+    /// The age of commands: `teleop.max_latency_travel_m`.
     Age,
-    /// The collision guard.
-    Guard,
+    /// The collision monitor.
+    CollisionMonitor,
     /// The limits of acceleration and jerk.
     Ramp,
 }
@@ -63,7 +63,7 @@ pub enum Clamp {
 impl ArbiterState {
     /// The state as a console is shown it.
     pub fn report(&self, rules: &Rules, now: Monotonic) -> TeleopReport {
-        let now = self.not_before(now);
+        let now = self.clamp_time(now);
         TeleopReport {
             mode: self.mode,
             is_drifting: match self.mode {
@@ -78,12 +78,12 @@ impl ArbiterState {
             arming: self.stream.arming,
             last_seq: self.stream.last_seq,
             age: self.stream.age(now),
-            greatest_age: self.stream.ages.greatest(now),
+            peak_age: self.stream.ages.peak(now),
             speed_allowed_mps: self.speed_allowed_mps(rules, now).min(rules.linear.speed),
             requested: self.stream.requested,
             applied: self.motion.velocity(),
             clamp: self.clamp,
-            guard: self.guard_verdict(now),
+            collision_monitor: self.monitor_output(now),
             measured: self.measured,
             estop: self.estop,
             counters: self.counters,

@@ -8,9 +8,9 @@ use std::time::Duration;
 use crate::clock::Monotonic;
 
 /// How long a token is known.
-pub const TOKEN_LIFE: Duration = Duration::from_secs(2);
+pub const TOKEN_LIFETIME: Duration = Duration::from_secs(2);
 
-/// Tokens remembered: [`TOKEN_LIFE`] at 50 Hz, and as much again as rounds that come early may add. Where more are
+/// Tokens remembered: [`TOKEN_LIFETIME`] at 50 Hz, and as much again as rounds that come early may add. Where more are
 /// issued the oldest are forgotten sooner, which refuses commands and never accepts one.
 const CAPACITY: usize = 128;
 
@@ -37,12 +37,12 @@ pub enum TokenFault {
     /// It is not what was issued under its number.
     #[error("the token's nonce is wrong")]
     WrongNonce,
-    /// It is older than [`TOKEN_LIFE`].
+    /// It is older than [`TOKEN_LIFETIME`].
     #[error("the token has expired")]
     Expired,
 }
 
-/// The tokens of the last [`TOKEN_LIFE`], and when each was issued.
+/// The tokens of the last [`TOKEN_LIFETIME`], and when each was issued.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TokenRing {
     pub(super) boot_id: u128,
@@ -106,7 +106,7 @@ impl TokenRing {
         if token.nonce != slot.nonce {
             return Err(TokenFault::WrongNonce);
         }
-        if now.since(slot.issued) > TOKEN_LIFE {
+        if now.since(slot.issued) > TOKEN_LIFETIME {
             return Err(TokenFault::Expired);
         }
         Ok(slot.issued)
@@ -189,13 +189,13 @@ mod tests {
     fn tokens_expire_and_are_forgotten() {
         let mut ring = TokenRing::new(BOOT);
         let first = ring.issue(at(0), 1);
-        assert_eq!(ring.age(first, at(2000)), Ok(TOKEN_LIFE));
+        assert_eq!(ring.age(first, at(2000)), Ok(TOKEN_LIFETIME));
         assert_eq!(ring.age(first, at(2001)), Err(TokenFault::Expired));
         // Two seconds at 50 Hz fit, whatever the rounds' jitter.
         for n in 1..=100 {
             ring.issue(at(n * 20), n);
         }
-        assert_eq!(ring.age(first, at(2000)), Ok(TOKEN_LIFE));
+        assert_eq!(ring.age(first, at(2000)), Ok(TOKEN_LIFETIME));
         for n in 0..28 {
             ring.issue(at(2000), n);
         }

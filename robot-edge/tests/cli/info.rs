@@ -114,7 +114,7 @@ fn carmen_logs() {
         "aces-corrected.log",
         &[
             "FLASER: 440 scans of 180 beams in frame laser",
-            "from 50 m on they repeat: what this laser says where it sees nothing",
+            "from 50 m on they repeat: what this laser reports for no return",
             own_poses,
         ],
     );
@@ -139,7 +139,7 @@ fn carmen_logs() {
         "infinite-corridor-corrected.log",
         &[
             "FLASER carmen/FLASER 1941 -",
-            "from 51.01 m on they repeat: what this laser says where it sees nothing",
+            "from 51.01 m on they repeat: what this laser reports for no return",
             "FLASER: of 1941 stamps 1940 repeat the one before, 0 go back",
             own_poses,
         ],
@@ -202,7 +202,7 @@ fn ros_1_bags() {
             "/sick_lms_1xx/scan sensor_msgs/LaserScan 89 50.0 Hz",
             "/sick_lms_1xx/scan: 89 scans of 541 beams in frame cloud",
             "radar (17 transforms in 1.6 s)",
-            "messages not as their type says, and clouds without order: 336",
+            "messages that do not match their type, and unorganised clouds: 336",
             no_poses,
         ],
     );

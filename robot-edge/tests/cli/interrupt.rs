@@ -15,7 +15,7 @@ use crate::process::{Ended, digest, events, read_json, robot_edge, rooms, run, s
 const BEGINNING_BYTES: u64 = 4096;
 
 /// What a machine with other work may take.
-const PATIENCE: Duration = Duration::from_secs(30);
+const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Between two questions: so that asking takes no time from the process that is waited for.
 const NAP: Duration = Duration::from_millis(2);
@@ -43,7 +43,7 @@ impl Running {
         while !condition() {
             let has_ended = self.child().try_wait().unwrap().is_some();
             assert!(!has_ended, "it ended before {what}: {:#?}", self.end());
-            assert!(started.elapsed() < PATIENCE, "waited too long until {what}");
+            assert!(started.elapsed() < TIMEOUT, "waited too long until {what}");
             std::thread::sleep(NAP);
         }
     }
@@ -58,7 +58,7 @@ impl Running {
     fn end(&mut self) -> Ended {
         let started = Monotonic::now();
         while self.child().try_wait().unwrap().is_none() {
-            assert!(started.elapsed() < PATIENCE, "waited too long for its end");
+            assert!(started.elapsed() < TIMEOUT, "waited too long for its end");
             std::thread::sleep(NAP);
         }
         self.0.take().unwrap().wait_with_output().unwrap().into()

@@ -89,7 +89,7 @@ fn the_clip_becomes_maps_and_figures() {
     assert!(real("wall_s") > 0.0 && real("wall_s") < 60.0);
     assert!((real("realtime_factor") * real("wall_s") - real("duration_s")).abs() < 1e-6);
     assert!((1 << 20..100 << 20).contains(&summary["peak_rss_bytes"].as_u64().unwrap()));
-    for stage in ["place", "mapping", "publish"] {
+    for stage in ["localization", "mapping", "publish"] {
         let times = &summary["stages"][stage];
         let time = |name: &str| times[name].as_f64().unwrap();
         assert!(

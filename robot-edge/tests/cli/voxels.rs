@@ -157,7 +157,10 @@ fn senseless_settings_of_voxels_are_refused() {
         ("mapping.cost.enabled=false", "mapping.rigidity.enabled"),
         ("mapping.cost.box_m=500", "1 to 200"),
         ("mapping.shore.sparse_below=0.9", "0 to 0.68"),
-        ("mapping.rigidity.trespassable_cost=1", "0 to 0.996"),
+        (
+            "mapping.rigidity.traversable_vegetation_cost=1",
+            "0 to 0.996",
+        ),
         ("sensors.laser.p_hit=0.4", "sensors.laser.p_hit"),
     ] {
         let ended = run(robot_edge("simulate yard --set").arg(setting));

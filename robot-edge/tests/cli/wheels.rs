@@ -16,7 +16,7 @@ const RADIUS_M: f64 = 0.125;
 /// Wheel angles and attitude of a vehicle that drives from pose to pose.
 #[derive(Default)]
 struct Wheels {
-    way_m: f64,
+    distance_m: f64,
     last: Option<Pose>,
 }
 
@@ -24,9 +24,9 @@ impl Wheels {
     fn measure(&mut self, odom_from_base: Pose) -> [MeasurementData; 2] {
         if let Some(last) = self.last.replace(odom_from_base) {
             let step = odom_from_base.translation.vector - last.translation.vector;
-            self.way_m += step.dot(&(last.rotation * Vector3::x())).signum() * step.norm();
+            self.distance_m += step.dot(&(last.rotation * Vector3::x())).signum() * step.norm();
         }
-        let angle_rad = self.way_m / RADIUS_M;
+        let angle_rad = self.distance_m / RADIUS_M;
         let wheels = ["left_wheel_joint", "right_wheel_joint"];
         let joints = wheels.map(|name| (name.to_owned(), angle_rad));
         let [x, y, z, w] = odom_from_base.rotation.coords.into();
@@ -134,11 +134,11 @@ fn wheels_and_attitude_lead_where_the_poses_do() {
         let error_m = (reckoned + origin - pose).norm();
         assert!(error_m < 0.02, "{error_m} m off at {stamp}");
     }
-    let way_m: f64 = wheels
+    let distance_m: f64 = wheels
         .windows(2)
         .map(|two| (two[1].1 - two[0].1).norm())
         .sum();
-    assert!(way_m > 5.0, "{way_m}");
+    assert!(distance_m > 5.0, "{distance_m}");
 
     // Without the sensors in the configuration nothing is guessed.
     replay(&recording, &[], &maps("none")).refuses(

@@ -24,7 +24,7 @@ pub fn press_latencies(log: &DriveLog, journal: &Journal) -> Vec<Option<Duration
                 |seq: Option<u64>| seq.is_some_and(|seq| (press.seq..released).contains(&seq));
             let mut rounds = log.since(press.at).iter();
             let moved = rounds.find(|round| {
-                round.epoch == press.epoch && is_moved_by_it(round.seq) && !round.stands()
+                round.epoch == press.epoch && is_moved_by_it(round.seq) && !round.is_stopped()
             })?;
             Some(moved.at.since(press.at))
         })
@@ -57,7 +57,7 @@ mod tests {
                 seq,
                 epoch: 1,
                 token: seq,
-                token_heard: at_ms(100 * seq),
+                token_received: at_ms(100 * seq),
                 input,
             });
         }

@@ -1,13 +1,13 @@
 //! What `robot-edge simulate --drive-log` wrote: one line for each round of the loop that drives.
 
-mod judge;
+mod evaluation;
 mod latency;
 
 use std::time::Duration;
 
 use robot_edge::clock::Monotonic;
 
-pub use judge::{Limits, Stop, Verdict, judge};
+pub use evaluation::{Evaluation, Limits, Stop, evaluate};
 pub use latency::press_latencies;
 
 /// The columns that are relied on, in this order.
@@ -36,13 +36,13 @@ pub struct Round {
     pub seq: Option<u64>,
     /// What made the output differ from what was asked; empty for nothing.
     pub clamp: String,
-    /// What the collision guard said.
+    /// What the collision monitor said.
     pub guard: String,
 }
 
 impl Round {
     /// Whether the motors were told zero.
-    pub fn stands(&self) -> bool {
+    pub fn is_stopped(&self) -> bool {
         self.output.iter().all(|speed| speed.abs() <= 0.0)
     }
 
@@ -112,10 +112,10 @@ fn parse_round(line: &str) -> Option<Round> {
     let [
         at,
         mode,
-        asked_x,
-        asked_z,
-        told_x,
-        told_z,
+        requested_x,
+        requested_z,
+        output_x,
+        output_z,
         age,
         epoch,
         seq,
@@ -137,8 +137,8 @@ fn parse_round(line: &str) -> Option<Round> {
     Some(Round {
         at: Monotonic::from_nanos(at.parse().ok()?),
         mode: mode.to_owned(),
-        requested: speeds(asked_x, asked_z)?,
-        output: speeds(told_x, told_z)?,
+        requested: speeds(requested_x, requested_z)?,
+        output: speeds(output_x, output_z)?,
         age,
         epoch: epoch.parse().ok()?,
         seq,
@@ -165,7 +165,7 @@ mod tests {
         let [held, driving] = &log.rounds[..] else {
             panic!("{log:?}")
         };
-        assert!(held.stands() && held.age.is_none() && held.seq.is_none());
+        assert!(held.is_stopped() && held.age.is_none() && held.seq.is_none());
         assert_eq!(
             driving.output.map(f64::to_bits),
             [0.01_f64, -0.02].map(f64::to_bits)

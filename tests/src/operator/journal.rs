@@ -21,7 +21,7 @@ pub struct Sent {
     /// Number of its token.
     pub token: u64,
     /// When that token was heard first: later than it was issued.
-    pub token_heard: Monotonic,
+    pub token_received: Monotonic,
     /// What it asks for.
     pub input: Input,
 }
@@ -69,15 +69,15 @@ impl Journal {
             seq,
             epoch,
             token,
-            token_heard,
+            token_received,
             input,
         } = sent;
-        let [at, heard] = [*at, *token_heard].map(nanos);
+        let [at, received] = [*at, *token_received].map(nanos);
         let Input {
             linear_mps,
             angular_radps,
         } = input;
-        let line = format!("{at},{seq},{epoch},{token},{heard},{linear_mps},{angular_radps}\n");
+        let line = format!("{at},{seq},{epoch},{token},{received},{linear_mps},{angular_radps}\n");
         out.write_all(line.as_bytes())
     }
 
@@ -105,7 +105,7 @@ fn parse_line(line: &str) -> Option<Sent> {
     let mut fields = line.split(',');
     let mut whole = || fields.next()?.parse::<u64>().ok();
     let (at, seq, epoch) = (whole()?, whole()?, whole()?);
-    let (token, heard) = (whole()?, whole()?);
+    let (token, received) = (whole()?, whole()?);
     let mut speed = || fields.next()?.parse::<f32>().ok();
     let input = Input::of(speed()?, speed()?);
     fields.next().is_none().then(|| Sent {
@@ -113,7 +113,7 @@ fn parse_line(line: &str) -> Option<Sent> {
         seq,
         epoch,
         token,
-        token_heard: Monotonic::from_nanos(heard),
+        token_received: Monotonic::from_nanos(received),
         input,
     })
 }
@@ -132,7 +132,7 @@ mod tests {
             seq,
             epoch: 3,
             token: seq / 2,
-            token_heard: Monotonic::from_nanos(9 * seq),
+            token_received: Monotonic::from_nanos(9 * seq),
             input: Input::of(0.1, -0.25),
         }
     }

@@ -9,9 +9,9 @@
     reason = "a part of tests: what fails here fails the test, with its reason"
 )]
 
-mod heard;
+mod driving;
 mod journal;
-mod setting_off;
+mod received;
 
 use std::fs::File;
 use std::io;
@@ -22,7 +22,7 @@ use std::time::Duration;
 
 use protocol::keys::{OperatorId, OperatorTopic, RobotId, operator_key};
 use protocol::message::{Drive, Pose, SensorStatus, TeleopStatus};
-use protocol::signed::{Command, Route, SecretKey, Stamp, sign};
+use protocol::signed::{Command, CommandHeader, Route, SecretKey, sign};
 use robot_edge::clock::{Monotonic, sleep_until};
 use robot_edge::credentials::{Credentials, Identity};
 use robot_edge::link::endpoints::Channel;
@@ -31,12 +31,12 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::{Session, Wait as _};
 
-use heard::{Heard, Token, lock};
+use received::{Received, Token, lock};
 
 pub use journal::{Journal, Sent};
 
 /// How long a robot may take to do what it is told; nothing is measured by it.
-pub const PATIENCE: Duration = Duration::from_secs(30);
+pub const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// From one command to the next.
 pub const PERIOD: Duration = Duration::from_millis(20);
@@ -90,7 +90,7 @@ pub struct Operator {
     robot: RobotId,
     session: Session,
     drive: Publisher<'static>,
-    heard: Arc<Mutex<Heard>>,
+    received: Arc<Mutex<Received>>,
     pressed: Input,
     journal_file: Option<File>,
 }
@@ -117,7 +117,7 @@ impl Operator {
     /// On a link that is open already, signing with that key.
     pub fn on(session: Session, robot: &str, name: OperatorId, key: SecretKey) -> Self {
         let robot: RobotId = robot.parse().unwrap();
-        let heard = Heard::listen(&session, &robot);
+        let received = Received::subscribe(&session, &robot);
         let drive = session
             .declare_publisher(operator_key(&robot, &name, OperatorTopic::Drive))
             .congestion_control(CongestionControl::Drop)
@@ -136,7 +136,7 @@ impl Operator {
             robot,
             session,
             drive,
-            heard,
+            received,
             pressed: Input::NEUTRAL,
             journal_file: None,
         }
@@ -158,7 +158,7 @@ impl Operator {
     /// Waits until it can send commands.
     #[must_use]
     pub fn with_token(self) -> Self {
-        self.awaits("a token", || self.heard().token.is_some().then_some(()));
+        self.wait_until("a token", || self.received().token.is_some().then_some(()));
         self
     }
 
@@ -174,13 +174,13 @@ impl Operator {
 
     /// How driving goes, as last heard.
     pub fn teleop(&self) -> Option<TeleopStatus> {
-        self.heard().status.as_ref()?.teleop.clone()
+        self.received().status.as_ref()?.teleop.clone()
     }
 
     /// How the sensors are doing, as last heard.
     pub fn sensors(&self) -> Vec<SensorStatus> {
-        let heard = self.heard();
-        heard
+        let received = self.received();
+        received
             .status
             .as_ref()
             .map(|status| status.sensors.clone())
@@ -189,36 +189,40 @@ impl Operator {
 
     /// Where the robot is, by the last pose that came.
     pub fn pose(&self) -> Pose {
-        lock(&self.heard).pose.expect("a pose").1
+        lock(&self.received).pose.expect("a pose").1
     }
 
     /// How fast the robot turns, as last heard.
     pub fn turn_rate_radps(&self) -> f32 {
-        self.heard().pose.unwrap().1.turn_rate_radps
+        self.received().pose.unwrap().1.turn_rate_radps
     }
 
     /// Waits until the status is as wanted.
-    pub fn sees(&self, what: &str, is_so: impl Fn(&TeleopStatus) -> bool) -> TeleopStatus {
+    pub fn wait_for_status(
+        &self,
+        what: &str,
+        is_so: impl Fn(&TeleopStatus) -> bool,
+    ) -> TeleopStatus {
         let started = Monotonic::now();
         loop {
             let teleop = self.teleop();
             if let Some(teleop) = teleop.as_ref().filter(|teleop| is_so(teleop)) {
                 return teleop.clone();
             }
-            assert!(started.elapsed() < PATIENCE, "not {what}: {teleop:?}");
+            assert!(started.elapsed() < TIMEOUT, "not {what}: {teleop:?}");
             sleep(PERIOD);
         }
     }
 
     /// Waits for a status that the robot sends from now on, and returns it.
-    pub fn sees_anew(&self) -> TeleopStatus {
-        self.heard().status = None;
-        self.sees("told", |_| true)
+    pub fn wait_for_new_status(&self) -> TeleopStatus {
+        self.received().status = None;
+        self.wait_for_status("told", |_| true)
     }
 
     /// Signs a command with the newest token, a new `seq` and the present epoch.
     pub fn signed<T: Command>(&mut self, command: &T) -> Vec<u8> {
-        let newest = self.heard().token.expect("a token");
+        let newest = self.received().token.expect("a token");
         self.signed_with(newest, command)
     }
 
@@ -230,7 +234,7 @@ impl Operator {
 
     /// Sends what is pressed, as one iteration of a console's input loop does.
     pub fn command(&mut self, input: Input) -> Vec<u8> {
-        let newest = self.heard().token.expect("a token");
+        let newest = self.received().token.expect("a token");
         let message = self.signed_with(
             newest,
             &Drive {
@@ -243,8 +247,8 @@ impl Operator {
             at: Monotonic::now(),
             seq: self.seq,
             epoch: self.epoch,
-            token: newest.given.n,
-            token_heard: newest.heard,
+            token: newest.token.n,
+            token_received: newest.received,
             input,
         };
         if let Some(file) = &mut self.journal_file {
@@ -283,16 +287,16 @@ impl Operator {
     }
 
     /// The next stamp, with the newest token.
-    pub fn stamp(&mut self) -> Stamp {
-        let newest = self.heard().token.expect("a token");
+    pub fn stamp(&mut self) -> CommandHeader {
+        let newest = self.received().token.expect("a token");
         self.stamp_with(newest)
     }
 
-    fn stamp_with(&mut self, newest: Token) -> Stamp {
+    fn stamp_with(&mut self, newest: Token) -> CommandHeader {
         self.seq += 1;
-        Stamp {
+        CommandHeader {
             boot: newest.boot,
-            token: newest.given,
+            token: newest.token,
             epoch: self.epoch,
             seq: self.seq,
         }
@@ -307,11 +311,11 @@ impl Operator {
         sign(&self.key, route, &stamp, command).unwrap()
     }
 
-    fn heard(&self) -> MutexGuard<'_, Heard> {
-        lock(&self.heard)
+    fn received(&self) -> MutexGuard<'_, Received> {
+        lock(&self.received)
     }
 
-    fn awaits<T>(&self, what: &str, find: impl Fn() -> Option<T>) -> T {
+    fn wait_until<T>(&self, what: &str, find: impl Fn() -> Option<T>) -> T {
         let started = Monotonic::now();
         loop {
             if let Some(found) = find() {
@@ -319,7 +323,7 @@ impl Operator {
             }
             let name = &self.name;
             assert!(
-                started.elapsed() < PATIENCE,
+                started.elapsed() < TIMEOUT,
                 "{name} waits for {what} in vain"
             );
             sleep(PERIOD);
@@ -338,7 +342,7 @@ pub fn connected(endpoint: &str, credentials: Option<Credentials>) -> Session {
     loop {
         match sessions::open(Side::Console, Channel::Control, &endpoints) {
             Ok(session) => return session,
-            Err(why) => assert!(started.elapsed() < PATIENCE, "{why}"),
+            Err(why) => assert!(started.elapsed() < TIMEOUT, "{why}"),
         }
         sleep(PERIOD);
     }

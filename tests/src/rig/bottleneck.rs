@@ -8,7 +8,7 @@ use std::time::Duration;
 use robot_edge::clock::Monotonic;
 
 /// Most bytes that one direction holds, waiting and under way together, whatever its [`Line`] says.
-pub(super) const LARGEST_LOAD_BYTES: usize = 64 << 20;
+pub(super) const MAX_LOAD_BYTES: usize = 64 << 20;
 
 /// How fast one direction of a link is, and how far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,22 +39,22 @@ pub(super) struct Bottleneck<T> {
     waiting: VecDeque<Waiting<T>>,
     waiting_bytes: usize,
     /// Bytes of the first in the queue that have not yet been sent at `served_until`.
-    left_of_first_bytes: f64,
+    head_remaining_bytes: f64,
     served_until: Monotonic,
     /// In the order of leaving, whenever they are due: none overtakes another.
-    under_way: VecDeque<UnderWay<T>>,
-    under_way_bytes: usize,
+    in_flight: VecDeque<InFlight<T>>,
+    in_flight_bytes: usize,
 }
 
 #[derive(Debug)]
 struct Waiting<T> {
     bytes: usize,
-    further_delay: Duration,
+    extra_delay: Duration,
     item: T,
 }
 
 #[derive(Debug)]
-struct UnderWay<T> {
+struct InFlight<T> {
     due: Monotonic,
     bytes: usize,
     item: T,
@@ -66,10 +66,10 @@ impl<T> Bottleneck<T> {
             line,
             waiting: VecDeque::new(),
             waiting_bytes: 0,
-            left_of_first_bytes: 0.0,
+            head_remaining_bytes: 0.0,
             served_until: Monotonic::default(),
-            under_way: VecDeque::new(),
-            under_way_bytes: 0,
+            in_flight: VecDeque::new(),
+            in_flight_bytes: 0,
         }
     }
 
@@ -85,8 +85,8 @@ impl<T> Bottleneck<T> {
 
     /// Bytes that the queue takes now.
     pub(super) fn room_bytes(&self) -> usize {
-        let load = self.waiting_bytes + self.under_way_bytes;
-        let within_memory = LARGEST_LOAD_BYTES.saturating_sub(load);
+        let load = self.waiting_bytes + self.in_flight_bytes;
+        let within_memory = MAX_LOAD_BYTES.saturating_sub(load);
         if self.waiting.is_empty() {
             return within_memory;
         }
@@ -96,14 +96,14 @@ impl<T> Bottleneck<T> {
             .min(within_memory)
     }
 
-    /// Puts `item` at the end of the queue; it takes `further_delay` beyond the line's own.
+    /// Puts `item` at the end of the queue; it takes `extra_delay` beyond the line's own.
     ///
     /// Returns whether there was room for its `bytes`.
     pub(super) fn offer(
         &mut self,
         now: Monotonic,
         bytes: usize,
-        further_delay: Duration,
+        extra_delay: Duration,
         item: T,
     ) -> bool {
         self.serve(now);
@@ -111,13 +111,13 @@ impl<T> Bottleneck<T> {
             return false;
         }
         if self.waiting.is_empty() {
-            self.left_of_first_bytes = bytes as f64;
+            self.head_remaining_bytes = bytes as f64;
             self.served_until = now;
         }
         self.waiting_bytes += bytes;
         self.waiting.push_back(Waiting {
             bytes,
-            further_delay,
+            extra_delay,
             item,
         });
         self.serve(now);
@@ -127,14 +127,14 @@ impl<T> Bottleneck<T> {
     /// The next that has arrived at the other end by `now`.
     pub(super) fn take(&mut self, now: Monotonic) -> Option<T> {
         self.serve(now);
-        let first = self.under_way.pop_front_if(|first| first.due <= now)?;
-        self.under_way_bytes -= first.bytes;
+        let first = self.in_flight.pop_front_if(|first| first.due <= now)?;
+        self.in_flight_bytes -= first.bytes;
         Some(first.item)
     }
 
     /// When something happens next of its own accord: an arrival, or room in the queue.
     pub(super) fn next_event(&self) -> Option<Monotonic> {
-        let arrival = self.under_way.front().map(|first| first.due);
+        let arrival = self.in_flight.front().map(|first| first.due);
         let departure = self.waiting.front().and_then(|_| self.first_leaves_at());
         arrival.into_iter().chain(departure).min()
     }
@@ -149,9 +149,9 @@ impl<T> Bottleneck<T> {
     /// Takes out everything, wherever it is.
     pub(super) fn drain(&mut self) -> Vec<T> {
         self.waiting_bytes = 0;
-        self.under_way_bytes = 0;
-        let under_way = self.under_way.drain(..).map(|one| one.item);
-        under_way
+        self.in_flight_bytes = 0;
+        let in_flight = self.in_flight.drain(..).map(|one| one.item);
+        in_flight
             .chain(self.waiting.drain(..).map(|one| one.item))
             .collect()
     }
@@ -162,7 +162,7 @@ impl<T> Bottleneck<T> {
             let Some(leaves) = self.first_leaves_at().filter(|leaves| *leaves <= now) else {
                 let served_s = now.since(self.served_until).as_secs_f64();
                 let rate = self.line.rate_bytes_per_s.unwrap_or(0) as f64;
-                self.left_of_first_bytes = (self.left_of_first_bytes - rate * served_s).max(0.0);
+                self.head_remaining_bytes = (self.head_remaining_bytes - rate * served_s).max(0.0);
                 self.served_until = self.served_until.max(now);
                 return;
             };
@@ -171,10 +171,10 @@ impl<T> Bottleneck<T> {
             };
             self.waiting_bytes -= first.bytes;
             self.served_until = leaves;
-            self.left_of_first_bytes = self.waiting.front().map_or(0.0, |next| next.bytes as f64);
-            let due = leaves + self.line.delay + first.further_delay;
-            self.under_way_bytes += first.bytes;
-            self.under_way.push_back(UnderWay {
+            self.head_remaining_bytes = self.waiting.front().map_or(0.0, |next| next.bytes as f64);
+            let due = leaves + self.line.delay + first.extra_delay;
+            self.in_flight_bytes += first.bytes;
+            self.in_flight.push_back(InFlight {
                 due,
                 bytes: first.bytes,
                 item: first.item,
@@ -186,8 +186,8 @@ impl<T> Bottleneck<T> {
     fn first_leaves_at(&self) -> Option<Monotonic> {
         let seconds = match self.line.rate_bytes_per_s {
             None => 0.0,
-            Some(0) if self.left_of_first_bytes > 0.0 => return None,
-            Some(rate) => self.left_of_first_bytes / (rate.max(1) as f64),
+            Some(0) if self.head_remaining_bytes > 0.0 => return None,
+            Some(rate) => self.head_remaining_bytes / (rate.max(1) as f64),
         };
         Some(self.served_until + Duration::from_secs_f64(seconds))
     }
@@ -232,7 +232,7 @@ mod tests {
         assert!(link.offer(at_ms(400), 100, Duration::ZERO, 2));
         assert!(!link.offer(at_ms(400), 51, Duration::ZERO, 3));
         assert_eq!(link.room_bytes(), 50);
-        assert!(!link.offer(at_ms(500), LARGEST_LOAD_BYTES, Duration::ZERO, 4));
+        assert!(!link.offer(at_ms(500), MAX_LOAD_BYTES, Duration::ZERO, 4));
     }
 
     #[test]
@@ -289,7 +289,7 @@ mod tests {
                 let allowed = rate as f64 * (arrived_ms - start_ms - delay_ms) as f64 / 1000.0;
                 prop_assert!(sent_bytes as f64 <= allowed + 1.0, "{sent_bytes} of {allowed} bytes");
             }
-            prop_assert_eq!(link.room_bytes(), LARGEST_LOAD_BYTES);
+            prop_assert_eq!(link.room_bytes(), MAX_LOAD_BYTES);
         }
     }
 }

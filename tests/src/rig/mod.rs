@@ -6,10 +6,10 @@
 //! setting has taken effect when the call that makes it returns.
 
 mod bottleneck;
+mod command_thread;
 mod count;
-mod dice;
 pub mod ports;
-mod remote;
+mod rng;
 
 pub mod relay;
 pub mod tun;

@@ -39,7 +39,7 @@ fn map_of(world: &World, measurements: Vec<Measurement>, settings: &[&str]) -> R
     }
     pipeline.finish(()).unwrap();
     assert_eq!(pipeline.report().scans_mapped, scans as u64);
-    assert_eq!(pipeline.placer().counts().dropped_scans.total(), 0);
+    assert_eq!(pipeline.registration().counts().dropped_scans.total(), 0);
     digest(&pipeline)
 }
 

@@ -12,7 +12,7 @@ use tempfile::tempdir;
 
 use crate::link::processes::{Running, free_port, program};
 
-const PATIENCE: Duration = Duration::from_mins(1);
+const TIMEOUT: Duration = Duration::from_mins(1);
 /// How long a run lasts, after it has begun to write.
 const RUN: Duration = Duration::from_secs(4);
 /// What a kill may lose.
@@ -22,7 +22,7 @@ const LOSS: Duration = Duration::from_secs(1);
 fn start(folder: &Path, port: u16) -> Running {
     let mut command = program("robot-edge");
     command
-        .args(["simulate", "rooms", "--rate", "1", "--stay"])
+        .args(["simulate", "rooms", "--rate", "1", "--keep-serving"])
         .args(["--listen", &format!("tcp/127.0.0.1:{port}"), "--record"])
         .arg(folder.join("f.mcap"))
         .arg("--drive-log")
@@ -36,7 +36,7 @@ fn recorded(path: &Path) -> Duration {
     let mut stamps = Vec::new();
     while let Some(measurement) = reader.next_measurement().unwrap() {
         // Transforms that always hold have a stamp of their own.
-        if !measurement.is_timeless() {
+        if !measurement.is_static_transform() {
             stamps.push(measurement.stamp.as_nanos());
         }
     }
@@ -59,7 +59,7 @@ fn what_killed_runs_have_written_is_whole_after_three_restarts() {
         let edge = start(folder.path(), port);
         let started = Monotonic::now();
         while fs::metadata(at(recording)).map_or(0, |file| file.len()) == 0 {
-            assert!(started.elapsed() < PATIENCE, "{recording} never came");
+            assert!(started.elapsed() < TIMEOUT, "{recording} never came");
             sleep(Duration::from_millis(5));
         }
         // What is there now is of the first second.
@@ -93,7 +93,7 @@ fn what_killed_runs_have_written_is_whole_after_three_restarts() {
     let edge = start(folder.path(), port);
     let started = Monotonic::now();
     while fs::metadata(at("f-4.mcap")).map_or(0, |file| file.len()) == 0 {
-        assert!(started.elapsed() < PATIENCE, "f-4.mcap never came");
+        assert!(started.elapsed() < TIMEOUT, "f-4.mcap never came");
         sleep(Duration::from_millis(5));
     }
     // Until there is a map.

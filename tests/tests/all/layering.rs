@@ -126,7 +126,7 @@ fn the_model_and_the_rules_of_streaming_are_pure() {
     ];
     for folder in [
         "operator-console/src/model",
-        "robot-edge/src/sensor_watch",
+        "robot-edge/src/sensor_monitor",
         "robot-edge/src/streaming",
     ] {
         assert_eq!(lines_with(folder, &impure, &[]), [""; 0]);

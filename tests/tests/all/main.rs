@@ -16,13 +16,13 @@ mod simulated_run;
 #[cfg(target_os = "linux")]
 mod rig;
 
-mod chance;
 mod determinism;
 mod eviction;
 mod experiments;
 mod fleet;
 mod killed_run;
 mod link;
+mod rng;
 mod security;
 mod skip;
 

@@ -3,7 +3,7 @@
 use protocol::layer::LayerId;
 use robot_edge::experiments::run;
 use robot_edge::measurement::{Measurement, MeasurementData};
-use robot_edge::pipeline::{Happening, Pipeline};
+use robot_edge::pipeline::{MapEvent, Pipeline};
 use robot_edge::robot_time::RobotDuration;
 use robot_edge::simulation::source::START;
 use robot_edge::simulation::{SimulatedSource, SimulationOptions, World};
@@ -14,7 +14,7 @@ const JUMP_M: f64 = 5.0;
 const END_S: f64 = 6.0;
 
 /// Drives through the hall; the maps at the end and what happened.
-fn drive(on_jump: &str) -> (Pipeline, Vec<Happening>) {
+fn drive(on_jump: &str) -> (Pipeline, Vec<MapEvent>) {
     let world = World::load("hall").unwrap();
     let settings = [
         "localization.source=odometry",
@@ -31,8 +31,8 @@ fn drive(on_jump: &str) -> (Pipeline, Vec<Happening>) {
         pipeline.push(jumping(measurement), ()).unwrap();
     }
     pipeline.finish(()).unwrap();
-    let happenings = pipeline.take_happenings();
-    (pipeline, happenings)
+    let map_events = pipeline.take_map_events();
+    (pipeline, map_events)
 }
 
 fn jumping(mut measurement: Measurement) -> Measurement {
@@ -55,13 +55,13 @@ fn published(pipeline: &Pipeline) -> (f64, u32) {
 
 #[test]
 fn a_jump_is_told_and_the_maps_are_kept_or_erased_as_configured() {
-    let (kept, happenings) = drive("keep");
-    let [happening] = &happenings[..] else {
-        panic!("{happenings:?}");
+    let (kept, map_events) = drive("keep");
+    let [map_event] = &map_events[..] else {
+        panic!("{map_events:?}");
     };
-    assert_eq!(happening.kind, "pose_jump");
+    assert_eq!(map_event.kind, "pose_jump");
     assert_eq!(
-        happening.message,
+        map_event.message,
         "the poses jumped by 5.00 m: the maps were kept"
     );
     let (least_x_m, erased) = published(&kept);
@@ -71,10 +71,10 @@ fn a_jump_is_told_and_the_maps_are_kept_or_erased_as_configured() {
     );
     assert_eq!(erased, 0);
 
-    let (reset, happenings) = drive("reset");
+    let (reset, map_events) = drive("reset");
     assert!(
-        happenings[0].message.ends_with("the maps were erased"),
-        "{happenings:?}"
+        map_events[0].message.ends_with("the maps were erased"),
+        "{map_events:?}"
     );
     let (least_x_after_m, erased) = published(&reset);
     assert!(
@@ -85,11 +85,11 @@ fn a_jump_is_told_and_the_maps_are_kept_or_erased_as_configured() {
 
     // The scans between the last pose before it and the first behind it have no pose, and no others are lost.
     for pipeline in [&kept, &reset] {
-        let counts = pipeline.placer().counts();
+        let counts = pipeline.registration().counts();
         assert!(counts.dropped_scans.total() <= 1, "{counts:?}");
         assert_eq!(
             counts.scans_in,
-            counts.scans_placed + counts.dropped_scans.total()
+            counts.scans_registered + counts.dropped_scans.total()
         );
     }
 }

@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 
 use crate::app::export_job::ExportProgress;
 use crate::app::pictures;
-use crate::command::{Command, ExportWish};
+use crate::command::{Command, ExportRequest};
 use crate::export::ExportPart;
 use crate::model::ConsoleModel;
 use crate::panels::layers::layer_name;
@@ -29,7 +29,7 @@ pub(super) struct ExportDialog {
     parts: BTreeSet<ExportPart>,
     has_keyboard: bool,
     /// How the export before ended: that was told.
-    told: Option<ExportProgress>,
+    previous: Option<ExportProgress>,
 }
 
 impl ExportDialog {
@@ -46,7 +46,7 @@ impl ExportDialog {
             folder: folder.display().to_string(),
             parts: ExportPart::all().filter(|part| part.is_in(model)).collect(),
             has_keyboard: false,
-            told: last.filter(|last| last.ended.is_some()).cloned(),
+            previous: last.filter(|last| last.ended.is_some()).cloned(),
         }
     }
 
@@ -60,7 +60,7 @@ impl ExportDialog {
         is_open: &mut bool,
     ) -> Option<Command> {
         let mut command = None;
-        let progress = progress.filter(|progress| self.told.as_ref() != Some(*progress));
+        let progress = progress.filter(|progress| self.previous.as_ref() != Some(*progress));
         Window::new("Export maps")
             .open(is_open)
             .collapsible(false)
@@ -115,7 +115,7 @@ impl ExportDialog {
             let button = ui.add_enabled(can_begin, Button::new("Export"));
             let button = button.on_hover_text("Files of the same name are replaced (Enter)");
             if can_begin && (button.clicked() || is_entered) {
-                command = Some(Command::Export(ExportWish {
+                command = Some(Command::Export(ExportRequest {
                     folder: absolute(typed_path(self.folder.trim())),
                     parts: self.parts.clone(),
                     opens_folder: *opens_folder,
@@ -161,7 +161,7 @@ impl ExportDialog {
                     }
                 }
                 ui.label(RichText::new(part.files()).small().weak());
-                let is_hidden = |layer| model.is_some_and(|model| !model.map().is_followed(layer));
+                let is_hidden = |layer| model.is_some_and(|model| !model.map().is_wanted(layer));
                 if is_there && matches!(part, ExportPart::Layer(layer) if is_hidden(layer)) {
                     ui.label(RichText::new("hidden: fetched first").small());
                 }

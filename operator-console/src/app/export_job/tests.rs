@@ -11,7 +11,7 @@ fn ended(ended: Result<&str, &str>, opens_folder: bool) -> ExportJob {
         })),
         is_cancelled: Arc::default(),
         opens_folder,
-        is_told: false,
+        is_end_reported: false,
     }
 }
 
@@ -22,7 +22,7 @@ fn the_end_of_an_export_is_told_once() {
     assert_eq!(job.take_end(), None);
     lock(&job.progress).ended = words;
     let end = ExportEnd {
-        note: (Severity::Note, "export", "3 files are in maps".to_owned()),
+        note: (Severity::Info, "export", "3 files are in maps".to_owned()),
         folder: Some(PathBuf::from("maps")),
     };
     assert_eq!(job.take_end(), Some(end));
@@ -69,15 +69,15 @@ fn exported(
     last: ExportPart,
     is_cancelled: bool,
 ) -> (Result<String, String>, usize) {
-    let wish = ExportWish {
+    let request = ExportRequest {
         folder: folder.to_owned(),
         parts: [ExportPart::Trajectory, last].into(),
         opens_folder: false,
     };
-    let model = ModelHandle::of(crate::pretend::scout());
+    let model = ModelHandle::of(crate::test_support::scout());
     let progress = Mutex::default();
     let ended = write(
-        &wish,
+        &request,
         &model,
         &progress,
         &AtomicBool::new(is_cancelled),
@@ -93,7 +93,7 @@ fn what_cannot_be_written_is_said_and_the_rest_is_written() {
     let folder = dir.path().display();
     let expected = format!(
         "1 file is in {folder}\n\
-         trajectory is not whole: only what was heard here, since the robot is not heard"
+         trajectory is not whole: only what was received here: no data from the robot"
     );
     assert_eq!(ended, Err(expected));
     assert_eq!(files, 1);
@@ -117,7 +117,7 @@ fn an_octree_that_does_not_come_is_missing() {
     let dir = tempfile::tempdir().unwrap();
     let (ended, files) = exported(dir.path(), ExportPart::Voxels, false);
     let why = ended.unwrap_err();
-    let missing = "\nvoxels is missing: the robot is not heard. Export it again later";
+    let missing = "\nvoxels is missing: no data from the robot. Export it again later";
     assert!(why.contains(missing), "{why}");
     assert_eq!(files, 1, "the way");
 }

@@ -5,12 +5,12 @@ use protocol::message::LeaseRequest;
 use robot_edge::robot_time::RobotDuration;
 
 use crate::command::{Command, Look};
-use crate::helm::Intent;
-use crate::map_view::{LayerCommand, Overlay, Sight};
-use crate::panels::driving::LeaseFace;
+use crate::map_view::{CameraMode, LayerCommand, Overlay};
+use crate::panels::driving::LeaseButtons;
 use crate::playback::PlaybackCommand;
 use crate::settings::{Appearance, ThemeChoice};
 use crate::shortcuts::{Action, Edge};
+use crate::teleop_client::Intent;
 use crate::workspace::PanelId;
 
 use super::{Scene, Screen};
@@ -37,11 +37,11 @@ impl Screen {
             }
             Action::WholeMap => return Some(Command::Look(Look::Whole)),
             Action::Follow => {
-                let is_following = self.map_view.sight() == Sight::Vehicle;
+                let is_following = self.map_view.camera_mode() == CameraMode::FollowVehicle;
                 return Some(Command::Look(Look::Follow(!is_following)));
             }
             Action::Turn => {
-                let orientation = self.map_view.look_state().orientation.other();
+                let orientation = self.map_view.settings().orientation.other();
                 return Some(Command::Look(Look::Up(orientation)));
             }
             Action::Grid => return Some(self.toggled(Overlay::Grid)),
@@ -51,7 +51,7 @@ impl Screen {
                 return Some(Command::Look(Look::Measure(!is_measuring)));
             }
             Action::Point => return Some(Command::Look(Look::Point)),
-            Action::TakeBack => return Some(Command::Look(Look::TakeBack)),
+            Action::UndoPoint => return Some(Command::Look(Look::UndoPoint)),
             Action::ZoomIn => return Some(Command::Look(Look::In)),
             Action::ZoomOut => return Some(Command::Look(Look::Out)),
             Action::Pan(edge) => {
@@ -63,19 +63,19 @@ impl Screen {
                 })));
             }
             Action::Robot(number) => {
-                let robots = scene.around.robots;
+                let robots = scene.context.robots;
                 let found = robots.numbered(number)?;
                 let is_shown = robots.current.as_ref() == Some(&found.robot);
                 return (!is_shown).then(|| Command::Connect(found.clone()));
             }
             Action::Lease => {
                 let request = match scene.driving?.lease {
-                    LeaseFace::Quiet => return None,
+                    LeaseButtons::Quiet => return None,
                     // The helm says why it asks the robot for nothing.
-                    LeaseFace::Free | LeaseFace::Others | LeaseFace::Watching => {
+                    LeaseButtons::Free | LeaseButtons::HeldByOther | LeaseButtons::ReadOnly => {
                         LeaseRequest::Request
                     }
-                    LeaseFace::Waiting | LeaseFace::Mine => LeaseRequest::Release,
+                    LeaseButtons::Waiting | LeaseButtons::Held => LeaseRequest::Release,
                 };
                 return Some(Command::Drive(Intent::Lease(request)));
             }
@@ -84,9 +84,9 @@ impl Screen {
             Action::Quit => return Some(Command::Quit),
             Action::PlayOrPause => return Some(Command::Playback(PlaybackCommand::PlayOrPause)),
             Action::StepBack => return Some(stepped(-1)),
-            Action::StepOn => return Some(stepped(1)),
-            Action::LeapBack => return Some(stepped(-10)),
-            Action::LeapOn => return Some(stepped(10)),
+            Action::StepForward => return Some(stepped(1)),
+            Action::JumpBack => return Some(stepped(-10)),
+            Action::JumpForward => return Some(stepped(10)),
             Action::Slower => return Some(Command::Playback(PlaybackCommand::Slower)),
             Action::Faster => return Some(Command::Playback(PlaybackCommand::Faster)),
             Action::Loop => return Some(Command::Playback(PlaybackCommand::ToggleLooping)),
@@ -96,7 +96,7 @@ impl Screen {
             }
             Action::Export => {
                 if let Some((model, link)) = scene.robot {
-                    let last = scene.around.export;
+                    let last = scene.context.export;
                     self.dialogs
                         .show_export(model, link.recording.as_deref(), last);
                 }
@@ -105,7 +105,7 @@ impl Screen {
             Action::NextPanel => self.workspace.cycle_focus(true),
             Action::PreviousPanel => self.workspace.cycle_focus(false),
             Action::ResetLayout => self.workspace.reset(),
-            Action::OtherTheme => {
+            Action::ToggleTheme => {
                 self.appearance.theme = ThemeChoice::other_than(ctx.theme());
                 self.appearance.apply(ctx);
             }
@@ -131,7 +131,7 @@ impl Screen {
 
     /// An overlay where it is not drawn, none where it is.
     fn toggled(&self, overlay: Overlay) -> Command {
-        let is_drawn = self.map_view.look_state().has(overlay);
+        let is_drawn = self.map_view.settings().has(overlay);
         Command::Look(Look::Draw(overlay, !is_drawn))
     }
 }

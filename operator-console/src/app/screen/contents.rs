@@ -40,12 +40,12 @@ const fn fits(panel: PanelId, [is_narrow, is_low]: [bool; 2]) -> bool {
 }
 
 /// What there is to say of a panel that does not fit.
-const NO_ROOM: &str = "No room for it in so small a window while you drive";
+const NO_ROOM: &str = "Hidden in a small window while you drive";
 
 impl Scene<'_> {
     /// Why a panel is not there although it is wanted; `None` where it is. `is_tight`: while somebody drives, whether the window
     /// is narrow, and whether it is low.
-    pub(super) fn why_not(
+    pub(super) fn unavailable_reason(
         &self,
         panel: PanelId,
         is_tight: Option<[bool; 2]>,
@@ -56,7 +56,7 @@ impl Scene<'_> {
 
     /// Why there is nothing to show in a panel; `None` where there is something.
     fn lacks(&self, panel: PanelId) -> Option<&'static str> {
-        const NOT_TOLD: &str = "This robot has not told of it yet";
+        const NO_DATA: &str = "No data about it yet";
         let Some((model, link)) = self.robot else {
             return panel.needs_a_robot().then_some("No robot is shown");
         };
@@ -70,16 +70,16 @@ impl Scene<'_> {
             | PanelId::Alerts
             | PanelId::Losses => None,
             PanelId::Shores if model.has_shores() => None,
-            PanelId::Shores if model.info().is_none() => Some(NOT_TOLD),
+            PanelId::Shores if model.info().is_none() => Some(NO_DATA),
             PanelId::Shores if link.recording.is_some() => {
                 Some("This recording is mapped without shores")
             }
             PanelId::Shores => Some("This robot maps no shores"),
             PanelId::Driving if self.driving.is_some() => None,
             PanelId::Driving if link.recording.is_some() => Some("A recording cannot be driven"),
-            PanelId::Driving if model.status().is_none() => Some(NOT_TOLD),
+            PanelId::Driving if model.status().is_none() => Some(NO_DATA),
             PanelId::Driving => Some("This robot cannot be driven from here"),
-            PanelId::Sensors | PanelId::Recording => model.status().is_none().then_some(NOT_TOLD),
+            PanelId::Sensors | PanelId::Recording => model.status().is_none().then_some(NO_DATA),
         }
     }
 }
@@ -106,23 +106,23 @@ impl Panels<'_> {
         commands: &mut Vec<Command>,
     ) {
         let Scene {
-            around,
+            context,
             robot,
             driving,
-            helm,
+            teleop_client,
             now,
         } = scene;
         match panel {
             PanelId::Robots => {
-                commands.extend(robots_ui(ui, around.robots, self.address));
+                commands.extend(robots_ui(ui, context.robots, self.address));
                 return;
             }
             PanelId::Events => {
-                events_ui(ui, &EventsData::new(around.log, self.filter), self.filter);
+                events_ui(ui, &EventsData::new(context.log, self.filter), self.filter);
                 return;
             }
             PanelId::Alerts => {
-                commands.extend(alerts_ui(ui, &AlertsData::new(around.alerts, now)));
+                commands.extend(alerts_ui(ui, &AlertsData::new(context.alerts, now)));
                 return;
             }
             PanelId::Map
@@ -137,7 +137,7 @@ impl Panels<'_> {
         }
         let Some((model, link)) = robot else {
             if panel == PanelId::Map {
-                actions.extend(first_run_ui(ui, around.robots));
+                actions.extend(first_run_ui(ui, context.robots));
             }
             return;
         };
@@ -162,7 +162,8 @@ impl Panels<'_> {
             PanelId::Link => link_ui(ui, &LinkData::new(model, link, now)),
             PanelId::Sensors => sensors_ui(ui, &SensorsData::new(model, now)),
             PanelId::Recording => {
-                let data = RecordingData::new(model, helm, link.recordings.as_deref(), now);
+                let data =
+                    RecordingData::new(model, teleop_client, link.recordings.as_deref(), now);
                 commands.extend(recording_ui(ui, &data));
             }
             PanelId::Losses => losses_ui(ui, &LossesData::new(model)),

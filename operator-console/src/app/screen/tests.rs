@@ -1,6 +1,6 @@
 mod finding;
 mod habits;
-mod heard_before;
+mod last_contact;
 mod map;
 mod small;
 mod trust;
@@ -14,8 +14,8 @@ use egui_kittest::kittest::{NodeT as _, Queryable};
 use protocol::keys::{RobotId, Topic};
 use protocol::layer::LayerId;
 use protocol::message::{
-    Digests, DockingSite, Event, Info, LayerInfo, Pose, Reason, Severity, ShoreClass, ShoreCluster,
-    Shores, ShoresNews, Status, TileSummary,
+    Digests, DockingSite, DropCount, Event, Info, LayerInfo, Pose, Severity, ShoreClass,
+    ShoreCluster, Shores, ShoresReply, Status, TileSummary,
 };
 use protocol::tile::{TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
@@ -23,16 +23,16 @@ use robot_edge::robot_time::RobotDuration;
 use serde::Serialize;
 
 use super::*;
-use crate::alerts::{FleetAlerts, Subject};
+use crate::alerts::{AlertSource, FleetAlerts};
 use crate::app::ExportProgress;
 use crate::command::Look;
 use crate::export::ExportPart;
-use crate::link::{FoundRobot, Sighting};
-use crate::map_view::{LayerCommand, Orientation, Overlay, ShoreMark, Sight};
+use crate::link::{DiscoveredRobot, FoundRobot};
+use crate::map_view::{CameraMode, LayerCommand, Orientation, Overlay, ShoreMark};
 use crate::model::{LinkState, OpenSessions, Outgoing, RequestId};
-use crate::panels::robots::{Seen, Sought};
+use crate::panels::robots::{RobotEntry, SearchTarget};
 use crate::playback::PlaybackCommand;
-use crate::pretend::{BOOT, announces, answers, at, console, pushes, says};
+use crate::test_support::{BOOT, announce_map, at, console, inject, inject_reply, push_tile};
 
 const LAYER: LayerId = LayerId::Occupancy;
 
@@ -44,8 +44,8 @@ fn name() -> RobotId {
 struct Rig {
     screen: Screen,
     model: Option<ConsoleModel>,
-    link: LinkSight,
-    helm: Option<HelmSight>,
+    link: LinkStatus,
+    teleop_client: Option<TeleopClientState>,
     robots: RobotsData,
     log: EventLog,
     alerts: FleetAlerts,
@@ -67,9 +67,9 @@ impl Rig {
         Self {
             screen: Screen::default(),
             model: None,
-            link: LinkSight::default(),
-            helm: None,
-            robots: RobotsData::new(&[], None, Sought::Any, None, at(1_000)),
+            link: LinkStatus::default(),
+            teleop_client: None,
+            robots: RobotsData::new(&[], None, SearchTarget::Any, None, at(1_000)),
             log: EventLog::default(),
             alerts,
             export: None,
@@ -87,7 +87,7 @@ impl Rig {
             robots: RobotsData::new(
                 &[],
                 Some((&name(), LinkState::Live)),
-                Sought::Any,
+                SearchTarget::Any,
                 None,
                 at(1_000),
             ),
@@ -117,9 +117,9 @@ impl Rig {
     /// The same, which nobody drives yet, and Anna could.
     fn drivable() -> Self {
         let mut rig = Self::live();
-        rig.helm = Some(crate::pretend::helm_of_anna());
+        rig.teleop_client = Some(crate::test_support::idle_teleop_client());
         let status = Status {
-            teleop: Some(crate::pretend::standing()),
+            teleop: Some(crate::test_support::idle_teleop_status()),
             ..Status::default()
         };
         rig.say(Topic::Status, &status);
@@ -144,11 +144,11 @@ impl Rig {
         rig.answer(RequestId(900), Topic::Info, &info);
         rig.stand();
         if let Some(shores) = shores {
-            let news = ShoresNews {
+            let shores_news = ShoresReply {
                 revision: 1,
                 shores: Some(shores),
             };
-            rig.say(Topic::Shores, &news);
+            rig.say(Topic::Shores, &shores_news);
         }
         rig
     }
@@ -179,20 +179,20 @@ impl Rig {
 
     fn push(&mut self, key: TileKey) {
         let model = self.model.as_mut().unwrap();
-        pushes(model, &self.store, key, self.now);
+        push_tile(model, &self.store, key, self.now);
     }
 
     fn announce(&mut self) {
-        announces(self.model.as_mut().unwrap(), &self.store, self.now);
+        announce_map(self.model.as_mut().unwrap(), &self.store, self.now);
     }
 
     fn say<T: Serialize>(&mut self, topic: Topic, body: &T) {
-        says(self.model.as_mut().unwrap(), topic, body, self.now);
+        inject(self.model.as_mut().unwrap(), topic, body, self.now);
     }
 
     fn answer<T: Serialize>(&mut self, request: RequestId, topic: Topic, body: &T) {
         let model = self.model.as_mut().unwrap();
-        answers(model, request, topic, body, self.now);
+        inject_reply(model, request, topic, body, self.now);
     }
 
     /// What the console asks now.
@@ -220,24 +220,25 @@ impl Rig {
                         rig.theme_is_set = true;
                     }
                     if let Some(model) = &rig.model {
-                        let news = rig.log.hear(model, name().as_str(), rig.now, 0);
+                        let new_events =
+                            rig.log.add_robot_events(model, name().as_str(), rig.now, 0);
                         let alerts = rig.alerts.shown_mut().unwrap();
-                        alerts.look(model, Subject::Robot, &news, rig.now);
+                        alerts.update(model, AlertSource::Robot, &new_events, rig.now);
                     }
-                    let robot = rig.model.as_mut().map(|model| RobotSight {
+                    let robot = rig.model.as_mut().map(|model| ShownRobot {
                         model,
                         link: &rig.link,
-                        helm: rig.helm.as_ref(),
+                        teleop_client: rig.teleop_client.as_ref(),
                         color: Color32::BLUE,
                     });
-                    let around = Around {
+                    let context = ScreenContext {
                         robots: &rig.robots,
                         log: &rig.log,
                         alerts: &rig.alerts,
                         export: rig.export.as_ref(),
                     };
                     rig.screen.begin_frame(ui.ctx());
-                    let commands = rig.screen.show(ui, around, robot, rig.now);
+                    let commands = rig.screen.show(ui, context, robot, rig.now);
                     rig.commands.extend(commands);
                 },
                 self,

@@ -5,7 +5,7 @@ use protocol::tile_store::{LayerGrid, TileStore};
 
 use super::*;
 use crate::model::{OpenSessions, Outgoing, RequestId};
-use crate::pretend::{BOOT, announces, answers, at, console, says};
+use crate::test_support::{BOOT, announce_map, at, console, inject, inject_reply};
 
 /// Fetches the only part of an export.
 fn fetch(
@@ -20,7 +20,7 @@ fn fetch(
 #[test]
 fn what_is_fetched_is_told_and_moves_the_bar() {
     for (fetching, words, share) in [
-        (Fetching::Asked, "asked for, the robot makes it", 0.0),
+        (Fetching::Requested, "asked for, the robot makes it", 0.0),
         (Fetching::Tiles(12), "12 tiles to come", 0.0),
         (
             Fetching::Poses([500, 2000]),
@@ -45,20 +45,20 @@ fn what_is_fetched_is_told_and_moves_the_bar() {
 
 #[test]
 fn a_robot_that_is_not_heard_is_not_waited_for() {
-    let model = ModelHandle::of(crate::pretend::scout());
+    let model = ModelHandle::of(crate::test_support::scout());
     let hour = Duration::from_hours(1);
     let fetch = |part| fetch(&model, part, hour, |_| unreachable!());
     let ControlFlow::Continue(Ok(way)) = fetch(ExportPart::Trajectory) else {
         panic!();
     };
-    let why = "only what was heard here, since the robot is not heard";
+    let why = "only what was received here: no data from the robot";
     assert_eq!(way.lacks.as_deref(), Some(why));
     let ControlFlow::Continue(Err(why)) = fetch(ExportPart::Voxels) else {
         panic!();
     };
     assert_eq!(
         why.to_string(),
-        "the robot is not heard. Export it again later"
+        "no data from the robot. Export it again later"
     );
     let outlines = fetch(ExportPart::Shores);
     assert_eq!(model.lock().trajectory(), TrajectoryProgress::Unwanted);
@@ -82,9 +82,9 @@ fn asked(model: &ModelHandle, now: Monotonic) -> Vec<RequestId> {
 #[test]
 fn the_octree_is_asked_for_once_when_the_export_begins() {
     let (hour, now) = (Duration::from_hours(1), Monotonic::now());
-    let mut scout = crate::pretend::scout();
+    let mut scout = crate::test_support::scout();
     let head = MapHead { layers: Vec::new() };
-    says(&mut scout, Topic::MapHead, &head, now);
+    inject(&mut scout, Topic::MapHead, &head, now);
     let model = ModelHandle::of(scout);
     let parts = [ExportPart::Shores, ExportPart::Voxels];
     let fetcher = Fetcher::begin(&model, parts, hour);
@@ -96,7 +96,7 @@ fn the_octree_is_asked_for_once_when_the_export_begins() {
     let outlines = fetch(ExportPart::Shores);
     assert!(matches!(outlines, ControlFlow::Continue(Ok(_))));
     let none = VoxelsReply::None;
-    answers(&mut model.lock(), request, Topic::Voxels, &none, now);
+    inject_reply(&mut model.lock(), request, Topic::Voxels, &none, now);
     let octree = fetch(ExportPart::Voxels);
     assert!(matches!(octree, ControlFlow::Continue(Ok(_))));
     assert_eq!(model.lock().voxels(), VoxelsProgress::Unwanted);
@@ -105,7 +105,7 @@ fn the_octree_is_asked_for_once_when_the_export_begins() {
 
 #[test]
 fn who_leaves_an_export_keeps_nothing_of_the_octree() {
-    let model = ModelHandle::of(crate::pretend::scout());
+    let model = ModelHandle::of(crate::test_support::scout());
     let begin = |part| Fetcher::begin(&model, [part], Duration::ZERO);
     let fetcher = begin(ExportPart::Voxels);
     assert_eq!(model.lock().voxels(), VoxelsProgress::Waiting);
@@ -117,9 +117,9 @@ fn who_leaves_an_export_keeps_nothing_of_the_octree() {
 
 #[test]
 fn what_is_not_shown_any_more_is_not_waited_for() {
-    let mut scout = crate::pretend::scout();
+    let mut scout = crate::test_support::scout();
     let head = MapHead { layers: Vec::new() };
-    says(&mut scout, Topic::MapHead, &head, Monotonic::now());
+    inject(&mut scout, Topic::MapHead, &head, Monotonic::now());
     let model = ModelHandle::of(scout);
     let mut looks = 0;
     let hour = Duration::from_hours(1);
@@ -131,7 +131,7 @@ fn what_is_not_shown_any_more_is_not_waited_for() {
     let ControlFlow::Continue(Ok(way)) = fetched else {
         panic!();
     };
-    let why = "only what was heard here, since something else is shown by now";
+    let why = "only what was received here: something else is shown by now";
     assert_eq!((looks, way.lacks.as_deref()), (1, Some(why)));
 }
 
@@ -157,11 +157,11 @@ fn the_whole_map_of_a_robot_that_has_ended_and_is_gone_is_whole() {
         token: None,
     };
     // Long ago.
-    announces(&mut model, &store, at(1));
-    answers(&mut model, RequestId(1), Topic::Info, &info, at(1));
-    says(&mut model, Topic::Pose, &pose, at(1));
-    says(&mut model, Topic::Status, &ended, at(1));
-    announces(&mut model, &store, at(1));
+    announce_map(&mut model, &store, at(1));
+    inject_reply(&mut model, RequestId(1), Topic::Info, &info, at(1));
+    inject(&mut model, Topic::Pose, &pose, at(1));
+    inject(&mut model, Topic::Status, &ended, at(1));
+    announce_map(&mut model, &store, at(1));
     model.outgoing(OpenSessions::BOTH, at(1));
     assert!(model.has_ended());
     let model = ModelHandle::of(model);
@@ -175,9 +175,9 @@ fn the_whole_map_of_a_robot_that_has_ended_and_is_gone_is_whole() {
 
 /// How long a robot is waited for that was heard just now and answers nothing.
 fn waits(patience: Duration) -> Duration {
-    let mut model = crate::pretend::scout();
+    let mut model = crate::test_support::scout();
     let head = MapHead { layers: Vec::new() };
-    crate::pretend::says(&mut model, Topic::MapHead, &head, Monotonic::now());
+    crate::test_support::inject(&mut model, Topic::MapHead, &head, Monotonic::now());
     let model = ModelHandle::of(model);
     let started = Monotonic::now();
     let fetched = fetch(&model, ExportPart::Trajectory, patience, |_| {
@@ -186,7 +186,7 @@ fn waits(patience: Duration) -> Duration {
     let ControlFlow::Continue(Ok(way)) = fetched else {
         panic!();
     };
-    let why = "only what was heard here, since the robot sends no more of it";
+    let why = "only what was received here: the robot sends no more of it";
     assert_eq!(way.lacks.as_deref(), Some(why));
     started.elapsed()
 }
@@ -200,7 +200,7 @@ fn a_robot_that_stalls_is_waited_for() {
 
 #[test]
 fn what_begins_anew_is_no_progress() {
-    let rising = [Fetching::Asked, Fetching::Tiles(9), Fetching::Tiles(8)];
+    let rising = [Fetching::Requested, Fetching::Tiles(9), Fetching::Tiles(8)];
     let of_voxels = [
         Fetching::Voxels(VoxelFile::Tree, [5, 9]),
         Fetching::Voxels(VoxelFile::Tree, [6, 9]),

@@ -2,11 +2,11 @@ use eframe::egui::{Color32, ColorImage, ImageData, pos2, vec2};
 use protocol::tile::TileCells;
 use protocol::tile_store::LayerGrid;
 
+use super::super::layer_stack::LayerCommand;
 use super::super::probe::tests::model_of;
-use super::super::stack::LayerCommand;
 use super::*;
 use crate::model::ConsoleModel;
-use crate::pretend::{BOOT, at, pushes};
+use crate::test_support::{BOOT, at, push_tile};
 
 /// Costs over shores, as the operator put them.
 struct Rig {
@@ -37,7 +37,7 @@ impl Rig {
         drop(robot.publish(key(LayerId::Cost), free).unwrap());
         drop(robot.publish(key(LayerId::Shore), shore).unwrap());
         let mut stack = LayerStack::default();
-        stack.obey(LayerCommand::Below(LayerId::Shore, LayerId::Cost));
+        stack.apply(LayerCommand::Below(LayerId::Shore, LayerId::Cost));
         Self {
             ctx: Context::default(),
             model: model_of(&robot),
@@ -51,7 +51,7 @@ impl Rig {
     fn find_shores(&mut self, code: u16, rows: std::ops::Range<usize>) {
         let shore = TileCells::from_fn(|_, y| code * u16::from(rows.contains(&y)));
         drop(self.robot.publish(key(LayerId::Shore), shore).unwrap());
-        pushes(&mut self.model, &self.robot, key(LayerId::Shore), at(2_100));
+        push_tile(&mut self.model, &self.robot, key(LayerId::Shore), at(2_100));
     }
 
     /// The pictures that a frame hands to the graphics driver.
@@ -130,14 +130,14 @@ fn what_is_free_is_seen_where_nothing_below_is_known() {
 fn what_is_invisible_is_not_seen_through_to() {
     let mut rig = Rig::new();
     rig.frame();
-    rig.stack.obey(LayerCommand::Opacity(LayerId::Shore, 0.0));
+    rig.stack.apply(LayerCommand::Opacity(LayerId::Shore, 0.0));
     let seen = places(&rig.frame(), rig.free());
     assert_eq!(seen.len(), 64 * 64);
-    rig.stack.obey(LayerCommand::Opacity(LayerId::Shore, 0.1));
+    rig.stack.apply(LayerCommand::Opacity(LayerId::Shore, 0.1));
     assert_eq!(places(&rig.frame(), rig.free()).len(), 64 * 32);
     // The lowest has its own colours, of one picture, whatever lies over it.
     rig.stack
-        .obey(LayerCommand::Below(LayerId::Cost, LayerId::Shore));
+        .apply(LayerCommand::Below(LayerId::Cost, LayerId::Shore));
     let textures = rig.layers.textures();
     assert_eq!(places(&rig.frame(), rig.free()).len(), 64 * 64);
     assert_eq!(rig.layers.textures(), textures);

@@ -1,4 +1,4 @@
-//! A ring around what the collision guard holds the vehicle back for.
+//! A ring around what the collision monitor holds the vehicle back for.
 
 use eframe::egui::{Color32, Painter, Rect};
 

@@ -3,7 +3,7 @@
 use eframe::egui::accesskit::Role;
 use eframe::egui::{Align2, FontId, Rect, Sense, Shape, Stroke, Ui, Vec2, WidgetInfo, vec2};
 
-use super::super::look::Orientation;
+use super::super::view_settings::Orientation;
 use crate::theme;
 
 /// Across, points.

@@ -4,7 +4,7 @@ use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, pos2};
 use protocol::export::round_length_m;
 
 use super::super::camera::Camera;
-use crate::panels::wording::signed;
+use crate::panels::formatting::signed;
 
 /// Lines are about this far apart, points.
 const SPACING: f64 = 160.0;

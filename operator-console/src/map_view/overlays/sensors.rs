@@ -6,7 +6,7 @@ use std::time::Duration;
 use eframe::egui::{Color32, Mesh, Painter, Pos2, Rect, Shape, Stroke, Vec2};
 
 use super::super::camera::Camera;
-use super::super::surroundings::{LastScan, SensorField};
+use super::super::robot_overlay::{LastScan, SensorField};
 
 /// Points of a scan that are drawn at most; of more, every second, third … one.
 const MAX_POINTS: usize = 4_000;

@@ -40,11 +40,11 @@ pub(super) struct Label {
 /// Whether some of a label of this size can be seen that belongs there, or beside a vehicle that is there. What cannot
 /// gets no place from [`placed`].
 pub(super) fn is_in_sight((at, size): (Pos2, Vec2), screen: Rect, vehicle: Option<Pos2>) -> bool {
-    screen.intersects(home(at, size, vehicle))
+    screen.intersects(preferred_rect(at, size, vehicle))
 }
 
-fn home(at: Pos2, size: Vec2, vehicle: Option<Pos2>) -> Rect {
-    Rect::from_center_size(at + aside(at, size, vehicle), size)
+fn preferred_rect(at: Pos2, size: Vec2, vehicle: Option<Pos2>) -> Rect {
+    Rect::from_center_size(at + vehicle_clearance(at, size, vehicle), size)
 }
 
 /// Which of the labels have a place, and where that is, in the order in which they got it: what stands out, the nearest
@@ -65,7 +65,7 @@ pub(super) fn placed(labels: &[Label], screen: Rect, vehicle: Option<Pos2>) -> V
     for (index, label) in seen {
         let mut places = PLACES.iter().map(|place| {
             let at = label.at + *place * (label.size + Vec2::splat(APART));
-            home(at, label.size, vehicle)
+            preferred_rect(at, label.size, vehicle)
         });
         let free = places.find(|place| {
             let mut others = taken.iter().map(|(_, other)| other);
@@ -78,7 +78,7 @@ pub(super) fn placed(labels: &[Label], screen: Rect, vehicle: Option<Pos2>) -> V
 
 /// How far a label of this size that would lie on the vehicle moves to lie beside it: the shortest way to a side, or
 /// up or down.
-fn aside(at: Pos2, size: Vec2, vehicle: Option<Pos2>) -> Vec2 {
+fn vehicle_clearance(at: Pos2, size: Vec2, vehicle: Option<Pos2>) -> Vec2 {
     let Some(vehicle_at) = vehicle else {
         return Vec2::ZERO;
     };

@@ -9,10 +9,10 @@ use eframe::egui::{
 use protocol::message::{DockingSite, Shores};
 
 use super::super::camera::Camera;
-use super::super::marking::ShoreMark;
+use super::super::shore_selection::ShoreMark;
 use super::shore_labels::{self, Kind, Label};
 use crate::model::{Outline, SiteName};
-use crate::panels::shores::Away;
+use crate::panels::shores::Distance;
 use crate::theme;
 
 const FONT: f32 = 13.0;
@@ -28,7 +28,7 @@ const HEAD: f32 = 9.0;
 const END: f32 = 12.0;
 
 /// The shores that the robot told of, the names of their docking sites, and the outlines of the shores, in their order.
-type Told<'a> = (&'a Shores, &'a [SiteName], &'a [Outline]);
+type ShoreInputs<'a> = (&'a Shores, &'a [SiteName], &'a [Outline]);
 
 /// What is to be drawn, in points.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -41,7 +41,7 @@ pub(in crate::map_view) struct ShoreMarks {
     pub(in crate::map_view) outlines: Vec<Vec<Pos2>>,
     /// Each docking site that stands out: along the bank as far as it is wide, with an end on either side towards the
     /// water.
-    pub(in crate::map_view) berths: Vec<Vec<Pos2>>,
+    pub(in crate::map_view) brackets: Vec<Vec<Pos2>>,
     /// What the labels cover, in the order in which they got their places.
     pub(in crate::map_view) labels: Vec<Rect>,
 }
@@ -49,14 +49,14 @@ pub(in crate::map_view) struct ShoreMarks {
 impl ShoreMarks {
     /// What `camera` sees of the shores, of which those `marked` stand out. The vehicle is there, metres in `odom`.
     pub(in crate::map_view) fn new(
-        told: Told<'_>,
+        inputs: ShoreInputs<'_>,
         camera: &Camera,
         screen: Rect,
         marked: &[ShoreMark],
         vehicle_m: Option<[f64; 2]>,
     ) -> Self {
-        let (shores, names, _) = told;
-        let named = labelled(told, (camera, screen), marked, vehicle_m);
+        let (shores, names, _) = inputs;
+        let named = labelled(inputs, (camera, screen), marked, vehicle_m);
         let labels: Vec<_> = named.iter().map(|named| named.label).collect();
         let vehicle = vehicle_m.map(|at_m| camera.to_screen(screen, at_m));
         let placed = shore_labels::placed(&labels, screen, vehicle);
@@ -75,7 +75,7 @@ impl ShoreMarks {
                 None => numbers.push((text(named.mark), at)),
             }
         }
-        let (mut outlines, mut berths) = (Vec::new(), Vec::new());
+        let (mut outlines, mut brackets) = (Vec::new(), Vec::new());
         for mark in marked {
             let extent = extent_m(shores, names, *mark).into_iter();
             let extent: Vec<_> = extent
@@ -89,7 +89,7 @@ impl ShoreMarks {
                 ShoreMark::Site(name) => {
                     let site = site_of(shores, names, *name);
                     let towards = site.map(|site| camera.direction(f64::from(site.heading_rad)));
-                    berths.push(bracket(&extent, towards.unwrap_or_default()));
+                    brackets.push(bracket(&extent, towards.unwrap_or_default()));
                 }
             }
         }
@@ -97,7 +97,7 @@ impl ShoreMarks {
             numbers,
             sites,
             outlines,
-            berths,
+            brackets,
             labels: covered,
         }
     }
@@ -116,8 +116,8 @@ impl ShoreMarks {
             for outline in &self.outlines {
                 painter.add(Shape::closed_line(outline.clone(), stroke));
             }
-            for berth in &self.berths {
-                painter.add(Shape::line(berth.clone(), stroke));
+            for bracket_line in &self.brackets {
+                painter.add(Shape::line(bracket_line.clone(), stroke));
             }
         }
         for (_, at, towards) in &self.sites {
@@ -143,7 +143,7 @@ impl ShoreMarks {
 }
 
 /// What wants a label.
-struct Named {
+struct LabelledShore {
     mark: ShoreMark,
     /// Where into a docking site leads; of a shore nothing.
     heading_rad: Option<f32>,
@@ -153,11 +153,11 @@ struct Named {
 /// Those of which a label can be seen: docking sites, the best first, then shores, the largest first. How far away the others
 /// are is not asked, for there may be hundreds, in every frame.
 fn labelled(
-    (shores, names, outlines): Told<'_>,
+    (shores, names, outlines): ShoreInputs<'_>,
     (camera, screen): (&Camera, Rect),
     marked: &[ShoreMark],
     vehicle_m: Option<[f64; 2]>,
-) -> Vec<Named> {
+) -> Vec<LabelledShore> {
     let vehicle = vehicle_m.map(|at_m| camera.to_screen(screen, at_m));
     let seen = |mark: ShoreMark, center_m: [f32; 2]| {
         let at = camera.to_screen(screen, center_m.map(f64::from));
@@ -172,10 +172,10 @@ fn labelled(
             kind: Kind::Site,
             at,
             size,
-            away_m: Away::of_site(site, vehicle_m).key(),
+            away_m: Distance::of_site(site, vehicle_m).key(),
             is_marked: marked.contains(&mark),
         };
-        Some(Named {
+        Some(LabelledShore {
             mark,
             heading_rad: Some(site.heading_rad),
             label,
@@ -189,10 +189,10 @@ fn labelled(
             kind: Kind::Shore,
             at,
             size,
-            away_m: Away::of_shore(outline, vehicle_m).key(),
+            away_m: Distance::of_shore(outline, vehicle_m).key(),
             is_marked: marked.contains(&mark),
         };
-        let named = Named {
+        let named = LabelledShore {
             mark,
             heading_rad: None,
             label,
@@ -227,7 +227,7 @@ fn figures(number: u32) -> u32 {
 }
 
 /// Whether the robot tells of it.
-pub(in crate::map_view) fn is_told(shores: &Shores, names: &[SiteName], mark: ShoreMark) -> bool {
+pub(in crate::map_view) fn is_listed(shores: &Shores, names: &[SiteName], mark: ShoreMark) -> bool {
     match mark {
         ShoreMark::Shore(number) => shores.clusters.iter().any(|shore| shore.number == number),
         ShoreMark::Site(name) => site_of(shores, names, name).is_some(),

@@ -3,7 +3,7 @@
 use eframe::egui::{Color32, Mesh, Painter, Rect};
 
 use super::super::camera::Camera;
-use super::super::surroundings::Stopping;
+use super::super::robot_overlay::Stopping;
 
 /// From a command's arrival until the motors do it: a round of the vehicle's loop.
 const REACTION_S: f64 = 0.02;

@@ -10,7 +10,7 @@ use tiff::decoder::{Decoder, DecodingResult};
 
 use super::*;
 use crate::model::{ConsoleModel, RequestId};
-use crate::pretend::{BOOT, announces, answers, at, console, pushes};
+use crate::test_support::{BOOT, announce_map, at, console, inject_reply, push_tile};
 
 const CELL_M: f64 = 0.1;
 
@@ -32,11 +32,11 @@ pub(in crate::map_view) fn model_of(store: &TileStore) -> ConsoleModel {
             .collect(),
         ..Info::default()
     };
-    announces(&mut model, store, at(1_000));
-    answers(&mut model, RequestId(1), Topic::Info, &info, at(1_000));
+    announce_map(&mut model, store, at(1_000));
+    inject_reply(&mut model, RequestId(1), Topic::Info, &info, at(1_000));
     for grid in grids {
         for (key, _) in store.tiles(grid.layer) {
-            pushes(&mut model, store, key, at(2_000));
+            push_tile(&mut model, store, key, at(2_000));
         }
     }
     model
@@ -239,6 +239,6 @@ fn an_unknown_cell_says_when_its_tile_changed_and_no_tile_says_nothing() {
     assert_eq!(told(&model, beside), "");
     // What was erased is no tile any more.
     robot.erase_layer(LayerId::Elevation).unwrap();
-    announces(&mut model, &robot, at(4_000));
+    announce_map(&mut model, &robot, at(4_000));
     assert_eq!(told(&model, in_tile), "");
 }

@@ -110,8 +110,8 @@ fn legends_and_scale_bar_of_a_narrow_map_keep_apart() {
         let mut window = window_of(width + AROUND, 300.0 + AROUND);
         crate::theme::set(&window.ctx);
         // Then obstacles over heights are on top, with the longest words.
-        let stack = &mut window.state_mut().view.look.stack;
-        stack.obey(LayerCommand::Show(LayerId::Shore, false));
+        let stack = &mut window.state_mut().view.settings.stack;
+        stack.apply(LayerCommand::Show(LayerId::Shore, false));
         window.run_steps(4);
         for is_opened in [false, true] {
             window.get_by_label("Free: clear over the known");
@@ -225,8 +225,8 @@ fn legends_never_lie_on_the_compass_or_the_buttons() {
             let mut window = window_of(width + AROUND, height + AROUND);
             crate::theme::set(&window.ctx);
             if uppermost == LayerId::Cost {
-                let stack = &mut window.state_mut().view.look.stack;
-                stack.obey(LayerCommand::Above(LayerId::Cost, LayerId::Shore));
+                let stack = &mut window.state_mut().view.settings.stack;
+                stack.apply(LayerCommand::Above(LayerId::Cost, LayerId::Shore));
             }
             window.run_steps(4);
             let alone = window.query_by_label_contains("Legends: ").is_some();
@@ -243,8 +243,8 @@ fn legends_never_lie_on_the_compass_or_the_buttons() {
 fn a_title_that_has_no_room_beside_the_button_has_a_line_of_its_own() {
     let mut window = window_of(211.0 + AROUND, 300.0 + AROUND);
     crate::theme::set(&window.ctx);
-    let stack = &mut window.state_mut().view.look.stack;
-    stack.obey(LayerCommand::Above(LayerId::Cost, LayerId::Shore));
+    let stack = &mut window.state_mut().view.settings.stack;
+    stack.apply(LayerCommand::Above(LayerId::Cost, LayerId::Shore));
     window.run_steps(4);
     let title = window.get_by_label("Slope cost").rect();
     let button = window.get_by_label_contains("more legends: ").rect();

@@ -4,12 +4,12 @@ use eframe::egui::epaint::PathStroke;
 use eframe::egui::{Shape, Stroke};
 use protocol::keys::Topic;
 use protocol::message::{
-    Barrier, BarrierKind, Datum, DockingSite, Pose, ShoreClass, ShoreCluster, Shores, ShoresNews,
+    Barrier, BarrierKind, Datum, DockingSite, Pose, ShoreClass, ShoreCluster, Shores, ShoresReply,
     Status, TeleopStatus,
 };
 
 use super::*;
-use crate::pretend::{resting, says, standing};
+use crate::test_support::{idle_teleop_status, inject, pose_at_rest};
 use crate::theme;
 
 /// A shore of 20 × 6 m around (30, 13) that has most of its voxels in the east, and a docking site.
@@ -33,12 +33,12 @@ fn shores(datum: Option<Datum>) -> Shores {
 }
 
 fn hears(window: &mut Harness<'_, Rig>, shores: Shores) {
-    let news = ShoresNews {
+    let news = ShoresReply {
         revision: 1,
         shores: Some(shores),
     };
     let model = &mut window.state_mut().model;
-    says(model, Topic::Shores, &news, at(2_400));
+    inject(model, Topic::Shores, &news, at(2_400));
     window.run_steps(2);
 }
 
@@ -66,7 +66,7 @@ fn what_is_chosen_in_the_list_is_seen_whole_and_from_nearby() {
         let view = &window.state().view;
         let part = side_m * view.camera.points_per_m() / f64::from(view.screen.height());
         assert!((part - 1.0 / 3.0).abs() < 1e-3, "{mark:?}: {part}");
-        assert_eq!(view.sight(), Sight::Free);
+        assert_eq!(view.camera_mode(), CameraMode::Free);
         // Once: who goes elsewhere then is not brought back.
         look(&mut window, Look::At([1.0, 2.0]));
         look(&mut window, Look::Out);
@@ -126,12 +126,12 @@ fn what_was_clicked_stands_out_until_another_is_or_it_is_gone() {
         (2, Shores::gather(0.1, None, Vec::new(), Vec::new())),
         (3, shores(None)),
     ] {
-        let news = ShoresNews {
+        let news = ShoresReply {
             revision,
             shores: Some(shores),
         };
         let model = &mut window.state_mut().model;
-        says(model, Topic::Shores, &news, at(2_400));
+        inject(model, Topic::Shores, &news, at(2_400));
         window.run_steps(2);
         assert_eq!(standing_out(&window), [], "{revision}");
         assert_eq!(window.state().view.marked(), None, "{revision}");
@@ -148,7 +148,7 @@ fn the_whole_map_is_beside_the_legends_or_above_them() {
     for (width, height) in [(800.0, 600.0), (420.0, 700.0), (1200.0, 700.0)] {
         let window = window_of(width, height);
         let view = &window.state().view;
-        assert_eq!(view.sight(), Sight::Whole);
+        assert_eq!(view.camera_mode(), CameraMode::FitMap);
         let legends = view.legends.place().unwrap();
         // Tiles (−1, 0), (0, 0) and (1, −1), of 6.4 m.
         let map = [[-6.4, 6.4], [12.8, 6.4], [12.8, -6.0], [-6.4, -6.0]];
@@ -220,7 +220,7 @@ fn no_number_of_the_grid_is_half_covered() {
         counts.push(numbers(&window));
         let view = &window.state().view;
         let bar = Rect::from_two_pos(corner + vec2(12.0, -12.0), corner + vec2(60.0, -40.0));
-        let standing = view.standing.iter().copied().chain(view.legends_place());
+        let standing = view.occluders.iter().copied().chain(view.legends_place());
         let standing: Vec<_> = standing.chain([bar]).collect();
         assert!(view.card_size.y > 20.0, "there is a card");
         for (number, place) in written(&window, ["x ", "y "]) {
@@ -261,10 +261,10 @@ fn the_number_of_a_shore_is_drawn_over_the_vehicle() {
     hears(&mut window, shores(None));
     let pose = Pose {
         position_m: [36.0, 13.0, 0.0],
-        ..resting()
+        ..pose_at_rest()
     };
     let model = &mut window.state_mut().model;
-    says(model, Topic::Pose, &pose, at(2_400));
+    inject(model, Topic::Pose, &pose, at(2_400));
     look(&mut window, Look::At([36.0, 13.0]));
     window.run_steps(2);
     let shapes = &window.output().shapes;
@@ -283,7 +283,7 @@ fn what_the_guard_holds_the_vehicle_back_for_has_a_ring() {
     let mut window = window();
     look(&mut window, Look::At([30.0, 10.0]));
     let model = &mut window.state_mut().model;
-    says(model, Topic::Pose, &resting(), at(2_400));
+    inject(model, Topic::Pose, &pose_at_rest(), at(2_400));
     let rings = |window: &Harness<'_, Rig>| -> Vec<[i32; 2]> {
         let view = &window.state().view;
         let shapes = window.output().shapes.iter();
@@ -306,16 +306,16 @@ fn what_the_guard_holds_the_vehicle_back_for_has_a_ring() {
         let teleop = TeleopStatus {
             barrier: barrier_m.map(|position_m| Barrier {
                 position_m,
-                kind: BarrierKind::Unseen,
+                kind: BarrierKind::Unknown,
             }),
-            ..standing()
+            ..idle_teleop_status()
         };
         let status = Status {
             teleop: Some(teleop),
             ..Status::default()
         };
         let model = &mut window.state_mut().model;
-        says(model, Topic::Status, &status, at(2_400));
+        inject(model, Topic::Status, &status, at(2_400));
         window.run_steps(2);
         assert_eq!(rings(&window), expected, "{barrier_m:?}");
     }

@@ -4,7 +4,7 @@ use protocol::tile::{BootId, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 
 use super::super::coloring::Coloring;
-use super::super::known_tiles::KnownTiles;
+use super::super::tile_presence::TilePresence;
 use super::*;
 
 const LAYER: LayerId = LayerId::Occupancy;
@@ -17,7 +17,7 @@ type Upload = (Option<[usize; 2]>, [usize; 2]);
 struct Rig {
     ctx: Context,
     store: TileStore,
-    known: KnownTiles,
+    known: TilePresence,
     coloring: Coloring,
     textures: TileTextures,
     camera: Camera,
@@ -39,7 +39,7 @@ impl Rig {
         Self {
             ctx: Context::default(),
             store,
-            known: KnownTiles::default(),
+            known: TilePresence::default(),
             coloring: Coloring::new(LAYER.default_palette(), false),
             textures: TileTextures::default(),
             camera: Camera::default(),
@@ -61,7 +61,7 @@ impl Rig {
     /// Whether nothing is left to do after a frame that has time for so many tiles, and what it uploads.
     fn frame_of(&mut self, tiles: usize) -> (bool, Vec<Upload>) {
         let bounds_cells = self.known.bounds_cells();
-        let look = LayerLook {
+        let style = LayerStyle {
             layer: LAYER,
             cell_m: CELL_M,
             store: &self.store,
@@ -73,7 +73,7 @@ impl Rig {
         let view = (&self.camera, screen());
         let is_complete =
             self.textures
-                .prepare(&self.ctx, look, view, bounds_cells, ALLOWANCE, &mut time);
+                .prepare(&self.ctx, style, view, bounds_cells, ALLOWANCE, &mut time);
         let mut delta = self.ctx.tex_manager().write().take_delta();
         let mut uploads: Vec<_> = delta
             .set

@@ -1,7 +1,7 @@
 //! What the robot lists of its tiles, and what that says of those that are held.
 
 use super::super::incoming::RequestId;
-use super::super::refusals::Refusal;
+use super::super::reject_reason::RejectReason;
 use super::MapSync;
 use protocol::layer::LayerId;
 use protocol::message::Digests;
@@ -16,13 +16,13 @@ impl MapSync {
         boot: BootId,
         digests: &Digests,
         request: RequestId,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), RejectReason> {
         self.of_this_boot(boot)?;
         if digests.epoch != self.store.epoch(layer) {
-            return Err(Refusal::OldEpoch);
+            return Err(RejectReason::OldEpoch);
         }
         let Some(sync) = self.layers.get_mut(&layer) else {
-            return Err(Refusal::UnknownLayer);
+            return Err(RejectReason::UnknownLayer);
         };
         let Some(newer_than) = sync.listed_from(request) else {
             return Ok(());

@@ -180,7 +180,7 @@ fn names_of_before_name_nothing_once_they_begin_anew() {
     let (ramp, bank) = (site(10.0, 0.0, 4.0), site(-10.0, 0.0, 4.0));
     let mut names = SiteNames::default();
     let before = names.name(&[ramp, bank]);
-    names.begin_anew();
+    names.restart();
     let after = names.name(&[bank, ramp]);
     assert_eq!(
         after.iter().map(SiteName::to_string).collect::<String>(),

@@ -2,7 +2,7 @@ use robot_edge::robot_time::RobotTime;
 use robot_edge::streaming::voxel_snapshots::{VoxelSnapshot, VoxelSnapshots};
 
 use super::*;
-use crate::pretend::at;
+use crate::test_support::at;
 
 /// Longer than a part when it is packed, because nothing in it repeats.
 fn long_file(seed: u32) -> PackedFile {
@@ -38,24 +38,24 @@ fn numbers() -> impl FnMut() -> RequestId {
 #[test]
 fn both_files_are_fetched_from_what_a_vehicle_answers() {
     let mut vehicle = VoxelSnapshots::default();
-    vehicle.offer();
+    vehicle.enable();
     let mut sync = VoxelsSync::default();
     let mut number = numbers();
     assert_eq!(sync.progress(), VoxelsProgress::Unwanted);
-    assert_eq!(sync.question(at(0), &mut number), None);
+    assert_eq!(sync.query(at(0), &mut number), None);
     sync.want();
     assert_eq!(sync.progress(), VoxelsProgress::Waiting);
     let (mut now, mut greatest) = (0, (VoxelFile::Tree, 0));
     while sync.is_wanted() {
         now += 10;
         assert!(now < 10_000, "{sync:?}");
-        if vehicle.take_wish(RobotTime::from_nanos(5), false) {
+        if vehicle.take_request(RobotTime::from_nanos(5), false) {
             vehicle.put(Some(snapshot(5)), at(now));
         }
-        let Some((request, asked)) = sync.question(at(now), &mut number) else {
+        let Some((request, asked)) = sync.query(at(now), &mut number) else {
             continue;
         };
-        let (stamp_ns, reply) = vehicle.answer(asked, at(now));
+        let (stamp_ns, reply) = vehicle.reply(asked, at(now));
         sync.take(reply, stamp_ns, request, at(now)).unwrap();
         if let VoxelsProgress::Fetching { file, fetched, of } = sync.progress() {
             let index = usize::from(file == VoxelFile::Points);
@@ -72,7 +72,7 @@ fn both_files_are_fetched_from_what_a_vehicle_answers() {
         files: snapshot(5).files,
     };
     assert_eq!(sync.progress(), VoxelsProgress::Ready(Arc::new(expected)));
-    assert_eq!(sync.question(at(now), &mut number), None);
+    assert_eq!(sync.query(at(now), &mut number), None);
 }
 
 /// Fetches from a vehicle whose answers take so long, one after the other: the most questions that were under way at once,
@@ -83,7 +83,7 @@ fn fetched_at(answer_ms: u64, way_ms: u64) -> (usize, u64) {
         files: [3, 4].map(|seed| file_of(400_000, seed)),
     };
     let mut vehicle = VoxelSnapshots::default();
-    vehicle.offer();
+    vehicle.enable();
     vehicle.put(Some(made.clone()), at(0));
     let mut sync = VoxelsSync::default();
     let mut number = numbers();
@@ -91,14 +91,14 @@ fn fetched_at(answer_ms: u64, way_ms: u64) -> (usize, u64) {
     let (mut now, mut most) = (0, 0);
     let (mut under_way, mut answered) = (VecDeque::new(), 0);
     while sync.is_wanted() {
-        while let Some((request, asked)) = sync.question(at(now), &mut number) {
+        while let Some((request, asked)) = sync.query(at(now), &mut number) {
             answered = answered.max(now + way_ms) + answer_ms;
             under_way.push_back((answered, request, asked));
         }
         most = most.max(under_way.len());
         let (then, request, asked) = under_way.pop_front().unwrap();
         now = then;
-        let (stamp_ns, reply) = vehicle.answer(asked, at(now));
+        let (stamp_ns, reply) = vehicle.reply(asked, at(now));
         sync.take(reply, stamp_ns, request, at(now)).unwrap();
     }
     let VoxelsProgress::Ready(fetched) = sync.progress() else {
@@ -123,7 +123,7 @@ fn parts_are_asked_for_ahead_as_far_as_answers_are_quick() {
 
 /// A file whose first parts came, and the questions that are under way by then.
 fn begun(vehicle: &mut VoxelSnapshots) -> (VoxelsSync, Vec<(RequestId, VoxelsRequest)>) {
-    vehicle.offer();
+    vehicle.enable();
     let files = [3, 4].map(|seed| file_of(400_000, seed));
     let stamp = RobotTime::from_nanos(5);
     vehicle.put(Some(VoxelSnapshot { stamp, files }), at(0));
@@ -132,9 +132,9 @@ fn begun(vehicle: &mut VoxelSnapshots) -> (VoxelsSync, Vec<(RequestId, VoxelsReq
     sync.want();
     let mut under_way = VecDeque::new();
     for _ in 0..4 {
-        under_way.extend(std::iter::from_fn(|| sync.question(at(0), &mut number)));
+        under_way.extend(std::iter::from_fn(|| sync.query(at(0), &mut number)));
         let (request, asked) = under_way.pop_front().unwrap();
-        let (stamp_ns, reply) = vehicle.answer(asked, at(0));
+        let (stamp_ns, reply) = vehicle.reply(asked, at(0));
         sync.take(reply, stamp_ns, request, at(0)).unwrap();
     }
     (sync, under_way.into())
@@ -151,18 +151,18 @@ fn what_was_asked_for_behind_an_answer_that_is_lost_is_asked_for_again() {
     let mut after_end = sync.clone();
     assert!(after_end.ended(lost, at(0)));
     assert!(!after_end.ended(behind, at(0)));
-    assert_eq!(after_end.question(at(499), again), None);
+    assert_eq!(after_end.query(at(499), again), None);
     assert_eq!(
-        after_end.question(at(500), again),
+        after_end.query(at(500), again),
         Some((RequestId(100), asked))
     );
-    assert_eq!(after_end.question(at(500), again), None);
+    assert_eq!(after_end.query(at(500), again), None);
     // The answer comes before anything says that the one before it will not.
-    let (stamp_ns, reply) = vehicle.answer(other, at(0));
+    let (stamp_ns, reply) = vehicle.reply(other, at(0));
     let taken = sync.take(reply, stamp_ns, behind, at(0));
-    assert_eq!(taken, Err(Refusal::OldRevision));
-    assert_eq!(sync.question(at(0), again), Some((RequestId(100), asked)));
-    assert_eq!(sync.question(at(0), again), None);
+    assert_eq!(taken, Err(RejectReason::OldRevision));
+    assert_eq!(sync.query(at(0), again), Some((RequestId(100), asked)));
+    assert_eq!(sync.query(at(0), again), None);
 }
 
 #[test]
@@ -170,7 +170,7 @@ fn a_moment_that_is_gone_is_begun_anew() {
     let mut sync = VoxelsSync::default();
     let mut number = numbers();
     sync.want();
-    let (request, _) = sync.question(at(0), &mut number).unwrap();
+    let (request, _) = sync.query(at(0), &mut number).unwrap();
     let part = VoxelsPart {
         snapshot: 7,
         file: VoxelFile::Tree,
@@ -182,11 +182,11 @@ fn a_moment_that_is_gone_is_begun_anew() {
     };
     let reply = VoxelsReply::Part(part);
     sync.take(reply, 1, request, at(0)).unwrap();
-    let (request, asked) = sync.question(at(0), &mut number).unwrap();
+    let (request, asked) = sync.query(at(0), &mut number).unwrap();
     assert_eq!((asked.snapshot, asked.offset), (Some(7), 20));
     sync.take(VoxelsReply::Gone, 0, request, at(0)).unwrap();
-    assert_eq!(sync.question(at(499), &mut number), None);
-    let (_, asked) = sync.question(at(500), &mut number).unwrap();
+    assert_eq!(sync.query(at(499), &mut number), None);
+    let (_, asked) = sync.query(at(500), &mut number).unwrap();
     assert_eq!((asked.snapshot, asked.offset), (None, 0));
 }
 
@@ -227,16 +227,16 @@ fn what_was_not_asked_for_is_refused() {
         let mut sync = VoxelsSync::default();
         let mut number = numbers();
         sync.want();
-        let (request, _) = sync.question(at(0), &mut number).unwrap();
+        let (request, _) = sync.query(at(0), &mut number).unwrap();
         let said = format!("{part:?}");
         let taken = sync.take(VoxelsReply::Part(part), 1, request, at(0));
-        assert_eq!(taken, Err(Refusal::Malformed), "{said}");
-        assert_eq!(sync.question(at(499), &mut number), None);
-        assert!(sync.question(at(500), &mut number).is_some());
+        assert_eq!(taken, Err(RejectReason::Malformed), "{said}");
+        assert_eq!(sync.query(at(499), &mut number), None);
+        assert!(sync.query(at(500), &mut number).is_some());
     }
     let mut sync = VoxelsSync::default();
     sync.want();
-    let (request, _) = sync.question(at(0), numbers()).unwrap();
+    let (request, _) = sync.query(at(0), numbers()).unwrap();
     let huge = VoxelsPart {
         packed_bytes: MAX_PACKED_BYTES + 1,
         ..part.clone()
@@ -245,7 +245,7 @@ fn what_was_not_asked_for_is_refused() {
         .unwrap();
     assert_eq!(sync.progress(), VoxelsProgress::TooLong);
     let late = sync.take(VoxelsReply::Part(part), 1, request, at(0));
-    assert_eq!(late, Err(Refusal::OldRevision));
+    assert_eq!(late, Err(RejectReason::OldRevision));
 }
 
 #[test]
@@ -255,14 +255,14 @@ fn silence_is_asked_again_less_and_less_often() {
     sync.want();
     let mut now = 0;
     for rest in [500, 1000, 2000, 4000, 8000, 8000] {
-        let (request, _) = sync.question(at(now), &mut number).unwrap();
+        let (request, _) = sync.query(at(now), &mut number).unwrap();
         assert!(sync.ended(request, at(now)));
-        assert_eq!(sync.question(at(now + rest - 1), &mut number), None);
+        assert_eq!(sync.query(at(now + rest - 1), &mut number), None);
         now += rest;
     }
-    let (request, _) = sync.question(at(now), &mut number).unwrap();
-    assert_eq!(sync.question(at(now + 11_999), &mut number), None);
-    let (again, _) = sync.question(at(now + 12_000), &mut number).unwrap();
+    let (request, _) = sync.query(at(now), &mut number).unwrap();
+    assert_eq!(sync.query(at(now + 11_999), &mut number), None);
+    let (again, _) = sync.query(at(now + 12_000), &mut number).unwrap();
     assert!(!sync.ended(request, at(now + 12_000)));
     sync.take(VoxelsReply::None, 0, again, at(now + 12_000))
         .unwrap();
@@ -272,22 +272,22 @@ fn silence_is_asked_again_less_and_less_often() {
 #[test]
 fn whoever_waits_while_another_run_begins_gets_the_octree_of_that() {
     let mut vehicle = VoxelSnapshots::default();
-    vehicle.offer();
+    vehicle.enable();
     vehicle.put(Some(snapshot(5)), at(0));
     let mut sync = VoxelsSync::default();
     let mut number = numbers();
     sync.forget();
     assert_eq!(sync.progress(), VoxelsProgress::Unwanted);
     sync.want();
-    while let Some((request, asked)) = sync.question(at(0), &mut number) {
-        let (stamp_ns, reply) = vehicle.answer(asked, at(0));
+    while let Some((request, asked)) = sync.query(at(0), &mut number) {
+        let (stamp_ns, reply) = vehicle.reply(asked, at(0));
         sync.take(reply, stamp_ns, request, at(0)).unwrap();
     }
     assert!(matches!(sync.progress(), VoxelsProgress::Ready(_)));
     // Nobody has taken it yet.
     sync.forget();
     assert_eq!(sync.progress(), VoxelsProgress::Waiting);
-    let (request, asked) = sync.question(at(0), &mut number).unwrap();
+    let (request, asked) = sync.query(at(0), &mut number).unwrap();
     assert_eq!((asked.snapshot, asked.offset), (None, 0));
     sync.take(VoxelsReply::None, 0, request, at(0)).unwrap();
     sync.forget();

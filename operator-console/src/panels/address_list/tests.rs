@@ -42,11 +42,11 @@ fn every_address_has_the_state_of_its_own() {
 
 #[test]
 fn what_is_in_the_way_is_said_with_what_to_look_at() {
-    let words = |state, has_keys| {
-        let words = listed_as("tcp/boat:7450", Some(state)).words(has_keys);
-        (words.tone, words.state, words.hint.unwrap_or_default())
+    let text = |state, has_keys| {
+        let text = listed_as("tcp/boat:7450", Some(state)).text(has_keys);
+        (text.tone, text.state, text.hint.unwrap_or_default())
     };
-    let untold = |by_quic| AddressState::Untold {
+    let access_denied = |by_quic| AddressState::AccessDenied {
         robot: "scout".parse().unwrap(),
         by_quic,
     };
@@ -57,21 +57,21 @@ fn what_is_in_the_way_is_said_with_what_to_look_at() {
             AddressState::Refused,
             false,
             Tone::Warning,
-            "nobody listens",
+            "connection refused",
             "Is the robot started, and is 7450 the right port?",
         ),
         (
             AddressState::Silent,
             false,
             Tone::Warning,
-            "nobody answers",
+            "no answer",
             "Is the robot started, and is 7450 the right port? Is its network reached from here?",
         ),
         (
             AddressState::UnknownName,
             false,
             Tone::Warning,
-            "name not known",
+            "unknown host",
             "No computer is called boat. Type its IP address instead.",
         ),
         (
@@ -79,7 +79,7 @@ fn what_is_in_the_way_is_said_with_what_to_look_at() {
             false,
             Tone::Warning,
             "no robot there",
-            "Whoever answers is a router, or a robot that is still starting. \
+            "This is a router, or a robot that is still starting. \
              Or this is a robot's port for tiles: try boat:7449",
         ),
         (
@@ -87,34 +87,34 @@ fn what_is_in_the_way_is_said_with_what_to_look_at() {
             true,
             Tone::Warning,
             "no robot there",
-            "A router answers. No robot is behind it, or none that has you on its list of operators.",
+            "A router answers, but no robot behind it, or none that lists you as an operator.",
         ),
         (
-            untold(true),
+            access_denied(true),
             true,
             Tone::Warning,
-            "tells you nothing",
-            "scout answers, but does not have you on its list of operators. \
-             Whoever is added is let in within two seconds.",
+            "denies access",
+            "scout answers, but you are not on its list of operators. \
+             Access is granted within two seconds of being added.",
         ),
         (
-            untold(false),
+            access_denied(false),
             true,
             Tone::Warning,
-            "tells you nothing",
-            "scout answers, but does not have you on its list of operators. \
-             Whoever is added is let in within two seconds. \
+            "denies access",
+            "scout answers, but you are not on its list of operators. \
+             Access is granted within two seconds of being added. \
              Or this is its port for tiles: try boat:7449",
         ),
         (
-            AddressState::Foreign,
+            AddressState::WrongProtocol,
             false,
             Tone::Warning,
             "does not answer as a robot",
             "A robot with keys is asked at quic/boat:7450, by a console that was started with --keys.",
         ),
         (
-            AddressState::Foreign,
+            AddressState::WrongProtocol,
             true,
             Tone::Warning,
             "answers without TLS of this fleet",
@@ -129,7 +129,7 @@ fn what_is_in_the_way_is_said_with_what_to_look_at() {
         ),
     ] {
         let expected = (tone, says.to_owned(), hint.to_owned());
-        assert_eq!(words(state, has_keys), expected);
+        assert_eq!(text(state, has_keys), expected);
     }
 }
 
@@ -158,13 +158,13 @@ fn silent_addresses_are_all_in_sight_and_can_be_forgotten() {
             None,
         );
     window.run_steps(2);
-    for words in [
-        "name not known",
-        "nobody answers",
+    for text in [
+        "unknown host",
+        "no answer",
         "Other remembered addresses (1)",
     ] {
-        let place = window.get_by_label(words).rect();
-        assert!(place.right() <= 300.0, "{words}: {place}");
+        let place = window.get_by_label(text).rect();
+        assert!(place.right() <= 300.0, "{text}: {place}");
     }
     assert!(window.query_by_label("tcp/here:7447").is_none());
     let second = window.get_all_by_label("Forget").nth(1).unwrap();

@@ -5,7 +5,7 @@ use protocol::tile::{TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 
 use super::*;
-use crate::pretend::{BOOT, announces, at, console, says, standing};
+use crate::test_support::{BOOT, announce_map, at, console, idle_teleop_status, inject};
 
 /// What a robot, or a recording, has announced of a map with one tile, to who wants these layers of it.
 fn announced(robot: &str, wanted: &[LayerId]) -> ConsoleModel {
@@ -20,7 +20,7 @@ fn announced(robot: &str, wanted: &[LayerId]) -> ConsoleModel {
     let cells = TileCells::from_fn(|_, _| 251);
     drop(store.publish(key, cells).unwrap());
     let mut model = console(robot, wanted);
-    announces(&mut model, &store, at(1_000));
+    announce_map(&mut model, &store, at(1_000));
     model
 }
 
@@ -48,16 +48,16 @@ fn the_handbook_names_what_is_said_of_the_map_as_it_is_said() {
 #[test]
 fn the_map_of_a_recording_is_drawn_and_not_asked_for() {
     let model = announced("recording-1", &[LayerId::Occupancy]);
-    let told = |link: &LinkSight| {
+    let told = |link: &LinkStatus| {
         let data = ConnectionData::new(&model, link, at(1_100));
         (data.map_tone, data.map, data.map_short)
     };
     let behind = "Behind, asking what is missing".to_owned();
-    let robot = LinkSight::default();
+    let robot = LinkStatus::default();
     assert_eq!(told(&robot), (Tone::Waiting, behind, "Behind"));
-    let recording = LinkSight {
+    let recording = LinkStatus {
         recording: Some("rooms.mcap".to_owned()),
-        ..LinkSight::default()
+        ..LinkStatus::default()
     };
     let drawn = (Tone::Waiting, "Being drawn".to_owned(), "Drawing");
     assert_eq!(told(&recording), drawn);
@@ -73,17 +73,17 @@ fn the_map_of_a_recording_is_drawn_and_not_asked_for() {
 #[test]
 fn a_recording_is_never_called_live() {
     let model = console("recording-1", &[]);
-    let link = LinkSight {
+    let link = LinkStatus {
         transport: None,
         recordings: None,
         recording: Some("rooms.mcap".to_owned()),
         failure: None,
-        problem: Some("nobody answers at tcp/127.0.0.1:9".to_owned()),
+        problem: Some("no answer at tcp/127.0.0.1:9".to_owned()),
         is_connected: false,
     };
     let data = ConnectionData::new(&model, &link, Monotonic::default());
     assert_eq!((data.tone, &*data.state), (Tone::Waiting, "Opening"));
-    let failed = LinkSight {
+    let failed = LinkStatus {
         failure: Some("it has no scans".to_owned()),
         ..link.clone()
     };
@@ -95,25 +95,25 @@ fn a_recording_is_never_called_live() {
     assert!(!advice.contains("nobody"), "{advice}");
     assert_eq!(data.rows, []);
     assert_eq!(link.name_of(model.robot()), "rooms.mcap");
-    let robot = LinkSight::default().name_of(model.robot());
+    let robot = LinkStatus::default().name_of(model.robot());
     assert_eq!(robot, "recording-1");
 }
 
 #[test]
 fn a_live_robot_whose_maps_cannot_come_says_why() {
     let mut model = console("scout", &[]);
-    says(&mut model, Topic::Status, &Status::default(), at(1_000));
+    inject(&mut model, Topic::Status, &Status::default(), at(1_000));
     let of = |problem: Option<&str>| {
-        let link = LinkSight {
+        let link = LinkStatus {
             is_connected: true,
             problem: problem.map(str::to_owned),
-            ..LinkSight::default()
+            ..LinkStatus::default()
         };
         let data = ConnectionData::new(&model, &link, at(1_100));
         (data.tone, data.state, data.advice)
     };
     assert_eq!(of(None), (Tone::Good, "Live".to_owned(), None));
-    let why = "nobody answers at tcp/boat:7448, where maps come from; trying again";
+    let why = "no answer at tcp/boat:7448, where maps come from; trying again";
     let told = (Tone::Warning, "Live".to_owned(), Some(why.to_owned()));
     assert_eq!(of(Some(why)), told);
 }
@@ -125,29 +125,29 @@ fn a_robot_whose_data_has_ended_is_not_called_live() {
         has_ended: true,
         ..Status::default()
     };
-    says(&mut model, Topic::Status, &ended, at(1_000));
-    let mut link = LinkSight::default();
+    inject(&mut model, Topic::Status, &ended, at(1_000));
+    let mut link = LinkStatus::default();
     let data = ConnectionData::new(&model, &link, at(1_100));
     assert_eq!((data.tone, &*data.state), (Tone::Waiting, "Ended"));
-    assert!(data.rows.contains(&row("Last heard", "0.1 s ago")));
+    assert!(data.rows.contains(&row("Last message", "0.1 s ago")));
     let advice = "Its data has ended: nothing new will come.";
     assert_eq!(data.advice.as_deref(), Some(advice));
-    link.problem = Some("nobody answers at tcp/boat:7448".to_owned());
+    link.problem = Some("no answer at tcp/boat:7448".to_owned());
     let data = ConnectionData::new(&model, &link, at(1_100));
     assert_eq!((data.tone, &*data.state), (Tone::Warning, "Ended"));
     assert_eq!(data.advice, link.problem);
-    let data = ConnectionData::new(&model, &LinkSight::default(), at(9_000));
+    let data = ConnectionData::new(&model, &LinkStatus::default(), at(9_000));
     assert_eq!((data.tone, &*data.state), (Tone::Waiting, "Ended"));
-    assert!(data.advice.unwrap().contains("nothing is heard"));
-    assert!(data.rows.contains(&row("Last heard", "8.0 s ago")));
+    assert!(data.advice.unwrap().contains("no more data"));
+    assert!(data.rows.contains(&row("Last message", "8.0 s ago")));
     // So has a vehicle that said so.
-    let teleop = Some(standing());
-    says(
+    let teleop = Some(idle_teleop_status());
+    inject(
         &mut model,
         Topic::Status,
         &Status { teleop, ..ended },
         at(9_100),
     );
-    let data = ConnectionData::new(&model, &LinkSight::default(), at(19_000));
+    let data = ConnectionData::new(&model, &LinkStatus::default(), at(19_000));
     assert_eq!((data.tone, &*data.state), (Tone::Waiting, "Ended"));
 }

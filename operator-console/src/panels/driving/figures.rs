@@ -2,31 +2,31 @@
 
 use std::time::Duration;
 
-use protocol::message::{BarrierKind, Clamp, Guard, TeleopStatus};
+use protocol::message::{BarrierKind, Clamp, CollisionMonitorState, TeleopStatus};
 use robot_edge::clock::Monotonic;
 
 use super::guard::{self, guard};
 use super::keys::keys;
 use super::last_stop::last_stop;
-use super::tightest::tightest;
-use crate::helm::HelmSight;
+use super::strictest_limit::strictest_limit;
 use crate::model::{ConsoleModel, LinkState, Stream};
+use crate::panels::formatting::{age, count};
 use crate::panels::rows::{Row, row};
-use crate::panels::wording::{age, count};
+use crate::teleop_client::TeleopClientState;
 use crate::theme::Tone;
 
 /// Ages beyond half of the greatest that is usual are worth a look.
 const OLD_MS: u32 = 200;
 /// The speed that the age of commands allows.
-const AGE_ALLOWS: &str = "Age allows";
+const AGE_LIMIT: &str = "Age limit";
 const GUARD: &str = "Guard";
-const IN_THE_WAY: &str = "In the way";
-const LAST_LOOK: &str = "Last looked at";
+const OBSTACLE: &str = "Obstacle";
+const LAST_OBSERVED: &str = "Last observed";
 
 pub(super) fn rows(
     model: &ConsoleModel,
     teleop: &TeleopStatus,
-    helm: &HelmSight,
+    teleop_client: &TeleopClientState,
     silence: Option<Duration>,
 ) -> Vec<(Tone, Row)> {
     let mut rows = Vec::new();
@@ -38,7 +38,7 @@ pub(super) fn rows(
         0..OLD_MS => Tone::Good,
         OLD_MS.. => Tone::Warning,
     };
-    let (tone, words) = match (teleop.age_ms, teleop.greatest_age_ms) {
+    let (tone, words) = match (teleop.age_ms, teleop.peak_age_ms) {
         // What is older than the oldest that was obeyed is obeyed no more.
         (Some(now_ms), Some(greatest_ms)) if now_ms <= greatest_ms => {
             let words = format!("{now_ms} ms, at most {greatest_ms} ms");
@@ -54,75 +54,82 @@ pub(super) fn rows(
     } else {
         Tone::Good
     };
-    rows.push((tone, row(AGE_ALLOWS, allowed)));
-    let (tone, words) = guard(teleop, tightest(teleop, model.guard_lately()), helm.limits);
+    rows.push((tone, row(AGE_LIMIT, allowed)));
+    let (tone, words) = guard(
+        teleop,
+        strictest_limit(teleop, model.recent_monitor_states()),
+        teleop_client.limits,
+    );
     rows.push((tone, row(GUARD, words)));
-    if helm.lease.held().is_some() {
-        let (tone, barrier) = row_of_barrier(model);
+    if teleop_client.lease.held().is_some() {
+        let (tone, barrier) = obstacle_row(model);
         rows.push((tone, barrier));
-        if matches!(teleop.guard, Guard::On(_) | Guard::Blind(_)) {
-            rows.push((Tone::Good, row_of_sides(teleop)));
+        if matches!(
+            teleop.collision_monitor,
+            CollisionMonitorState::On(_) | CollisionMonitorState::UnknownSpace(_)
+        ) {
+            rows.push((Tone::Good, coverage_row(teleop)));
         }
     }
     let events = model.events().iter().map(|(event, _)| event);
-    if let Some((tone, stop)) = last_stop(teleop, model.before_estop(), events) {
+    if let Some((tone, stop)) = last_stop(teleop, model.stop_before_estop(), events) {
         rows.push((tone, row("Last stop", stop)));
     }
-    if helm.lease.held().is_some() {
-        let (tone, words) = keys(teleop, helm);
+    if teleop_client.lease.held().is_some() {
+        let (tone, words) = keys(teleop, teleop_client);
         rows.push((tone, row("Keys", words)));
     }
     let stops = teleop.counters.involuntary_stops;
     if stops > 0 {
-        rows.push((Tone::Warning, row("Unasked stops", count(stops))));
+        rows.push((Tone::Warning, row("Involuntary stops", count(stops))));
     }
     rows
 }
 
 /// What the guard holds the vehicle back for: the map has a ring around it.
-fn row_of_barrier(model: &ConsoleModel) -> (Tone, Row) {
+fn obstacle_row(model: &ConsoleModel) -> (Tone, Row) {
     let (tone, words) = match model.barrier().map(|barrier| barrier.kind) {
         None => (Tone::Waiting, "–"),
-        Some(BarrierKind::Seen) => (Tone::Warning, "seen now (ringed)"),
+        Some(BarrierKind::Detected) => (Tone::Warning, "detected now (ringed)"),
         Some(BarrierKind::Shallow) => (Tone::Warning, "too shallow (ringed)"),
         Some(BarrierKind::Mapped) => (Tone::Warning, "on the map (ringed)"),
-        Some(BarrierKind::Unseen) => (Tone::Warning, "unseen ground (ringed)"),
-        Some(BarrierKind::NoEcho) => (Tone::Warning, "no echo from there (ringed)"),
+        Some(BarrierKind::Unknown) => (Tone::Warning, "unknown ground (ringed)"),
+        Some(BarrierKind::NoReturn) => (Tone::Warning, "no echo (ringed)"),
     };
-    (tone, row(IN_THE_WAY, words))
+    (tone, row(OBSTACLE, words))
 }
 
 /// How long ago the ground on each side of the vehicle was looked at.
-fn row_of_sides(teleop: &TeleopStatus) -> Row {
+fn coverage_row(teleop: &TeleopStatus) -> Row {
     let words: Vec<_> = ["ahead", "left", "behind", "right"]
         .into_iter()
-        .zip(teleop.seen_ms)
-        .map(|(side, seen_ms)| match seen_ms {
+        .zip(teleop.ground_age_ms)
+        .map(|(side, ground_age_ms)| match ground_age_ms {
             None => format!("{side} never"),
             Some(..1000) => format!("{side} now"),
             Some(ms) => format!("{side} {} s", ms / 1000),
         })
         .collect();
-    row(LAST_LOOK, words.join(", "))
+    row(LAST_OBSERVED, words.join(", "))
 }
 
 /// What is told of a figure to whoever points at it.
 pub(super) fn hint(name: &str) -> Option<&'static str> {
     match name {
-        AGE_ALLOWS => Some(
-            "The older commands are, the slower the robot lets itself be driven: so it goes only a short way on old \
-             news. While none are sent, it reckons with the oldest that it would obey.",
+        AGE_LIMIT => Some(
+            "The older the commands, the lower the speed limit: the vehicle travels only a short way on old \
+             commands. While none are sent, the oldest accepted age counts.",
         ),
         GUARD => Some(guard::HINT),
-        IN_THE_WAY => Some(
-            "What the collision guard holds the robot back for on the way that is asked for; an amber ring on the map is \
-             around it. What is seen is hit by a beam of the last scans; what is too shallow, by a sonar's; what is mapped \
-             was hit before; unseen ground has not been looked at, or too long ago; from where there is no echo, only beams \
-             without one say that the way is free.",
+        OBSTACLE => Some(
+            "The obstacle for which the collision monitor limits the commanded motion; an amber ring on the map is \
+             around it. Detected: hit by a beam of the last scans; too shallow: hit by a sonar; on the map: an obstacle \
+             hit before; unknown ground: not observed, or too long ago; no echo: only beams \
+             without a return cover it.",
         ),
-        LAST_LOOK => Some(
-            "How long ago a sensor looked at the ground beside the robot, where that is longest ago. The guard lets the robot \
-             only creep towards what was looked at too long ago.",
+        LAST_OBSERVED => Some(
+            "How long ago a sensor observed the ground on each side, at the oldest place. The monitor lets the vehicle \
+             only creep towards ground that was observed too long ago.",
         ),
         _ => None,
     }

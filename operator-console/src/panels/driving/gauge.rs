@@ -4,7 +4,7 @@ use eframe::egui::{Align, Align2, FontId, Layout, Rect, Sense, Stroke, TextStyle
 
 use protocol::message::{TeleopStatus, Velocity};
 
-use crate::panels::wording::{signed, turn};
+use crate::panels::formatting::{signed, turn};
 use crate::theme::Tone;
 
 const BAR_HEIGHT: f32 = 14.0;
@@ -49,7 +49,7 @@ pub(super) fn gauges(teleop: &TeleopStatus, limits: [f32; 2], is_driven: bool) -
     let to_the_right = |velocity: Velocity| -velocity.angular_radps.to_degrees();
     [
         Gauge {
-            name: "Told to go",
+            name: "Linear speed",
             figures: figures(format!(
                 "{} of {} m/s",
                 signed(f64::from(applied.linear_mps), 2),
@@ -62,7 +62,7 @@ pub(super) fn gauges(teleop: &TeleopStatus, limits: [f32; 2], is_driven: bool) -
             ends: ["back", "forward"],
         },
         Gauge {
-            name: "Told to turn",
+            name: "Angular speed",
             figures: figures(turn_of(applied.angular_radps, requested.angular_radps)),
             requested: to_the_right(requested),
             applied: to_the_right(applied),
@@ -149,7 +149,7 @@ fn ends(ui: &Ui, rect: Rect, gauge: &Gauge, font: &FontId) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pretend::standing;
+    use crate::test_support::idle_teleop_status;
 
     #[test]
     fn what_reads_as_it_was_asked_for_is_not_held_back() {
@@ -159,7 +159,7 @@ mod tests {
             (0.17, 0.199, "10 of 11 °/s left", true),
             (-0.185, 0.199, "11 °/s right of 11 °/s left", true),
         ] {
-            let mut teleop = standing();
+            let mut teleop = idle_teleop_status();
             teleop.applied.angular_radps = applied;
             teleop.requested.angular_radps = requested;
             let [_, turning] = gauges(&teleop, [1.0, 0.5], true);

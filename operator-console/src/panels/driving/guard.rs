@@ -1,29 +1,29 @@
-//! What the collision guard says of the way that is asked for.
+//! What the collision monitor says of the way that is asked for.
 
-use protocol::message::{Clamp, Guard, TeleopState, TeleopStatus, Velocity};
+use protocol::message::{Clamp, CollisionMonitorState, TeleopState, TeleopStatus, Velocity};
 
-use super::tightest::Tightest;
-use crate::model::{LEAST_MPS, LEAST_RADPS};
-use crate::panels::wording::signed;
+use super::strictest_limit::StrictestLimit;
+use crate::model::{MIN_SHOWN_MPS, MIN_SHOWN_RADPS};
+use crate::panels::formatting::signed;
 use crate::theme::Tone;
 
 /// What lets through so much of what is asked for does not bound it to be seen.
 pub(super) const FREE: f32 = 0.98;
 
 /// What its words mean.
-pub(super) const HINT: &str = "How fast the collision guard lets the robot go that way, so that it still stops before \
-                               what its sensors or its map show, and before ground that nobody has seen. Where its \
-                               data is late, nothing is driven. It sees too little where nobody has looked yet, or \
-                               where the last look is too old: there the robot may only creep, or not move at all. \
-                               That ends by itself where its sensors have looked. What bars the way is among the red \
-                               points of the last scans, which a sonar sees under water, or is fatal on the map. Where \
-                               it changes its mind by turns, this is the least of the last 1.5 s, at times.";
+pub(super) const HINT: &str = "The collision monitor's speed limit in that direction, so that the vehicle stops before \
+                               obstacles of its sensors or its map, and before unknown ground. When its \
+                               data is late, the vehicle stops. Unknown ground has not been observed yet, or \
+                               not recently: there the vehicle may only creep, or not move at all. \
+                               That ends when its sensors have observed it. Obstacles are among the red \
+                               points of the last scans (of a sonar: under water), or lethal on the map. When \
+                               the limit alternates, this is the least of the last 1.5 s, at times.";
 
 /// How fast it lets a vehicle go and turn the ways of `velocity`, m/s and rad/s; infinite where it sets no limit.
-pub(super) const fn allowed(guard: Guard, velocity: Velocity) -> [f32; 2] {
+pub(super) const fn allowed(guard: CollisionMonitorState, velocity: Velocity) -> [f32; 2] {
     match guard {
-        Guard::On(limits) | Guard::Blind(limits) => [
-            if velocity.linear_mps <= -LEAST_MPS {
+        CollisionMonitorState::On(limits) | CollisionMonitorState::UnknownSpace(limits) => [
+            if velocity.linear_mps <= -MIN_SHOWN_MPS {
                 limits.reverse_mps
             } else {
                 limits.forward_mps
@@ -34,20 +34,22 @@ pub(super) const fn allowed(guard: Guard, velocity: Velocity) -> [f32; 2] {
                 limits.right_radps
             },
         ],
-        Guard::Silent | Guard::Off | Guard::Stale => [f32::INFINITY; 2],
+        CollisionMonitorState::Silent
+        | CollisionMonitorState::Off
+        | CollisionMonitorState::Stale => [f32::INFINITY; 2],
     }
 }
 
 /// Whether it lets a vehicle that is driven neither go nor turn.
-pub(crate) fn makes_stand(teleop: &TeleopStatus) -> bool {
+pub(crate) fn is_stopped_by_monitor(teleop: &TeleopStatus) -> bool {
     let Velocity {
         linear_mps,
         angular_radps,
     } = teleop.applied;
     teleop.state == TeleopState::Driving
-        && teleop.clamp == Some(Clamp::Guard)
-        && linear_mps.abs() < LEAST_MPS
-        && angular_radps.abs() < LEAST_RADPS
+        && teleop.clamp == Some(Clamp::CollisionMonitor)
+        && linear_mps.abs() < MIN_SHOWN_MPS
+        && angular_radps.abs() < MIN_SHOWN_RADPS
 }
 
 /// What the guard says to a vehicle that goes and turns so fast at most, m/s and rad/s. Where nothing is asked for, it
@@ -55,16 +57,16 @@ pub(crate) fn makes_stand(teleop: &TeleopStatus) -> bool {
 /// way.
 pub(super) fn guard(
     teleop: &TeleopStatus,
-    Tightest {
+    StrictestLimit {
         guard,
-        comes_and_goes,
-    }: Tightest,
+        is_intermittent,
+    }: StrictestLimit,
     greatest: [f32; 2],
 ) -> (Tone, String) {
     let with = |word: &str| match teleop.state {
         TeleopState::SafeBoot | TeleopState::EStop | TeleopState::Fault(_) => word.to_owned(),
         TeleopState::Idle | TeleopState::Held | TeleopState::Driving | TeleopState::Stopping(_) => {
-            format!("{word}{}", allows(teleop, guard, comes_and_goes, greatest))
+            format!("{word}{}", allows(teleop, guard, is_intermittent, greatest))
         }
     };
     // What nobody drives from afar may move all the same: by its own program, or adrift.
@@ -75,18 +77,18 @@ pub(super) fn guard(
         }
     };
     match guard {
-        Guard::Silent => (Tone::Warning, format!("Silent{nothing}")),
-        Guard::Off => (Tone::Warning, "Off".to_owned()),
-        Guard::On(_) => (Tone::Good, with("On")),
-        Guard::Blind(_) => (Tone::Warning, with("Sees too little")),
-        Guard::Stale => (Tone::Warning, format!("Its data is late{nothing}")),
+        CollisionMonitorState::Silent => (Tone::Warning, format!("Silent{nothing}")),
+        CollisionMonitorState::Off => (Tone::Warning, "Off".to_owned()),
+        CollisionMonitorState::On(_) => (Tone::Good, with("On")),
+        CollisionMonitorState::UnknownSpace(_) => (Tone::Warning, with("Unknown ground")),
+        CollisionMonitorState::Stale => (Tone::Warning, format!("Its data is late{nothing}")),
     }
 }
 
 fn allows(
     teleop: &TeleopStatus,
-    guard: Guard,
-    comes_and_goes: [bool; 2],
+    guard: CollisionMonitorState,
+    is_intermittent: [bool; 2],
     [speed_mps, turn_radps]: [f32; 2],
 ) -> String {
     let Velocity {
@@ -94,24 +96,28 @@ fn allows(
         angular_radps,
     } = teleop.requested;
     let [going, turning] = allowed(guard, teleop.requested);
-    let goes = linear_mps.abs() >= LEAST_MPS;
-    let turns = angular_radps.abs() >= LEAST_RADPS;
+    let goes = linear_mps.abs() >= MIN_SHOWN_MPS;
+    let turns = angular_radps.abs() >= MIN_SHOWN_RADPS;
     // Letting go of the turn is all that helps then.
     let is_turn_bound = going >= FREE * linear_mps.abs() && turning < FREE * angular_radps.abs();
     let of_turn = turns && (!goes || is_turn_bound);
-    let (way, allowed, greatest) = match (of_turn, linear_mps <= -LEAST_MPS) {
+    let (way, allowed, greatest) = match (of_turn, linear_mps <= -MIN_SHOWN_MPS) {
         (true, _) if angular_radps > 0.0 => ("turning left", turning, turn_radps),
         (true, _) => ("turning right", turning, turn_radps),
         (false, true) => ("behind", going, speed_mps),
         (false, false) => ("ahead", going, speed_mps),
     };
-    let least = if of_turn { LEAST_RADPS } else { LEAST_MPS };
+    let least = if of_turn {
+        MIN_SHOWN_RADPS
+    } else {
+        MIN_SHOWN_MPS
+    };
     let is_free = greatest > 0.0 && allowed >= greatest;
     if is_free || !allowed.is_finite() {
         // It has a reason that is not of this way: a turn beside it, as a rule.
-        let is_seen = matches!(guard, Guard::On(_));
+        let is_seen = matches!(guard, CollisionMonitorState::On(_));
         return match (teleop.clamp, is_free && is_seen) {
-            (Some(Clamp::Guard), _) => ", holds it back".to_owned(),
+            (Some(Clamp::CollisionMonitor), _) => ", limits it".to_owned(),
             (Some(Clamp::Speed | Clamp::Ramp | Clamp::Age | Clamp::Stop) | None, true) => {
                 format!(", {way} is free")
             }
@@ -120,7 +126,7 @@ fn allows(
             }
         };
     }
-    let at_times = if comes_and_goes[usize::from(of_turn)] {
+    let at_times = if is_intermittent[usize::from(of_turn)] {
         " at times"
     } else {
         ""

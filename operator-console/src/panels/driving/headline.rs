@@ -2,57 +2,57 @@
 
 use std::time::Duration;
 
-use protocol::message::{Arming, Guard, StopReason, TeleopState, TeleopStatus};
+use protocol::message::{Arming, CollisionMonitorState, StopReason, TeleopState, TeleopStatus};
 use robot_edge::clock::Monotonic;
 
-use super::guard::makes_stand;
-use super::hands::{opposed, turn_alone};
-use super::untold::untold;
-use super::words;
-use crate::helm::{HelmSight, Lease};
+use super::guard::is_stopped_by_monitor;
+use super::input_hints::{opposing_keys, turn_only_hint};
+use super::labels;
+use super::unexpected_motion::unexpected_motion;
 use crate::model::ConsoleModel;
-use crate::panels::wording::{age, capitalised};
+use crate::panels::formatting::{age, capitalised};
+use crate::teleop_client::{Lease, TeleopClientState};
 use crate::theme::Tone;
 
 const DRIVES: &str = "W A S D or arrows drive while held";
 const COASTS: &str = "No thrust: it coasts, and wind and current move it";
-const UNHELD: &str = "No thrust: wind and current may move it";
-const SLOWS: &str = "Slows down first, then goes as the keys say";
-const STANDS: &str = "Stands: the collision guard holds it back";
-const NO_THRUST: &str = "No thrust: the collision guard holds it back";
-const STOPPED: &str = "Its motors stand until it is reset.";
-const STOPPED_AFLOAT: &str = "Its motors stand until it is reset. Wind and current may move it";
-const STUCK: &str = "Told to go, and does not move: stuck, or its motors do not obey";
-const AGROUND: &str = "Told to go, and does not move: aground, held, or its motors do not obey";
+const NOT_HELD: &str = "No thrust: wind and current may move it";
+const SLOWS: &str = "Slows down first, then follows the keys";
+const STANDS: &str = "Stopped by the collision monitor";
+const NO_THRUST: &str = "No thrust: stopped by the collision monitor";
+const STOPPED: &str = "Motors are stopped until the reset.";
+const STOPPED_AFLOAT: &str = "Motors are stopped until the reset. Wind and current may move it";
+const STUCK: &str = "Commanded but not moving: stuck, or its motors do not respond";
+const AGROUND: &str = "Commanded but not moving: aground, held, or its motors do not respond";
 /// What a key changes from one to the other: all have the room of the longest, so that nothing below moves meanwhile.
 /// What names keys is shorter.
-pub(super) const BY_KEYS: [&str; 11] = [
+pub(super) const KEY_ADVICE: [&str; 11] = [
     DRIVES,
     COASTS,
-    UNHELD,
+    NOT_HELD,
     SLOWS,
     STANDS,
     NO_THRUST,
     STOPPED,
     STOPPED_AFLOAT,
-    words::stop(StopReason::Released),
+    labels::stop(StopReason::Released),
     STUCK,
     AGROUND,
 ];
 
 /// What is known of the vehicle's body.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Body {
+pub(super) struct VehicleState {
     /// It moves so fast, forwards, m/s.
     moves: Option<f32>,
     /// It floats.
     is_boat: bool,
-    conduct: Conduct,
+    conduct: Motion,
 }
 
 /// What it makes of what its motors are told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Conduct {
+enum Motion {
     /// It is told to go, and has not for seconds.
     Stuck,
     /// It was told to stand a moment ago, and has not had the time that it takes.
@@ -63,29 +63,29 @@ enum Conduct {
     Moves,
 }
 
-impl Body {
+impl VehicleState {
     pub(super) fn of(model: &ConsoleModel, now: Monotonic) -> Self {
         Self {
             moves: model.moves(),
             is_boat: model.is_boat(),
             conduct: if model.is_stuck() {
-                Conduct::Stuck
+                Motion::Stuck
             } else if model.brakes(now) {
-                Conduct::Brakes
+                Motion::Brakes
             } else if model.is_still() {
-                Conduct::Still
+                Motion::Still
             } else {
-                Conduct::Moves
+                Motion::Moves
             },
         }
     }
 
     fn brakes(self) -> bool {
-        self.conduct == Conduct::Brakes
+        self.conduct == Motion::Brakes
     }
 
     fn is_still(self) -> bool {
-        self.conduct == Conduct::Still
+        self.conduct == Motion::Still
     }
 }
 
@@ -109,51 +109,55 @@ impl Headline {
 }
 
 /// A link that is lost is no pause: nobody here knows what the vehicle does.
-pub(super) fn lost(silence: Duration, helm: &HelmSight) -> Headline {
-    let advice = match helm.lease {
+pub(super) fn link_lost(silence: Duration, teleop_client: &TeleopClientState) -> Headline {
+    let advice = match teleop_client.lease {
         Lease::Held(_) => {
-            "It stops by itself when commands stay away, and soon gives up the lease. When it is heard again, let go \
-             of all keys, and press Drive where nobody drives."
+            "It stops by itself without commands, and its lease soon expires. When it is connected again, release \
+             all keys, and press Request control."
         }
-        Lease::None | Lease::Waiting { .. } => "What it does now is not known here.",
+        Lease::None | Lease::Waiting { .. } => "State unknown (no data).",
     };
     let words = format!("Link lost for {}", age(silence));
     Headline::new(Tone::Warning, words, Some(advice.to_owned()))
 }
 
 /// It runs anew, and has not said yet how it is.
-pub(super) fn awaited() -> Headline {
-    let advice = "It has restarted. What it does now is not known here yet.";
-    let words = "Waiting for its state".to_owned();
+pub(super) fn status_pending() -> Headline {
+    let advice = "It has restarted. State unknown (no data yet).";
+    let words = "Waiting for status".to_owned();
     Headline::new(Tone::Waiting, words, Some(advice.to_owned()))
 }
 
 /// Where it was and how fast it went are the last that there is.
-pub(super) fn ended() -> Headline {
-    let advice = "Nothing new will come of this robot";
+pub(super) fn data_ended() -> Headline {
+    let advice = "Robot session ended";
     let words = "Its data has ended".to_owned();
     Headline::new(Tone::Waiting, words, Some(advice.to_owned()))
 }
 
 /// It had said so, and was closed, as it seems.
-pub(super) fn gone(silence: Duration) -> Headline {
+pub(super) fn data_ended_silent(silence: Duration) -> Headline {
     let advice = format!(
-        "Nothing heard for {}: robot-edge has closed, or the link is lost. What it does now is not known here",
+        "No data for {}: robot-edge has closed, or the link is lost. State unknown (no data)",
         age(silence)
     );
     Headline {
         advice: Some(advice),
-        ..ended()
+        ..data_ended()
     }
 }
 
 /// Of a vehicle that is heard.
-pub(super) fn heard(teleop: &TeleopStatus, helm: &HelmSight, body: Body) -> Headline {
-    let untold = untold(teleop, body.moves, body.is_boat);
-    if let Some(untold) = untold.filter(|_| !body.brakes()) {
-        return untold;
+pub(super) fn live(
+    teleop: &TeleopStatus,
+    teleop_client: &TeleopClientState,
+    body: VehicleState,
+) -> Headline {
+    let unexpected_motion = unexpected_motion(teleop, body.moves, body.is_boat);
+    if let Some(unexpected_motion) = unexpected_motion.filter(|_| !body.brakes()) {
+        return unexpected_motion;
     }
-    if teleop.state == TeleopState::Driving && body.conduct == Conduct::Stuck {
+    if teleop.state == TeleopState::Driving && body.conduct == Motion::Stuck {
         let why = if body.is_boat { AGROUND } else { STUCK };
         return Headline::new(Tone::Warning, "Not moving".to_owned(), Some(why.to_owned()));
     }
@@ -167,13 +171,13 @@ pub(super) fn heard(teleop: &TeleopStatus, helm: &HelmSight, body: Body) -> Head
         }
         TeleopState::Idle | TeleopState::Held if teleop.is_drifting => "Drifting".to_owned(),
         TeleopState::Idle => "Standing".to_owned(),
-        TeleopState::Driving if makes_stand(teleop) => "Held back".to_owned(),
+        TeleopState::Driving if is_stopped_by_monitor(teleop) => "Motion blocked".to_owned(),
         TeleopState::SafeBoot | TeleopState::Held | TeleopState::Driving | TeleopState::EStop => {
-            words::state(teleop.state)
+            labels::state(teleop.state)
         }
     };
     let tone = match teleop.state {
-        TeleopState::Driving if !makes_stand(teleop) => Tone::Good,
+        TeleopState::Driving if !is_stopped_by_monitor(teleop) => Tone::Good,
         TeleopState::Idle | TeleopState::Held if !teleop.is_drifting => Tone::Waiting,
         TeleopState::Stopping(StopReason::Released) | TeleopState::SafeBoot => Tone::Waiting,
         TeleopState::Idle
@@ -183,51 +187,61 @@ pub(super) fn heard(teleop: &TeleopStatus, helm: &HelmSight, body: Body) -> Head
         | TeleopState::EStop
         | TeleopState::Fault(_) => Tone::Warning,
     };
-    Headline::new(tone, headline, advice(teleop, helm, body))
+    Headline::new(tone, headline, advice(teleop, teleop_client, body))
 }
 
-fn advice(teleop: &TeleopStatus, helm: &HelmSight, body: Body) -> Option<String> {
-    let is_mine = helm.lease.held().is_some();
-    let opposed = opposed(helm).filter(|_| is_mine && follows_keys(teleop));
-    if opposed.is_some() {
-        return opposed;
+fn advice(
+    teleop: &TeleopStatus,
+    teleop_client: &TeleopClientState,
+    body: VehicleState,
+) -> Option<String> {
+    let is_mine = teleop_client.lease.held().is_some();
+    let opposing_keys = opposing_keys(teleop_client).filter(|_| is_mine && follows_keys(teleop));
+    if opposing_keys.is_some() {
+        return opposing_keys;
     }
-    let words = match (teleop.state, helm.ignored) {
+    let words = match (teleop.state, teleop_client.ignored) {
         // It is taken back early only: later it ends first, and goes on by itself with what is held down then.
         (TeleopState::Stopping(_), _) if teleop.arming == Arming::Pressed => SLOWS,
-        (TeleopState::Stopping(why), _) => return Some(capitalised(words::stop(why))),
+        (TeleopState::Stopping(why), _) => return Some(capitalised(labels::stop(why))),
         (TeleopState::Fault(_), _) => {
-            let fault = words::state(teleop.state);
+            let fault = labels::state(teleop.state);
             return Some(format!("{fault}. Reset it at the vehicle."));
         }
         (TeleopState::EStop, _) if body.is_boat => STOPPED_AFLOAT,
         (TeleopState::EStop, _) => STOPPED,
         (_, Some(why)) if is_mine => {
-            let why = words::ignored(why, teleop.last_stop);
-            return Some(format!("Let go of all keys: {why}"));
+            let why = labels::ignored(why, teleop.last_stop);
+            return Some(format!("Release all keys: {why}"));
         }
         // Whatever is pressed: without this it would be for the operator to guess.
         (TeleopState::Held, None)
-            if is_mine && matches!(teleop.guard, Guard::Stale | Guard::Silent) =>
+            if is_mine
+                && matches!(
+                    teleop.collision_monitor,
+                    CollisionMonitorState::Stale | CollisionMonitorState::Silent
+                ) =>
         {
-            "The guard's data is late, so nothing moves: the robot's sensors or its machine are slow. When it comes, \
-             press anew"
+            "The monitor's data is late, so nothing moves: the robot's sensors or its computer are slow. When it comes, \
+             press again"
         }
         (TeleopState::Held, None)
-            if is_mine && !helm.wish.is_neutral() && teleop.arming == Arming::Locked =>
+            if is_mine
+                && !teleop_client.drive_input.is_neutral()
+                && teleop.arming == Arming::Locked =>
         {
-            "Let go of all keys, then press anew"
+            "Release all keys, then press again"
         }
-        (TeleopState::Held | TeleopState::Driving, _) if is_mine && !helm.is_ready => {
-            "The keys go to a text or to another window. Click into the map to drive"
+        (TeleopState::Held | TeleopState::Driving, _) if is_mine && !teleop_client.is_ready => {
+            "Keyboard focus is elsewhere. Click into the map to drive"
         }
-        (TeleopState::Driving, _) if makes_stand(teleop) => {
-            let alone = turn_alone(teleop, helm, body.is_boat).filter(|_| is_mine);
+        (TeleopState::Driving, _) if is_stopped_by_monitor(teleop) => {
+            let alone = turn_only_hint(teleop, teleop_client, body.is_boat).filter(|_| is_mine);
             let stands = if body.is_boat { NO_THRUST } else { STANDS };
             return alone.or_else(|| Some(stands.to_owned()));
         }
         (TeleopState::Idle | TeleopState::Held, _) if teleop.is_drifting && body.is_still() => {
-            UNHELD
+            NOT_HELD
         }
         (TeleopState::Idle | TeleopState::Held, _) if teleop.is_drifting => COASTS,
         (TeleopState::Held | TeleopState::Driving, _) if is_mine => DRIVES,
@@ -244,13 +258,16 @@ const fn follows_keys(teleop: &TeleopStatus) -> bool {
     match teleop.state {
         TeleopState::Driving | TeleopState::Stopping(StopReason::Released) => true,
         // Whatever is pressed, it stands while the guard's data is late.
-        TeleopState::Held => !matches!(teleop.guard, Guard::Stale | Guard::Silent),
+        TeleopState::Held => !matches!(
+            teleop.collision_monitor,
+            CollisionMonitorState::Stale | CollisionMonitorState::Silent
+        ),
         TeleopState::SafeBoot
         | TeleopState::Idle
         | TeleopState::Stopping(
             StopReason::Age
             | StopReason::NotFinite
-            | StopReason::GuardStale
+            | StopReason::CollisionMonitorStale
             | StopReason::LeaseEnded(_),
         )
         | TeleopState::EStop

@@ -2,46 +2,55 @@
 
 use protocol::message::{Arming, TeleopState, TeleopStatus};
 
-use super::guard::makes_stand;
-use super::hands::opposed;
-use super::words;
-use crate::helm::HelmSight;
+use super::guard::is_stopped_by_monitor;
+use super::input_hints::opposing_keys;
+use super::labels;
+use crate::teleop_client::TeleopClientState;
 use crate::theme::Tone;
 
 /// Whether the vehicle does what they say, or when it will.
-pub(super) fn keys(teleop: &TeleopStatus, helm: &HelmSight) -> (Tone, &'static str) {
+pub(super) fn keys(
+    teleop: &TeleopStatus,
+    teleop_client: &TeleopClientState,
+) -> (Tone, &'static str) {
     match teleop.state {
         // That all were let go is true then too, and sounds as if a press would count.
-        TeleopState::EStop => (Tone::Warning, "Do nothing until the reset"),
-        TeleopState::Fault(_) => (Tone::Warning, "Do nothing while it is at fault"),
-        TeleopState::SafeBoot => (Tone::Waiting, "Do nothing before its self-test"),
+        TeleopState::EStop => (Tone::Warning, "Ignored until the reset"),
+        TeleopState::Fault(_) => (Tone::Warning, "Ignored while in fault"),
+        TeleopState::SafeBoot => (Tone::Waiting, "Ignored before the self-test"),
         TeleopState::Stopping(_) if teleop.arming == Arming::Pressed => {
-            (Tone::Waiting, "Obeyed once it has slowed down")
+            (Tone::Waiting, "Active once it has slowed down")
         }
-        TeleopState::Driving if teleop.arming == Arming::Pressed && makes_stand(teleop) => {
-            (Tone::Warning, "Held back by the guard")
+        TeleopState::Driving
+            if teleop.arming == Arming::Pressed && is_stopped_by_monitor(teleop) =>
+        {
+            (Tone::Warning, "Limited by the monitor")
         }
         TeleopState::Idle | TeleopState::Held | TeleopState::Driving | TeleopState::Stopping(_) => {
-            heeded(teleop.arming, helm)
+            arming_text(teleop.arming, teleop_client)
         }
     }
 }
 
 /// Of a vehicle that heeds them.
-fn heeded(arming: Arming, helm: &HelmSight) -> (Tone, &'static str) {
+fn arming_text(arming: Arming, teleop_client: &TeleopClientState) -> (Tone, &'static str) {
     // The vehicle would obey, and hears nothing: the keyboard is another window's, or a field's.
-    let is_elsewhere = !helm.is_ready && helm.ignored.is_none();
-    let told = words::arming(arming);
+    let is_elsewhere = !teleop_client.is_ready && teleop_client.ignored.is_none();
+    let arming_label = labels::arming(arming);
     match arming {
         Arming::Locked | Arming::Neutral if is_elsewhere => {
-            (Tone::Warning, "Go elsewhere: click into the map")
+            (Tone::Warning, "No focus: click into the map")
         }
-        Arming::Locked => (Tone::Warning, told),
+        Arming::Locked => (Tone::Warning, arming_label),
         // What is held down here is not sent: the vehicle does not know of it.
-        Arming::Neutral if helm.ignored.is_some() => (Tone::Warning, words::arming(Arming::Locked)),
+        Arming::Neutral if teleop_client.ignored.is_some() => {
+            (Tone::Warning, labels::arming(Arming::Locked))
+        }
         // To the vehicle they were let go, and what stands for that sounds as if none were held.
-        Arming::Neutral if opposed(helm).is_some() => (Tone::Waiting, "Ask for nothing together"),
-        Arming::Neutral => (Tone::Waiting, told),
-        Arming::Pressed => (Tone::Good, told),
+        Arming::Neutral if opposing_keys(teleop_client).is_some() => {
+            (Tone::Waiting, "Cancel each other out")
+        }
+        Arming::Neutral => (Tone::Waiting, arming_label),
+        Arming::Pressed => (Tone::Good, arming_label),
     }
 }

@@ -2,15 +2,15 @@
 
 use protocol::message::{Event, StopReason, TeleopState, TeleopStatus};
 
-use super::words;
-use crate::model::BeforeEStop;
+use super::labels;
+use crate::model::StopBeforeEStop;
 use crate::theme::Tone;
 
 /// The newest stop, in words; `events` of the robot, the oldest first, and what it told of when an emergency stop
 /// was heard. `None` before the first.
 pub(super) fn last_stop<'a>(
     teleop: &TeleopStatus,
-    before_estop: Option<BeforeEStop>,
+    stop_before_estop: Option<StopBeforeEStop>,
     events: impl DoubleEndedIterator<Item = &'a Event>,
 ) -> Option<(Tone, String)> {
     if let Some(estop) = teleop.estop {
@@ -20,7 +20,7 @@ pub(super) fn last_stop<'a>(
     let is_stopping = matches!(teleop.state, TeleopState::Stopping(_));
     let newest = events.rev().find_map(is_emergency);
     // Events are heard once or never: what the status tells of since is newer.
-    let is_newest = before_estop.is_some_and(|before| before.last_stop == teleop.last_stop);
+    let is_newest = stop_before_estop.is_some_and(|before| before.last_stop == teleop.last_stop);
     if newest == Some(true) && is_newest && !is_stopping {
         return Some((Tone::Warning, "emergency stop, reset since".to_owned()));
     }
@@ -29,10 +29,10 @@ pub(super) fn last_stop<'a>(
         StopReason::Released => Tone::Waiting,
         StopReason::Age
         | StopReason::NotFinite
-        | StopReason::GuardStale
+        | StopReason::CollisionMonitorStale
         | StopReason::LeaseEnded(_) => Tone::Warning,
     };
-    Some((tone, words::stop(stop).to_owned()))
+    Some((tone, labels::stop(stop).to_owned()))
 }
 
 /// Whether an event is an emergency stop, or another stop; `None` where it is none.
@@ -50,7 +50,7 @@ mod tests {
     use protocol::message::{EStopStatus, Severity};
 
     use super::*;
-    use crate::pretend::standing;
+    use crate::test_support::idle_teleop_status;
 
     fn event(kind: &str, message: &str) -> Event {
         Event {
@@ -70,17 +70,17 @@ mod tests {
             event("teleop_state", "held after idle"),
             event("teleop_state", "driving after held"),
         ];
-        let mut teleop = standing();
+        let mut teleop = idle_teleop_status();
         teleop.last_stop = Some(StopReason::Released);
         let before = |stop| {
             let last_stop = Some(stop);
-            Some(BeforeEStop { last_stop })
+            Some(StopBeforeEStop { last_stop })
         };
         let told = |teleop: &TeleopStatus, first: &[&Event]| {
             let events = first.iter().copied().chain(&rest);
             last_stop(teleop, before(StopReason::Released), events)
         };
-        let let_go = Some((Tone::Waiting, "keys let go".to_owned()));
+        let let_go = Some((Tone::Waiting, "keys released".to_owned()));
         let emergency = |words: &str| Some((Tone::Warning, words.to_owned()));
         assert_eq!(told(&teleop, &[]), let_go);
         let reset = emergency("emergency stop, reset since");
@@ -101,6 +101,6 @@ mod tests {
             is_stored: true,
         });
         assert_eq!(told(&teleop, &[]), emergency("emergency stop 3"));
-        assert_eq!(last_stop(&standing(), None, rest.iter()), None);
+        assert_eq!(last_stop(&idle_teleop_status(), None, rest.iter()), None);
     }
 }

@@ -4,16 +4,16 @@ mod data;
 mod figures;
 mod gauge;
 mod guard;
-mod hands;
 mod headline;
-mod held_back;
+mod input_hints;
 mod keys;
+pub mod labels;
 mod last_stop;
+mod limit_reason;
 mod notice;
-mod tightest;
-mod untold;
-mod watching;
-pub mod words;
+mod read_only;
+mod strictest_limit;
+mod unexpected_motion;
 
 use eframe::egui::{
     Align, Button, CollapsingHeader, Color32, DragValue, Label, Layout, RectAlign, Response,
@@ -22,16 +22,16 @@ use eframe::egui::{
 use protocol::keys::OperatorId;
 use protocol::message::{LeaseRequest, Setting, Settings};
 
-pub use data::{DrivingData, EStopFace, LeaseFace};
+pub use data::{DrivingData, EStopButton, LeaseButtons};
 pub use gauge::Gauge;
-pub(crate) use guard::makes_stand;
-pub(crate) use watching::disabled_ui;
+pub(crate) use guard::is_stopped_by_monitor;
+pub(crate) use read_only::disabled_ui;
 
 use super::rows::{rows_ui, toned_rows_ui};
 use crate::command::Command;
-use crate::helm::Intent;
-use crate::role::WATCHES;
+use crate::role::OBSERVER_HINT;
 use crate::shortcuts::Action;
+use crate::teleop_client::Intent;
 use crate::teleop_input::SpeedStep;
 use crate::theme::{self, state_ui};
 
@@ -55,7 +55,7 @@ pub struct DrivingEntry {
 
 /// Draws the panel. The emergency stop stays where it is, whatever is scrolled or changes.
 pub fn driving_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<Command> {
-    let stop = estop_ui(ui, &data.estop, data.only_watches);
+    let stop = estop_ui(ui, &data.estop, data.is_observer);
     let rest = ScrollArea::vertical()
         .auto_shrink([false, false])
         .show(ui, |ui| {
@@ -79,13 +79,13 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
     advice_ui(ui, data.advice.as_deref());
     ui.add_space(2.0);
     ui.label(RichText::new(&data.driver).strong());
-    intent = intent.or(lease_ui(ui, data.lease, data.never_takes_over));
+    intent = intent.or(lease_ui(ui, data.lease, data.cannot_take_over));
     if let Some(notice) = &data.notice {
         let warning = theme::Tone::Warning.color(ui.visuals());
         ui.add(Label::new(RichText::new(notice).small().color(warning)).wrap());
     }
-    if let Some(who) = &data.asks {
-        intent = intent.or(question_ui(ui, who));
+    if let Some(who) = &data.handover_request {
+        intent = intent.or(handover_request_ui(ui, who));
     }
     ui.separator();
     intent = intent.or(step_ui(ui, data.step, data.top_speed_mps));
@@ -94,7 +94,7 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
     }
     let clamp = data.clamp.as_deref().unwrap_or(" ");
     let warning = theme::Tone::Warning.color(ui.visuals());
-    let color = if held_back::is_free(clamp) {
+    let color = if limit_reason::is_free(clamp) {
         ui.visuals().weak_text_color()
     } else {
         warning
@@ -107,7 +107,7 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
     if let Some(settings) = data.settings {
         ui.separator();
         CollapsingHeader::new("Settings of the robot").show(ui, |ui| {
-            ui.add_enabled_ui(!data.only_watches, |ui| {
+            ui.add_enabled_ui(!data.is_observer, |ui| {
                 intent = intent.take().or(settings_ui(ui, settings, entry));
             });
         });
@@ -131,14 +131,14 @@ fn advice_ui(ui: &mut Ui, advice: Option<&str>) {
             .layout(words.to_owned(), font.clone(), Color32::BLACK, width);
         galley.size().y
     };
-    let reserved = headline::BY_KEYS.into_iter().map(height);
+    let reserved = headline::KEY_ADVICE.into_iter().map(height);
     let reserved = reserved.fold(0.0, f32::max);
     let words = RichText::new(advice.unwrap_or(" ")).small();
     let shown = ui.add(Label::new(words).wrap()).rect.height();
     ui.add_space((reserved - shown).max(0.0));
 }
 
-fn estop_ui(ui: &mut Ui, face: &EStopFace, only_watches: bool) -> Option<Intent> {
+fn estop_ui(ui: &mut Ui, face: &EStopButton, is_observer: bool) -> Option<Intent> {
     let [fill, ink] = theme::DANGER;
     let text_size = (ESTOP_TEXT_SHARE * ui.available_width()).clamp(11.0, 18.0);
     let big = |words: &str, fill: Color32, ink: Color32| {
@@ -150,30 +150,30 @@ fn estop_ui(ui: &mut Ui, face: &EStopFace, only_watches: bool) -> Option<Intent>
     };
     let size = vec2(ui.available_width(), ESTOP_HEIGHT);
     match face {
-        EStopFace::Ready => {
+        EStopButton::Ready => {
             let button = ui.add_sized(size, big("EMERGENCY STOP", fill, ink));
             button
                 .on_hover_text("Stops at once, and stays stopped until it is reset (space bar)")
                 .clicked()
                 .then_some(Intent::EStop)
         }
-        EStopFace::Sending(words) => {
+        EStopButton::Sending(words) => {
             let [fill, ink] = theme::BANNER;
-            let words = format!("STOP IS BEING SENT\n{words}");
+            let words = format!("SENDING STOP\n{words}");
             // It is sent ten times a second: pressing again is what one does, and does no harm.
             let button = ui.add_sized(size, big(&words, fill, ink));
             button.clicked().then_some(Intent::EStop)
         }
-        EStopFace::InForce { number, is_stored } => {
+        EStopButton::InForce { number, is_stored } => {
             ui.add_sized(
                 size,
-                big(&format!("EMERGENCY STOP {number} IN FORCE"), ink, fill)
+                big(&format!("EMERGENCY STOP {number} ACTIVE"), ink, fill)
                     .sense(eframe::egui::Sense::hover()),
             );
-            let reset = Button::new("Reset it");
-            let reset = ui.add_enabled(*is_stored && !only_watches, reset);
-            let why_not = if only_watches {
-                WATCHES
+            let reset = Button::new("Reset e-stop");
+            let reset = ui.add_enabled(*is_stored && !is_observer, reset);
+            let why_not = if is_observer {
+                OBSERVER_HINT
             } else {
                 "It is not stored yet"
             };
@@ -182,11 +182,11 @@ fn estop_ui(ui: &mut Ui, face: &EStopFace, only_watches: bool) -> Option<Intent>
                 .clicked()
                 .then_some(Intent::Reset(*number))
         }
-        EStopFace::Watching => {
-            watching::estop_ui(ui, size);
+        EStopButton::ReadOnly => {
+            read_only::estop_ui(ui, size);
             None
         }
-        EStopFace::Refused(why) => {
+        EStopButton::Refused(why) => {
             let warning = theme::Tone::Warning.color(ui.visuals());
             let words = format!("The robot does not stop for you: {why}");
             ui.label(RichText::new(words).strong().color(warning));
@@ -196,35 +196,35 @@ fn estop_ui(ui: &mut Ui, face: &EStopFace, only_watches: bool) -> Option<Intent>
     }
 }
 
-fn lease_ui(ui: &mut Ui, face: LeaseFace, never_takes_over: bool) -> Option<Intent> {
+fn lease_ui(ui: &mut Ui, face: LeaseButtons, cannot_take_over: bool) -> Option<Intent> {
     let buttons: &[(&str, Option<&str>, LeaseRequest)] = match face {
-        LeaseFace::Quiet => &[],
-        LeaseFace::Free => &[(
-            "Drive",
-            Some("Ask the robot for its lease"),
+        LeaseButtons::Quiet => &[],
+        LeaseButtons::Free => &[(
+            "Request control",
+            Some("Request the control lease"),
             LeaseRequest::Request,
         )],
-        LeaseFace::Others => &[
+        LeaseButtons::HeldByOther => &[
             (
-                "Ask to hand over",
-                Some("Who drives is asked to consent"),
+                "Request handover",
+                Some("The operator in control is asked to agree"),
                 LeaseRequest::Request,
             ),
             (
                 "Take over",
-                Some("For supervisors: the vehicle stops, then you drive. It is logged"),
+                Some("For supervisors: the vehicle stops, then you have control. It is logged"),
                 LeaseRequest::TakeOver,
             ),
         ],
-        LeaseFace::Waiting => &[(
-            "Wait no longer",
-            Some("Who drives has not consented yet, or the vehicle still moves"),
+        LeaseButtons::Waiting => &[(
+            "Cancel request",
+            Some("The operator in control has not agreed yet, or the vehicle still moves"),
             LeaseRequest::Release,
         )],
-        // It is where "Drive" was, under a pointer that rests there for the whole drive, and so would be its hint.
-        LeaseFace::Mine => &[("Give back", None, LeaseRequest::Release)],
-        LeaseFace::Watching => {
-            watching::lease_ui(ui);
+        // It is where "Request control" was, under a pointer that rests there for the whole drive, and so would be its hint.
+        LeaseButtons::Held => &[("Release control", None, LeaseRequest::Release)],
+        LeaseButtons::ReadOnly => {
+            read_only::lease_ui(ui);
             return None;
         }
     };
@@ -233,8 +233,8 @@ fn lease_ui(ui: &mut Ui, face: LeaseFace, never_takes_over: bool) -> Option<Inte
         // As high with buttons as without, so that nothing below moves.
         ui.set_min_height(28.0);
         for (label, hint, request) in buttons {
-            if never_takes_over && *request == LeaseRequest::TakeOver {
-                watching::take_over_ui(ui, label);
+            if cannot_take_over && *request == LeaseRequest::TakeOver {
+                read_only::take_over_ui(ui, label);
                 continue;
             }
             let keys = Action::Lease.keys();
@@ -256,7 +256,7 @@ fn lease_ui(ui: &mut Ui, face: LeaseFace, never_takes_over: bool) -> Option<Inte
     asked
 }
 
-fn question_ui(ui: &mut Ui, who: &OperatorId) -> Option<Intent> {
+fn handover_request_ui(ui: &mut Ui, who: &OperatorId) -> Option<Intent> {
     let [fill, ink] = theme::BANNER;
     let mut answer = None;
     eframe::egui::Frame::new()
@@ -266,14 +266,14 @@ fn question_ui(ui: &mut Ui, who: &OperatorId) -> Option<Intent> {
         .show(ui, |ui| {
             ui.set_width(ui.available_width());
             ui.label(
-                RichText::new(format!("{who} asks to drive"))
+                RichText::new(format!("{who} requests control"))
                     .strong()
                     .color(ink),
             );
             ui.horizontal(|ui| {
                 for (label, request) in [
-                    ("Hand over", LeaseRequest::Consent(who.clone())),
-                    ("Keep driving", LeaseRequest::Refuse(who.clone())),
+                    ("Hand over", LeaseRequest::HandOver(who.clone())),
+                    ("Keep control", LeaseRequest::Refuse(who.clone())),
                 ] {
                     if ui.button(label).clicked() {
                         answer = Some(Intent::Lease(request));
@@ -362,9 +362,9 @@ fn settings_ui(ui: &mut Ui, settings: Settings, entry: &mut DrivingEntry) -> Opt
     });
     for (name, is_on, to) in [
         (
-            "Collision guard",
-            settings.guard,
-            Setting::Guard(!settings.guard),
+            "Collision monitor",
+            settings.collision_monitor,
+            Setting::CollisionMonitor(!settings.collision_monitor),
         ),
         (
             "Recording",

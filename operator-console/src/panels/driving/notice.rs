@@ -3,37 +3,37 @@
 use protocol::keys::OperatorId;
 use protocol::message::Event;
 
-use super::words;
-use crate::helm::{HelmSight, Note};
-use crate::panels::wording::capitalised;
+use super::labels;
+use crate::panels::formatting::capitalised;
+use crate::teleop_client::{TeleopClientState, TeleopNotification};
 
 /// What is said of it; `events` of the robot, the oldest first.
 pub(super) fn notice<'a>(
-    helm: &HelmSight,
+    teleop_client: &TeleopClientState,
     events: impl DoubleEndedIterator<Item = &'a Event>,
 ) -> Option<String> {
-    let note = helm.notice.as_ref()?;
-    let (words, _) = words::note(note);
+    let note = teleop_client.notice.as_ref()?;
+    let (words, _) = labels::note(note);
     let words = capitalised(&words);
     match note {
         // The panel says so all the time.
-        Note::OnlyWatches => None,
-        Note::LeaseLost => Some(match why_ended(&helm.operator, events) {
+        TeleopNotification::ObserverOnly => None,
+        TeleopNotification::LeaseLost => Some(match why_ended(&teleop_client.operator, events) {
             Some(why) => format!("{words}: {why}"),
             None => words,
         }),
-        Note::Answered(..)
-        | Note::NotAnswered(_)
-        | Note::NotSent(..)
-        | Note::LeaseGained(_)
-        | Note::LeaseGivenBack
-        | Note::ResetEndedDriving
-        | Note::EStopPressed
-        | Note::EStopAcknowledged(_)
-        | Note::EStopRefused(_)
-        | Note::EStopNotInForce
-        | Note::NothingToStop
-        | Note::Lost(_) => Some(words),
+        TeleopNotification::Answered(..)
+        | TeleopNotification::RequestTimedOut(_)
+        | TeleopNotification::NotSent(..)
+        | TeleopNotification::LeaseGained(_)
+        | TeleopNotification::LeaseReleased
+        | TeleopNotification::LeaseEndedByReset
+        | TeleopNotification::EStopPressed
+        | TeleopNotification::EStopAcknowledged(_)
+        | TeleopNotification::EStopRefused(_)
+        | TeleopNotification::EStopNotInForce
+        | TeleopNotification::NotDrivable
+        | TeleopNotification::InputLocked(_) => Some(words),
     }
 }
 

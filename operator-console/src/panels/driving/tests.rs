@@ -1,36 +1,38 @@
-mod asked;
 mod braking;
 mod grants;
-mod hands;
-mod held_back;
-mod keys_count;
-mod lying;
+mod input_hints;
+mod key_state;
+mod limit_reason;
 mod notice;
+mod read_only;
+mod requested_motion;
 mod restarted;
-mod tightest;
-mod watching;
+mod stationary_boat;
+mod strictest_limit;
 
 use eframe::egui::vec2;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use protocol::keys::Topic;
 use protocol::message::{
-    Answer, Arming, Barrier, BarrierKind, Clamp, EStopStatus, Guard, GuardLimits, Info, Pose,
-    Refusal, RefusedCount, Status, StopReason, TeleopState, TeleopStatus,
+    Answer, Arming, Barrier, BarrierKind, Clamp, CollisionMonitorState, EStopStatus, Info, Pose,
+    Refusal, RefusedCount, SpeedLimits, Status, StopReason, TeleopState, TeleopStatus,
 };
 use robot_edge::clock::Monotonic;
 
 use super::*;
-use crate::helm::{Asked, EStopSight, HelmSight, Lease, Note};
 use crate::model::{ConsoleModel, RequestId};
-use crate::pretend::{answers, at, helm_of_anna, says, scout, standing};
-use crate::teleop_input::{Loss, Wish};
+use crate::teleop_client::{EStopState, Lease, RequestKind, TeleopClientState, TeleopNotification};
+use crate::teleop_input::{DriveInput, InputLockReason};
+use crate::test_support::{
+    at, idle_teleop_client, idle_teleop_status, inject, inject_reply, scout,
+};
 use crate::theme::Tone;
 
 /// A robot that stands, and of which everything is told at 1 s.
 struct Rig {
     teleop: TeleopStatus,
-    helm: HelmSight,
+    teleop_client: TeleopClientState,
     is_boat: bool,
     velocity: [f32; 2],
     now: Monotonic,
@@ -39,8 +41,8 @@ struct Rig {
 impl Rig {
     fn new() -> Self {
         Self {
-            teleop: standing(),
-            helm: helm_of_anna(),
+            teleop: idle_teleop_status(),
+            teleop_client: idle_teleop_client(),
             is_boat: false,
             velocity: [0.0; 2],
             now: at(1_100),
@@ -50,16 +52,16 @@ impl Rig {
     /// Anna drives forwards, and gets half of what she asks for.
     fn driving() -> Self {
         let mut rig = Self::new();
-        rig.helm.lease = Lease::Held(4);
-        rig.helm.wish.forward = 0.8;
+        rig.teleop_client.lease = Lease::Held(4);
+        rig.teleop_client.drive_input.forward = 0.8;
         rig.teleop.state = TeleopState::Driving;
         rig.teleop.lease.holder = Some("anna".parse().unwrap());
         rig.teleop.arming = Arming::Pressed;
         rig.teleop.requested.linear_mps = 0.8;
         rig.teleop.applied.linear_mps = 0.4;
-        rig.teleop.clamp = Some(Clamp::Guard);
+        rig.teleop.clamp = Some(Clamp::CollisionMonitor);
         rig.teleop.age_ms = Some(40);
-        rig.teleop.greatest_age_ms = Some(90);
+        rig.teleop.peak_age_ms = Some(90);
         rig.velocity = [0.4, 0.0];
         rig
     }
@@ -87,14 +89,14 @@ impl Rig {
             ..Status::default()
         };
         let now = at(1_000);
-        answers(&mut model, RequestId(0), Topic::Info, &info, now);
-        says(&mut model, Topic::Pose, &pose, now);
-        says(&mut model, Topic::Status, &status, now);
+        inject_reply(&mut model, RequestId(0), Topic::Info, &info, now);
+        inject(&mut model, Topic::Pose, &pose, now);
+        inject(&mut model, Topic::Status, &status, now);
         model
     }
 
     fn data(&self) -> DrivingData {
-        DrivingData::new(&self.model(), &self.helm, self.now).unwrap()
+        DrivingData::new(&self.model(), &self.teleop_client, self.now).unwrap()
     }
 
     fn row(&self, name: &str) -> Option<(Tone, String)> {
@@ -139,10 +141,13 @@ fn a_robot_that_nobody_drives_is_offered() {
     assert_eq!(data.driver, "Nobody drives");
     assert_eq!(
         (data.lease, &data.estop),
-        (LeaseFace::Free, &EStopFace::Ready)
+        (LeaseButtons::Free, &EStopButton::Ready)
     );
     assert!(data.is_at_rest());
-    assert_eq!(rig.click("Drive"), Some(lease(LeaseRequest::Request)));
+    assert_eq!(
+        rig.click("Request control"),
+        Some(lease(LeaseRequest::Request))
+    );
     let step = Command::Drive(Intent::Step(SpeedStep::new(5).unwrap()));
     assert_eq!(rig.click("5"), Some(step));
 }
@@ -155,7 +160,7 @@ fn what_is_asked_for_what_is_applied_and_what_holds_it_back_are_seen() {
     assert_eq!(data.driver, "You drive (anna)");
     assert_eq!(
         data.clamp.as_deref(),
-        Some("Held back by the collision guard")
+        Some("Limited by the collision monitor")
     );
     let [speed, turning] = data.gauges.as_ref().unwrap();
     assert_eq!(
@@ -174,15 +179,18 @@ fn what_is_asked_for_what_is_applied_and_what_holds_it_back_are_seen() {
     assert!((turning.limit - 1.5_f32.to_degrees()).abs() < 1e-3);
     let age = Some((Tone::Good, "40 ms, at most 90 ms".to_owned()));
     assert_eq!(rig.row("Command age"), age);
-    assert_eq!(rig.row("Keys"), Some((Tone::Good, "Obeyed".to_owned())));
+    assert_eq!(rig.row("Keys"), Some((Tone::Good, "Active".to_owned())));
     assert!(!data.is_at_rest());
-    assert_eq!(rig.click("Give back"), Some(lease(LeaseRequest::Release)));
+    assert_eq!(
+        rig.click("Release control"),
+        Some(lease(LeaseRequest::Release))
+    );
 
     let mut equal = Rig::driving();
     equal.teleop.applied = equal.teleop.requested;
     assert_eq!(equal.data().clamp, None);
     let mut old = Rig::driving();
-    old.teleop.greatest_age_ms = Some(260);
+    old.teleop.peak_age_ms = Some(260);
     assert_eq!(old.row("Command age").unwrap().0, Tone::Warning);
 }
 
@@ -219,39 +227,39 @@ fn whoever_asks_for_the_helm_is_a_question() {
     let mut rig = Rig::driving();
     rig.teleop.lease.waiting = Some("bert".parse().unwrap());
     let bert = || "bert".parse().unwrap();
-    assert_eq!(rig.data().asks, Some(bert()));
+    assert_eq!(rig.data().handover_request, Some(bert()));
     assert_eq!(
         rig.click("Hand over"),
-        Some(lease(LeaseRequest::Consent(bert())))
+        Some(lease(LeaseRequest::HandOver(bert())))
     );
     assert_eq!(
-        rig.click("Keep driving"),
+        rig.click("Keep control"),
         Some(lease(LeaseRequest::Refuse(bert())))
     );
-    rig.helm.lease = Lease::None;
-    assert_eq!(rig.data().asks, None, "others are not asked");
+    rig.teleop_client.lease = Lease::None;
+    assert_eq!(rig.data().handover_request, None, "others are not asked");
 }
 
 #[test]
 fn who_does_not_drive_may_ask_or_take_over() {
     let mut rig = Rig::driving();
     rig.teleop.lease.holder = Some("bert".parse().unwrap());
-    rig.helm.lease = Lease::None;
+    rig.teleop_client.lease = Lease::None;
     assert_eq!(rig.data().driver, "bert drives");
     assert_eq!(
-        rig.click("Ask to hand over"),
+        rig.click("Request handover"),
         Some(lease(LeaseRequest::Request))
     );
     assert_eq!(rig.click("Take over"), Some(lease(LeaseRequest::TakeOver)));
-    rig.helm.lease = Lease::Waiting {
+    rig.teleop_client.lease = Lease::Waiting {
         after: 3,
         since: at(0),
     };
     assert_eq!(
-        rig.click("Wait no longer"),
+        rig.click("Cancel request"),
         Some(lease(LeaseRequest::Release))
     );
-    rig.helm.lease = Lease::None;
+    rig.teleop_client.lease = Lease::None;
     rig.teleop.lease.holder = Some("anna".parse().unwrap());
     assert_eq!(rig.data().driver, "anna drives, from another console");
 }
@@ -259,10 +267,10 @@ fn who_does_not_drive_may_ask_or_take_over() {
 #[test]
 fn an_emergency_stop_is_seen_from_press_to_reset() {
     let mut rig = Rig::driving();
-    rig.helm.estop = EStopSight::Sending(std::time::Duration::from_millis(700));
-    let sending = EStopFace::Sending("Not acknowledged for 0.7 s".to_owned());
+    rig.teleop_client.estop = EStopState::Sending(std::time::Duration::from_millis(700));
+    let sending = EStopButton::Sending("Not acknowledged for 0.7 s".to_owned());
     assert_eq!(rig.data().estop, sending);
-    rig.helm.estop = EStopSight::Quiet;
+    rig.teleop_client.estop = EStopState::Quiet;
     rig.teleop.state = TeleopState::EStop;
     rig.velocity = [0.0; 2];
     rig.teleop.estop = Some(EStopStatus {
@@ -273,18 +281,18 @@ fn an_emergency_stop_is_seen_from_press_to_reset() {
     rig.teleop.last_stop = Some(StopReason::Released);
     let stop = Some((Tone::Warning, "emergency stop 3".to_owned()));
     assert_eq!(rig.row("Last stop"), stop);
-    assert_eq!(rig.click("Reset it"), None, "it is not stored yet");
+    assert_eq!(rig.click("Reset e-stop"), None, "it is not stored yet");
     rig.teleop.estop = Some(EStopStatus {
         number: 3,
         is_stored: true,
     });
     assert_eq!(
-        rig.click("Reset it"),
+        rig.click("Reset e-stop"),
         Some(Command::Drive(Intent::Reset(3)))
     );
     rig.teleop.estop = None;
-    rig.helm.estop = EStopSight::Refused(Refusal::Role);
-    let refused = EStopFace::Refused("the sender's role does not allow it".to_owned());
+    rig.teleop_client.estop = EStopState::Refused(Refusal::Role);
+    let refused = EStopButton::Refused("the sender's role does not allow it".to_owned());
     assert_eq!(rig.data().estop, refused);
 }
 
@@ -292,7 +300,7 @@ fn an_emergency_stop_is_seen_from_press_to_reset() {
 fn a_vehicle_that_moves_untold_does_not_stand() {
     for (state, headline, tone) in [
         (TeleopState::Idle, "Moving by itself", Tone::Waiting),
-        (TeleopState::Held, "Moving untold", Tone::Warning),
+        (TeleopState::Held, "Moving without command", Tone::Warning),
         (TeleopState::EStop, "Emergency stop", Tone::Warning),
     ] {
         let mut rig = Rig::new();
@@ -334,16 +342,14 @@ fn keys_that_go_elsewhere_are_not_said_to_be_ready() {
         rig.teleop.state = TeleopState::Held;
         rig.teleop.arming = Arming::Neutral;
         rig.teleop.is_drifting = is_boat;
-        rig.helm.wish = Wish::NEUTRAL;
+        rig.teleop_client.drive_input = DriveInput::NEUTRAL;
         rig.velocity = [0.0; 2];
         let ready = Some((Tone::Waiting, "Ready".to_owned()));
         assert_eq!(rig.row("Keys"), ready);
-        rig.helm.is_ready = false;
-        let advice = Some(
-            "The keys go to a text or to another window. Click into the map to drive".to_owned(),
-        );
+        rig.teleop_client.is_ready = false;
+        let advice = Some("Keyboard focus is elsewhere. Click into the map to drive".to_owned());
         assert_eq!(rig.data().advice, advice, "on water: {is_boat}");
-        let elsewhere = Some((Tone::Warning, "Go elsewhere: click into the map".to_owned()));
+        let elsewhere = Some((Tone::Warning, "No focus: click into the map".to_owned()));
         assert_eq!(rig.row("Keys"), elsewhere);
     }
 }
@@ -353,28 +359,28 @@ fn keys_that_are_ignored_are_said_to_be_and_why() {
     let mut rig = Rig::driving();
     rig.teleop.state = TeleopState::Held;
     rig.velocity = [0.0; 2];
-    rig.helm.ignored = Some(Loss::Focus);
+    rig.teleop_client.ignored = Some(InputLockReason::Focus);
     let advice = rig.data().advice.unwrap();
-    assert_eq!(advice, "Let go of all keys: the window lost the keyboard");
-    rig.helm.ignored = Some(Loss::Stopped);
-    let by_itself = "Let go of all keys: the robot stopped by itself";
+    assert_eq!(advice, "Release all keys: the window lost focus");
+    rig.teleop_client.ignored = Some(InputLockReason::Stopped);
+    let by_itself = "Release all keys: the robot stopped by itself";
     assert_eq!(rig.data().advice.unwrap(), by_itself);
-    rig.teleop.last_stop = Some(StopReason::GuardStale);
+    rig.teleop.last_stop = Some(StopReason::CollisionMonitorStale);
     let advice = rig.data().advice.unwrap();
     assert_eq!(
         advice,
-        format!("{by_itself}, the guard's data came too late")
+        format!("{by_itself}, the monitor's data came too late")
     );
     rig.teleop.last_stop = Some(StopReason::Released);
     assert_eq!(rig.data().advice.unwrap(), by_itself);
-    rig.helm.ignored = None;
+    rig.teleop_client.ignored = None;
     rig.teleop.arming = Arming::Locked;
     assert_eq!(
         rig.data().advice.unwrap(),
-        "Let go of all keys, then press anew"
+        "Release all keys, then press again"
     );
-    for guard in [Guard::Stale, Guard::Silent] {
-        rig.teleop.guard = guard;
+    for guard in [CollisionMonitorState::Stale, CollisionMonitorState::Silent] {
+        rig.teleop.collision_monitor = guard;
         let advice = rig.data().advice.unwrap();
         assert!(advice.starts_with("The guard's data is late, so nothing moves"));
     }
@@ -382,40 +388,60 @@ fn keys_that_are_ignored_are_said_to_be_and_why() {
 
 #[test]
 fn the_guard_and_the_last_stop_are_always_seen() {
-    let limits = |forward_mps| GuardLimits {
+    let limits = |forward_mps| SpeedLimits {
         forward_mps,
         reverse_mps: f32::INFINITY,
         left_radps: f32::INFINITY,
         right_radps: f32::INFINITY,
     };
     for (guard, tone, words) in [
-        (Guard::Off, Tone::Warning, "Off"),
-        (Guard::Silent, Tone::Warning, "Silent: nothing moves"),
-        (Guard::On(limits(0.25)), Tone::Good, "On, ahead ≤ 0.25 m/s"),
-        // As fast as it goes, and none at all.
-        (Guard::On(limits(1.0)), Tone::Good, "On, ahead is free"),
+        (CollisionMonitorState::Off, Tone::Warning, "Off"),
         (
-            Guard::On(limits(f32::INFINITY)),
+            CollisionMonitorState::Silent,
+            Tone::Warning,
+            "Silent: nothing moves",
+        ),
+        (
+            CollisionMonitorState::On(limits(0.25)),
+            Tone::Good,
+            "On, ahead ≤ 0.25 m/s",
+        ),
+        // As fast as it goes, and none at all.
+        (
+            CollisionMonitorState::On(limits(1.0)),
             Tone::Good,
             "On, ahead is free",
         ),
-        (Guard::On(limits(0.0)), Tone::Good, "On, ahead is blocked"),
         (
-            Guard::Blind(limits(0.25)),
+            CollisionMonitorState::On(limits(f32::INFINITY)),
+            Tone::Good,
+            "On, ahead is free",
+        ),
+        (
+            CollisionMonitorState::On(limits(0.0)),
+            Tone::Good,
+            "On, ahead is blocked",
+        ),
+        (
+            CollisionMonitorState::UnknownSpace(limits(0.25)),
             Tone::Warning,
-            "Sees too little, ahead ≤ 0.25 m/s",
+            "Unknown ground, ahead ≤ 0.25 m/s",
         ),
         // Of another way than that.
-        (Guard::Blind(limits(1.0)), Tone::Warning, "Sees too little"),
         (
-            Guard::Stale,
+            CollisionMonitorState::UnknownSpace(limits(1.0)),
+            Tone::Warning,
+            "Unknown ground",
+        ),
+        (
+            CollisionMonitorState::Stale,
             Tone::Warning,
             "Its data is late: nothing moves",
         ),
     ] {
         let mut rig = Rig::new();
         rig.teleop.state = TeleopState::Held;
-        rig.teleop.guard = guard;
+        rig.teleop.collision_monitor = guard;
         rig.teleop.last_stop = Some(StopReason::Age);
         assert_eq!(rig.row("Guard"), Some((tone, words.to_owned())));
         let stop = Some((Tone::Warning, "commands too old".to_owned()));
@@ -430,40 +456,43 @@ fn the_guard_and_the_last_stop_are_always_seen() {
 #[test]
 fn who_drives_is_told_what_is_in_the_way() {
     for (kind, words) in [
-        (BarrierKind::Seen, "seen now (ringed)"),
+        (BarrierKind::Detected, "detected now (ringed)"),
         (BarrierKind::Mapped, "on the map (ringed)"),
-        (BarrierKind::Unseen, "unseen ground (ringed)"),
+        (BarrierKind::Unknown, "unknown ground (ringed)"),
         (BarrierKind::Shallow, "too shallow (ringed)"),
-        (BarrierKind::NoEcho, "no echo from there (ringed)"),
+        (BarrierKind::NoReturn, "no echo (ringed)"),
     ] {
         let mut rig = Rig::driving();
-        assert_eq!(rig.row("In the way"), Some((Tone::Waiting, "–".to_owned())));
+        assert_eq!(rig.row("Obstacle"), Some((Tone::Waiting, "–".to_owned())));
         let position_m = [3.0, 1.0];
         rig.teleop.barrier = Some(Barrier { position_m, kind });
         let expected = Some((Tone::Warning, words.to_owned()));
-        assert_eq!(rig.row("In the way"), expected);
-        rig.helm.lease = Lease::None;
-        assert_eq!(rig.row("In the way"), None, "somebody else drives");
+        assert_eq!(rig.row("Obstacle"), expected);
+        rig.teleop_client.lease = Lease::None;
+        assert_eq!(rig.row("Obstacle"), None, "somebody else drives");
     }
 }
 
 #[test]
 fn who_drives_is_told_when_each_side_was_looked_at() {
     let mut rig = Rig::driving();
-    rig.teleop.seen_ms = [Some(40), Some(2_900), Some(61_000), None];
+    rig.teleop.ground_age_ms = [Some(40), Some(2_900), Some(61_000), None];
     let words = "ahead now, left 2 s, behind 61 s, right never".to_owned();
-    let limits = GuardLimits {
+    let limits = SpeedLimits {
         forward_mps: 1.0,
         reverse_mps: 1.0,
         left_radps: 1.0,
         right_radps: 1.0,
     };
     for (guard, row) in [
-        (Guard::Off, None),
-        (Guard::Blind(limits), Some((Tone::Good, words))),
+        (CollisionMonitorState::Off, None),
+        (
+            CollisionMonitorState::UnknownSpace(limits),
+            Some((Tone::Good, words)),
+        ),
     ] {
-        rig.teleop.guard = guard;
-        assert_eq!(rig.row("Last looked at"), row, "{guard:?}");
+        rig.teleop.collision_monitor = guard;
+        assert_eq!(rig.row("Last observed"), row, "{guard:?}");
     }
 }
 
@@ -491,9 +520,9 @@ fn what_was_refused_is_counted_by_reason_and_settings_are_asked_for() {
     window.run_steps(2);
     window.get_by_label("Settings of the robot").click();
     window.run_steps(30);
-    window.get_by_label("Collision guard").click();
+    window.get_by_label("Collision monitor").click();
     window.run_steps(2);
-    let set = Command::Drive(Intent::Set(Setting::Guard(true)));
+    let set = Command::Drive(Intent::Set(Setting::CollisionMonitor(true)));
     assert_eq!(window.state().clone(), Some(set));
 }
 
@@ -502,32 +531,32 @@ fn what_was_not_expected_is_said() {
     let mut rig = Rig::driving();
     assert_eq!(rig.data().notice, None);
     for (note, says) in [
-        (Note::LeaseLost, "Lease lost"),
+        (TeleopNotification::LeaseLost, "Lease lost"),
         (
-            Note::EStopNotInForce,
-            "The emergency stop is not in force: it was refused, or reset since",
+            TeleopNotification::EStopNotInForce,
+            "The emergency stop is not active: it was refused, or reset since",
         ),
         (
-            Note::ResetEndedDriving,
-            "The reset ended driving: press Drive anew",
+            TeleopNotification::LeaseEndedByReset,
+            "The reset ended driving: press Request control again",
         ),
         (
-            Note::Answered(Asked::Reset(3), Answer::Refused(Refusal::Role)),
+            TeleopNotification::Answered(RequestKind::Reset(3), Answer::Refused(Refusal::Role)),
             "Reset of emergency stop 3 refused: the sender's role does not allow it",
         ),
         (
-            Note::Answered(
-                Asked::Lease(LeaseRequest::Request),
+            TeleopNotification::Answered(
+                RequestKind::Lease(LeaseRequest::Request),
                 Answer::Refused(Refusal::Signature),
             ),
             "Lease request refused: your name and key are not on this vehicle's list of operators",
         ),
         (
-            Note::NotAnswered(Asked::Lease(LeaseRequest::Request)),
+            TeleopNotification::RequestTimedOut(RequestKind::Lease(LeaseRequest::Request)),
             "Lease request: no answer",
         ),
     ] {
-        rig.helm.notice = Some(note);
+        rig.teleop_client.notice = Some(note);
         assert_eq!(rig.data().notice.as_deref(), Some(says));
     }
 }
@@ -552,7 +581,7 @@ fn the_emergency_stop_is_in_sight_however_small_the_window_is() {
     window.run_steps(30);
     let button = window.get_by_label("EMERGENCY STOP").rect();
     assert!(button.top() >= 0.0 && button.bottom() <= 80.0, "{button:?}");
-    let scrolled = window.get_by_label("Give back").rect();
+    let scrolled = window.get_by_label("Release control").rect();
     assert!(
         scrolled.bottom() < button.bottom(),
         "it did not scroll: {scrolled:?}"

@@ -7,7 +7,7 @@ use protocol::message::{self, Event};
 use robot_edge::clock::Monotonic;
 
 use super::*;
-use crate::pretend::{at, console, says};
+use crate::test_support::{at, console, inject};
 
 const LONG: &str = "12 files are in /home/anna/maps/a folder with a name that is much longer than one line of a \
     panel, and behind which there are many words more that nobody would want to miss";
@@ -29,7 +29,7 @@ fn a_long_line_has_more_lines_however_wide_the_panel_is() {
         let mut log = EventLog::default();
         for (n, text) in ["short", LONG, "newest"].into_iter().enumerate() {
             log.note(
-                Severity::Note,
+                Severity::Info,
                 "export",
                 text,
                 Monotonic::default(),
@@ -62,7 +62,7 @@ fn a_low_and_narrow_panel_shows_several_lines_below_one_of_filters() {
     let words = filter.rect();
     assert!(words.top() < severity.bottom() && words.left() >= severity.right());
     assert!(words.width() > 60.0 && words.right() <= width, "{words}");
-    for text in ["Emergency stop 1 is in force", "Control goes by TLS"] {
+    for text in ["Emergency stop 1 is active", "Control goes by TLS"] {
         let line = window.get_by_label(text).rect();
         assert!(line.bottom() <= height, "{text}: {line}");
     }
@@ -99,9 +99,9 @@ fn an_empty_list_says_whether_the_filter_made_it_so() {
 fn log() -> EventLog {
     let mut log = EventLog::default();
     for (n, (severity, kind, text)) in [
-        (Severity::Note, "export", "12 files are in maps"),
+        (Severity::Info, "export", "12 files are in maps"),
         (Severity::Warning, "link", "Control goes by TLS"),
-        (Severity::Alarm, "alert", "Emergency stop 1 is in force"),
+        (Severity::Alarm, "alert", "Emergency stop 1 is active"),
     ]
     .into_iter()
     .enumerate()
@@ -122,7 +122,7 @@ fn lines_are_filtered_by_severity_and_words() {
     assert_eq!(
         texts(&all),
         [
-            "Emergency stop 1 is in force",
+            "Emergency stop 1 is active",
             "Control goes by TLS",
             "12 files are in maps"
         ]
@@ -131,7 +131,7 @@ fn lines_are_filtered_by_severity_and_words() {
         least: Severity::Alarm,
         ..EventFilter::default()
     };
-    assert_eq!(texts(&alarms), ["Emergency stop 1 is in force"]);
+    assert_eq!(texts(&alarms), ["Emergency stop 1 is active"]);
     let left_out = EventsData::new(&log(), &alarms).left_out;
     assert_eq!(left_out.as_deref(), Some("2 lines are not shown"));
     for text in ["tls", " LINK "] {
@@ -158,9 +158,9 @@ fn every_line_says_who_tells_also_when_another_robot_is_shown_by_now() {
             severity: message::Severity::Warning,
             message: format!("The pose jumped {} m", name.len()),
         };
-        says(&mut model, Topic::Event, &event, at(1_000));
+        inject(&mut model, Topic::Event, &event, at(1_000));
         log.forget_robot();
-        assert_eq!(log.hear(&model, name, at(1_000), 60).len(), 1);
+        assert_eq!(log.add_robot_events(&model, name, at(1_000), 60).len(), 1);
     }
     let all = EventsData::new(&log, &EventFilter::default());
     let headings: Vec<_> = all.lines.iter().map(|line| line.heading.as_str()).collect();

@@ -116,7 +116,7 @@ mod tests {
                 expected.insert(if gap > from { gap - 1 } else { gap }, layer);
                 let mut stack = stack.clone();
                 if let Some(command) = moved(layer, &before, gap) {
-                    stack.obey(command);
+                    stack.apply(command);
                 }
                 assert_eq!(rows(&stack), expected, "from {from} to {gap}");
             }

@@ -8,7 +8,7 @@ use protocol::message::{Info, LayerInfo};
 
 use super::*;
 use crate::model::RequestId;
-use crate::pretend::{answers, at, console};
+use crate::test_support::{at, console, inject_reply};
 
 fn row(layer: LayerId, over: Option<LayerId>, under: Option<LayerId>) -> LayerRow {
     LayerRow {
@@ -16,7 +16,7 @@ fn row(layer: LayerId, over: Option<LayerId>, under: Option<LayerId>) -> LayerRo
         is_shown: true,
         opacity: 0.5,
         scheme: layer.schemes()[0],
-        state: "12 tiles, in step".to_owned(),
+        state: "12 tiles, synchronized".to_owned(),
         tone: Tone::Good,
         cell_m: 0.1,
         over,
@@ -143,7 +143,7 @@ fn nothing_is_cut_off() {
         "Fit",
         "Lower Elevation",
         "Only Obstacles",
-        "12 tiles, in step",
+        "12 tiles, synchronized",
     ] {
         for found in window.query_all_by_label(label) {
             assert!(found.rect().right() <= 290.0, "{label}");
@@ -158,9 +158,9 @@ fn nothing_moves_when_the_words_of_a_layer_change() {
     for width in [130.0, 160.0, 180.0, 200.0, 220.0, 290.0] {
         let mut tops = Vec::new();
         for state in [
-            "129 tiles, in step, newest 0.4 s old",
-            "129 tiles, in step 2.2 s ago, newest 0.3 s old",
-            "129 tiles, not in step for 8.0 s, newest 0.3 s old",
+            "129 tiles, synchronized, newest 0.4 s old",
+            "129 tiles, synchronized 2.2 s ago, newest 0.3 s old",
+            "129 tiles, not synchronized for 8.0 s, newest 0.3 s old",
             "129 tiles, 12 missing for 15 s, newest 119 s old",
             "hidden",
         ] {
@@ -187,16 +187,16 @@ fn what_is_hidden_of_a_robot_is_not_received() {
         layers,
         ..Info::default()
     };
-    answers(&mut model, RequestId(1), Topic::Info, &info, at(1_000));
+    inject_reply(&mut model, RequestId(1), Topic::Info, &info, at(1_000));
     let mut view = MapView::default();
-    view.obey(LayerCommand::Show(LayerId::Cost, false), &model);
+    view.apply(LayerCommand::Show(LayerId::Cost, false), &model);
     for (recording, says) in [
         (None, "hidden, not received"),
         (Some("rooms.mcap"), "hidden"),
     ] {
-        let link = LinkSight {
+        let link = LinkStatus {
             recording: recording.map(str::to_owned),
-            ..LinkSight::default()
+            ..LinkStatus::default()
         };
         let data = LayersData::new(&model, &link, &view, at(1_100));
         let [row] = &data.rows[..] else {
@@ -209,7 +209,7 @@ fn what_is_hidden_of_a_robot_is_not_received() {
 #[test]
 fn a_layer_is_in_step_or_says_what_it_lacks() {
     let now = Monotonic::from_nanos(20_000_000_000);
-    let step = |is_equal, missing| LayerStep {
+    let step = |is_equal, missing| LayerSyncState {
         layer: LayerId::Cost,
         is_equal,
         last_equal: Some(Monotonic::from_nanos(5_000_000_000)),
@@ -223,12 +223,12 @@ fn a_layer_is_in_step_or_says_what_it_lacks() {
     check(
         Some(step(true, 0)),
         24_649,
-        (Tone::Good, "24\u{a0}649 tiles, in step"),
+        (Tone::Good, "24\u{a0}649 tiles, synchronized"),
     );
     check(
         Some(step(true, 0)),
         0,
-        (Tone::Good, "nothing mapped yet, in step"),
+        (Tone::Good, "nothing mapped yet, synchronized"),
     );
     check(
         Some(step(false, 12)),
@@ -238,14 +238,14 @@ fn a_layer_is_in_step_or_says_what_it_lacks() {
     check(
         Some(step(false, 0)),
         9,
-        (Tone::Waiting, "9 tiles, not in step for 15 s"),
+        (Tone::Waiting, "9 tiles, not synchronized for 15 s"),
     );
     // As the bar has it.
-    let lately = |missing| LayerStep {
+    let lately = |missing| LayerSyncState {
         last_equal: Some(Monotonic::from_nanos(17_000_000_000)),
         ..step(false, missing)
     };
-    let in_step = (Tone::Good, "9 tiles, in step 3.0 s ago");
+    let in_step = (Tone::Good, "9 tiles, synchronized 3.0 s ago");
     check(Some(lately(0)), 9, in_step);
     let behind = (Tone::Waiting, "9 tiles, 2 missing for 3.0 s");
     check(Some(lately(2)), 9, behind);
@@ -255,7 +255,7 @@ fn a_layer_is_in_step_or_says_what_it_lacks() {
 #[test]
 fn a_layer_of_a_recording_is_drawn_and_not_asked_for() {
     let says = |missing, is_recording| {
-        let step = LayerStep {
+        let step = LayerSyncState {
             layer: LayerId::Occupancy,
             is_equal: false,
             last_equal: Some(at(1_000)),
@@ -265,7 +265,7 @@ fn a_layer_of_a_recording_is_drawn_and_not_asked_for() {
         assert_eq!(told.0, Tone::Waiting);
         told.1
     };
-    assert_eq!(says(0, false), "12 tiles, not in step for 9.0 s");
+    assert_eq!(says(0, false), "12 tiles, not synchronized for 9.0 s");
     assert_eq!(says(3, false), "12 tiles, 3 missing for 9.0 s");
     assert_eq!(says(0, true), "12 tiles, being drawn");
     assert_eq!(says(3, true), "12 tiles, 3 to come");

@@ -17,11 +17,11 @@ const APART: f32 = 8.0;
 
 /// The words above a plot, each in its place.
 pub(super) struct Key {
-    words: Vec<Words>,
+    words: Vec<KeyText>,
     height: f32,
 }
 
-struct Words {
+struct KeyText {
     text: Arc<Galley>,
     /// Upper left corner, from that of the key, points.
     at: Vec2,
@@ -41,7 +41,7 @@ impl Key {
         let title = lay_out(plot.title, ui.visuals().text_color(), width);
         let mut height = title.size().y;
         let mut at = vec2(title.size().x + APART, 0.0);
-        let mut words = vec![Words {
+        let mut words = vec![KeyText {
             text: title,
             at: Vec2::ZERO,
             look: None,
@@ -55,7 +55,7 @@ impl Key {
                 at = vec2(0.0, height);
             }
             height = height.max(at.y + text.size().y);
-            words.push(Words {
+            words.push(KeyText {
                 text,
                 at,
                 look: Some(look),
@@ -74,7 +74,7 @@ impl Key {
     pub(super) fn paint(&self, ui: &Ui, corner: Pos2) {
         let ink = ui.visuals().text_color();
         let middle = 0.5 * ui.text_style_height(&TextStyle::Small);
-        for Words { text, at, look } in &self.words {
+        for KeyText { text, at, look } in &self.words {
             let at = corner + *at;
             let Some((color, style)) = look else {
                 ui.painter().galley(at, Arc::clone(text), ink);
@@ -152,7 +152,7 @@ mod tests {
         let mut window = Harness::builder().build_ui(move |ui| {
             theme::set(ui.ctx());
             let key = Key::new(ui, &plot, width);
-            let place = |words: &Words| {
+            let place = |words: &KeyText| {
                 let indent = words.look.map_or(0.0, |_| INDENT);
                 let size = words.text.size() + vec2(indent, 0.0);
                 Rect::from_min_size(words.at.to_pos2(), size)

@@ -111,7 +111,7 @@ fn plot_ui(ui: &mut Ui, data: &LinkPlot, size: Vec2) {
             }
         }
     });
-    let words = in_words(data);
+    let words = accessible_text(data);
     shown
         .response
         .widget_info(|| WidgetInfo::labeled(Role::Image, true, &words));
@@ -121,7 +121,7 @@ fn plot_ui(ui: &mut Ui, data: &LinkPlot, size: Vec2) {
 }
 
 /// What can be told of it without seeing it: what it is of, and the newest values.
-fn in_words(data: &LinkPlot) -> String {
+fn accessible_text(data: &LinkPlot) -> String {
     let newest = data.lines.iter().filter_map(|(name, segments)| {
         let [_, value] = segments.last()?.last()?;
         Some(format!("{name} {value:.1}"))
@@ -148,6 +148,9 @@ mod tests {
                 ("Map tiles", vec![vec![[-2.0, 1.25]]]),
             ],
         };
-        assert_eq!(in_words(&data), "Age, s: Position 0.1, Map tiles 1.2");
+        assert_eq!(
+            accessible_text(&data),
+            "Age, s: Position 0.1, Map tiles 1.2"
+        );
     }
 }

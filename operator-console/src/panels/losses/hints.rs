@@ -24,13 +24,13 @@ pub(super) fn hint(name: &str) -> Option<&'static str> {
         "wheel jump" => "Turns of a wheel that are longer than the vehicle drives.",
         "no fix" => "The satellite receiver had no position.",
         "bad fix" => "Satellite positions that are not on Earth.",
-        "fix leap" => "Satellite positions farther away than the vehicle drives.",
+        "gnss outlier" => "Satellite positions farther away than the vehicle drives.",
         "no pose" | "before first pose" => {
             "Scans of a time at which nobody knew where the vehicle was."
         }
         "pose gap" => "Scans of a time at which positions were missing for too long.",
-        "pose jump" => "Scans of a time at which the position leapt.",
-        "pose too old" => "Scans that are too much newer than the newest position.",
+        "pose jump" => "Scans of a time at which the position jumped.",
+        "after last pose" => "Scans that are too much newer than the newest position.",
         "queue full" => {
             "Scans that waited for a position while there was no room for more, or for mapping for more than 2 s, and \
              those behind them until it had caught up."
@@ -56,7 +56,7 @@ mod tests {
     use robot_edge::drops::DropReason;
 
     use super::*;
-    use crate::model::Refusal;
+    use crate::model::RejectReason;
 
     #[test]
     fn what_robots_drop_is_explained_by_the_name_that_they_send() {
@@ -64,7 +64,7 @@ mod tests {
             (DropReason::Isolated, "Single points"),
             (DropReason::InvalidRange, "shorter than the sensor"),
             (DropReason::OwnBody, "the vehicle itself"),
-            (DropReason::PoseTooOld, "newer than the newest position"),
+            (DropReason::AfterLastPose, "newer than the newest position"),
         ] {
             let (name, _) = super::super::rows([(reason.as_str(), 1)].into_iter()).remove(0);
             let words = hint(&name);
@@ -75,7 +75,7 @@ mod tests {
         }
         assert_eq!(hint("refused messages"), None);
         let handbook = include_str!("../../../../docs/console.md");
-        for refusal in [Refusal::BeforeJoin, Refusal::OtherBoot] {
+        for refusal in [RejectReason::BeforeJoin, RejectReason::OtherBoot] {
             let words = hint(refusal.name()).unwrap();
             assert!(words.ends_with("is fetched."), "{words}");
             let named = format!("*{}*: ", refusal.name());

@@ -9,7 +9,9 @@ use robot_edge::teleop::Role;
 
 use super::*;
 use crate::model::RequestId;
-use crate::pretend::{answers, at, console, helm_of_anna, says, scout, standing};
+use crate::test_support::{
+    at, console, idle_teleop_client, idle_teleop_status, inject, inject_reply, scout,
+};
 
 fn recording(state: RecordingState) -> RecordingStatus {
     RecordingStatus {
@@ -30,12 +32,12 @@ fn model(recording: Option<RecordingStatus>) -> ConsoleModel {
         recording,
         ..Status::default()
     };
-    says(&mut model, Topic::Status, &status, at(1_000));
+    inject(&mut model, Topic::Status, &status, at(1_000));
     model
 }
 
-fn data(recording: Option<RecordingStatus>, helm: &HelmSight) -> RecordingData {
-    RecordingData::new(&model(recording), Some(helm), None, at(1_100))
+fn data(recording: Option<RecordingStatus>, teleop_client: &TeleopClientState) -> RecordingData {
+    RecordingData::new(&model(recording), Some(teleop_client), None, at(1_100))
 }
 
 fn text(data: &RecordingData) -> String {
@@ -59,7 +61,7 @@ fn a_recording_that_runs_says_how_long_and_how_large_it_is() {
     assert_eq!(
         text(&data(
             Some(recording(RecordingState::Recording)),
-            &helm_of_anna()
+            &idle_teleop_client()
         )),
         "Good Recording\n\
          [stop] \n\
@@ -80,7 +82,7 @@ fn a_full_disk_and_what_was_lost_are_said() {
         free_bytes: None,
         ..recording(RecordingState::StoppedDiskLow)
     };
-    let text = text(&data(Some(full), &helm_of_anna()));
+    let text = text(&data(Some(full), &idle_teleop_client()));
     for words in [
         "Warning Stopped: disk nearly full\nThe robot keeps 1 GB and 5 % of its disk free.",
         "\n[start] \n",
@@ -96,7 +98,7 @@ fn a_full_disk_and_what_was_lost_are_said() {
 #[test]
 fn a_robot_that_does_not_record_says_how_it_would() {
     assert_eq!(
-        text(&data(None, &helm_of_anna())),
+        text(&data(None, &idle_teleop_client())),
         "Waiting This robot does not record\n\
          Start robot-edge with --recordings DIR to let operators record."
     );
@@ -110,12 +112,12 @@ fn a_replay_is_not_told_to_be_started_with_what_it_does_not_have() {
             source: source.to_owned(),
             ..Info::default()
         };
-        answers(&mut model, RequestId(1), Topic::Info, &info, at(1_000));
+        inject_reply(&mut model, RequestId(1), Topic::Info, &info, at(1_000));
         let status = Status {
             teleop,
             ..Status::default()
         };
-        says(&mut model, Topic::Status, &status, at(1_000));
+        inject(&mut model, Topic::Status, &status, at(1_000));
         let data = RecordingData::new(&model, None, None, at(1_100));
         data.advice.unwrap()
     };
@@ -123,54 +125,54 @@ fn a_replay_is_not_told_to_be_started_with_what_it_does_not_have() {
     let replayed = "What it shows comes from rooms.mcap, not from sensors: nothing new to record.";
     assert_eq!(advice("rooms.mcap", None), replayed);
     assert_eq!(advice("", None), start);
-    assert_eq!(advice("rooms", Some(standing())), start);
+    assert_eq!(advice("rooms", Some(idle_teleop_status())), start);
 }
 
 #[test]
 fn a_refusal_is_said_in_words() {
-    let mut helm = helm_of_anna();
-    let asked = Asked::Set(Setting::Recording(true));
-    helm.notice = Some(Note::Answered(
+    let mut teleop_client = idle_teleop_client();
+    let asked = RequestKind::Set(Setting::Recording(true));
+    teleop_client.notice = Some(TeleopNotification::Answered(
         asked.clone(),
         Answer::Refused(Refusal::Role),
     ));
-    let refused = data(Some(recording(RecordingState::Stopped)), &helm).refusal;
+    let refused = data(Some(recording(RecordingState::Stopped)), &teleop_client).refusal;
     let words = "Recording on refused: the sender's role does not allow it";
     assert_eq!(refused.as_deref(), Some(words));
-    helm.notice = Some(Note::NotAnswered(asked));
-    let refused = data(Some(recording(RecordingState::Stopped)), &helm).refusal;
+    teleop_client.notice = Some(TeleopNotification::RequestTimedOut(asked));
+    let refused = data(Some(recording(RecordingState::Stopped)), &teleop_client).refusal;
     assert_eq!(refused.as_deref(), Some("Recording on: no answer"));
-    helm.notice = Some(Note::LeaseLost);
-    let refused = data(Some(recording(RecordingState::Stopped)), &helm).refusal;
+    teleop_client.notice = Some(TeleopNotification::LeaseLost);
+    let refused = data(Some(recording(RecordingState::Stopped)), &teleop_client).refusal;
     assert_eq!(refused, None);
 }
 
 #[test]
 fn who_cannot_ask_is_told_why() {
-    let blocked = |helm: Option<&HelmSight>, ms| {
+    let blocked = |teleop_client: Option<&TeleopClientState>, ms| {
         let model = model(Some(recording(RecordingState::Stopped)));
-        RecordingData::new(&model, helm, None, at(ms))
+        RecordingData::new(&model, teleop_client, None, at(ms))
             .button
             .unwrap()
             .blocked
     };
-    assert_eq!(blocked(Some(&helm_of_anna()), 1_100), None);
-    assert_eq!(blocked(None, 1_100), Some("Nobody here is its operator"));
+    assert_eq!(blocked(Some(&idle_teleop_client()), 1_100), None);
+    assert_eq!(blocked(None, 1_100), Some("No operator name is set"));
     assert_eq!(
-        blocked(Some(&helm_of_anna()), 9_000),
-        Some("The robot is not heard")
+        blocked(Some(&idle_teleop_client()), 9_000),
+        Some("No data from the robot")
     );
-    let asking = HelmSight {
+    let asking = TeleopClientState {
         is_asking: true,
-        ..helm_of_anna()
+        ..idle_teleop_client()
     };
-    let watching = HelmSight {
+    let watching = TeleopClientState {
         role: Some(Role::Observer),
-        ..helm_of_anna()
+        ..idle_teleop_client()
     };
     assert_eq!(
         blocked(Some(&watching), 1_100),
-        Some("You watch: observers start and stop no recording")
+        Some("Observers start and stop no recording")
     );
     assert_eq!(
         blocked(Some(&asking), 1_100),
@@ -180,19 +182,19 @@ fn who_cannot_ask_is_told_why() {
 
 #[test]
 fn the_button_asks_for_what_it_says() {
-    for (state, label, wish) in [
+    for (state, label, drive_input) in [
         (RecordingState::Stopped, "Start recording", true),
         (RecordingState::Failed, "Start recording", true),
         (RecordingState::Recording, "Stop recording", false),
     ] {
-        let data = data(Some(recording(state)), &helm_of_anna());
+        let data = data(Some(recording(state)), &idle_teleop_client());
         let asked = Rc::new(RefCell::new(Vec::new()));
         let heard = Rc::clone(&asked);
         let mut panel =
             Harness::new_ui(move |ui| heard.borrow_mut().extend(recording_ui(ui, &data)));
         panel.get_by_label(label).click();
         panel.run();
-        let expected = Command::Drive(Intent::Set(Setting::Recording(wish)));
+        let expected = Command::Drive(Intent::Set(Setting::Recording(drive_input)));
         assert_eq!(*asked.borrow(), [expected]);
     }
 }
@@ -200,7 +202,7 @@ fn the_button_asks_for_what_it_says() {
 #[test]
 fn a_recording_that_is_shown_is_no_robot_that_does_not_record() {
     let mut model = console("recording-1a2b3c", &[]);
-    says(&mut model, Topic::Status, &Status::default(), at(1_000));
+    inject(&mut model, Topic::Status, &Status::default(), at(1_000));
     let data = RecordingData::new(&model, None, None, at(1_100));
     assert_eq!(
         text(&data),
@@ -217,10 +219,10 @@ fn files_on_this_machine_are_shown_and_opened() {
             files,
             ..recording(state)
         };
-        let helm = helm_of_anna();
+        let teleop_client = idle_teleop_client();
         RecordingData::new(
             &model(Some(recording)),
-            Some(&helm),
+            Some(&teleop_client),
             Some(folder),
             at(1_100),
         )
@@ -252,7 +254,10 @@ fn files_on_this_machine_are_shown_and_opened() {
 fn a_low_panel_shows_figures_and_buttons_together() {
     // As it is below the map in a window of 1280 × 800.
     let (width, height) = (680.0, 150.0);
-    let data = data(Some(recording(RecordingState::Recording)), &helm_of_anna());
+    let data = data(
+        Some(recording(RecordingState::Recording)),
+        &idle_teleop_client(),
+    );
     let mut window = Harness::builder()
         .with_size([width, height])
         .build_ui(move |ui| {

@@ -6,37 +6,37 @@ use super::*;
 
 const NOW: Monotonic = Monotonic::from_nanos(60_000_000_000);
 
-fn seen(robot: &str, ago_s: u64, state: Option<FleetState>) -> Seen {
+fn seen(robot: &str, ago_s: u64, state: Option<FleetState>) -> RobotEntry {
     let found = FoundRobot {
         robot: robot.parse().unwrap(),
         endpoint: format!("tcp/{robot}:7447"),
     };
     let seen = Monotonic::from_nanos((60 - ago_s) * 1_000_000_000);
-    Seen {
-        sighting: Sighting { found, seen, state },
+    RobotEntry {
+        discovered: DiscoveredRobot { found, seen, state },
         color: Color32::BLUE,
         alerts: 0,
-        own_motion: None,
+        uncommanded_motion: None,
     }
 }
 
 #[test]
 fn the_advice_says_what_to_do() {
     let named = "boat".parse().unwrap();
-    let advice = |seen: &[Seen], sought| {
-        RobotsData::new(seen, None, sought, None, NOW)
+    let advice = |seen: &[RobotEntry], search_target| {
+        RobotsData::new(seen, None, search_target, None, NOW)
             .advice
             .unwrap_or_default()
     };
-    assert_eq!(advice(&[], Sought::Any), "No robot found yet.");
+    assert_eq!(advice(&[], SearchTarget::Any), "No robot found yet.");
     let (a, b) = (seen("a", 0, None), seen("b", 0, None));
     assert_eq!(
-        advice(&[a.clone(), b.clone()], Sought::Any),
+        advice(&[a.clone(), b.clone()], SearchTarget::Any),
         "Choose one on the left."
     );
-    let waiting = advice(std::slice::from_ref(&a), Sought::Named(&named));
+    let waiting = advice(std::slice::from_ref(&a), SearchTarget::Named(&named));
     assert!(waiting.contains("Looking for boat"));
-    let data = RobotsData::new(&[b.clone(), a, b], None, Sought::Any, None, NOW);
+    let data = RobotsData::new(&[b.clone(), a, b], None, SearchTarget::Any, None, NOW);
     let names: Vec<_> = data
         .found
         .iter()
@@ -51,40 +51,40 @@ fn the_advice_says_what_to_do() {
 #[test]
 fn where_robots_are_looked_for_alone_is_said_while_that_matters() {
     let addresses = ["tcp/a:7447".to_owned(), "tcp/b:7447".to_owned()];
-    let said = |seen: &[Seen], current, sought: Sought<'_>| {
-        let mut data = RobotsData::new(seen, current, sought, None, NOW);
+    let said = |seen: &[RobotEntry], current, search_target: SearchTarget<'_>| {
+        let mut data = RobotsData::new(seen, current, search_target, None, NOW);
         let before = data.advice.clone();
-        data.looks_only_at(&addresses);
+        data.set_search_addresses(&addresses);
         (data.advice != before).then_some(data.advice).flatten()
     };
     let only = " Only tcp/a:7447, tcp/b:7447 are asked, as --connect says.";
     assert_eq!(
-        said(&[], None, Sought::Any),
+        said(&[], None, SearchTarget::Any),
         Some(format!("No robot found yet.{only}"))
     );
     let boat = "boat".parse().unwrap();
-    let named = said(&[], None, Sought::Named(&boat));
+    let named = said(&[], None, SearchTarget::Named(&boat));
     let looking = "Looking for boat. Start it, or type its address.";
     assert_eq!(named, Some(format!("{looking}{only}")));
     let found = [seen("a", 0, None)];
-    assert_eq!(said(&found, None, Sought::Any), None, "one is there");
+    assert_eq!(said(&found, None, SearchTarget::Any), None, "one is there");
     let shown = Some((&boat, LinkState::Live));
-    assert_eq!(said(&[], shown, Sought::Any), None, "one is shown");
-    let demo = Sought::Demo { failure: None };
+    assert_eq!(said(&[], shown, SearchTarget::Any), None, "one is shown");
+    let demo = SearchTarget::Demo { failure: None };
     assert_eq!(said(&[], None, demo), None, "it comes by itself");
 }
 
 #[test]
 fn a_robot_that_tells_nothing_is_not_looked_for_in_vain() {
     let boat: RobotId = "boat".parse().unwrap();
-    let advice = |seen: &[Seen], told_nothing_by: &[RobotId]| {
-        let mut data = RobotsData::new(seen, None, Sought::Any, None, NOW);
-        data.is_told_nothing_by(&told_nothing_by.iter().cloned().collect());
+    let advice = |seen: &[RobotEntry], told_nothing_by: &[RobotId]| {
+        let mut data = RobotsData::new(seen, None, SearchTarget::Any, None, NOW);
+        data.set_denied_by(&told_nothing_by.iter().cloned().collect());
         data.advice.unwrap()
     };
     let told = advice(&[], std::slice::from_ref(&boat));
     assert!(
-        told.starts_with("boat answers, and tells you nothing"),
+        told.starts_with("boat answers, but denies access"),
         "{told}"
     );
     assert_eq!(advice(&[], &[]), "No robot found yet.");
@@ -106,13 +106,13 @@ fn every_robot_says_how_it_is() {
         seen("h", 25, Some(FleetState::Ended)),
         seen("i", 3, Some(FleetState::EStop { has_ended: true })),
         seen("j", 25, Some(FleetState::EStop { has_ended: true })),
-        seen("k", 3, Some(FleetState::Undriven)),
+        seen("k", 3, Some(FleetState::NotDrivable)),
     ];
     fleet[1].alerts = 1;
     fleet[2].alerts = 2;
     let current = "e".parse().unwrap();
     let current = Some((&current, LinkState::Silent));
-    let data = RobotsData::new(&fleet, current, Sought::Any, None, NOW);
+    let data = RobotsData::new(&fleet, current, SearchTarget::Any, None, NOW);
     let states: Vec<_> = data
         .found
         .iter()
@@ -138,16 +138,26 @@ fn every_robot_says_how_it_is() {
 
 #[test]
 fn a_robot_that_moves_by_itself_is_not_called_free() {
-    let told = |state, own_motion, link| {
+    let told = |state, uncommanded_motion, link| {
         let mut seen = seen("a", 3, Some(state));
-        seen.own_motion = own_motion;
+        seen.uncommanded_motion = uncommanded_motion;
         let current = "a".parse().unwrap();
-        let data = RobotsData::new(&[seen], Some((&current, link)), Sought::Any, None, NOW);
+        let data = RobotsData::new(
+            &[seen],
+            Some((&current, link)),
+            SearchTarget::Any,
+            None,
+            NOW,
+        );
         (data.found[0].state.clone(), data.found[0].tone)
     };
     let says = |words: &str, tone| (words.to_owned(), tone);
     let (live, free) = (LinkState::Live, || FleetState::Free);
-    let [by_itself, or_adrift] = [OwnMotion::ByItself, OwnMotion::OrAdrift].map(Some);
+    let [by_itself, or_adrift] = [
+        UncommandedMotion::Autonomous,
+        UncommandedMotion::MaybeDrifting,
+    ]
+    .map(Some);
     let moving = says("moving by itself", Tone::Waiting);
     assert_eq!(told(free(), by_itself, live), moving);
     let adrift = says("moving or adrift", Tone::Warning);
@@ -171,7 +181,7 @@ fn a_robot_that_is_being_joined_keeps_its_age_and_only_who_is_silent_may_be_forg
     ];
     let told = |link| {
         let current = "b".parse().unwrap();
-        let data = RobotsData::new(&fleet, Some((&current, link)), Sought::Any, None, NOW);
+        let data = RobotsData::new(&fleet, Some((&current, link)), SearchTarget::Any, None, NOW);
         let b = &data.found[1];
         (b.tone, b.state.clone(), b.is_forgettable)
     };
@@ -185,7 +195,7 @@ fn a_robot_that_is_being_joined_keeps_its_age_and_only_who_is_silent_may_be_forg
     ] {
         assert_eq!(told(link), (tone, state.to_owned(), false), "it is shown");
     }
-    let data = RobotsData::new(&fleet, None, Sought::Any, None, NOW);
+    let data = RobotsData::new(&fleet, None, SearchTarget::Any, None, NOW);
     let mut window = Harness::builder()
         .with_size(vec2(180.0, 400.0))
         .build_ui_state(

@@ -6,7 +6,7 @@ use protocol::message::{Info, Status};
 
 use super::*;
 use crate::model::RequestId;
-use crate::pretend::{answers, at, console, says, scout};
+use crate::test_support::{at, console, inject, inject_reply, scout};
 
 fn info(name: &str, kind: SensorKind, rate_hz: Option<f32>) -> SensorInfo {
     SensorInfo {
@@ -60,8 +60,8 @@ fn boat() -> ConsoleModel {
         ],
         ..Status::default()
     };
-    answers(&mut model, RequestId(0), Topic::Info, &described, at(1_000));
-    says(&mut model, Topic::Status, &told, at(1_000));
+    inject_reply(&mut model, RequestId(0), Topic::Info, &described, at(1_000));
+    inject(&mut model, Topic::Status, &told, at(1_000));
     model
 }
 
@@ -88,7 +88,7 @@ fn each_sensor_says_how_it_is() {
         "Good Good | laser | Tilting laser | 5.0 of 5 Hz | 0.0 s ago | 0\n\
          Warning Silent | sonar | Sonar | 4.2 of 10 Hz | 1.3 s ago | 12\u{a0}345\n\
          Warning No fix | gps | Satellite receiver | 5.0 Hz | 0.0 s ago | 0\n\
-         Warning Clock leapt | imu | Attitude | 50.0 Hz | 0.0 s ago | 0\n\
+         Warning Clock jump | imu | Attitude | 50.0 Hz | 0.0 s ago | 0\n\
          Waiting Waiting | not described | – | 0.0 Hz | never | 0"
     );
 }
@@ -109,7 +109,7 @@ fn what_was_good_before_the_link_fell_silent_is_not_called_good() {
 #[test]
 fn a_robot_that_told_nothing_is_said_to_have_told_nothing() {
     let data = SensorsData::new(&scout(), at(1_000));
-    assert_eq!(text(&data), "Nothing is known of its sensors yet.");
+    assert_eq!(text(&data), "No sensor data yet.");
 }
 
 #[test]
@@ -140,7 +140,7 @@ fn what_was_well_when_the_data_ended_is_not_called_well() {
         has_ended: true,
         ..Status::default()
     };
-    says(&mut model, Topic::Status, &ended, at(2_000));
+    inject(&mut model, Topic::Status, &ended, at(2_000));
     let data = SensorsData::new(&model, at(2_300));
     let line = "Waiting Was good | laser | Tilting laser | 5.0 of 5 Hz | as of the end | 0";
     assert_eq!(text(&data), line);
@@ -161,7 +161,7 @@ fn a_narrow_panel_shows_all_of_every_sensor_within_its_width() {
             "4.2 of 10 Hz,",
             "seen 1.3 s ago,",
             "12\u{a0}345 messages dropped",
-            "Clock leapt",
+            "Clock jump",
             "not described",
             "seen never",
         ] {
@@ -186,7 +186,7 @@ fn sensors_of_a_recording_that_stands_do_not_grow_older() {
         sensors: vec![status("laser", 5.0, None)],
         ..Status::default()
     };
-    says(&mut model, Topic::Status, &told, at(1_000));
+    inject(&mut model, Topic::Status, &told, at(1_000));
     let [then, later] = [1_100, 61_000].map(|ms| SensorsData::new(&model, at(ms)));
     assert_eq!(later, then);
     assert_eq!((then.note, &*then.sensors[0].state), (None, "Good"));
@@ -194,7 +194,7 @@ fn sensors_of_a_recording_that_stands_do_not_grow_older() {
 
 #[test]
 fn a_sonar_without_a_valid_measurement_may_be_too_near_to_the_bottom() {
-    let says = |kind| fault_words(SensorFault::AllInvalid, Some(kind)).2;
-    assert!(says(SensorKind::Sonar).contains("nearer to the bottom"));
-    assert!(!says(SensorKind::TiltingLaser).contains("bottom"));
+    let inject = |kind| fault_text(SensorFault::AllInvalid, Some(kind)).2;
+    assert!(inject(SensorKind::Sonar).contains("nearer to the bottom"));
+    assert!(!inject(SensorKind::TiltingLaser).contains("bottom"));
 }

@@ -2,8 +2,8 @@
 
 use eframe::egui::{Align2, Color32, FontId, FontSelection, Rect, Ui, pos2};
 
+use super::super::formatting::capitalised;
 use super::super::legend::SWATCH;
-use super::super::wording::capitalised;
 use super::ShoreRow;
 
 pub(super) const RIGID: &str = "Rigid";

@@ -10,8 +10,8 @@ use eframe::egui::{
 };
 
 use super::super::legend::{SWATCH, paint_swatch};
-use super::away::{TO_SHORES, TO_SITES};
 use super::columns::{CLASS, Columns, RIGID, TO_RIGID, TO_VOXELS, VOXELS, class, texts};
+use super::distance::{TO_SHORES, TO_SITES};
 use super::order::{arrange, remember};
 use super::{ShoreRow, ShoresData, SortBy};
 use crate::command::Look;
@@ -48,7 +48,7 @@ const SORTS: [Option<SortBy>; 5] = [
 struct List<'a> {
     name: &'static str,
     /// What its rows are called by.
-    called_by: &'static str,
+    heading_text: &'static str,
     why: &'static str,
     titles: [&'static str; 5],
     /// From where to where the last column is.
@@ -63,7 +63,7 @@ struct List<'a> {
 
 /// What a list asks for.
 #[derive(Default)]
-struct Asked {
+struct ListResponse {
     clicked: Option<Look>,
     hovered: Option<ShoreMark>,
 }
@@ -94,10 +94,10 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
     for note in &data.notes {
         ui.label(RichText::new(note).small());
     }
-    let mut asked = Asked::default();
+    let mut asked = ListResponse::default();
     let shores = List {
         name: "shores",
-        called_by: "Shores, called by number",
+        heading_text: "Shores, called by number",
         why: "The robot numbers its shores, and the map shows the numbers. Numbers change while the robot learns: what \
               has merged keeps the number of the larger part, a part that comes off gets a new number, and no number is \
               given twice.",
@@ -110,7 +110,7 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
     };
     let sites = List {
         name: "docking sites",
-        called_by: "Docking sites, called by letter",
+        heading_text: "Docking sites, called by letter",
         why: "The least mean slope cost first, in steps of 0.05; of the same step, the widest. A letter stays with its \
               place, also on the map, whichever site is the first. The robot looks for sites in its window: what it has left behind \
               keeps its class on the map, and has no letter.",
@@ -175,7 +175,7 @@ fn list_ui(
     ui: &mut Ui,
     (list, (columns, width, row_height)): (&List<'_>, (&Columns, f32, f32)),
     marked: Option<ShoreMark>,
-    asked: &mut Asked,
+    asked: &mut ListResponse,
 ) {
     if list.rows.is_empty() {
         return;
@@ -184,9 +184,9 @@ fn list_ui(
     let id = Id::unique(list.name).with("sorted by");
     let mut by = ui.data(|data| data.get_temp(id)).unwrap_or(list.usual);
     let heading = if by == list.usual {
-        format!("{}, {}", list.called_by, list.usually)
+        format!("{}, {}", list.heading_text, list.usually)
     } else {
-        list.called_by.to_owned()
+        list.heading_text.to_owned()
     };
     let heading = ui.label(RichText::new(heading).small());
     hint_ui(&heading, list.why);

@@ -9,7 +9,7 @@ use crate::map_view::ShoreMark;
 
 /// How a list was drawn.
 #[derive(Clone, Debug)]
-struct Drawn {
+struct DrawnList {
     /// In which pass: the order of a list that was hidden since is no longer what anybody sees.
     pass: u64,
     by: SortBy,
@@ -23,20 +23,20 @@ struct Drawn {
 /// after them. What the list is remembered by is `id`.
 pub(super) fn arrange(ui: &Ui, id: Id, rows: &mut [ShoreRow], by: SortBy) {
     sort(rows, by);
-    let drawn: Option<Drawn> = ui.data(|data| data.get_temp(id));
-    let is_held = |drawn: &Drawn| {
+    let drawn: Option<DrawnList> = ui.data(|data| data.get_temp(id));
+    let is_held = |drawn: &DrawnList| {
         drawn.by == by
             && drawn.pass + 1 == ui.ctx().cumulative_pass_nr()
             && ui.rect_contains_pointer(drawn.place)
     };
     if let Some(drawn) = drawn.filter(is_held) {
-        stay(rows, &drawn.order);
+        keep_order(rows, &drawn.order);
     }
 }
 
 /// These rows were drawn in this order, sorted by `by`, and there (points of the screen).
 pub(super) fn remember(ui: &Ui, id: Id, rows: &[ShoreRow], by: SortBy, place: Rect) {
-    let drawn = Drawn {
+    let drawn = DrawnList {
         pass: ui.ctx().cumulative_pass_nr(),
         by,
         place,
@@ -46,7 +46,7 @@ pub(super) fn remember(ui: &Ui, id: Id, rows: &[ShoreRow], by: SortBy, place: Re
 }
 
 /// Rows in this order; those that it does not have come after the others, as they stood among themselves.
-fn stay(rows: &mut [ShoreRow], order: &[ShoreMark]) {
+fn keep_order(rows: &mut [ShoreRow], order: &[ShoreMark]) {
     rows.sort_by_cached_key(|row| {
         let at = order.iter().position(|mark| *mark == row.mark);
         at.unwrap_or(order.len())

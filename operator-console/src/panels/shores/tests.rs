@@ -4,12 +4,12 @@ use eframe::egui::{Rect, Shape, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use protocol::keys::Topic;
-use protocol::message::{Info, LayerInfo, ShoreClass, Shores, ShoresNews};
+use protocol::message::{Info, LayerInfo, ShoreClass, Shores, ShoresReply};
 
 use super::*;
 use crate::command::Look;
 use crate::model::{RequestId, ShoreOutlines, SiteNames};
-use crate::pretend::{answers, at, says, scout};
+use crate::test_support::{at, inject, inject_reply, scout};
 
 fn cluster(number: u32, voxels: u32, center_m: [f32; 2]) -> ShoreCluster {
     ShoreCluster {
@@ -108,16 +108,16 @@ fn reasons_are_of_the_newest_report_and_of_the_vehicle_as_it_is() {
             layers: vec![layer],
             ..Info::default()
         };
-        answers(model, RequestId(900), Topic::Info, &info, at(0));
+        inject_reply(model, RequestId(900), Topic::Info, &info, at(0));
     };
     // The revision is the number of the only shore.
     let tells_of = |model: &mut ConsoleModel, number: u32, center_m| {
         let clusters = vec![cluster(number, 40, center_m)];
-        let news = ShoresNews {
+        let news = ShoresReply {
             revision: number.into(),
             shores: Some(Shores::gather(0.3, None, clusters, vec![site()])),
         };
-        says(model, Topic::Shores, &news, at(0));
+        inject(model, Topic::Shores, &news, at(0));
     };
     let reason = |model: &ConsoleModel| {
         let data = ShoresData::new(model, &MapView::default()).unwrap();

@@ -6,7 +6,7 @@ use eframe::egui::{
 };
 use robot_edge::robot_time::RobotDuration;
 
-use super::data::{TimelineData, TimelineMark, clock};
+use super::data::{DrawnMark, TimelineData, clock};
 use crate::theme::Tone;
 
 const HEIGHT: f32 = 42.0;
@@ -114,7 +114,7 @@ fn paint(ui: &Ui, data: &TimelineData, scale: &Scale, response: &Response) {
 }
 
 /// Faults are triangles, the rest are bars: not told by colour alone.
-fn paint_mark(ui: &Ui, top: Pos2, mark: &TimelineMark) {
+fn paint_mark(ui: &Ui, top: Pos2, mark: &DrawnMark) {
     let tone = if mark.is_fault {
         Tone::Warning
     } else {
@@ -164,7 +164,7 @@ fn explain(response: &Response, data: &TimelineData, scale: &Scale) {
         return;
     };
     let time = RobotDuration::from_secs_f64(scale.time_s(pointer.x));
-    let near = |mark: &&TimelineMark| (scale.x(mark.at_s) - pointer.x).abs() <= NEAR;
+    let near = |mark: &&DrawnMark| (scale.x(mark.at_s) - pointer.x).abs() <= NEAR;
     response.clone().on_hover_ui_at_pointer(|ui| {
         ui.strong(clock(time));
         for mark in data.marks.iter().filter(near).take(MAX_EXPLAINED) {

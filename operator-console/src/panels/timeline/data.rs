@@ -1,11 +1,11 @@
 //! What the time line shows, in words and seconds.
 
 use robot_edge::pacer::Rate;
-use robot_edge::replay_control::{Mark, ReplaySight, ReplayState};
+use robot_edge::replay_control::{ReplayState, ReplayStatus, TimelineMark};
 use robot_edge::robot_time::RobotDuration;
 
-use crate::event_log::kind_words;
-use crate::playback::is_going;
+use crate::event_log::kind_label;
+use crate::playback::is_playing;
 use crate::theme::Tone;
 
 /// A rate that is reached by less than this share is said.
@@ -25,7 +25,7 @@ pub struct TimelineData {
     /// The recording is still being looked through.
     pub is_opening: bool,
     /// Whether it is not to stand still: the button says so.
-    pub is_going: bool,
+    pub is_playing: bool,
     /// What is in the map, seconds from the first scan.
     pub position_s: f64,
     /// The same in words.
@@ -41,12 +41,12 @@ pub struct TimelineData {
     /// Whether it begins anew at the end.
     pub is_looping: bool,
     /// What happened when.
-    pub marks: Vec<TimelineMark>,
+    pub marks: Vec<DrawnMark>,
 }
 
 /// Something that happened.
 #[derive(Clone, Debug, PartialEq)]
-pub struct TimelineMark {
+pub struct DrawnMark {
     /// When, seconds.
     pub at_s: f64,
     /// Data is missing or wrong, in contrast to what only happened.
@@ -57,9 +57,9 @@ pub struct TimelineMark {
 
 impl TimelineData {
     /// Of the recording called `name`.
-    pub fn new(name: &str, sight: &ReplaySight, failure: Option<&str>) -> Self {
-        let (tone, state) = state(name, sight);
-        let target = match sight.state {
+    pub fn new(name: &str, status: &ReplayStatus, failure: Option<&str>) -> Self {
+        let (tone, state) = state(name, status);
+        let target = match status.state {
             ReplayState::Seeking { to } => Some(to),
             ReplayState::Opening
             | ReplayState::Playing
@@ -71,40 +71,40 @@ impl TimelineData {
             failure: failure.map(str::to_owned),
             tone,
             state,
-            is_opening: sight.state == ReplayState::Opening,
-            is_going: is_going(sight),
-            position_s: sight.position.as_secs_f64(),
-            position: clock(sight.position),
+            is_opening: status.state == ReplayState::Opening,
+            is_playing: is_playing(status),
+            position_s: status.position.as_secs_f64(),
+            position: clock(status.position),
             target_s: target.map(RobotDuration::as_secs_f64),
             // What is behind a guess of the end is no guess.
-            length_s: sight
+            length_s: status
                 .length
-                .map(|length| length.duration.max(sight.position).as_secs_f64()),
-            length: sight.length.map(|length| {
-                let words = clock(length.duration.max(sight.position));
+                .map(|length| length.duration.max(status.position).as_secs_f64()),
+            length: status.length.map(|length| {
+                let words = clock(length.duration.max(status.position));
                 if length.is_estimate {
                     format!("about {words}")
                 } else {
                     words
                 }
             }),
-            rate: sight.rate,
-            is_looping: sight.is_looping,
-            marks: sight.marks.iter().map(mark).collect(),
+            rate: status.rate,
+            is_looping: status.is_looping,
+            marks: status.marks.iter().map(mark).collect(),
         }
     }
 }
 
-fn state(name: &str, sight: &ReplaySight) -> (Tone, String) {
-    match sight.state {
+fn state(name: &str, status: &ReplayStatus) -> (Tone, String) {
+    match status.state {
         ReplayState::Opening => (Tone::Waiting, format!("Looking through {name}")),
         ReplayState::Paused => (Tone::Waiting, "Paused".to_owned()),
         ReplayState::Ended => (Tone::Waiting, "At the end".to_owned()),
         ReplayState::Seeking { to } => {
             let words = format!("Mapping up to {}", clock(to));
-            (Tone::Waiting, with_speed(words, sight.rate_reached))
+            (Tone::Waiting, with_speed(words, status.rate_reached))
         }
-        ReplayState::Playing => match (sight.rate, sight.rate_reached) {
+        ReplayState::Playing => match (status.rate, status.rate_reached) {
             (Rate::Max, reached) => (Tone::Good, with_speed("Playing".to_owned(), reached)),
             (Rate::Times(wanted), Some(reached)) if reached < NEARLY_REACHED * wanted => (
                 Tone::Warning,
@@ -122,9 +122,9 @@ fn with_speed(words: String, reached: Option<f64>) -> String {
     }
 }
 
-fn mark(mark: &Mark) -> TimelineMark {
-    let kind = kind_words(mark.kind);
-    TimelineMark {
+fn mark(mark: &TimelineMark) -> DrawnMark {
+    let kind = kind_label(mark.kind);
+    DrawnMark {
         at_s: mark.at.as_secs_f64(),
         is_fault: matches!(mark.kind, "gap" | "clock" | "loss" | "pose_jump"),
         words: format!("{}  {kind}: {}", clock(mark.at), mark.message),
@@ -132,7 +132,7 @@ fn mark(mark: &Mark) -> TimelineMark {
 }
 
 /// A rate in words.
-pub(super) fn rate_words(rate: Rate) -> String {
+pub(super) fn rate_text(rate: Rate) -> String {
     match rate {
         Rate::Times(wanted) => times(wanted),
         Rate::Max => "max".to_owned(),

@@ -6,16 +6,16 @@ mod data;
 use eframe::egui::{Align, Button, ComboBox, Layout, RichText, TextStyle, Ui, vec2};
 use robot_edge::robot_time::RobotDuration;
 
-use super::command_line::with_options;
+use super::command_line::with_monospace_options;
 use crate::playback::{PlaybackCommand, RATES};
 use crate::shortcuts::Action;
 use crate::theme::{Tone, state_ui};
 
 pub(crate) use data::clock;
-pub use data::{TimelineData, TimelineMark};
+pub use data::{DrawnMark, TimelineData};
 
 use bar::bar_ui;
-use data::rate_words;
+use data::rate_text;
 
 /// So that nothing moves when a word changes.
 const PLAY_WIDTH: f32 = 64.0;
@@ -61,7 +61,7 @@ fn failure_ui(ui: &mut Ui, data: &TimelineData, failure: &str) -> Option<Playbac
     .inner
     .or_else(|| {
         let ink = ui.visuals().text_color();
-        ui.label(with_options(ui, failure, &TextStyle::Body, ink));
+        ui.label(with_monospace_options(ui, failure, &TextStyle::Body, ink));
         None
     })
 }
@@ -88,11 +88,11 @@ fn state_and_close_ui(ui: &mut Ui, data: &TimelineData) -> Option<PlaybackComman
 
 fn transport_ui(ui: &mut Ui, data: &TimelineData) -> Option<PlaybackCommand> {
     let row = ui.add_enabled_ui(!data.is_opening, |ui| {
-        let back = step_ui(ui, "−10 s", Action::LeapBack, -10);
+        let back = step_ui(ui, "−10 s", Action::JumpBack, -10);
         let back = back.or(step_ui(ui, "−1 s", Action::StepBack, -1));
-        let played = back.or(play_ui(ui, data.is_going));
-        let on = played.or(step_ui(ui, "+1 s", Action::StepOn, 1));
-        on.or(step_ui(ui, "+10 s", Action::LeapOn, 10))
+        let played = back.or(play_ui(ui, data.is_playing));
+        let on = played.or(step_ui(ui, "+1 s", Action::StepForward, 1));
+        on.or(step_ui(ui, "+10 s", Action::JumpForward, 10))
     });
     row.inner
 }
@@ -103,8 +103,8 @@ fn step_ui(ui: &mut Ui, label: &str, action: Action, by_s: i64) -> Option<Playba
     step.clicked().then_some(PlaybackCommand::Step(by))
 }
 
-fn play_ui(ui: &mut Ui, is_going: bool) -> Option<PlaybackCommand> {
-    let (words, wish) = if is_going {
+fn play_ui(ui: &mut Ui, is_playing: bool) -> Option<PlaybackCommand> {
+    let (words, request) = if is_playing {
         ("Pause", PlaybackCommand::Pause)
     } else {
         ("Play", PlaybackCommand::Play)
@@ -113,7 +113,7 @@ fn play_ui(ui: &mut Ui, is_going: bool) -> Option<PlaybackCommand> {
     let play = Button::new(RichText::new(words).strong()).min_size(size);
     let hint = format!("{words} ({})", Action::PlayOrPause.keys());
     let play = ui.add(play).on_hover_text(hint);
-    play.clicked().then_some(wish)
+    play.clicked().then_some(request)
 }
 
 /// What it does, and its keys.
@@ -133,11 +133,11 @@ fn position_ui(ui: &mut Ui, data: &TimelineData) {
 fn rate_ui(ui: &mut Ui, data: &TimelineData) -> Option<PlaybackCommand> {
     let mut chosen = data.rate;
     let combo = ComboBox::from_id_salt("speed")
-        .selected_text(format!("Speed {}", rate_words(data.rate)))
+        .selected_text(format!("Speed {}", rate_text(data.rate)))
         .width(104.0)
         .show_ui(ui, |ui| {
             for rate in RATES {
-                ui.selectable_value(&mut chosen, rate, rate_words(rate));
+                ui.selectable_value(&mut chosen, rate, rate_text(rate));
             }
         });
     combo.response.on_hover_text(format!(

@@ -2,7 +2,7 @@ use eframe::egui::{FontFamily, Modifiers, PointerButton, Pos2, Shape, pos2, vec2
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
 use robot_edge::pacer::Rate;
-use robot_edge::replay_control::{Length, Mark, ReplaySight, ReplayState};
+use robot_edge::replay_control::{Length, ReplayState, ReplayStatus, TimelineMark};
 
 use super::*;
 
@@ -11,8 +11,8 @@ fn seconds(s: f64) -> RobotDuration {
 }
 
 /// A recording of 116 s that plays at its own speed.
-fn sight() -> ReplaySight {
-    ReplaySight {
+fn status() -> ReplayStatus {
+    ReplayStatus {
         state: ReplayState::Playing,
         position: seconds(29.06),
         length: Some(Length {
@@ -25,38 +25,38 @@ fn sight() -> ReplaySight {
         is_looping: false,
         is_settled: false,
         marks: vec![
-            Mark {
+            TimelineMark {
                 at: seconds(12.5),
                 kind: "ground_plane",
-                message: "the ground plane was taken anew".to_owned(),
+                message: "the ground plane was reset".to_owned(),
             },
-            Mark {
+            TimelineMark {
                 at: seconds(58.0),
                 kind: "gap",
                 message: "no data for 8 s".to_owned(),
             },
         ],
-        rounds: 0,
+        restarts: 0,
     }
 }
 
-fn data(sight: &ReplaySight) -> TimelineData {
-    TimelineData::new("rooms.mcap", sight, None)
+fn data(status: &ReplayStatus) -> TimelineData {
+    TimelineData::new("rooms.mcap", status, None)
 }
 
 /// In one line: state, position, length.
-fn words(sight: &ReplaySight) -> String {
-    let data = data(sight);
+fn words(status: &ReplayStatus) -> String {
+    let data = data(status);
     let length = data.length.unwrap_or_else(|| "?".to_owned());
     format!("{} | {} / {length}", data.state, data.position)
 }
 
 #[test]
 fn what_it_is_doing_is_said_in_words() {
-    let check = |change: &dyn Fn(&mut ReplaySight), expected: &str| {
-        let mut sight = sight();
-        change(&mut sight);
-        assert_eq!(words(&sight), expected);
+    let check = |change: &dyn Fn(&mut ReplayStatus), expected: &str| {
+        let mut status = status();
+        change(&mut status);
+        assert_eq!(words(&status), expected);
     };
     check(&|_| {}, "Playing | 0:29.0 / 1:56.0");
     check(
@@ -106,15 +106,12 @@ fn what_it_is_doing_is_said_in_words() {
 
 #[test]
 fn marks_say_when_and_what_and_tell_faults_from_the_rest() {
-    let marks = data(&sight()).marks;
+    let marks = data(&status()).marks;
     let shown: Vec<_> = marks.iter().map(|m| (m.is_fault, &*m.words)).collect();
     assert_eq!(
         shown,
         [
-            (
-                false,
-                "0:12.5  ground plane: the ground plane was taken anew"
-            ),
+            (false, "0:12.5  ground plane: the ground plane was reset"),
             (true, "0:58.0  gap: no data for 8 s"),
         ]
     );
@@ -155,12 +152,12 @@ fn every_control_has_a_name_and_does_what_it_says() {
         ("Loop", PlaybackCommand::SetLooping(true)),
         ("Close recording", PlaybackCommand::Close),
     ] {
-        let mut harness = harness(data(&sight()));
+        let mut harness = harness(data(&status()));
         harness.get_by_label(label).click();
         harness.run();
         assert_eq!(harness.state().commands, [expected], "{label}");
     }
-    let mut paused = sight();
+    let mut paused = status();
     (paused.state, paused.is_paused) = (ReplayState::Paused, true);
     let mut harness = harness(data(&paused));
     harness.get_by_label("0:29.0 / 1:56.0");
@@ -171,7 +168,7 @@ fn every_control_has_a_name_and_does_what_it_says() {
 
 #[test]
 fn speeds_are_chosen_from_a_list() {
-    let mut harness = harness(data(&sight()));
+    let mut harness = harness(data(&status()));
     harness.get_by_value("Speed 1×").click();
     harness.run();
     harness.get_by_label("5×").click();
@@ -189,7 +186,7 @@ fn bar(harness: &Harness<'_, State>) -> (Pos2, f32, f32) {
 
 #[test]
 fn a_click_on_the_bar_winds_there_and_a_drag_follows_the_pointer() {
-    let mut harness = harness(data(&sight()));
+    let mut harness = harness(data(&status()));
     let (middle, left, right) = bar(&harness);
     let press = |harness: &mut Harness<'_, State>, pos: Pos2, pressed: bool| {
         harness.event(eframe::egui::Event::PointerButton {
@@ -242,7 +239,7 @@ fn a_click_on_the_bar_winds_there_and_a_drag_follows_the_pointer() {
 
 #[test]
 fn nothing_can_be_wound_before_the_recording_is_known() {
-    let mut opening = sight();
+    let mut opening = status();
     (opening.state, opening.length) = (ReplayState::Opening, None);
     let mut harness = harness(data(&opening));
     harness.get_by_label("Looking through rooms.mcap");
@@ -257,7 +254,7 @@ fn nothing_can_be_wound_before_the_recording_is_known() {
 #[test]
 fn why_it_cannot_be_shown_stands_there_instead() {
     let why = "rooms.mcap: damaged at byte 8: nothing can be read";
-    let mut harness = harness(TimelineData::new("rooms.mcap", &sight(), Some(why)));
+    let mut harness = harness(TimelineData::new("rooms.mcap", &status(), Some(why)));
     harness.get_by_label("rooms.mcap cannot be shown");
     harness.get_by_label(why);
     assert!(harness.query_by_label("Pause").is_none());
@@ -269,7 +266,7 @@ fn why_it_cannot_be_shown_stands_there_instead() {
 #[test]
 fn an_option_in_why_it_cannot_be_shown_has_two_dashes() {
     let why = "Several topics carry scans: choose one, for example --topic laser=/scan";
-    let harness = harness(TimelineData::new("rooms.mcap", &sight(), Some(why)));
+    let harness = harness(TimelineData::new("rooms.mcap", &status(), Some(why)));
     let job = harness.output().shapes.iter().find_map(|clipped| {
         if let Shape::Text(text) = &clipped.shape {
             let job = &text.galley.job;

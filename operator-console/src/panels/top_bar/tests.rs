@@ -4,8 +4,8 @@ use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT as _, Queryable as _};
 
 use super::*;
-use crate::helm::EStopSight;
-use crate::pretend::{at, console, helm_of_anna};
+use crate::teleop_client::EStopState;
+use crate::test_support::{at, console, idle_teleop_client};
 
 fn data() -> TopBarData {
     TopBarData {
@@ -13,10 +13,10 @@ fn data() -> TopBarData {
         color: None,
         link: (Tone::Good, "Live".to_owned()),
         age: Some("< 0.2 s ago".to_owned()),
-        map: (Tone::Good, "In step".to_owned()),
-        map_short: "In step",
+        map: (Tone::Good, "Synchronized".to_owned()),
+        map_short: "Synchronized",
         driver: Some("Nobody drives".to_owned()),
-        estop: Some(EStopFace::Ready),
+        estop: Some(EStopButton::Ready),
     }
 }
 
@@ -47,7 +47,7 @@ fn who_drives_is_whole_and_stands_still_whatever_else_is_said() {
             driver
         };
         let usual = place(data(), 0);
-        let moment_ago = (Tone::Good, "In step 0.5 s ago".to_owned());
+        let moment_ago = (Tone::Good, "Synchronized 0.5 s ago".to_owned());
         let missing = (Tone::Waiting, "1 200 tiles missing".to_owned());
         let behind = (Tone::Waiting, "Behind, asking what is missing".to_owned());
         for map in [moment_ago, missing, behind] {
@@ -63,22 +63,22 @@ fn who_drives_is_whole_and_stands_still_whatever_else_is_said() {
 fn a_stop_that_is_being_sent_is_seen_before_the_robot_speaks() {
     let model = console("scout", &[]);
     assert!(model.status().is_none());
-    let mut helm = helm_of_anna();
-    let estop = |helm: &HelmSight| {
-        let link = LinkSight::default();
-        TopBarData::new(&model, &link, Some(helm), None, at(0)).estop
+    let mut teleop_client = idle_teleop_client();
+    let estop = |teleop_client: &TeleopClientState| {
+        let link = LinkStatus::default();
+        TopBarData::new(&model, &link, Some(teleop_client), None, at(0)).estop
     };
-    assert_eq!(estop(&helm), None);
-    helm.estop = EStopSight::Unsendable(Duration::from_secs(3));
-    let words = "Not sent for 3.0 s: no robot is heard".to_owned();
-    assert_eq!(estop(&helm), Some(EStopFace::Sending(words)));
+    assert_eq!(estop(&teleop_client), None);
+    teleop_client.estop = EStopState::Unsendable(Duration::from_secs(3));
+    let words = "Not sent for 3.0 s: no robot connected".to_owned();
+    assert_eq!(estop(&teleop_client), Some(EStopButton::Sending(words)));
 }
 
 #[test]
 fn who_only_watches_is_told_so_at_a_stop_that_cannot_be_pressed() {
-    let estop = Some(EStopFace::Watching);
+    let estop = Some(EStopButton::ReadOnly);
     let window = bar(900.0, TopBarData { estop, ..data() }, 0);
-    let stop = window.get_by_label("Stop. You watch: observers neither drive nor stop the vehicle");
+    let stop = window.get_by_label("Stop. Observers neither drive nor stop the vehicle");
     assert!(stop.accesskit_node().is_disabled());
     let usual = bar(900.0, data(), 0);
     let pressed = usual.get_by_label("Stop");
@@ -89,7 +89,7 @@ fn who_only_watches_is_told_so_at_a_stop_that_cannot_be_pressed() {
 #[test]
 fn a_stop_that_the_robot_refused_does_not_look_as_if_it_would_stop_it() {
     let why = "the sender's role does not allow it".to_owned();
-    let estop = Some(EStopFace::Refused(why));
+    let estop = Some(EStopButton::Refused(why));
     let mut window = bar(900.0, TopBarData { estop, ..data() }, 0);
     assert!(window.query_by_label("Stop").is_none());
     let refused = window.get_by_label("Refused");
@@ -105,12 +105,12 @@ fn a_stop_that_the_robot_refused_does_not_look_as_if_it_would_stop_it() {
 
 #[test]
 fn a_map_that_was_in_step_a_moment_ago_is_in_step() {
-    let map = (Tone::Good, "In step 0.5 s ago".to_owned());
+    let map = (Tone::Good, "Synchronized 0.5 s ago".to_owned());
     let mut window = bar(900.0, TopBarData { map, ..data() }, 0);
-    let place = window.get_by_label("In step").rect();
+    let place = window.get_by_label("Synchronized").rect();
     window.hover_at(place.center());
     window.run_steps(60);
-    window.get_by_label("In step 0.5 s ago");
+    window.get_by_label("Synchronized 0.5 s ago");
 }
 
 #[test]
@@ -138,7 +138,7 @@ fn a_long_name_is_read_whole_by_who_asks_for_it() {
 fn a_map_that_is_old_or_behind_says_so_in_the_room_that_there_is() {
     for (width, is_short) in [(540.0, true), (560.0, true), (1120.0, false)] {
         for (map, map_short) in [
-            ("Was not in step when last heard", "Old"),
+            ("Was not synchronized at last contact", "Old"),
             ("Behind, asking what is missing", "Behind"),
             ("12\u{a0}345 tiles missing", "Behind"),
         ] {
@@ -173,7 +173,7 @@ fn a_map_that_is_old_or_behind_says_so_in_the_room_that_there_is() {
 fn no_word_of_the_map_is_cut() {
     for width in [480.0, 490.0, 500.0, 520.0, 540.0] {
         let window = bar(width, data(), 1);
-        let label = window.get_by_label("In step").rect();
+        let label = window.get_by_label("Synchronized").rect();
         let is_whole = label.width() > 64.0;
         let is_mark_alone = label.width() < 20.5;
         assert!(is_whole || is_mark_alone, "{width}: {label}");
@@ -207,12 +207,12 @@ fn in_a_small_window_a_short_name_is_whole_and_nothing_is_cut() {
             let is_whole = |label| (place(label).width() - whole(label)).abs() < 0.5;
             assert!(is_whole(name), "{width} {name}: {}", place(name));
             assert!(is_whole("Nobody drives"), "{width} {name}");
-            for label in ["Live", "In step"] {
+            for label in ["Live", "Synchronized"] {
                 let is_mark = place(label).width() < 20.5;
                 assert!(is_whole(label) || is_mark, "{width}: {}", place(label));
             }
             let end = if unseen > 0 { "1 alert" } else { "Stop" };
-            let parts = [name, "Live", "Nobody drives", "In step", end].map(place);
+            let parts = [name, "Live", "Nobody drives", "Synchronized", end].map(place);
             for pair in parts.windows(2) {
                 assert!(pair[0].right() < pair[1].left(), "{width} {name}: {pair:?}");
             }

@@ -1,9 +1,9 @@
 //! The legend column: title, colour scale with numbers, swatches with names.
 
 use super::canvas::{Canvas, Rect};
-use super::map::over_ground;
-use super::text::Lettering;
-use super::{FAINT_INK, INK, LINE_HEIGHT, TEXT_PX};
+use super::map::over_background;
+use super::text::TextRenderer;
+use super::{FAINT_TEXT_COLOR, LINE_HEIGHT, TEXT_COLOR, TEXT_PX};
 use crate::layer::{Legend, Ramp};
 
 const TITLE_WIDTH_MAX: u32 = 190;
@@ -15,23 +15,21 @@ const SWATCH_PITCH: u32 = 30;
 const GAP: u32 = 12;
 
 /// Width and height that [`draw`] needs.
-pub(super) fn size(lettering: &Lettering, legend: &Legend) -> (u32, u32) {
-    let title = lettering.wrap(&legend.title, TEXT_PX, TITLE_WIDTH_MAX);
+pub(super) fn size(text_renderer: &TextRenderer, legend: &Legend) -> (u32, u32) {
+    let title = text_renderer.wrap(&legend.title, TEXT_PX, TITLE_WIDTH_MAX);
     let widths =
         title
             .iter()
-            .map(|line| lettering.width(line, TEXT_PX))
+            .map(|line| text_renderer.width(line, TEXT_PX))
             .chain(
                 legend
                     .swatches
                     .iter()
-                    .map(|swatch| SWATCH_SIDE + GAP + lettering.width(&swatch.label, TEXT_PX)),
+                    .map(|swatch| SWATCH_SIDE + GAP + text_renderer.width(&swatch.label, TEXT_PX)),
             )
-            .chain(
-                legend.ramp.iter().flat_map(|ramp| &ramp.ticks).map(|tick| {
-                    RAMP_WIDTH + TICK_LENGTH + 6 + lettering.width(&tick.label, TEXT_PX)
-                }),
-            );
+            .chain(legend.ramp.iter().flat_map(|ramp| &ramp.ticks).map(|tick| {
+                RAMP_WIDTH + TICK_LENGTH + 6 + text_renderer.width(&tick.label, TEXT_PX)
+            }));
     let ramp_height = if legend.ramp.is_some() {
         RAMP_HEIGHT + LINE_HEIGHT + GAP
     } else {
@@ -45,17 +43,22 @@ pub(super) fn size(lettering: &Lettering, legend: &Legend) -> (u32, u32) {
 }
 
 /// Draws the legend with its upper left corner at `at`.
-pub(super) fn draw(canvas: &mut Canvas, lettering: &Lettering, at: (u32, u32), legend: &Legend) {
+pub(super) fn draw(
+    canvas: &mut Canvas,
+    text_renderer: &TextRenderer,
+    at: (u32, u32),
+    legend: &Legend,
+) {
     let (x, mut y) = at;
-    for line in lettering.wrap(&legend.title, TEXT_PX, TITLE_WIDTH_MAX) {
-        lettering.draw(canvas, (x, y), TEXT_PX, INK, &line);
+    for line in text_renderer.wrap(&legend.title, TEXT_PX, TITLE_WIDTH_MAX) {
+        text_renderer.draw(canvas, (x, y), TEXT_PX, TEXT_COLOR, &line);
         y += LINE_HEIGHT;
     }
     y += GAP;
     if let Some(ramp) = &legend.ramp {
         // Half a line above and below, where the labels of the ends stick out.
         y += LINE_HEIGHT / 2;
-        draw_ramp(canvas, lettering, (x, y), ramp);
+        draw_ramp(canvas, text_renderer, (x, y), ramp);
         y += RAMP_HEIGHT + LINE_HEIGHT / 2 + GAP;
     }
     for swatch in &legend.swatches {
@@ -65,18 +68,18 @@ pub(super) fn draw(canvas: &mut Canvas, lettering: &Lettering, at: (u32, u32), l
             width: SWATCH_SIDE,
             height: SWATCH_SIDE,
         };
-        canvas.fill(square, FAINT_INK);
+        canvas.fill(square, FAINT_TEXT_COLOR);
         canvas.fill_with(square.inside(), |x, y| {
             let [x, y] = [x - square.x, y - square.y].map(|pixel| pixel as usize);
-            over_ground(swatch.color_at(x, y))
+            over_background(swatch.color_at(x, y))
         });
         let label_x = square.right() + GAP;
-        lettering.draw(canvas, (label_x, y), TEXT_PX, INK, &swatch.label);
+        text_renderer.draw(canvas, (label_x, y), TEXT_PX, TEXT_COLOR, &swatch.label);
         y += SWATCH_PITCH;
     }
 }
 
-fn draw_ramp(canvas: &mut Canvas, lettering: &Lettering, at: (u32, u32), ramp: &Ramp) {
+fn draw_ramp(canvas: &mut Canvas, text_renderer: &TextRenderer, at: (u32, u32), ramp: &Ramp) {
     let (x, y) = at;
     let bar = Rect {
         x,
@@ -84,7 +87,7 @@ fn draw_ramp(canvas: &mut Canvas, lettering: &Lettering, at: (u32, u32), ramp: &
         width: RAMP_WIDTH,
         height: RAMP_HEIGHT,
     };
-    canvas.fill_framed(bar, FAINT_INK, FAINT_INK);
+    canvas.fill_framed(bar, FAINT_TEXT_COLOR, FAINT_TEXT_COLOR);
     let span = ramp.high - ramp.low;
     for row in 1..RAMP_HEIGHT - 1 {
         let part = 1.0 - (row as f32 - 0.5) / (RAMP_HEIGHT - 2) as f32;
@@ -106,8 +109,8 @@ fn draw_ramp(canvas: &mut Canvas, lettering: &Lettering, at: (u32, u32), ramp: &
             width: TICK_LENGTH,
             height: 1,
         };
-        canvas.fill(mark, FAINT_INK);
+        canvas.fill(mark, FAINT_TEXT_COLOR);
         let label = (mark.right() + 6, tick_y.saturating_sub(LINE_HEIGHT / 2 - 2));
-        lettering.draw(canvas, label, TEXT_PX, INK, &tick.label);
+        text_renderer.draw(canvas, label, TEXT_PX, TEXT_COLOR, &tick.label);
     }
 }

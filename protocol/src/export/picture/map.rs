@@ -1,6 +1,6 @@
 //! Cells → pixels.
 
-use super::GROUND;
+use super::BACKGROUND;
 use super::canvas::{Canvas, Rect};
 use crate::layer::{Palette, Pattern, UNKNOWN};
 use crate::mosaic::Raster;
@@ -77,11 +77,11 @@ impl Magnification {
                     height: side_px,
                 };
                 if palette.pattern(code) == Pattern::Plain {
-                    canvas.fill(square, over_ground(palette.color(code)));
+                    canvas.fill(square, over_background(palette.color(code)));
                 } else {
                     canvas.fill_with(square, |x, y| {
                         let [x, y] = [x - at.0, y - at.1].map(|pixel| pixel as usize);
-                        over_ground(palette.color_at(code, x, y))
+                        over_background(palette.color_at(code, x, y))
                     });
                 }
             }
@@ -97,7 +97,7 @@ impl Magnification {
         cell: (usize, usize),
         color: [u8; 3],
     ) {
-        let (x, y) = self.place(raster, cell);
+        let (x, y) = self.pixel_of(raster, cell);
         let side_px = match self {
             Self::PixelsPerCell(factor) => factor as u32,
             Self::CellsPerPixel(_) => 1,
@@ -112,7 +112,7 @@ impl Magnification {
     }
 
     /// The upper left pixel of a cell, (column, row from the bottom) of `raster`, from that of its map.
-    pub(super) fn place(self, raster: &Raster, cell: (usize, usize)) -> (u32, u32) {
+    pub(super) fn pixel_of(self, raster: &Raster, cell: (usize, usize)) -> (u32, u32) {
         let row = raster.height() - 1 - cell.1;
         let (x, y) = match self {
             Self::PixelsPerCell(factor) => (cell.0 * factor, row * factor),
@@ -123,10 +123,10 @@ impl Magnification {
 }
 
 /// A colour with straight alpha as it looks on the ground.
-pub(super) fn over_ground([red, green, blue, alpha]: [u8; 4]) -> [u8; 3] {
+pub(super) fn over_background([red, green, blue, alpha]: [u8; 4]) -> [u8; 3] {
     let color = [red, green, blue];
     std::array::from_fn(|channel| {
-        let (over, under) = (u16::from(color[channel]), u16::from(GROUND[channel]));
+        let (over, under) = (u16::from(color[channel]), u16::from(BACKGROUND[channel]));
         let alpha = u16::from(alpha);
         ((over * alpha + under * (255 - alpha) + 127) / 255) as u8
     })

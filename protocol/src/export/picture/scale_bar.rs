@@ -1,8 +1,8 @@
 //! A bar of a round length in metres.
 
 use super::canvas::{Canvas, Rect};
-use super::text::Lettering;
-use super::{INK, TEXT_PX};
+use super::text::TextRenderer;
+use super::{TEXT_COLOR, TEXT_PX};
 
 /// Height that [`draw`] needs.
 pub(super) const HEIGHT: u32 = 44;
@@ -14,7 +14,7 @@ const BAR_HEIGHT: u32 = 9;
 /// Draws the bar, `wanted_m` long where that can be drawn, with its label to the right; `at` is the upper left corner of its space.
 pub(super) fn draw(
     canvas: &mut Canvas,
-    lettering: &Lettering,
+    text_renderer: &TextRenderer,
     at: (u32, u32),
     pixels_per_m: f64,
     wanted_m: Option<f64>,
@@ -34,7 +34,7 @@ pub(super) fn draw(
         width,
         height: BAR_HEIGHT,
     };
-    canvas.fill_framed(bar, INK, INK);
+    canvas.fill_framed(bar, TEXT_COLOR, TEXT_COLOR);
     // The second half white, so that the bar is also a ruler for half its length.
     let half = Rect {
         x: x + width / 2,
@@ -44,7 +44,7 @@ pub(super) fn draw(
     };
     canvas.fill(half, [255; 3]);
     let label = (bar.right() + 10, y.saturating_sub(6));
-    lettering.draw(canvas, label, TEXT_PX, INK, &length_label(length_m));
+    text_renderer.draw(canvas, label, TEXT_PX, TEXT_COLOR, &length_label(length_m));
 }
 
 /// The length of a scale bar, metres: the greatest of 1, 2 and 5 times a power of ten that is at most

@@ -21,12 +21,16 @@ fn the_map_stands_upright_in_its_colours() {
     assert_eq!(magnification, Magnification::PixelsPerCell(24));
     let [red, green, blue, _] = palette.color(2);
     let obstacle: Vec<(u32, u32)> = (0..canvas.height())
-        .flat_map(|y| (0..MARGIN + GROUND_SIDE_MIN).map(move |x| (x, y)))
+        .flat_map(|y| (0..MARGIN + BACKGROUND_SIDE_MIN).map(move |x| (x, y)))
         .filter(|&(x, y)| pixel(&canvas, x, y) == [red, green, blue])
         .collect();
     assert_eq!(obstacle.len(), 24 * 24, "one cell, lower right");
     let (x, y) = obstacle[0];
-    assert_eq!(pixel(&canvas, x, y - 1), GROUND, "unknown shows the ground");
+    assert_eq!(
+        pixel(&canvas, x, y - 1),
+        BACKGROUND,
+        "unknown shows the ground"
+    );
     let [red, green, blue, _] = palette.color(1);
     assert_eq!(
         pixel(&canvas, x, y - 9 * 24),
@@ -72,7 +76,7 @@ fn the_vehicles_cell_is_orange_and_the_documents_bar_is_a_metre() {
     };
     let map_bottom = canvas.height() - scale_bar::HEIGHT - MARGIN;
     assert_eq!(
-        count(VEHICLE, 0..map_bottom),
+        count(VEHICLE_COLOR, 0..map_bottom),
         20 * 20,
         "one cell of 20 pixels"
     );
@@ -89,9 +93,9 @@ fn the_vehicles_cell_is_orange_and_the_documents_bar_is_a_metre() {
 fn marks(raster: &Raster, palette: &Palette, code: u16, side: u32) -> Vec<(u32, u32)> {
     let canvas = draw(raster, palette, &Caption::default());
     let (width, height) = Magnification::of(raster).pixels(raster);
-    let ground_width = (width + 2 * MAP_PADDING).max(GROUND_SIDE_MIN);
+    let ground_width = (width + 2 * MAP_PADDING).max(BACKGROUND_SIDE_MIN);
     let x0 = MARGIN + (ground_width - width) / 2;
-    let legend_height = legend::size(&Lettering::new(), &palette.legend()).1;
+    let legend_height = legend::size(&TextRenderer::new(), &palette.legend()).1;
     let ground_height = (height + 2 * MAP_PADDING).max(legend_height);
     let y0 = MARGIN + 2 * LINE_HEIGHT + 18 + (ground_height - height) / 2;
     let [red, green, blue, _] = palette.mark_color(code);

@@ -5,12 +5,12 @@ use ab_glyph::{Font, FontRef, Glyph, PxScale, ScaleFont, point};
 use super::canvas::Canvas;
 
 /// The font, ready to draw.
-pub(super) struct Lettering {
+pub(super) struct TextRenderer {
     /// `None` only if the embedded font were damaged, which a test excludes: then there is no text.
     font: Option<FontRef<'static>>,
 }
 
-impl Lettering {
+impl TextRenderer {
     pub(super) fn new() -> Self {
         Self {
             font: FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT).ok(),
@@ -94,7 +94,7 @@ mod tests {
 
     #[test]
     fn the_font_has_every_character_that_legends_use() {
-        let font = Lettering::new().font.unwrap();
+        let font = TextRenderer::new().font.unwrap();
         let mut text = "—×0123456789.,kmµ".to_owned();
         for palette in LayerId::ALL.into_iter().flat_map(LayerId::palettes) {
             let legend = palette.legend();
@@ -110,9 +110,12 @@ mod tests {
 
     #[test]
     fn lines_break_between_words() {
-        let lettering = Lettering::new();
-        let lines = lettering.wrap("height above ground plane (m)", 19.0, 150);
+        let text_renderer = TextRenderer::new();
+        let lines = text_renderer.wrap("height above ground plane (m)", 19.0, 150);
         assert_eq!(lines, ["height above", "ground plane (m)"]);
-        assert_eq!(lettering.wrap("immeasurable", 19.0, 10), ["immeasurable"]);
+        assert_eq!(
+            text_renderer.wrap("immeasurable", 19.0, 10),
+            ["immeasurable"]
+        );
     }
 }

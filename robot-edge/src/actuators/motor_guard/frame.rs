@@ -24,14 +24,14 @@ const MAGIC: [u8; 3] = [0xF5, b'M', 1];
 const CRC_BYTES: usize = 4;
 
 /// Bytes of a frame that asks.
-pub const ASKED_BYTES: usize = 40;
+pub const COMMAND_BYTES: usize = 40;
 
 /// Bytes of a frame that tells.
-pub const TOLD_BYTES: usize = 88;
+pub const REPORT_BYTES: usize = 88;
 
 /// A velocity, and when it was decided.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Asked {
+pub struct MotorCommand {
     /// Grows with each frame.
     pub sequence: u64,
     /// When the edge's loop decided on it: the guard's clock is the same.
@@ -73,7 +73,7 @@ fn begins_well<const N: usize, F: Frame<N>>(bytes: &[u8]) -> bool {
     bytes.iter().zip(start).all(|(byte, wanted)| byte == wanted)
 }
 
-impl Frame<ASKED_BYTES> for Asked {
+impl Frame<COMMAND_BYTES> for MotorCommand {
     const KIND: u8 = 1;
 
     fn write(&self, body: &mut Writer<'_>) {

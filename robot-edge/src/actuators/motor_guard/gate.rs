@@ -1,13 +1,13 @@
 //! Which of the velocities that arrive the motors may be told: the part of the guard that decides, without a clock.
 
 use super::WATCHDOG;
-use super::frame::{ASKED_BYTES, Asked};
+use super::frame::{COMMAND_BYTES, MotorCommand};
 use crate::actuators::report::{Counters, Hold};
 use crate::clock::Monotonic;
 use crate::teleop::Velocity;
 
 /// Bytes of garbage in a row, as many as three frames have, after which what came before no longer counts.
-const GARBAGE_LIMIT: usize = 3 * ASKED_BYTES;
+const GARBAGE_LIMIT: usize = 3 * COMMAND_BYTES;
 
 /// Lets a velocity pass only while it is young.
 ///
@@ -16,11 +16,11 @@ const GARBAGE_LIMIT: usize = 3 * ASKED_BYTES;
 /// stand until the edge has asked for zero.
 #[derive(Clone, Debug)]
 pub(super) struct Gate {
-    newest: Option<Asked>,
+    newest: Option<MotorCommand>,
     greatest_sequence: u64,
     hold: Option<Hold>,
     garbage_in_a_row: usize,
-    lapses: u32,
+    dropouts: u32,
     stale: u32,
     garbage: u32,
 }
@@ -32,26 +32,26 @@ impl Gate {
             greatest_sequence: 0,
             hold: Some(Hold::Start),
             garbage_in_a_row: 0,
-            lapses: 0,
+            dropouts: 0,
             stale: 0,
             garbage: 0,
         }
     }
 
     /// A frame that is whole.
-    pub(super) fn take(&mut self, asked: &Asked, now: Monotonic) {
+    pub(super) fn take(&mut self, motor_command: &MotorCommand, now: Monotonic) {
         self.expire(now);
-        if !is_current(asked, now) || asked.sequence <= self.greatest_sequence {
+        if !is_current(motor_command, now) || motor_command.sequence <= self.greatest_sequence {
             self.stale = self.stale.saturating_add(1);
             return;
         }
-        self.greatest_sequence = asked.sequence;
+        self.greatest_sequence = motor_command.sequence;
         self.garbage_in_a_row = 0;
-        if !asked.velocity.is_finite() {
+        if !motor_command.velocity.is_finite() {
             return self.close(Hold::Garbage);
         }
-        self.newest = Some(*asked);
-        if asked.velocity.is_zero() {
+        self.newest = Some(*motor_command);
+        if motor_command.velocity.is_zero() {
             self.hold = None;
         }
     }
@@ -69,7 +69,7 @@ impl Gate {
     /// Lets nothing pass until zero has been asked for.
     pub(super) fn close(&mut self, hold: Hold) {
         if self.hold.is_none() {
-            self.lapses = self.lapses.saturating_add(1);
+            self.dropouts = self.dropouts.saturating_add(1);
         }
         self.newest = None;
         self.hold = Some(hold);
@@ -79,14 +79,15 @@ impl Gate {
     pub(super) fn velocity(&mut self, now: Monotonic) -> Velocity {
         self.expire(now);
         match (self.hold, self.newest) {
-            (None, Some(asked)) => asked.velocity,
+            (None, Some(motor_command)) => motor_command.velocity,
             (Some(_), _) | (None, None) => Velocity::ZERO,
         }
     }
 
     /// When what is held grows too old.
     pub(super) fn deadline(&self) -> Option<Monotonic> {
-        self.newest.map(|asked| asked.decided_at + WATCHDOG)
+        self.newest
+            .map(|motor_command| motor_command.decided_at + WATCHDOG)
     }
 
     pub(super) const fn hold(&self) -> Option<Hold> {
@@ -99,7 +100,7 @@ impl Gate {
 
     pub(super) const fn counters(&self, reconnects: u32) -> Counters {
         Counters {
-            lapses: self.lapses,
+            dropouts: self.dropouts,
             stale: self.stale,
             garbage: self.garbage,
             reconnects,
@@ -107,7 +108,10 @@ impl Gate {
     }
 
     fn expire(&mut self, now: Monotonic) {
-        if self.newest.is_some_and(|asked| !is_current(&asked, now)) {
+        if self
+            .newest
+            .is_some_and(|motor_command| !is_current(&motor_command, now))
+        {
             self.newest = None;
             // While it held for another reason, that one is the one to tell.
             if self.hold.is_none() {
@@ -118,8 +122,8 @@ impl Gate {
 }
 
 /// Younger than the watchdog, and not of the future: that would stay young for ever.
-fn is_current(asked: &Asked, now: Monotonic) -> bool {
-    asked.decided_at <= now && now.since(asked.decided_at) < WATCHDOG
+fn is_current(motor_command: &MotorCommand, now: Monotonic) -> bool {
+    motor_command.decided_at <= now && now.since(motor_command.decided_at) < WATCHDOG
 }
 
 #[cfg(test)]
@@ -137,7 +141,7 @@ mod tests {
     }
 
     fn ask(gate: &mut Gate, sequence: u64, decided_ms: u64, linear_mps: f64, now_ms: u64) {
-        let asked = Asked {
+        let motor_command = MotorCommand {
             sequence,
             decided_at: at(decided_ms),
             velocity: Velocity {
@@ -145,7 +149,7 @@ mod tests {
                 angular_radps: 0.0,
             },
         };
-        gate.take(&asked, at(now_ms));
+        gate.take(&motor_command, at(now_ms));
     }
 
     fn moves(gate: &mut Gate, now_ms: u64) -> bool {
@@ -179,7 +183,7 @@ mod tests {
         assert!(moves(&mut gate, 219));
         assert!(!moves(&mut gate, 220));
         assert_eq!(gate.hold(), Some(Hold::Silence));
-        assert_eq!(gate.counters(0).lapses, 1);
+        assert_eq!(gate.counters(0).dropouts, 1);
         // On its way for 150 ms: 50 ms are left.
         let mut gate = open();
         ask(&mut gate, 3, 50, 1.0, 200);
@@ -256,8 +260,8 @@ mod tests {
                     }
                 }
                 let passes = gate.velocity(at(now_ms));
-                let is_young = taken.iter().any(|&(decided_ms, asked)| {
-                    passes.linear_mps.to_bits() == asked.to_bits() && now_ms - decided_ms < 200
+                let is_young = taken.iter().any(|&(decided_ms, motor_command)| {
+                    passes.linear_mps.to_bits() == motor_command.to_bits() && now_ms - decided_ms < 200
                 });
                 prop_assert!(passes == Velocity::ZERO || is_young);
                 let later = gate.clone().velocity(at(now_ms) + Duration::from_millis(200));

@@ -22,13 +22,13 @@
 use std::time::Duration;
 
 pub mod frame;
-pub mod told;
+pub mod motor_report;
 
 mod gate;
 
 mod guard;
 
-mod latest;
+mod latest_command;
 mod parent;
 mod supervisor;
 
@@ -44,4 +44,4 @@ pub use parent::{GuardCommand, GuardedMotors};
 pub const WATCHDOG: Duration = Duration::from_millis(200);
 
 /// How often the guard says what is known of the motors.
-pub const TELLS_EVERY: Duration = Duration::from_millis(50);
+pub const REPORT_PERIOD: Duration = Duration::from_millis(50);

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use super::latest::Latest;
+use super::latest_command::LatestCommand;
 use super::supervisor::Supervisor;
 use crate::actuators::MOTOR_GUARD_COMMAND;
 use crate::actuators::report::{Fault, Report};
@@ -55,15 +55,15 @@ pub struct GuardedMotors {
     wake: UnixStream,
     thread: Option<JoinHandle<()>>,
     silence: Duration,
-    last: Account,
+    last: MotorSnapshot,
 }
 
 /// What the teleop loop and the thread beside it share; neither waits for the other.
 #[derive(Debug)]
 pub(super) struct Shared {
-    pub(super) latest: Latest,
+    pub(super) latest: LatestCommand,
     /// The thread holds it for as long as copying takes; the loop only tries it, and else keeps what it had.
-    pub(super) account: Mutex<Account>,
+    pub(super) snapshot: Mutex<MotorSnapshot>,
     pub(super) is_over: AtomicBool,
     /// 0 while there is none.
     pub(super) guard_pid: AtomicU32,
@@ -71,7 +71,7 @@ pub(super) struct Shared {
 
 /// What is known, and when that was.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Account {
+pub(super) struct MotorSnapshot {
     pub(super) known: Result<Report, Fault>,
     pub(super) at: Monotonic,
 }
@@ -92,13 +92,13 @@ impl GuardedMotors {
         silence: Duration,
     ) -> io::Result<Self> {
         let now = Monotonic::now();
-        let last = Account {
+        let last = MotorSnapshot {
             known: Ok(Report::unknown(now)),
             at: now,
         };
         let shared = Arc::new(Shared {
-            latest: Latest::default(),
-            account: Mutex::new(last),
+            latest: LatestCommand::default(),
+            snapshot: Mutex::new(last),
             is_over: AtomicBool::new(false),
             guard_pid: AtomicU32::new(0),
         });
@@ -123,11 +123,11 @@ impl GuardedMotors {
     /// As [`crate::actuators::Actuator::apply`].
     pub fn apply(&mut self, velocity: Velocity, now: Monotonic) -> Result<Report, Fault> {
         let is_finite = velocity.is_finite();
-        let asked = if is_finite { velocity } else { Velocity::ZERO };
-        self.shared.latest.put(asked, now);
+        let motor_command = if is_finite { velocity } else { Velocity::ZERO };
+        self.shared.latest.put(motor_command, now);
         self.wake();
-        if let Ok(account) = self.shared.account.try_lock() {
-            self.last = *account;
+        if let Ok(snapshot) = self.shared.snapshot.try_lock() {
+            self.last = *snapshot;
         }
         if !is_finite {
             return Err(Fault::NotANumber);

@@ -12,34 +12,34 @@ use std::time::Duration;
 use rustix::event::{PollFd, PollFlags};
 use rustix::io::Errno;
 
-use super::frame::{Asked, Decoder, Found, Frame as _, TOLD_BYTES};
-use super::parent::{Account, GuardCommand, Shared};
-use super::told::Told;
+use super::frame::{Decoder, Found, Frame as _, MotorCommand, REPORT_BYTES};
+use super::motor_report::MotorReport;
+use super::parent::{GuardCommand, MotorSnapshot, Shared};
 use super::wait::wait;
-use crate::actuators::report::{Fault, Report, Rescue};
+use crate::actuators::report::{FallbackStop, Fault, Report};
 use crate::actuators::roboteq::RoboteqConfig;
 use crate::actuators::roboteq::driver::State;
-use crate::actuators::roboteq::line::Line;
 use crate::actuators::roboteq::port::{Port, Sharing};
+use crate::actuators::roboteq::serial_link::SerialLink;
 use crate::clock::Monotonic;
 use crate::service_manager;
 use crate::teleop::Velocity;
 
 /// At least this often it looks at everything.
-const TURN: Duration = Duration::from_millis(50);
+const POLL_PERIOD: Duration = Duration::from_millis(50);
 
 /// A guard that has told nothing for this long, though it does so every 50 ms, may have been stopped: the motors are told
 /// zero once. If it was only slow, it goes on.
-const MISSED: Duration = Duration::from_millis(120);
+const REPORT_OVERDUE: Duration = Duration::from_millis(120);
 
 /// Until a guard must have told something for the first time: its program must be loaded.
 const START: Duration = Duration::from_secs(5);
 
 /// How long a guard may take to end by itself, which includes its last words to the motors.
-const FAREWELL: Duration = Duration::from_millis(1500);
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(1500);
 
 /// How long motors are told zero at the end that have lost their guard.
-const LAST_RESCUE: Duration = Duration::from_secs(1);
+const FINAL_STOP_TIMEOUT: Duration = Duration::from_secs(1);
 
 pub(super) struct Supervisor {
     command: GuardCommand,
@@ -55,9 +55,9 @@ pub(super) struct Supervisor {
 /// A guard that runs, as far as is known.
 struct Guard {
     child: Child,
-    asks: ChildStdin,
-    tells: ChildStdout,
-    decoder: Decoder<TOLD_BYTES>,
+    command_pipe: ChildStdin,
+    report_pipe: ChildStdout,
+    decoder: Decoder<REPORT_BYTES>,
     /// When it is lost, unless it tells something.
     lost: Monotonic,
     /// When the motors are told zero past it, unless it tells something; absent before the first time, and after that.
@@ -87,19 +87,19 @@ impl Supervisor {
     pub(super) fn run(mut self) {
         let (child, why) = match self.spawn() {
             Ok(mut guard) => match self.supervise(&mut guard) {
-                Ok(()) => match part(guard) {
+                Ok(()) => match shut_down(guard) {
                     None => return,
                     Some(child) => (Some(child), io::ErrorKind::TimedOut.into()),
                 },
                 Err(why) => {
-                    end(&mut guard.child);
+                    kill(&mut guard.child);
                     (Some(guard.child), why)
                 }
             },
             Err(why) => (None, why),
         };
         self.shared.guard_pid.store(0, Ordering::Release);
-        self.rescue(child, &why);
+        self.fallback_stop(child, &why);
     }
 
     fn spawn(&self) -> io::Result<Guard> {
@@ -113,17 +113,18 @@ impl Supervisor {
             // Ctrl-C is for the edge, which lets the vehicle come to rest and then closes the pipe.
             .process_group(0)
             .spawn()?;
-        let (Some(asks), Some(tells)) = (child.stdin.take(), child.stdout.take()) else {
-            end(&mut child);
+        let (Some(command_pipe), Some(report_pipe)) = (child.stdin.take(), child.stdout.take())
+        else {
+            kill(&mut child);
             return Err(io::ErrorKind::BrokenPipe.into());
         };
-        rustix::io::ioctl_fionbio(&asks, true)?;
-        rustix::io::ioctl_fionbio(&tells, true)?;
+        rustix::io::ioctl_fionbio(&command_pipe, true)?;
+        rustix::io::ioctl_fionbio(&report_pipe, true)?;
         self.shared.guard_pid.store(child.id(), Ordering::Release);
         Ok(Guard {
             child,
-            asks,
-            tells,
+            command_pipe,
+            report_pipe,
             decoder: Decoder::new(),
             lost: Monotonic::now() + self.silence.max(START),
             missed: None,
@@ -133,38 +134,38 @@ impl Supervisor {
     /// Hands velocities on and reports back. An error: the guard is lost.
     fn supervise(&mut self, guard: &mut Guard) -> io::Result<()> {
         while !self.is_over() {
-            self.ask(guard)?;
-            self.listen(guard)?;
+            self.send_command(guard)?;
+            self.read_reports(guard)?;
             let now = Monotonic::now();
             if guard.missed.take_if(|missed| now >= *missed).is_some() {
                 // What cannot be told now is told when it is lost.
-                drop(Port::stop_blindly(&self.config.port));
+                drop(Port::stop_without_reply(&self.config.port));
             }
             if now >= guard.lost {
                 return Err(io::ErrorKind::TimedOut.into());
             }
             // What the guard told last still holds; what has gone wrong shows in `lost`.
-            self.still_here(now);
-            let turn = now + TURN;
+            self.refresh_snapshot(now);
+            let turn = now + POLL_PERIOD;
             let until = guard.missed.map_or(turn, |missed| turn.min(missed));
-            self.wait(Some(guard.tells.as_fd()), until);
+            self.wait(Some(guard.report_pipe.as_fd()), until);
         }
         Ok(())
     }
 
-    fn ask(&mut self, guard: &Guard) -> io::Result<()> {
+    fn send_command(&mut self, guard: &Guard) -> io::Result<()> {
         let Some((version, velocity, decided_at)) = self.shared.latest.newer_than(self.known)
         else {
             return Ok(());
         };
         self.known = version;
         self.sequence += 1;
-        let asked = Asked {
+        let motor_command = MotorCommand {
             sequence: self.sequence,
             decided_at,
             velocity,
         };
-        match rustix::io::write(&guard.asks, &asked.encode()) {
+        match rustix::io::write(&guard.command_pipe, &motor_command.encode()) {
             // A frame is written whole or not at all (pipe(7), PIPE_BUF). A full pipe: the guard does not read, and
             // either reads on and finds it all too old, or is lost.
             Ok(_) | Err(Errno::AGAIN | Errno::INTR) => Ok(()),
@@ -172,61 +173,64 @@ impl Supervisor {
         }
     }
 
-    fn listen(&self, guard: &mut Guard) -> io::Result<()> {
+    fn read_reports(&self, guard: &mut Guard) -> io::Result<()> {
         let mut buffer = [0; 4096];
-        let bytes = match rustix::io::read(&guard.tells, &mut buffer) {
+        let bytes = match rustix::io::read(&guard.report_pipe, &mut buffer) {
             Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
             Ok(count) => buffer.get(..count).unwrap_or_default(),
             Err(Errno::AGAIN | Errno::INTR) => return Ok(()),
             Err(errno) => return Err(errno.into()),
         };
-        let mut newest: Option<Told> = None;
+        let mut newest: Option<MotorReport> = None;
         guard.decoder.push(bytes, |found| match found {
-            Found::Frame(told) => newest = Some(told),
+            Found::Frame(motor_report) => newest = Some(motor_report),
             Found::Garbage => {}
         });
-        if let Some(told) = newest {
+        if let Some(motor_report) = newest {
             let now = Monotonic::now();
             guard.lost = now + self.silence;
-            guard.missed = Some(now + MISSED);
-            let fault = told.fault.map(Fault::Controller);
-            self.account(fault.map_or(Ok(told.report), Err), now);
+            guard.missed = Some(now + REPORT_OVERDUE);
+            let fault = motor_report.fault.map(Fault::Controller);
+            self.snapshot(fault.map_or(Ok(motor_report.report), Err), now);
         }
         Ok(())
     }
 
     /// Tells the motors zero as long as anybody wants to know: there is no way back from here but a new start.
-    fn rescue(&self, mut child: Option<Child>, why: &io::Error) {
+    fn fallback_stop(&self, mut child: Option<Child>, why: &io::Error) {
         let since = Monotonic::now();
         let mut is_said = false;
-        let mut line = Line::new(self.config.clone(), Sharing::Anybody, since);
+        let mut serial_link = SerialLink::new(self.config.clone(), Sharing::Shared, since);
         let mut until = None;
         loop {
             let now = Monotonic::now();
-            line.step(Velocity::ZERO, now);
-            let rescue = match line.status(now).state {
-                _ if line.has_stopped_since(since) => Rescue::Stopped,
+            serial_link.step(Velocity::ZERO, now);
+            let fallback_stop = match serial_link.status(now).state {
+                _ if serial_link.has_stopped_since(since) => FallbackStop::Stopped,
                 State::Faulty(crate::actuators::report::ControllerFault::Port(_)) => {
-                    Rescue::Unreachable
+                    FallbackStop::Unreachable
                 }
-                State::Starting | State::Ready | State::Faulty(_) => Rescue::Trying,
+                State::Starting | State::Ready | State::Faulty(_) => FallbackStop::Trying,
             };
-            self.account(Err(Fault::GuardGone(rescue)), now);
+            self.snapshot(Err(Fault::GuardGone(fallback_stop)), now);
             if child.as_mut().is_some_and(has_ended) {
                 child = None;
             }
             // Not before: a terminal that is stopped stops whoever writes to it.
-            if rescue == Rescue::Stopped && !is_said {
+            if fallback_stop == FallbackStop::Stopped && !is_said {
                 is_said = true;
                 tracing::error!(%why, "the motor guard was lost: the motors were told to stand");
             }
             if self.is_over() {
-                let until = *until.get_or_insert(now + LAST_RESCUE);
-                if rescue == Rescue::Stopped || now >= until {
+                let until = *until.get_or_insert(now + FINAL_STOP_TIMEOUT);
+                if fallback_stop == FallbackStop::Stopped || now >= until {
                     return;
                 }
             }
-            self.wait(line.fd(), line.deadline().min(now + TURN));
+            self.wait(
+                serial_link.fd(),
+                serial_link.deadline().min(now + POLL_PERIOD),
+            );
         }
     }
 
@@ -234,14 +238,14 @@ impl Supervisor {
         self.shared.is_over.load(Ordering::Acquire)
     }
 
-    fn account(&self, known: Result<Report, Fault>, at: Monotonic) {
-        let mut account = (self.shared.account.lock()).unwrap_or_else(PoisonError::into_inner);
-        *account = Account { known, at };
+    fn snapshot(&self, known: Result<Report, Fault>, at: Monotonic) {
+        let mut snapshot = (self.shared.snapshot.lock()).unwrap_or_else(PoisonError::into_inner);
+        *snapshot = MotorSnapshot { known, at };
     }
 
-    fn still_here(&self, now: Monotonic) {
-        let mut account = (self.shared.account.lock()).unwrap_or_else(PoisonError::into_inner);
-        account.at = now;
+    fn refresh_snapshot(&self, now: Monotonic) {
+        let mut snapshot = (self.shared.snapshot.lock()).unwrap_or_else(PoisonError::into_inner);
+        snapshot.at = now;
     }
 
     fn wait(&self, other: Option<BorrowedFd<'_>>, until: Monotonic) {
@@ -256,21 +260,24 @@ impl Supervisor {
 
 /// Closes the pipe, which ends the guard after it has told the motors zero. Returns it if it had to be ended by force,
 /// so that nobody knows what it has told them.
-fn part(guard: Guard) -> Option<Child> {
+fn shut_down(guard: Guard) -> Option<Child> {
     let Guard {
         mut child,
-        asks,
-        tells,
+        command_pipe,
+        report_pipe,
         ..
     } = guard;
-    drop(asks);
-    let until = Monotonic::now() + FAREWELL;
+    drop(command_pipe);
+    let until = Monotonic::now() + SHUTDOWN_TIMEOUT;
     while !has_ended(&mut child) {
         if Monotonic::now() >= until {
-            end(&mut child);
+            kill(&mut child);
             return Some(child);
         }
-        let mut events = [PollFd::from_borrowed_fd(tells.as_fd(), PollFlags::HUP)];
+        let mut events = [PollFd::from_borrowed_fd(
+            report_pipe.as_fd(),
+            PollFlags::HUP,
+        )];
         wait(
             &mut events,
             (Monotonic::now() + Duration::from_millis(10)).min(until),
@@ -280,7 +287,7 @@ fn part(guard: Guard) -> Option<Child> {
 }
 
 /// Ends it for good, stopped or not; only one that hangs in the kernel outlives this.
-fn end(child: &mut Child) {
+fn kill(child: &mut Child) {
     // Where it has ended already, that is what was wanted.
     drop(child.kill());
     drop(child.try_wait());

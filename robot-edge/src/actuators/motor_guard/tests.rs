@@ -9,11 +9,11 @@ use std::sync::Mutex;
 
 use rustix::process::{Pid, Signal, WaitOptions, kill_process, test_kill_process, waitpid};
 
-use super::frame::{ASKED_BYTES, Asked, Decoder, Found, Frame as _, TOLD_BYTES};
-use super::told::Told;
+use super::frame::{COMMAND_BYTES, Decoder, Found, Frame as _, MotorCommand, REPORT_BYTES};
+use super::motor_report::MotorReport;
 use super::*;
 use crate::actuators::report::{
-    ControllerFault, ControllerWatchdog, Fault, Hold, Readiness, Report, Rescue,
+    ControllerFault, ControllerWatchdog, FallbackStop, Fault, Hold, Readiness, Report,
 };
 use crate::actuators::roboteq::RoboteqConfig;
 use crate::actuators::roboteq::emulator::on_terminal::EmulatorOnTerminal;
@@ -127,7 +127,7 @@ fn apply_until(
 
 fn wait_until_obeying(motors: &mut GuardedMotors) {
     apply_until(motors, Velocity::ZERO, "it obeys", |known| {
-        known.is_ok_and(|report| report.readiness == Readiness::Obeying)
+        known.is_ok_and(|report| report.readiness == Readiness::Active)
     });
 }
 
@@ -214,7 +214,7 @@ fn it_drives_reports_and_stops_when_nothing_is_asked_any_more() {
     // It goes on, and the key was down all the time.
     apply_until(&mut motors, AHEAD, "the gap is told", |known| {
         known.is_ok_and(|report| {
-            report.counters.lapses > 0 && report.readiness == Readiness::Holding(Hold::Silence)
+            report.counters.dropouts > 0 && report.readiness == Readiness::Holding(Hold::Silence)
         })
     });
     press(&mut motors, 50);
@@ -323,7 +323,7 @@ fn an_edge_that_is_stopped_leaves_standing_motors_also_when_it_goes_on() {
 /// Applies the wish to drive on until the motors are said to have been stopped.
 fn wait_for_rescue(motors: &mut GuardedMotors) {
     apply_until(motors, AHEAD, "rescued", |known| {
-        known == Err(Fault::GuardGone(Rescue::Stopped))
+        known == Err(Fault::GuardGone(FallbackStop::Stopped))
     });
 }
 
@@ -477,7 +477,7 @@ fn a_port_that_is_not_there_is_told_by_guard_and_rescue() {
     });
     signal(motors.guard_pid().unwrap(), Signal::KILL);
     apply_until(&mut motors, AHEAD, "told", |known| {
-        known == Err(Fault::GuardGone(Rescue::Unreachable))
+        known == Err(Fault::GuardGone(FallbackStop::Unreachable))
     });
     config.port = "/dev/null".into();
     let mut motors = start(&config);
@@ -553,7 +553,7 @@ fn a_power_stage_that_is_off_holds() {
 /// A guard that the test speaks to itself.
 struct BareGuard {
     child: Child,
-    heard: Mutex<(Decoder<TOLD_BYTES>, Option<Told>)>,
+    heard: Mutex<(Decoder<REPORT_BYTES>, Option<MotorReport>)>,
 }
 
 impl BareGuard {
@@ -578,18 +578,18 @@ impl BareGuard {
         assert_eq!(rustix::io::write(pipe, bytes), Ok(bytes.len()));
     }
 
-    fn ask(&self, sequence: u64, velocity: Velocity, decided_at: Monotonic) -> [u8; ASKED_BYTES] {
-        let asked = Asked {
+    fn ask(&self, sequence: u64, velocity: Velocity, decided_at: Monotonic) -> [u8; COMMAND_BYTES] {
+        let motor_command = MotorCommand {
             sequence,
             decided_at,
             velocity,
         };
-        let bytes = asked.encode();
+        let bytes = motor_command.encode();
         self.write(&bytes);
         bytes
     }
 
-    fn told(&self) -> Option<Told> {
+    fn motor_report(&self) -> Option<MotorReport> {
         let mut heard = self.heard.lock().unwrap();
         let (decoder, newest) = &mut *heard;
         let mut buffer = [0; 4096];
@@ -597,21 +597,24 @@ impl BareGuard {
             rustix::io::read(self.child.stdout.as_ref().unwrap(), &mut buffer)
         {
             decoder.push(&buffer[..count], |found| {
-                if let Found::Frame(told) = found {
-                    *newest = Some(told);
+                if let Found::Frame(motor_report) = found {
+                    *newest = Some(motor_report);
                 }
             });
         }
         *newest
     }
 
-    fn wait_until(&self, what: &str, is_so: impl Fn(&Told) -> bool) {
+    fn wait_until(&self, what: &str, is_so: impl Fn(&MotorReport) -> bool) {
         let deadline = Monotonic::now() + PATIENCE;
-        while !self.told().is_some_and(|told| is_so(&told)) {
+        while !self
+            .motor_report()
+            .is_some_and(|motor_report| is_so(&motor_report))
+        {
             assert!(
                 Monotonic::now() < deadline,
                 "waited in vain: {what}; {:?}",
-                self.told()
+                self.motor_report()
             );
             std::thread::sleep(TICK);
         }
@@ -619,8 +622,8 @@ impl BareGuard {
 
     /// Asks for zero, then for speed, until the motors run; returns the sequence number after that and all frames.
     fn drive(&self, controller: &EmulatorOnTerminal, mut sequence: u64) -> (u64, Vec<u8>) {
-        self.wait_until("ready", |told| {
-            told.fault.is_none() && told.report.readiness != Readiness::Starting
+        self.wait_until("ready", |motor_report| {
+            motor_report.fault.is_none() && motor_report.report.readiness != Readiness::Starting
         });
         let mut frames = Vec::new();
         let deadline = Monotonic::now() + PATIENCE;
@@ -667,8 +670,10 @@ fn frames_that_are_old_repeated_or_of_the_future_move_nothing() {
         guard.ask(sequence + 3, AHEAD, later);
         sequence += 4;
     }
-    let refused = u32::try_from(400 + frames.len() / ASKED_BYTES).unwrap();
-    guard.wait_until("refused", |told| told.report.counters.stale >= refused);
+    let refused = u32::try_from(400 + frames.len() / COMMAND_BYTES).unwrap();
+    guard.wait_until("refused", |motor_report| {
+        motor_report.report.counters.stale >= refused
+    });
     controller.assert_stops_for_good();
     assert_eq!(controller.outputs().len(), changes);
     guard.drive(&controller, sequence);
@@ -692,7 +697,9 @@ fn what_waited_in_the_pipe_of_a_stopped_guard_moves_nothing() {
     controller.assert_stops_for_good();
     let changes = controller.outputs().len();
     signal(guard.child.id(), Signal::CONT);
-    guard.wait_until("refused", |told| told.report.counters.stale >= 1000);
+    guard.wait_until("refused", |motor_report| {
+        motor_report.report.counters.stale >= 1000
+    });
     controller.assert_stops_for_good();
     assert_eq!(controller.outputs().len(), changes);
 }
@@ -702,16 +709,16 @@ fn garbage_in_the_pipe_stops_the_motors() {
     let controller = EmulatorOnTerminal::start(|_| {});
     let guard = BareGuard::start(&config(controller.path()));
     let (mut sequence, _) = guard.drive(&controller, 1);
-    guard.write(&[0xF5; 3 * ASKED_BYTES + 1]);
-    guard.wait_until("garbage", |told| {
-        told.report.readiness == Readiness::Holding(Hold::Garbage)
+    guard.write(&[0xF5; 3 * COMMAND_BYTES + 1]);
+    guard.wait_until("garbage", |motor_report| {
+        motor_report.report.readiness == Readiness::Holding(Hold::Garbage)
     });
     for _ in 0..20 {
         guard.ask(sequence, AHEAD, Monotonic::now());
         sequence += 1;
         std::thread::sleep(TICK);
     }
-    assert!(guard.told().unwrap().report.counters.garbage >= 120);
+    assert!(guard.motor_report().unwrap().report.counters.garbage >= 120);
     controller.assert_stops_for_good();
 }
 

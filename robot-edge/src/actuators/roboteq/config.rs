@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::wire::{Channel, Power};
 use crate::actuators::differential_drive::{DifferentialDrive, SideSpeeds};
-use crate::config::{Fault, Problem};
+use crate::config::{ConfigIssue, Problem};
 use crate::teleop::Velocity;
 
 /// Which line, which channel drives which side, and how fast.
@@ -41,11 +41,11 @@ const fn yes() -> bool {
 
 impl RoboteqConfig {
     /// Everything that is wrong with the values; empty where nothing is. Keys are relative to this table.
-    pub fn check(&self) -> Vec<Fault> {
+    pub fn check(&self) -> Vec<ConfigIssue> {
         let mut faults = Vec::new();
         let mut number = |key: &str, value: f64, least: f64, most: f64, why| {
             if !(least..=most).contains(&value) {
-                faults.push(Fault {
+                faults.push(ConfigIssue {
                     origin: None,
                     key: key.to_owned(),
                     problem: Problem::NotAllowed {
@@ -80,7 +80,7 @@ impl RoboteqConfig {
             );
         }
         if self.port.as_os_str().is_empty() {
-            faults.push(Fault {
+            faults.push(ConfigIssue {
                 origin: None,
                 key: "port".to_owned(),
                 problem: Problem::NotAllowed {
@@ -98,8 +98,8 @@ impl RoboteqConfig {
         let sides = self.drive.sides(velocity);
         let full_mps = self.drive.full_speed_mps;
         self.by_channel(
-            Power::of_fraction(sides.left_mps / full_mps),
-            Power::of_fraction(sides.right_mps / full_mps),
+            Power::from_fraction(sides.left_mps / full_mps),
+            Power::from_fraction(sides.right_mps / full_mps),
         )
     }
 
@@ -170,7 +170,7 @@ mod tests {
         let back = config().velocity_of_powers([one, two]);
         assert!((back.linear_mps - 1.0).abs() < 0.01 && (back.angular_radps - 1.0).abs() < 0.04);
         let encoders =
-            config().velocity_of_encoders([Power::of_fraction(-1.0), Power::of_fraction(1.0)]);
+            config().velocity_of_encoders([Power::from_fraction(-1.0), Power::from_fraction(1.0)]);
         assert!((encoders.unwrap().linear_mps - 2.54).abs() < 1e-9);
     }
 

@@ -12,7 +12,7 @@
 use std::time::Duration;
 
 use super::exchange::{Exchange, Outcome};
-use super::routine::{Routine, Task};
+use super::scheduler::{Scheduler, Task};
 use super::wire::{self, Channel, Command, Line, Parameter, Power, ReplyParser};
 use crate::actuators::report::{ControllerFault, ControllerFlags, ControllerWatchdog};
 use crate::clock::Monotonic;
@@ -21,7 +21,7 @@ use crate::clock::Monotonic;
 const LIMIT_IN_A_ROW: u8 = 3;
 
 /// Until the controller has taken in what was said blindly: 15 characters of 1.04 ms, and its loop of 16 ms.
-const BLIND_PAUSE: Duration = Duration::from_millis(60);
+const STOP_PAUSE: Duration = Duration::from_millis(60);
 
 /// Until it has entered RS-232 mode.
 const WAKE_PAUSE: Duration = Duration::from_millis(120);
@@ -81,15 +81,15 @@ pub struct Driver {
     phase: Phase,
     /// When the phase goes on.
     due: Monotonic,
-    trouble: Option<ControllerFault>,
+    last_fault: Option<ControllerFault>,
     parser: ReplyParser,
     exchange: Option<Exchange>,
     /// The last command, where nothing came back in time.
-    silent: Option<Command>,
+    unanswered: Option<Command>,
     failures: u8,
     wanted: [Power; 2],
     acknowledged: [Option<(Power, Monotonic)>; 2],
-    routine: Routine,
+    scheduler: Scheduler,
     /// The controller has acknowledged [`Command::StopBoth`] when it was found.
     takes_pairs: bool,
     /// It has not acknowledged one since: the motors are told zero one by one until both have acknowledged that.
@@ -104,7 +104,7 @@ pub struct Driver {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
-    StopBlindly,
+    StopWithoutReply,
     Wake,
     ZeroBoth,
     /// Where the controller does not take both at once.
@@ -121,16 +121,16 @@ impl Driver {
     pub fn new(has_encoders: bool, require_watchdog: bool, now: Monotonic) -> Self {
         Self {
             require_watchdog,
-            phase: Phase::StopBlindly,
+            phase: Phase::StopWithoutReply,
             due: now,
-            trouble: None,
+            last_fault: None,
             parser: ReplyParser::default(),
             exchange: None,
-            silent: None,
+            unanswered: None,
             failures: 0,
             wanted: [Power::ZERO; 2],
             acknowledged: [None; 2],
-            routine: Routine::new(has_encoders, now),
+            scheduler: Scheduler::new(has_encoders, now),
             takes_pairs: false,
             stops_singly: false,
             input_mode: None,
@@ -162,23 +162,23 @@ impl Driver {
     pub fn transmit(&mut self, now: Monotonic) -> Option<Transmission> {
         if let Some(exchange) = self.exchange.filter(|exchange| now >= exchange.deadline()) {
             self.exchange = None;
-            self.silent = exchange.is_silent().then_some(exchange.command);
+            self.unanswered = exchange.is_silent().then_some(exchange.command);
             self.fail(exchange.command, ControllerFault::Silent, now);
         }
         if self.must_stop() {
             let interrupted = self.exchange.take();
-            self.routine.stop_both(now);
+            self.scheduler.stop_both(now);
             return Some(self.send(Exchange::stop_both(interrupted, now)));
         }
         if self.exchange.is_some() || now < self.due {
             return None;
         }
         match self.phase {
-            Phase::StopBlindly => {
+            Phase::StopWithoutReply => {
                 self.parser.clear();
-                self.enter(Phase::Wake, now + BLIND_PAUSE);
+                self.enter(Phase::Wake, now + STOP_PAUSE);
                 Some(Transmission {
-                    bytes: wire::stop_blindly(),
+                    bytes: wire::stop_without_reply(),
                     flush: true,
                 })
             }
@@ -189,17 +189,19 @@ impl Driver {
                     flush: false,
                 })
             }
-            Phase::ZeroBoth => Some(self.say(Command::StopBoth, now)),
-            Phase::Zero(channel) => Some(self.say(Command::Run(channel, Power::ZERO), now)),
-            Phase::Check(parameter) => Some(self.say(Command::Read(parameter), now)),
+            Phase::ZeroBoth => Some(self.start_exchange(Command::StopBoth, now)),
+            Phase::Zero(channel) => {
+                Some(self.start_exchange(Command::Run(channel, Power::ZERO), now))
+            }
+            Phase::Check(parameter) => Some(self.start_exchange(Command::Read(parameter), now)),
             Phase::AwaitWatchdog => {
-                self.judge_watchdog(ControllerWatchdog::Absent, now);
+                self.check_watchdog(ControllerWatchdog::Absent, now);
                 None
             }
             Phase::Ready | Phase::Refused(_) => {
                 let acknowledged = self.acknowledged.map(|last| last.map(|(power, _)| power));
-                let task = self.routine.next(self.wanted, acknowledged, now)?;
-                Some(self.say(self.command_of(task), now))
+                let task = self.scheduler.next(self.wanted, acknowledged, now)?;
+                Some(self.start_exchange(self.command_of(task), now))
             }
         }
     }
@@ -208,14 +210,14 @@ impl Driver {
     pub fn deadline(&self) -> Monotonic {
         match (self.exchange, self.phase) {
             (Some(exchange), _) => exchange.deadline(),
-            (None, Phase::Ready | Phase::Refused(_)) => self.routine.deadline(),
+            (None, Phase::Ready | Phase::Refused(_)) => self.scheduler.deadline(),
             (None, _) => self.due,
         }
     }
 
     /// What is known.
     pub fn status(&self, now: Monotonic) -> Status {
-        let state = match (self.phase, self.trouble) {
+        let state = match (self.phase, self.last_fault) {
             (Phase::Refused(fault), _) | (_, Some(fault)) => State::Faulty(fault),
             (Phase::Ready, None) => State::Ready,
             (_, None) => State::Starting,
@@ -244,12 +246,12 @@ impl Driver {
             .all(|last| last.is_some_and(|(power, sent)| power == Power::ZERO && sent >= since))
     }
 
-    fn say(&mut self, command: Command, now: Monotonic) -> Transmission {
+    fn start_exchange(&mut self, command: Command, now: Monotonic) -> Transmission {
         self.send(Exchange::new(command, now))
     }
 
     fn send(&mut self, exchange: Exchange) -> Transmission {
-        let exchange = exchange.after_silence(self.silent.take());
+        let exchange = exchange.after_silence(self.unanswered.take());
         self.exchange = Some(exchange);
         Transmission {
             bytes: exchange.command.bytes(),
@@ -292,40 +294,40 @@ impl Driver {
     fn take(&mut self, reply: wire::Reply, now: Monotonic) {
         use wire::Reply::{Prompt, WatchdogTripped};
         if reply == WatchdogTripped && self.phase == Phase::AwaitWatchdog {
-            return self.judge_watchdog(ControllerWatchdog::Proven, now);
+            return self.check_watchdog(ControllerWatchdog::Proven, now);
         }
         // It did not hear us for a second, or was switched off: what it was told before no longer holds.
         if matches!(reply, WatchdogTripped | Prompt) && self.phase == Phase::Ready {
-            return self.look_anew(ControllerFault::Silent, now);
+            return self.reconnect(ControllerFault::Silent, now);
         }
         let Some(exchange) = &mut self.exchange else {
             return;
         };
         let outcome = exchange.take(reply);
-        let said = *exchange;
+        let exchange = *exchange;
         if outcome != Outcome::Waiting {
             self.exchange = None;
         }
         match outcome {
             Outcome::Waiting => {}
-            Outcome::Done(values) => self.done(&said, values, now),
-            Outcome::Garbled => self.fail(said.command, ControllerFault::GarbledLine, now),
-            Outcome::Refused => self.refused(said.command, now),
+            Outcome::Done(values) => self.done(&exchange, values, now),
+            Outcome::Garbled => self.fail(exchange.command, ControllerFault::GarbledLine, now),
+            Outcome::Refused => self.refused(exchange.command, now),
         }
     }
 
-    fn done(&mut self, said: &Exchange, values: [u8; 2], now: Monotonic) {
+    fn done(&mut self, exchange: &Exchange, values: [u8; 2], now: Monotonic) {
         self.failures = 0;
-        match said.command {
+        match exchange.command {
             Command::StopBoth => {
-                self.acknowledged = [Some((Power::ZERO, said.sent())); 2];
+                self.acknowledged = [Some((Power::ZERO, exchange.sent())); 2];
                 if self.phase == Phase::ZeroBoth {
                     self.takes_pairs = true;
                     self.enter(Phase::Check(Parameter::InputControlMode), now);
                 }
             }
             Command::Run(channel, power) => {
-                self.acknowledged[channel as usize] = Some((power, said.sent()));
+                self.acknowledged[channel as usize] = Some((power, exchange.sent()));
                 let are_zero = self.acknowledged.map(|last| last.map(|(power, _)| power))
                     == [Some(Power::ZERO); 2];
                 self.stops_singly &= !are_zero;
@@ -334,7 +336,7 @@ impl Driver {
                     Phase::Zero(Channel::Two) => {
                         self.enter(Phase::Check(Parameter::InputControlMode), now);
                     }
-                    Phase::StopBlindly
+                    Phase::StopWithoutReply
                     | Phase::Wake
                     | Phase::ZeroBoth
                     | Phase::Check(_)
@@ -347,10 +349,10 @@ impl Driver {
                 self.input_mode = Some(values[0]);
                 self.enter(Phase::Check(Parameter::MotorControlMode), now);
             }
-            Command::Read(Parameter::MotorControlMode) => self.judge_motor_mode(values[0], now),
+            Command::Read(Parameter::MotorControlMode) => self.check_motor_mode(values[0], now),
             Command::Read(Parameter::Status) => self.flags = ControllerFlags(values[0]),
             Command::Voltages => self.battery_v = Some(wire::battery_v(values[0])),
-            Command::EncoderSpeeds => self.encoders = Some((values.map(Power::of_bits), now)),
+            Command::EncoderSpeeds => self.encoders = Some((values.map(Power::from_bits), now)),
         }
     }
 
@@ -378,20 +380,20 @@ impl Driver {
         }
         self.stops_singly |= command == Command::StopBoth;
         self.failures = self.failures.saturating_add(1);
-        self.routine.repeat(now);
+        self.scheduler.repeat(now);
         let is_looking = matches!(self.phase, Phase::Zero(_));
         if is_looking || self.failures >= LIMIT_IN_A_ROW {
-            self.look_anew(fault, now);
+            self.reconnect(fault, now);
         }
     }
 
-    fn look_anew(&mut self, fault: ControllerFault, now: Monotonic) {
+    fn reconnect(&mut self, fault: ControllerFault, now: Monotonic) {
         let was_found = matches!(self.phase, Phase::Ready | Phase::Refused(_));
         self.reconnects = self.reconnects.saturating_add(u32::from(was_found));
-        self.trouble = Some(fault);
+        self.last_fault = Some(fault);
         self.failures = 0;
         self.exchange = None;
-        self.silent = None;
+        self.unanswered = None;
         self.wanted = [Power::ZERO; 2];
         self.acknowledged = [None; 2];
         self.takes_pairs = false;
@@ -402,19 +404,19 @@ impl Driver {
         } else {
             RETRY_PAUSE
         };
-        self.enter(Phase::StopBlindly, now + pause);
+        self.enter(Phase::StopWithoutReply, now + pause);
     }
 
-    fn judge_motor_mode(&mut self, mode: u8, now: Monotonic) {
+    fn check_motor_mode(&mut self, mode: u8, now: Monotonic) {
         match mode & 0b111 {
             0 | 4 => self.enter(Phase::AwaitWatchdog, now + WATCHDOG_WAIT),
             _ => self.enter(Phase::Refused(ControllerFault::MotorMode(mode)), now),
         }
     }
 
-    fn judge_watchdog(&mut self, watchdog: ControllerWatchdog, now: Monotonic) {
+    fn check_watchdog(&mut self, watchdog: ControllerWatchdog, now: Monotonic) {
         self.watchdog = watchdog;
-        self.trouble = None;
+        self.last_fault = None;
         let is_safe = watchdog == ControllerWatchdog::Proven || !self.require_watchdog;
         let phase = if is_safe {
             Phase::Ready

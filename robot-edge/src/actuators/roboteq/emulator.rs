@@ -31,32 +31,32 @@ pub(crate) struct Emulator {
     pub(crate) watchdog_trial_after: Option<Duration>,
     /// On a terminal, characters and commands take the time that they take on a real line.
     pub(crate) has_line_timing: bool,
-    pub(crate) trouble: Trouble,
+    pub(crate) fault: EmulatedFault,
     /// What the motors got, each time that it changed.
     pub(crate) outputs: Vec<Output>,
     /// Motor commands that were obeyed.
-    pub(crate) obeyed: usize,
+    pub(crate) executed: usize,
     watchdog_is_on: bool,
     is_watchdog_tried: bool,
-    heard: Monotonic,
+    last_received: Monotonic,
     returns_in_a_row: u8,
     line: Vec<u8>,
 }
 
 /// What is wrong with it, or its cable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Trouble {
+pub(crate) enum EmulatedFault {
     None,
     /// The wire to it is cut.
-    Deaf,
+    RxCut,
     /// The wire from it is cut.
-    Mute,
+    TxCut,
     /// It takes the one for the other, and echoes so.
-    Mishears(u8, u8),
+    GarblesByte(u8, u8),
     /// Motor commands, all of them.
-    Refuses,
+    RejectsCommands,
     /// What comes right behind a command is lost.
-    OneAtATime,
+    SingleCommand,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,15 +85,15 @@ impl Emulator {
             watchdog_after: Duration::from_secs(1),
             watchdog_trial_after: None,
             has_line_timing: false,
-            trouble: Trouble::None,
+            fault: EmulatedFault::None,
             outputs: vec![Output {
                 at: now,
                 motors: [0, 0],
             }],
-            obeyed: 0,
+            executed: 0,
             watchdog_is_on: true,
             is_watchdog_tried: false,
-            heard: now,
+            last_received: now,
             returns_in_a_row: 0,
             line: Vec::new(),
         }
@@ -117,41 +117,41 @@ impl Emulator {
     }
 
     /// What it says to these bytes.
-    pub(crate) fn hear(&mut self, bytes: &[u8], now: Monotonic) -> Vec<u8> {
-        let mut says = self.pass_time(now);
-        if self.trouble == Trouble::Deaf {
-            return says;
+    pub(crate) fn receive(&mut self, bytes: &[u8], now: Monotonic) -> Vec<u8> {
+        let mut response = self.pass_time(now);
+        if self.fault == EmulatedFault::RxCut {
+            return response;
         }
         for &byte in bytes {
-            self.heard = now;
-            let byte = match self.trouble {
-                Trouble::Mishears(this, that) if byte == this => that,
-                Trouble::None
-                | Trouble::Deaf
-                | Trouble::Mute
-                | Trouble::Mishears(..)
-                | Trouble::Refuses
-                | Trouble::OneAtATime => byte,
+            self.last_received = now;
+            let byte = match self.fault {
+                EmulatedFault::GarblesByte(this, that) if byte == this => that,
+                EmulatedFault::None
+                | EmulatedFault::RxCut
+                | EmulatedFault::TxCut
+                | EmulatedFault::GarblesByte(..)
+                | EmulatedFault::RejectsCommands
+                | EmulatedFault::SingleCommand => byte,
             };
             if self.is_in_rc_mode {
-                self.hear_in_rc_mode(byte, &mut says);
+                self.receive_in_rc_mode(byte, &mut response);
                 continue;
             }
-            says.push(byte);
+            response.push(byte);
             if byte == b'\r' {
                 let line = std::mem::take(&mut self.line);
-                says.extend(self.obey(&line, now));
-                if self.trouble == Trouble::OneAtATime && !line.is_empty() {
+                response.extend(self.execute(&line, now));
+                if self.fault == EmulatedFault::SingleCommand && !line.is_empty() {
                     break;
                 }
             } else {
                 self.line.push(byte);
             }
         }
-        if self.trouble == Trouble::Mute {
+        if self.fault == EmulatedFault::TxCut {
             Vec::new()
         } else {
-            says
+            response
         }
     }
 
@@ -159,19 +159,19 @@ impl Emulator {
     pub(crate) fn pass_time(&mut self, now: Monotonic) -> Vec<u8> {
         let is_watching = self.watchdog_is_on && !self.is_in_rc_mode;
         let trial = self.watchdog_trial_after.filter(|_| self.is_watchdog_tried);
-        if !is_watching || now.since(self.heard) < trial.unwrap_or(self.watchdog_after) {
+        if !is_watching || now.since(self.last_received) < trial.unwrap_or(self.watchdog_after) {
             return Vec::new();
         }
-        self.heard = now;
+        self.last_received = now;
         self.output([0, 0], now);
-        if self.trouble == Trouble::Mute {
+        if self.fault == EmulatedFault::TxCut {
             Vec::new()
         } else {
             vec![b'W']
         }
     }
 
-    fn hear_in_rc_mode(&mut self, byte: u8, says: &mut Vec<u8>) {
+    fn receive_in_rc_mode(&mut self, byte: u8, response: &mut Vec<u8>) {
         self.returns_in_a_row = if byte == b'\r' {
             self.returns_in_a_row + 1
         } else {
@@ -181,18 +181,18 @@ impl Emulator {
             self.returns_in_a_row = 0;
             self.is_in_rc_mode = false;
             self.watchdog_is_on = true;
-            says.extend(b"OK\r");
+            response.extend(b"OK\r");
         }
     }
 
-    fn obey(&mut self, line: &[u8], now: Monotonic) -> Vec<u8> {
+    fn execute(&mut self, line: &[u8], now: Monotonic) -> Vec<u8> {
         let value = |value: u8| format!("{value:02X}\r").into_bytes();
         let values = |of: [u8; 2]| [value(of[0]), value(of[1])].concat();
         self.is_watchdog_tried = line == b"^01";
         match line {
             [] => Vec::new(),
             [b'!', letter @ (b'A' | b'a' | b'B' | b'b'), high, low]
-                if self.trouble != Trouble::Refuses =>
+                if self.fault != EmulatedFault::RejectsCommands =>
             {
                 let Some(magnitude) = byte_of(*high, *low).filter(|&magnitude| magnitude <= 127)
                 else {
@@ -206,7 +206,7 @@ impl Emulator {
                 };
                 let mut motors = self.motors();
                 motors[usize::from(letter.eq_ignore_ascii_case(&b'b'))] = steps;
-                self.obeyed += 1;
+                self.executed += 1;
                 self.output(motors, now);
                 b"+\r".to_vec()
             }

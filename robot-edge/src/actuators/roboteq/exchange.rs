@@ -7,7 +7,7 @@ use crate::clock::Monotonic;
 
 /// Longest wait for the end of an answer. The longest exchange (`?E`) is 3 + 9 characters of 1.04 ms, the controller looks
 /// every 16 ms (manual, p. 156), and an adapter on USB may hold characters back for 16 ms.
-pub(super) const PATIENCE: Duration = Duration::from_millis(100);
+pub(super) const REPLY_TIMEOUT: Duration = Duration::from_millis(100);
 
 /// A command that waits for its answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,7 +79,7 @@ impl Exchange {
     }
 
     pub(super) fn deadline(&self) -> Monotonic {
-        self.sent + PATIENCE
+        self.sent + REPLY_TIMEOUT
     }
 
     /// Only what follows the command's own echo is its answer: a late answer to another one is not.
@@ -168,7 +168,7 @@ mod tests {
 
     const RUN: Command = Command::Run(Channel::One, Power::ZERO);
 
-    fn hear(command: Command, bytes: &[u8]) -> Outcome {
+    fn receive(command: Command, bytes: &[u8]) -> Outcome {
         outcome(Exchange::new(command, Monotonic::from_nanos(0)), bytes)
     }
 
@@ -184,23 +184,23 @@ mod tests {
 
     #[test]
     fn an_answer_follows_its_own_echo() {
-        assert_eq!(hear(RUN, b"!A00\r+"), Outcome::Done([0; 2]));
-        assert_eq!(hear(RUN, b"!A00\r-"), Outcome::Refused);
-        assert_eq!(hear(RUN, b"+\r"), Outcome::Waiting, "whose is it?");
-        assert_eq!(hear(RUN, b"-\r+\r!A00\r"), Outcome::Waiting);
-        assert_eq!(hear(RUN, b"!A40\r+"), Outcome::Garbled);
-        assert_eq!(hear(RUN, b"!A0\r"), Outcome::Garbled);
-        assert_eq!(hear(RUN, b"!A00\r12\r"), Outcome::Waiting);
+        assert_eq!(receive(RUN, b"!A00\r+"), Outcome::Done([0; 2]));
+        assert_eq!(receive(RUN, b"!A00\r-"), Outcome::Refused);
+        assert_eq!(receive(RUN, b"+\r"), Outcome::Waiting, "whose is it?");
+        assert_eq!(receive(RUN, b"-\r+\r!A00\r"), Outcome::Waiting);
+        assert_eq!(receive(RUN, b"!A40\r+"), Outcome::Garbled);
+        assert_eq!(receive(RUN, b"!A0\r"), Outcome::Garbled);
+        assert_eq!(receive(RUN, b"!A00\r12\r"), Outcome::Waiting);
     }
 
     #[test]
     fn values_are_counted() {
         let status = Command::Read(Parameter::Status);
-        assert_eq!(hear(status, b"^89\r05\r+\r"), Outcome::Done([5, 0]));
-        assert_eq!(hear(status, b"05\r^89\r"), Outcome::Waiting);
-        assert_eq!(hear(Command::Voltages, b"?E\r8A\r"), Outcome::Waiting);
+        assert_eq!(receive(status, b"^89\r05\r+\r"), Outcome::Done([5, 0]));
+        assert_eq!(receive(status, b"05\r^89\r"), Outcome::Waiting);
+        assert_eq!(receive(Command::Voltages, b"?E\r8A\r"), Outcome::Waiting);
         assert_eq!(
-            hear(Command::Voltages, b"11\r?E\r8A\rW6B\r"),
+            receive(Command::Voltages, b"11\r?E\r8A\rW6B\r"),
             Outcome::Done([0x8A, 0x6B])
         );
     }
@@ -213,13 +213,13 @@ mod tests {
             b"!A00\r!B0+0\r+",
             b"!A00\r!B00\r++",
         ] {
-            assert_eq!(hear(stop, done), Outcome::Done([0; 2]));
+            assert_eq!(receive(stop, done), Outcome::Done([0; 2]));
         }
-        assert_eq!(hear(stop, b"!A00\r+\r!B00\r"), Outcome::Waiting);
-        assert_eq!(hear(stop, b"!A00\r+\r+\r"), Outcome::Waiting);
-        assert_eq!(hear(stop, b"!A00\r+\r!B00\r-"), Outcome::Refused);
-        assert_eq!(hear(stop, b"!B00\r+"), Outcome::Garbled);
-        assert_eq!(hear(stop, b"!A00\r+!A00\r+"), Outcome::Garbled);
+        assert_eq!(receive(stop, b"!A00\r+\r!B00\r"), Outcome::Waiting);
+        assert_eq!(receive(stop, b"!A00\r+\r+\r"), Outcome::Waiting);
+        assert_eq!(receive(stop, b"!A00\r+\r!B00\r-"), Outcome::Refused);
+        assert_eq!(receive(stop, b"!B00\r+"), Outcome::Garbled);
+        assert_eq!(receive(stop, b"!A00\r+!A00\r+"), Outcome::Garbled);
     }
 
     #[test]
@@ -228,7 +228,7 @@ mod tests {
             let last = Exchange::new(command, Monotonic::from_nanos(0));
             Exchange::stop_both(Some(last), Monotonic::from_nanos(1))
         };
-        let drive = Command::Run(Channel::Two, Power::of_fraction(1.0));
+        let drive = Command::Run(Channel::Two, Power::from_fraction(1.0));
         for late in [drive, RUN] {
             let echo = [late.bytes().as_bytes(), b"+"].concat();
             let both = [&echo[..], b"!A00\r+!B00\r"].concat();

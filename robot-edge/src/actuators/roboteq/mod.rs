@@ -9,16 +9,16 @@ pub mod config;
 pub mod wire;
 
 mod exchange;
-mod routine;
+mod scheduler;
 
 pub mod driver;
 
 #[cfg(target_os = "linux")]
-mod holder;
-#[cfg(target_os = "linux")]
-pub mod line;
+mod lock_holder;
 #[cfg(target_os = "linux")]
 pub mod port;
+#[cfg(target_os = "linux")]
+pub mod serial_link;
 
 #[cfg(test)]
 pub(crate) mod emulator;

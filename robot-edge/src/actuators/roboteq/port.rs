@@ -56,7 +56,7 @@ pub enum Sharing {
     /// Nobody who asks as well (`flock`): two owners would command the motors in turn.
     Exclusive,
     /// Anybody: to stop motors whose owner is lost, and may still hold the port.
-    Anybody,
+    Shared,
 }
 
 /// An open serial port.
@@ -77,7 +77,7 @@ impl Port {
             Sharing::Exclusive => {
                 rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive).map_err(io)?;
             }
-            Sharing::Anybody => {}
+            Sharing::Shared => {}
         }
         if apply_settings(&fd).map_err(io)? || is_pseudo_terminal(&fd).map_err(io)? {
             Ok(Self(File::from(fd)))
@@ -89,12 +89,12 @@ impl Port {
     }
 
     /// Tells the motors at `path` zero once, whoever holds the port, without waiting for an answer.
-    pub fn stop_blindly(path: &Path) -> Result<(), PortError> {
+    pub fn stop_without_reply(path: &Path) -> Result<(), PortError> {
         let stop = Transmission {
-            bytes: wire::stop_blindly(),
+            bytes: wire::stop_without_reply(),
             flush: true,
         };
-        let sent = Self::open(path, Sharing::Anybody)?.send(&stop);
+        let sent = Self::open(path, Sharing::Shared)?.send(&stop);
         sent.map_err(|source| PortError::Io {
             path: path.to_owned(),
             source,

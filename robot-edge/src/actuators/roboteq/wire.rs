@@ -36,14 +36,14 @@ impl Power {
     const FULL: i8 = 127;
 
     /// The nearest step to a fraction of full speed, −1 … 1; beyond it, full; standing for what is not a number.
-    pub fn of_fraction(fraction: f64) -> Self {
+    pub fn from_fraction(fraction: f64) -> Self {
         // A cast saturates, and makes 0 of what is not a number.
         let steps = libm::round(fraction * f64::from(Self::FULL)) as i8;
         Self(steps.max(-Self::FULL))
     }
 
     /// From the two's complement that encoders answer with (p. 160); −128 does not exist.
-    pub const fn of_bits(bits: u8) -> Self {
+    pub const fn from_bits(bits: u8) -> Self {
         let steps = bits.cast_signed();
         Self(if steps == i8::MIN { -Self::FULL } else { steps })
     }
@@ -155,7 +155,7 @@ pub fn wake() -> Line {
 
 /// Both motors to zero, for when nothing is known of what the line carries. The first command may be glued to the rest of
 /// another one, and is repeated at the end.
-pub fn stop_blindly() -> Line {
+pub fn stop_without_reply() -> Line {
     let mut line = Line::EMPTY;
     line.extend(b"!A00\r!B00\r!A00\r");
     line

@@ -4,39 +4,39 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
-use super::gathered::Gathered;
-use super::lateness::Lateness;
-use crate::app::mapping_side::LONGEST_LAG;
-use crate::app::source::{Item, Lost, Source};
+use super::delay_estimator::DelayEstimator;
+use super::probe_buffer::ProbeBuffer;
+use crate::app::mapping_stage::MAX_QUEUE_DELAY;
+use crate::app::source::{Source, SourceItem, SourceLosses};
 use crate::clock::Monotonic;
 use crate::drops::DropReason;
-use crate::link::ros2::{Heard, Inbox, RosLink};
+use crate::link::ros2::{Inbox, RosLink, RosMessage};
 use crate::measurement::{Measurement, MeasurementData, Stream};
 use crate::recording::messages::{Messages, Reading};
-use crate::recording::stamp_order::{Ordered, StampOrder};
 use crate::recording::survey::Survey;
+use crate::recording::time_sequencer::{Ordered, TimeSequencer};
 use crate::recording::{Position, RecordingError, Selection};
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::ros::{Encoding, MessageType};
 
 /// A measurement waits so long for older ones. Longer would put right more, and let the vehicle see later; what comes
 /// later than that is mapped all the same.
-const HOLD: RobotDuration = RobotDuration::from_millis(50);
-const HOLD_AT_MOST: Duration = Duration::from_millis(50);
+const REORDER_WINDOW: RobotDuration = RobotDuration::from_millis(50);
+const MAX_REORDER_WAIT: Duration = Duration::from_millis(50);
 
 /// Longest wait for a message, so that an interrupt is heard.
-const NAP: Duration = Duration::from_millis(20);
+const POLL_TIMEOUT: Duration = Duration::from_millis(20);
 
 /// Measurements that are kept while the sensors are looked for, and bytes of their ranges.
-const MAX_GATHERED: usize = 50_000;
-const MAX_GATHERED_BYTES: usize = 64 << 20;
+const MAX_PROBE_MEASUREMENTS: usize = 50_000;
+const MAX_PROBE_BYTES: usize = 64 << 20;
 
 /// Stamps whose arrival is remembered.
-const MAX_ARRIVALS: usize = 50_000;
+const MAX_ARRIVAL_TIMES: usize = 50_000;
 
 /// What is made of what comes.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(in crate::app) struct Wanted {
+pub(in crate::app) struct StreamSelection {
     /// Names of the streams that are mapped.
     pub(in crate::app) mapped: Vec<String>,
     /// Whether the others are recorded.
@@ -44,91 +44,91 @@ pub(in crate::app) struct Wanted {
 }
 
 /// The sensors of a ROS 2 system.
-pub(in crate::app) struct Live {
+pub(in crate::app) struct LiveSource {
     link: RosLink,
     inbox: Inbox,
     messages: Messages,
-    wanted: Wanted,
+    stream_selection: StreamSelection,
     selection: Selection,
-    order: StampOrder,
-    lateness: Lateness,
+    order: TimeSequencer,
+    delay_estimator: DelayEstimator,
     /// When what waits for its turn came, by its stamp.
-    arrivals: BTreeMap<RobotTime, Monotonic>,
-    gathered: VecDeque<Measurement>,
-    gathered_bytes: usize,
+    arrival_times: BTreeMap<RobotTime, Monotonic>,
+    probe_buffer: VecDeque<Measurement>,
+    probe_bytes: usize,
     /// Of what was gathered, when it came.
-    came: VecDeque<Monotonic>,
-    not_gathered: u64,
+    received_at: VecDeque<Monotonic>,
+    probe_dropped: u64,
     /// Scans that mapping was too slow for.
-    skipped: u64,
+    scans_skipped: u64,
     /// Items have gone out since it last said that there are no more at present.
     is_busy: bool,
 }
 
-impl Live {
+impl LiveSource {
     pub(super) fn new(link: RosLink, inbox: Inbox) -> Self {
         Self {
             link,
             inbox,
             messages: Messages::default(),
-            wanted: Wanted {
+            stream_selection: StreamSelection {
                 mapped: Vec::new(),
                 others: true,
             },
             selection: Selection::All,
-            order: StampOrder::live(HOLD),
-            lateness: Lateness::default(),
-            arrivals: BTreeMap::new(),
-            gathered: VecDeque::new(),
-            gathered_bytes: 0,
-            came: VecDeque::new(),
-            not_gathered: 0,
-            skipped: 0,
+            order: TimeSequencer::live(REORDER_WINDOW),
+            delay_estimator: DelayEstimator::default(),
+            arrival_times: BTreeMap::new(),
+            probe_buffer: VecDeque::new(),
+            probe_bytes: 0,
+            received_at: VecDeque::new(),
+            probe_dropped: 0,
+            scans_skipped: 0,
             is_busy: false,
         }
     }
 
     /// From now on, what comes is made this of. What was gathered goes first.
-    pub(in crate::app) fn begin(&mut self, wanted: Wanted) {
-        self.selection = if wanted.others {
+    pub(in crate::app) fn begin(&mut self, stream_selection: StreamSelection) {
+        self.selection = if stream_selection.others {
             Selection::All
         } else {
-            Selection::Named(wanted.mapped.clone())
+            Selection::Named(stream_selection.mapped.clone())
         };
-        self.wanted = wanted;
+        self.stream_selection = stream_selection;
     }
 
     /// Gathers what comes within `wait`; whether anything did.
-    pub(super) fn gather(&mut self, wait: Duration) -> bool {
+    pub(super) fn probe(&mut self, wait: Duration) -> bool {
         let until = Monotonic::now() + wait;
-        let mut has_come = false;
+        let mut has_data = false;
         loop {
             self.subscribe();
             let rest = until.since(Monotonic::now());
-            let Ok(heard) = self.inbox.take(rest.min(NAP)) else {
+            let Ok(message) = self.inbox.take(rest.min(POLL_TIMEOUT)) else {
                 if rest.is_zero() {
-                    return has_come;
+                    return has_data;
                 }
                 continue;
             };
-            let came = heard.came;
-            self.read(&heard);
+            let received_at = message.received_at;
+            self.read(&message);
             while let Some(measurement) = self.messages.pop() {
-                has_come = true;
-                self.keep(measurement, came);
+                has_data = true;
+                self.buffer_measurement(measurement, received_at);
             }
         }
     }
 
     /// What has been gathered so far. Errors name it by `place`.
     pub(super) fn survey(&self, place: &str) -> Result<Survey, RecordingError> {
-        let gathered = Gathered {
-            measurements: self.gathered.iter(),
+        let probe_buffer = ProbeBuffer {
+            measurements: self.probe_buffer.iter(),
             streams: self.messages.streams(),
             losses: self.messages.loss_counts(),
             loss_notes: self.messages.losses().notes(),
         };
-        gathered.survey(place)
+        probe_buffer.survey(place)
     }
 
     /// The connection that it listens to.
@@ -138,10 +138,12 @@ impl Live {
 
     /// Whether static transforms have come.
     pub(super) fn has_static_transforms(&self) -> bool {
-        self.gathered.iter().any(Measurement::is_timeless)
+        self.probe_buffer
+            .iter()
+            .any(Measurement::is_static_transform)
     }
 
-    fn keep(&mut self, measurement: Measurement, came: Monotonic) {
+    fn buffer_measurement(&mut self, measurement: Measurement, received_at: Monotonic) {
         let bytes = match &measurement.data {
             MeasurementData::Scan { scan, .. } => scan.ranges_m.len() * size_of::<f32>(),
             MeasurementData::Transform { .. }
@@ -152,13 +154,15 @@ impl Live {
             | MeasurementData::Twist(_)
             | MeasurementData::PointCloud(_) => 0,
         };
-        if self.gathered.len() >= MAX_GATHERED || self.gathered_bytes + bytes > MAX_GATHERED_BYTES {
-            self.not_gathered += 1;
+        if self.probe_buffer.len() >= MAX_PROBE_MEASUREMENTS
+            || self.probe_bytes + bytes > MAX_PROBE_BYTES
+        {
+            self.probe_dropped += 1;
             return;
         }
-        self.gathered_bytes += bytes;
-        self.gathered.push_back(measurement);
-        self.came.push_back(came);
+        self.probe_bytes += bytes;
+        self.probe_buffer.push_back(measurement);
+        self.received_at.push_back(received_at);
     }
 
     /// Topics that somebody has begun to publish are listened to.
@@ -168,144 +172,158 @@ impl Live {
         }
     }
 
-    fn read(&mut self, heard: &Heard) {
-        let kind = MessageType::from_type_name(&heard.stream.type_name);
-        let Some(stream) = self.messages.stream(&heard.stream, kind.is_some()) else {
+    fn read(&mut self, message: &RosMessage) {
+        let kind = MessageType::from_type_name(&message.stream.type_name);
+        let Some(stream) = self.messages.stream(&message.stream, kind.is_some()) else {
             return self.messages.losses_mut().add(DropReason::Undecodable, || {
-                format!("{}: there are too many topics", heard.stream.name)
+                format!("{}: there are too many topics", message.stream.name)
             });
         };
         let reading = kind
-            .filter(|_| self.selection.contains(&heard.stream.name))
+            .filter(|_| self.selection.contains(&message.stream.name))
             .map(|kind| Reading {
                 kind,
                 encoding: Encoding::Cdr,
-                is_static: heard.stream.name.ends_with("tf_static"),
+                is_static: message.stream.name.ends_with("tf_static"),
             });
         self.messages
-            .take(stream, reading, heard.published, &heard.message);
+            .take(stream, reading, message.published, &message.payload);
     }
 
     /// Where mapping cannot keep up, it maps less and not later: scans are left out, poses never. Here those that nobody took
     /// in time; where placing goes ahead, mapping leaves out the others.
-    fn is_too_late(heard: &Heard) -> bool {
+    fn is_expired(message: &RosMessage) -> bool {
         let is_scan = matches!(
-            MessageType::from_type_name(&heard.stream.type_name),
+            MessageType::from_type_name(&message.stream.type_name),
             Some(MessageType::LaserScan | MessageType::MultiEchoLaserScan)
         );
-        is_scan && heard.came.elapsed() > LONGEST_LAG
+        is_scan && message.received_at.elapsed() > MAX_QUEUE_DELAY
     }
 
     /// What becomes of a measurement at once; nothing where it has to wait for its turn.
-    fn sort(&mut self, measurement: Measurement, came: Monotonic) -> Option<Item> {
+    fn classify(&mut self, measurement: Measurement, received_at: Monotonic) -> Option<SourceItem> {
         if !self.is_mapped(&measurement) {
-            return self.wanted.others.then_some(Item::Aside(measurement));
+            return self
+                .stream_selection
+                .others
+                .then_some(SourceItem::Unmapped(measurement));
         }
-        if measurement.is_timeless() {
-            return Some(Item::AtOnce(measurement));
+        if measurement.is_static_transform() {
+            return Some(SourceItem::Immediate(measurement));
         }
-        self.arrivals
+        self.arrival_times
             .entry(measurement.stamp)
-            .and_modify(|known| *known = came.min(*known))
-            .or_insert(came);
-        if self.arrivals.len() > MAX_ARRIVALS {
+            .and_modify(|known| *known = received_at.min(*known))
+            .or_insert(received_at);
+        if self.arrival_times.len() > MAX_ARRIVAL_TIMES {
             // Stamps far ahead stay longest, and are the least likely to be true.
-            self.arrivals.pop_last();
+            self.arrival_times.pop_last();
         }
         self.order.push(measurement);
         None
     }
 
     /// What found no room, or waited too long for it.
-    fn overflown(&self) -> u64 {
-        self.inbox.overflown() + self.not_gathered + self.skipped
+    fn dropped(&self) -> u64 {
+        self.inbox.dropped() + self.probe_dropped + self.scans_skipped
     }
 
     fn is_mapped(&self, measurement: &Measurement) -> bool {
         let streams = self.messages.streams();
         let stream = streams.get(usize::from(measurement.stream.0));
-        stream.is_some_and(|summary| self.wanted.mapped.contains(&summary.stream.name))
+        stream.is_some_and(|summary| self.stream_selection.mapped.contains(&summary.stream.name))
     }
 
     /// What waits for its turn and may not wait longer goes on.
     fn release(&mut self, now: Monotonic) {
-        while let Some(first) = self.order.first_waiting()
+        while let Some(first) = self.order.oldest_buffered_stamp()
             && self
-                .arrivals
+                .arrival_times
                 .get(&first)
-                .is_none_or(|&came| now.since(came) >= HOLD_AT_MOST)
+                .is_none_or(|&received_at| now.since(received_at) >= MAX_REORDER_WAIT)
         {
             self.order.release_until(first);
         }
     }
 
-    fn next_in_turn(&mut self) -> Option<Item> {
+    fn next_ordered(&mut self) -> Option<SourceItem> {
         let ordered = self.order.pop()?;
-        let taken = match &ordered {
+        let measured_at = match &ordered {
             Ordered::Measurement(measurement) => {
                 let stamp = &measurement.stamp;
-                let came = self.arrivals.get(stamp).copied();
+                let received_at = self.arrival_times.get(stamp).copied();
                 while self
-                    .arrivals
+                    .arrival_times
                     .first_key_value()
                     .is_some_and(|(first, _)| first < stamp)
                 {
-                    self.arrivals.pop_first();
+                    self.arrival_times.pop_first();
                 }
                 // Only now is its stamp believed. Of what nobody knows when it came, nobody should think that it is young.
-                came.map_or(Monotonic::from_nanos(0), |came| {
-                    self.lateness.taken(measurement.stream, *stamp, came)
+                received_at.map_or(Monotonic::from_nanos(0), |received_at| {
+                    self.delay_estimator
+                        .measured_at(measurement.stream, *stamp, received_at)
                 })
             }
             Ordered::ClockReset { .. } => {
-                self.lateness.reset_clock();
+                self.delay_estimator.reset_clock();
                 Monotonic::now()
             }
         };
-        Some(Item::Came { ordered, taken })
+        Some(SourceItem::Live {
+            ordered,
+            measured_at,
+        })
     }
 
     /// The next item that is there already.
-    fn next_at_hand(&mut self) -> Option<Item> {
+    fn next_available(&mut self) -> Option<SourceItem> {
         loop {
-            if let Some(item) = self.next_in_turn() {
+            if let Some(item) = self.next_ordered() {
                 return Some(item);
             }
-            let (measurement, came) = self.gathered.pop_front().zip(self.came.pop_front())?;
-            if let Some(item) = self.sort(measurement, came) {
+            let (measurement, received_at) = self
+                .probe_buffer
+                .pop_front()
+                .zip(self.received_at.pop_front())?;
+            if let Some(item) = self.classify(measurement, received_at) {
                 return Some(item);
             }
         }
     }
 }
 
-impl Source for Live {
-    fn next(&mut self) -> Result<Option<Item>, RecordingError> {
+impl Source for LiveSource {
+    fn next(&mut self) -> Result<Option<SourceItem>, RecordingError> {
         loop {
-            if let Some(item) = self.next_at_hand() {
+            if let Some(item) = self.next_available() {
                 self.is_busy = true;
                 return Ok(Some(item));
             }
-            let wait = if self.is_busy { Duration::ZERO } else { NAP };
+            let wait = if self.is_busy {
+                Duration::ZERO
+            } else {
+                POLL_TIMEOUT
+            };
             match self.inbox.take(wait) {
-                Ok(heard) if Self::is_too_late(&heard) => self.skipped += 1,
-                Ok(heard) => {
-                    let came = heard.came;
-                    self.read(&heard);
+                Ok(message) if Self::is_expired(&message) => self.scans_skipped += 1,
+                Ok(message) => {
+                    let received_at = message.received_at;
+                    self.read(&message);
                     while let Some(measurement) = self.messages.pop() {
-                        self.gathered.push_back(measurement);
-                        self.came.push_back(came);
+                        self.probe_buffer.push_back(measurement);
+                        self.received_at.push_back(received_at);
                     }
                 }
                 Err(RecvTimeoutError::Timeout) => {
                     self.subscribe();
                     self.release(Monotonic::now());
-                    if let Some(item) = self.next_in_turn() {
+                    if let Some(item) = self.next_ordered() {
                         self.is_busy = true;
                         return Ok(Some(item));
                     }
                     self.is_busy = false;
-                    return Ok(Some(Item::Pause));
+                    return Ok(Some(SourceItem::Idle));
                 }
                 Err(RecvTimeoutError::Disconnected) => return Ok(None),
             }
@@ -322,19 +340,18 @@ impl Source for Live {
     }
 
     fn lost_total(&self) -> u64 {
-        self.messages.loss_counts().total() + self.order.drops().total() + self.overflown()
+        self.messages.loss_counts().total() + self.order.drops().total() + self.dropped()
     }
 
-    fn lost(&self) -> Lost {
-        let mut lost = Lost {
+    fn lost(&self) -> SourceLosses {
+        let mut lost = SourceLosses {
             counts: self.messages.loss_counts().clone(),
             late_scans: self.order.late_scans(),
             notes: self.messages.losses().notes().to_vec(),
-            ..Lost::default()
+            ..SourceLosses::default()
         };
         lost.counts.merge(self.order.drops());
-        lost.counts
-            .add_many(DropReason::QueueFull, self.overflown());
+        lost.counts.add_many(DropReason::QueueFull, self.dropped());
         lost
     }
 }

@@ -19,7 +19,7 @@ pub(in crate::app) struct RecordingState {
     /// Files since it was started, their bytes, and for how long they were written.
     pub(super) files: u32,
     pub(super) bytes: u64,
-    pub(super) lasted: Duration,
+    pub(super) duration: Duration,
     /// What is free where they are written.
     pub(super) free_bytes: Option<u64>,
 }
@@ -46,7 +46,7 @@ impl RecordingState {
             state,
             file: name.map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
             files: self.files,
-            duration_s: u32::try_from(self.lasted.as_secs()).unwrap_or(u32::MAX),
+            duration_s: u32::try_from(self.duration.as_secs()).unwrap_or(u32::MAX),
             bytes: self.bytes,
             free_bytes: self.free_bytes,
             lost: self.lost,

@@ -1,11 +1,11 @@
 use protocol::message;
 
 use super::*;
-use crate::app::recorded::{stamps, stream, transform};
+use crate::app::test_recording::{stamps, stream, transform};
 
 #[expect(clippy::unnecessary_wraps, reason = "disks may refuse to say")]
-fn roomy(_folder: &Path) -> io::Result<Space> {
-    Ok(Space {
+fn enough_space(_folder: &Path) -> io::Result<DiskSpace> {
+    Ok(DiskSpace {
         free_bytes: 90_000_000_000,
         total_bytes: 100_000_000_000,
     })
@@ -24,7 +24,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 fn what_comes_between_start_and_stop_is_recorded_and_what_always_holds_begins_each_file() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path().join("recordings");
-    let mut live = LiveRecording::on_disk(roomy, &folder, "scout", "pioneer").unwrap();
+    let mut live = LiveRecording::on_disk(enough_space, &folder, "scout", "pioneer").unwrap();
     live.add_streams(&[stream()]);
     live.add(&transform(5, "laser", true));
     live.add(&transform(10, "base_link", false));
@@ -62,7 +62,7 @@ fn what_comes_between_start_and_stop_is_recorded_and_what_always_holds_begins_ea
 fn a_folder_that_is_gone_ends_the_recording_and_says_why() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("recordings");
-    let mut live = LiveRecording::on_disk(roomy, &place, "scout", "pioneer").unwrap();
+    let mut live = LiveRecording::on_disk(enough_space, &place, "scout", "pioneer").unwrap();
     std::fs::remove_dir_all(&place).unwrap();
     live.record(true);
     let state = Arc::clone(&live.state);
@@ -83,13 +83,14 @@ fn a_folder_that_is_gone_ends_the_recording_and_says_why() {
 #[test]
 fn a_disk_that_is_nearly_full_is_left_alone_and_that_is_said() {
     let folder = tempfile::tempdir().unwrap();
-    let scarce = |_folder: &Path| {
-        Ok(Space {
+    let low_space_message = |_folder: &Path| {
+        Ok(DiskSpace {
             free_bytes: 900_000_000,
             total_bytes: 10_000_000_000,
         })
     };
-    let mut live = LiveRecording::on_disk(scarce, folder.path(), "scout", "pioneer").unwrap();
+    let mut live =
+        LiveRecording::on_disk(low_space_message, folder.path(), "scout", "pioneer").unwrap();
     live.record(true);
     let state = Arc::clone(&live.state);
     drop(live);
@@ -111,10 +112,10 @@ fn a_disk_that_is_nearly_full_is_left_alone_and_that_is_said() {
 
 #[test]
 fn orders_wait_where_measurements_are_lost() {
-    let (orders, ordered) = sync_channel(1);
+    let (commands, receiver) = sync_channel(1);
     let mut live = LiveRecording {
-        orders: Some(orders),
-        waiting: VecDeque::new(),
+        commands: Some(commands),
+        pending: VecDeque::new(),
         state: Arc::default(),
         is_wanted: true,
         is_resumed: false,
@@ -128,10 +129,10 @@ fn orders_wait_where_measurements_are_lost() {
     assert_eq!(live.state().lost, 2);
     let mut taken = Vec::new();
     for _ in 0..3 {
-        taken.push(match ordered.try_recv().unwrap() {
-            Order::Record(is_on) => i64::from(is_on),
-            Order::Measured(measurement) => 100 + measurement.stamp.as_nanos(),
-            Order::Streams(_) | Order::ClockReset => -1,
+        taken.push(match receiver.try_recv().unwrap() {
+            WriterCommand::Record(is_on) => i64::from(is_on),
+            WriterCommand::Measured(measurement) => 100 + measurement.stamp.as_nanos(),
+            WriterCommand::Streams(_) | WriterCommand::ClockReset => -1,
         });
         live.reset_clock();
     }
@@ -142,19 +143,20 @@ fn orders_wait_where_measurements_are_lost() {
 #[test]
 fn what_was_recorded_when_a_run_was_cut_off_goes_on_with_the_next() {
     let folder = tempfile::tempdir().unwrap();
-    let begin = |space_of: SpaceOf| {
-        let mut live = LiveRecording::on_disk(space_of, folder.path(), "scout", "pioneer").unwrap();
+    let begin = |disk_space: DiskSpaceFn| {
+        let mut live =
+            LiveRecording::on_disk(disk_space, folder.path(), "scout", "pioneer").unwrap();
         live.add_streams(&[stream()]);
         live
     };
-    let mut live = begin(roomy);
+    let mut live = begin(enough_space);
     assert!(!live.is_resumed(), "nothing was recorded before");
     live.record(true);
     live.add(&transform(1, "base_link", false));
     drop(live);
     // Twice: what goes on by itself is cut off too.
     for nanos in [2, 3] {
-        let mut live = begin(roomy);
+        let mut live = begin(enough_space);
         live.add(&transform(nanos, "base_link", false));
         assert!(live.is_resumed());
         drop(live);
@@ -168,36 +170,36 @@ fn what_was_recorded_when_a_run_was_cut_off_goes_on_with_the_next() {
     };
     assert_eq!(recorded(folder.path()), [[1], [2], [3]]);
     // Another robot's recordings may be in the same folder.
-    let other = LiveRecording::on_disk(roomy, folder.path(), "barge", "pioneer").unwrap();
+    let other = LiveRecording::on_disk(enough_space, folder.path(), "barge", "pioneer").unwrap();
     assert!(!other.is_resumed());
     drop(other);
 
     for does_stop in [true, false] {
-        let mut live = begin(roomy);
+        let mut live = begin(enough_space);
         assert!(live.is_resumed());
         if does_stop {
             live.record(false);
             drop(live);
         } else {
-            live.end();
+            live.finish();
         }
-        let mut live = begin(roomy);
+        let mut live = begin(enough_space);
         assert!(!live.is_resumed(), "it was stopped: {does_stop}");
         live.record(true);
         drop(live);
     }
 
-    let scarce = |_folder: &Path| {
-        Ok(Space {
+    let low_space_message = |_folder: &Path| {
+        Ok(DiskSpace {
             free_bytes: 900_000_000,
             total_bytes: 10_000_000_000,
         })
     };
-    let live = begin(scarce);
+    let live = begin(low_space_message);
     assert!(live.is_resumed());
     let state = Arc::clone(&live.state);
     drop(live);
     assert!(lock(&state).problem.is_some());
-    let live = begin(roomy);
+    let live = begin(enough_space);
     assert!(!live.is_resumed(), "the disk has ended it");
 }

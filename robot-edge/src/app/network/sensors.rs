@@ -1,57 +1,57 @@
 //! What came from the sensors is watched, and consoles hear what is wrong with them.
 
-use super::herald::Herald;
+use super::state_publisher::StatePublisher;
 use crate::clock::Monotonic;
 use crate::measurement::Measurement;
 use crate::robot_time::RobotDuration;
-use crate::sensor_watch::Change;
+use crate::sensor_monitor::FaultChange;
 use protocol::message::SensorFault;
 use std::time::Duration;
 
-impl Herald {
-    /// Something was measured, which could be known since `came`; `elapsed` of the data's time has passed with it.
-    pub(in crate::app) fn came(
+impl StatePublisher {
+    /// Something was measured, which could be known since `received_at`; `elapsed` of the data's time has passed with it.
+    pub(in crate::app) fn on_measurement(
         &mut self,
         measurement: &Measurement,
-        came: Monotonic,
+        received_at: Monotonic,
         elapsed: RobotDuration,
     ) {
-        if let Some(lookout) = &mut self.lookout {
-            lookout.came(measurement.stamp, came);
+        if let Some(monitor_input) = &mut self.monitor_input {
+            monitor_input.record_received(measurement.stamp, received_at);
         }
-        let at = self.watched_at(came, elapsed);
+        let at = self.monitor_time(received_at, elapsed);
         self.sensors.take(measurement, at);
-        self.look_at_sensors(at);
+        self.check_sensors(at);
     }
 
     /// Tells consoles what began and ended with the sensors.
-    pub(super) fn look_at_sensors(&mut self, now: Duration) {
-        if !self.sensors.is_look_due(now) {
+    pub(super) fn check_sensors(&mut self, now: Duration) {
+        if !self.sensors.is_check_due(now) {
             return;
         }
-        for change in self.sensors.look(now) {
+        for change in self.sensors.check(now) {
             let (kind, message) = match change {
-                Change::Began { fault, message, .. } => (fault_kind(fault), message),
-                Change::Over { message, .. } => ("sensor_back", message),
+                FaultChange::Raised { fault, message, .. } => (fault_kind(fault), message),
+                FaultChange::Cleared { message, .. } => ("sensor_recovered", message),
             };
             tracing::warn!(kind, message);
-            self.tell(kind, &message);
+            self.publish_event(kind, &message);
         }
-        self.tell_sensors();
+        self.publish_sensors();
     }
 
     /// Tells consoles what was found out of the sensors.
-    pub(super) fn tell_sensors(&mut self) {
+    pub(super) fn publish_sensors(&mut self) {
         let (revision, infos) = self.sensors.infos();
-        if self.told_sensors != Some(revision) {
-            self.told_sensors = Some(revision);
-            self.shared.set_sensors(revision, infos);
+        if self.published_sensors != Some(revision) {
+            self.published_sensors = Some(revision);
+            self.publish_state.set_sensors(revision, infos);
         }
     }
 }
 
 /// Time of the data since the first.
-pub(super) fn of_data(elapsed: RobotDuration) -> Duration {
+pub(super) fn since_data_start(elapsed: RobotDuration) -> Duration {
     Duration::from_nanos(u64::try_from(elapsed.as_nanos()).unwrap_or_default())
 }
 

@@ -58,7 +58,7 @@ pub(super) fn names(survey: &Survey, streams: &[StreamId]) -> Vec<String> {
 }
 
 /// What joints each stream has, in words.
-pub(super) fn joints_in_words(survey: &Survey) -> String {
+pub(super) fn describe_joints(survey: &Survey) -> String {
     let streams = survey.joints.iter().map(|joints| {
         let listed: Vec<_> = joints
             .names

@@ -1,11 +1,11 @@
 //! Which streams of a recording poses are made of where nothing says them ready-made.
 
-use super::choose::{MAX_LISTED, choose_one, joints_in_words, names};
+use super::choose::{MAX_LISTED, choose_one, describe_joints, names};
 use crate::config::{
     FixesAndAttitude, GpsConfig, ImuConfig, WheelEncodersConfig, WheelsAndAttitude,
 };
 use crate::exit::UsageError;
-use crate::localization::placer::PoseStreams;
+use crate::localization::registration::PoseStreams;
 use crate::measurement::StreamId;
 use crate::recording::survey::Survey;
 
@@ -14,7 +14,7 @@ use crate::recording::survey::Survey;
 ///
 /// # Errors
 /// Where none fits the configuration, or several do: the message lists them and says what to type.
-pub(super) fn of_wheels(
+pub(super) fn wheel_streams(
     survey: &Survey,
     sensors: &WheelsAndAttitude<'_>,
 ) -> Result<Option<PoseStreams>, UsageError> {
@@ -31,8 +31,8 @@ pub(super) fn of_wheels(
 /// The streams of fixes and of attitudes; `None` where the recording has no fixes or no attitudes at all.
 ///
 /// # Errors
-/// As [`of_wheels`].
-pub(super) fn of_fixes(
+/// As [`wheel_streams`].
+pub(super) fn fix_streams(
     survey: &Survey,
     sensors: &FixesAndAttitude<'_>,
 ) -> Result<Option<PoseStreams>, UsageError> {
@@ -47,7 +47,7 @@ pub(super) fn of_fixes(
 }
 
 /// What poses could be made of, in words.
-pub(super) fn there_are(survey: &Survey) -> Option<String> {
+pub(super) fn describe_available(survey: &Survey) -> Option<String> {
     let listed = |streams: Vec<StreamId>| {
         let names = names(survey, &streams);
         (!names.is_empty()).then(|| names.join(", "))
@@ -95,7 +95,7 @@ fn encoders(
             "{}: no topic has both joints {left:?} and {right:?}, which sensors.{sensor}.left_joint and \
              right_joint name: {}",
             survey.path.display(),
-            joints_in_words(survey)
+            describe_joints(survey)
         )));
     }
     let (option, carried) = (format!("--topic {sensor}="), "angles of both wheels");

@@ -1,10 +1,10 @@
 //! Which scans of a recording are whose, and who says where each range sensor sits.
 
-use super::choose::{choose_one, joints_in_words, name};
-use crate::app::placing::{PlannedSensor, range_sensors, wanted};
+use super::choose::{choose_one, describe_joints, name};
+use crate::app::localization_plan::{PlannedSensor, range_sensors, wanted_sensors};
 use crate::config::{Config, RangeSensor, TiltConfig};
 use crate::exit::UsageError;
-use crate::localization::placer::{MountOrigin, PoseOrigin};
+use crate::localization::registration::{MountOrigin, PoseOrigin};
 use crate::measurement::StreamId;
 use crate::recording::survey::Survey;
 use crate::recording::survey::range_sensors::Unassigned;
@@ -12,7 +12,7 @@ use crate::recording::survey::scans::ScanSurvey;
 
 /// A range sensor of the vehicle and its scans in the recording.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Found<'a> {
+pub(super) struct FoundSensor<'a> {
     pub(super) sensor: RangeSensor<'a>,
     pub(super) scans: &'a ScanSurvey,
 }
@@ -21,26 +21,28 @@ pub(super) struct Found<'a> {
 ///
 /// # Errors
 /// Where none or several streams fit: the message lists them and says what to type.
-pub(super) fn find<'a>(
+pub(super) fn find_sensors<'a>(
     survey: &'a Survey,
     config: &'a Config,
-) -> Result<(Vec<Found<'a>>, Vec<&'a str>), UsageError> {
+) -> Result<(Vec<FoundSensor<'a>>, Vec<&'a str>), UsageError> {
     let sensors = range_sensors(config)?;
-    let assigned = survey.assign_scans(&wanted(&sensors)).map_err(|error| {
-        let path = survey.path.display();
-        UsageError(match error {
-            Unassigned::NoScans => {
-                format!("{path}: {error}; `robot-edge info {path}` lists what it holds")
-            }
-            Unassigned::NoSuchStream { .. }
-            | Unassigned::SeveralStreams { .. }
-            | Unassigned::SeveralSensors { .. } => format!("{path}: {error}"),
-        })
-    })?;
+    let assigned = survey
+        .assign_scans(&wanted_sensors(&sensors))
+        .map_err(|error| {
+            let path = survey.path.display();
+            UsageError(match error {
+                Unassigned::NoScans => {
+                    format!("{path}: {error}; `robot-edge info {path}` lists what it holds")
+                }
+                Unassigned::NoSuchStream { .. }
+                | Unassigned::SeveralStreams { .. }
+                | Unassigned::SeveralSensors { .. } => format!("{path}: {error}"),
+            })
+        })?;
     let (mut found, mut missing) = (Vec::new(), Vec::new());
     for (sensor, scans) in sensors.into_iter().zip(assigned) {
         match scans {
-            Some(scans) => found.push(Found { sensor, scans }),
+            Some(scans) => found.push(FoundSensor { sensor, scans }),
             None => missing.push(sensor.name),
         }
     }
@@ -53,13 +55,13 @@ pub(super) fn find<'a>(
 /// Where nothing says where one of them sits.
 pub(super) fn place(
     survey: &Survey,
-    found: &[Found<'_>],
+    found: &[FoundSensor<'_>],
     origin: &PoseOrigin,
     config: &Config,
 ) -> Result<Vec<PlannedSensor>, UsageError> {
     let is_alone = found.len() == 1;
-    let plan = |found: &Found<'_>| {
-        let Found { sensor, scans } = found;
+    let plan = |found: &FoundSensor<'_>| {
+        let FoundSensor { sensor, scans } = found;
         let mount = mount_origin(survey, found, origin, &config.localization.base_frame)?;
         let tilt = sensor
             .config
@@ -86,7 +88,7 @@ pub(super) fn place(
 /// moves in them.
 fn mount_origin(
     survey: &Survey,
-    found: &Found<'_>,
+    found: &FoundSensor<'_>,
     origin: &PoseOrigin,
     base_frame: &str,
 ) -> Result<MountOrigin, UsageError> {
@@ -94,13 +96,13 @@ fn mount_origin(
         return Ok(MountOrigin::Configured);
     };
     let (frames, frame) = (&survey.frames, &*found.scans.frame);
-    let is_placed = frames.is_above(fixed_frame, frame);
+    let is_placed = frames.is_ancestor(fixed_frame, frame);
     let is_tilted_elsewhere =
         found.sensor.config.tilt.is_some() && !frames.moves_in(frame, base_frame);
     if is_placed && !is_tilted_elsewhere {
         return Ok(MountOrigin::Tree);
     }
-    if frames.is_above(fixed_frame, base_frame) {
+    if frames.is_ancestor(fixed_frame, base_frame) {
         return Ok(MountOrigin::Configured);
     }
     Err(UsageError(format!(
@@ -122,7 +124,7 @@ fn tilt_stream(survey: &Survey, sensor: &str, tilt: &TiltConfig) -> Result<Strea
         let carried = format!("angles of {:?}", tilt.joint);
         return choose_one(survey, &option, &carried, &streams, tilt.topic.as_deref());
     }
-    let there_are = match joints_in_words(survey) {
+    let there_are = match describe_joints(survey) {
         none if none.is_empty() => "there are no joint angles (sensor_msgs/JointState)".to_owned(),
         joints => joints,
     };
@@ -135,7 +137,7 @@ fn tilt_stream(survey: &Survey, sensor: &str, tilt: &TiltConfig) -> Result<Strea
 }
 
 /// Names in a sentence: "the laser", "the laser and the sonar".
-pub(super) fn in_words(found: &[Found<'_>]) -> String {
+pub(super) fn join_names(found: &[FoundSensor<'_>]) -> String {
     let named: Vec<_> = found
         .iter()
         .map(|found| format!("the {}", found.sensor.name))
@@ -150,7 +152,7 @@ pub(super) fn in_words(found: &[Found<'_>]) -> String {
 /// What a person should know of each sensor that is tilted by a servo.
 pub(super) fn tilt_notes(
     survey: &Survey,
-    found: &[Found<'_>],
+    found: &[FoundSensor<'_>],
     planned: &[PlannedSensor],
 ) -> Vec<String> {
     let tilted = found.iter().zip(planned).filter_map(|(found, planned)| {

@@ -146,7 +146,7 @@ fn poses_are_reckoned_from_the_only_wheels_and_attitude() {
         odometry(),
     ];
     let plan = planned(&topics, &[WHEELS]).unwrap();
-    let PoseOrigin::Wheels(settings) = &plan.placing.origin else {
+    let PoseOrigin::Wheels(settings) = &plan.localization_plan.origin else {
         panic!("{plan:?}");
     };
     assert_eq!(
@@ -176,7 +176,7 @@ fn poses_are_reckoned_from_the_only_wheels_and_attitude() {
 #[test]
 fn auto_takes_wheels_only_where_there_is_nothing_better() {
     let mut topics = vec![scan(), wheels("/joint_states"), ahrs("/imu/data")];
-    let is_wheels = |plan: &Plan| matches!(plan.placing.origin, PoseOrigin::Wheels(_));
+    let is_wheels = |plan: &Plan| matches!(plan.localization_plan.origin, PoseOrigin::Wheels(_));
     assert!(is_wheels(&planned(&topics, &[]).unwrap()));
     let in_odom = planned(&topics, &["localization.fixed_frame=odom"]);
     assert!(is_wheels(&in_odom.unwrap()));
@@ -187,7 +187,7 @@ fn auto_takes_wheels_only_where_there_is_nothing_better() {
     );
     topics.push(odometry());
     assert_eq!(
-        planned(&topics, &[]).unwrap().placing.origin,
+        planned(&topics, &[]).unwrap().localization_plan.origin,
         PoseOrigin::Odometry
     );
     // Wheels that the vehicle does not have are not guessed.

@@ -5,13 +5,13 @@ use protocol::export::StampedPose;
 use protocol::layer::LayerId;
 use protocol::tile::TileKey;
 
-use super::super::checkpoints::MOST;
-use super::super::feed::feed;
-use super::super::replay::{length, look_through, set_up};
+use super::super::checkpoints::MAX_CHECKPOINTS;
+use super::super::replay::{create_run, length, survey_recording};
+use super::super::source_reader::read_source;
 use super::*;
 use crate::cli::{Cli, Command, Replay};
 use crate::export::voxels::voxel_digest;
-use crate::replay_control::{ReplaySight, ReplayState};
+use crate::replay_control::{ReplayState, ReplayStatus};
 
 fn rooms() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../recordings/rooms.mcap")
@@ -48,8 +48,8 @@ type Left = (
     Vec<StampedPose>,
 );
 
-fn left(sides: &Sides) -> Left {
-    let store = sides.mapping.maps.publisher().store();
+fn left(pipeline: &PipelineStages) -> Left {
+    let store = pipeline.mapping.maps.publisher().store();
     let grids = store.grids();
     let digest = |layer| store.root_digest(layer).unwrap().to_string();
     let digests = grids.map(|grid| (grid.layer, digest(grid.layer))).collect();
@@ -59,7 +59,7 @@ fn left(sides: &Sides) -> Left {
     (
         digests,
         stamps.collect(),
-        sides.mapping.trajectory.lock().poses(),
+        pipeline.mapping.trajectory.lock().poses(),
     )
 }
 
@@ -68,29 +68,29 @@ fn fresh(recording: &Path, duration_s: Option<f64>) -> Left {
     left(&replayed(recording, duration_s))
 }
 
-fn replayed(recording: &Path, duration_s: Option<f64>) -> Sides {
+fn replayed(recording: &Path, duration_s: Option<f64>) -> PipelineStages {
     let command = Replay {
         duration_s,
         ..command(recording)
     };
-    let (survey, config, plan) = look_through(&command).unwrap();
-    let (run, mut source) = set_up(&command, true, &survey, &config, plan).unwrap();
-    let mut sides = run.start().unwrap();
+    let (survey, config, plan) = survey_recording(&command).unwrap();
+    let (run, mut source) = create_run(&command, true, &survey, &config, plan).unwrap();
+    let mut pipeline = run.start().unwrap();
     let interrupt = AtomicBool::new(false);
-    let end = feed(&mut source, Rate::Max, &interrupt, |batch| {
-        sides.take(batch).unwrap();
+    let end = read_source(&mut source, Rate::Max, &interrupt, |batch| {
+        pipeline.take(batch).unwrap();
         true
     });
     end.result.unwrap();
-    sides.finish(0).unwrap();
-    sides
+    pipeline.finish(0).unwrap();
+    pipeline
 }
 
 /// A player of `recording` at full speed, and whoever has it in his hands.
 fn with_player(recording: &Path, work: impl FnOnce(&mut Player<'_>, &ReplayControl)) {
     let command = command(recording);
-    let (survey, config, plan) = look_through(&command).unwrap();
-    let (run, source) = set_up(&command, true, &survey, &config, plan).unwrap();
+    let (survey, config, plan) = survey_recording(&command).unwrap();
+    let (run, source) = create_run(&command, true, &survey, &config, plan).unwrap();
     let control = ReplayControl::new(Rate::Max);
     let interrupt = AtomicBool::new(false);
     let mut player = Player::new(&run, source, &control, &interrupt).unwrap();
@@ -98,12 +98,12 @@ fn with_player(recording: &Path, work: impl FnOnce(&mut Player<'_>, &ReplayContr
 }
 
 /// Lets it work until it stands still.
-fn settle(player: &mut Player<'_>, control: &ReplayControl) -> ReplaySight {
+fn settle(player: &mut Player<'_>, control: &ReplayControl) -> ReplayStatus {
     loop {
         // Resting waits for a wish, and would be a second of nothing.
-        let sight = control.sight();
-        if sight.is_settled {
-            return sight;
+        let status = control.status();
+        if status.is_settled {
+            return status;
         }
         player.step().unwrap();
     }
@@ -111,15 +111,24 @@ fn settle(player: &mut Player<'_>, control: &ReplayControl) -> ReplaySight {
 
 /// Winds to `to` and compares the map there with that of a replay that ends there.
 #[track_caller]
-fn assert_wound(player: &mut Player<'_>, control: &ReplayControl, recording: &Path, to: f64) {
+fn assert_map_after_seek(
+    player: &mut Player<'_>,
+    control: &ReplayControl,
+    recording: &Path,
+    to: f64,
+) {
     control.pause();
     control.seek(seconds(to));
-    let sight = settle(player, control);
+    let status = settle(player, control);
     assert_eq!(
-        (sight.state, sight.position),
+        (status.state, status.position),
         (ReplayState::Paused, seconds(to))
     );
-    assert_eq!(left(&player.sides), fresh(recording, Some(to)), "at {to} s");
+    assert_eq!(
+        left(&player.pipeline),
+        fresh(recording, Some(to)),
+        "at {to} s"
+    );
 }
 
 #[test]
@@ -127,17 +136,17 @@ fn wherever_it_is_wound_the_map_is_that_of_a_replay_up_to_there() {
     let rooms = rooms();
     with_player(&rooms, |player, control| {
         // Without copies on the way, whatever the speed of this machine.
-        player.checkpoints.apart = Duration::MAX;
+        player.checkpoints.interval = Duration::MAX;
         for to in [60.0, 60.25, 30.0, 29.5] {
-            assert_wound(player, control, &rooms, to);
+            assert_map_after_seek(player, control, &rooms, to);
         }
-        assert_eq!(control.sight().rounds, 2, "it was wound back twice");
+        assert_eq!(control.status().restarts, 2, "it was wound back twice");
         control.play();
-        while !control.sight().is_settled {
+        while !control.status().is_settled {
             player.step().unwrap();
         }
-        assert_eq!(control.sight().state, ReplayState::Ended);
-        assert_eq!(left(&player.sides), fresh(&rooms, None));
+        assert_eq!(control.status().state, ReplayState::Ended);
+        assert_eq!(left(&player.pipeline), fresh(&rooms, None));
     });
 }
 
@@ -150,13 +159,13 @@ fn the_octree_of_a_recording_that_stands_still_is_that_of_its_other_maps() {
     let ended = replayed(&yard, Some(to));
     let octree = ended.mapping.maps.mapper().voxels().unwrap().octree();
     with_player(&yard, |player, control| {
-        assert_wound(player, control, &yard, to);
-        let maps = &player.sides.mapping.maps;
+        assert_map_after_seek(player, control, &yard, to);
+        let maps = &player.pipeline.mapping.maps;
         let waiting = ended.mapping.maps.report().scans_mapped - maps.report().scans_mapped;
         assert_eq!(waiting, 1);
-        let standstill = player.standstill.as_ref().unwrap();
-        assert_eq!(standstill.last_scan(), ended.mapping.maps.last_scan());
-        let shown = maps.octree_of(standstill).unwrap();
+        let paused_snapshot = player.paused_snapshot.as_ref().unwrap();
+        assert_eq!(paused_snapshot.last_scan(), ended.mapping.maps.last_scan());
+        let shown = maps.octree_of(paused_snapshot).unwrap();
         assert_eq!(voxel_digest(&shown), voxel_digest(octree));
         let without = maps.mapper().voxels().unwrap().octree();
         assert_ne!(voxel_digest(without), voxel_digest(octree));
@@ -168,29 +177,32 @@ fn a_recording_is_as_long_at_its_end_as_it_is_said_to_be_before() {
     // Its poses go on for 140 ms behind its last scan.
     let rooms = rooms();
     let command = command(&rooms);
-    let (survey, config, plan) = look_through(&command).unwrap();
-    let (run, mut source) = set_up(&command, true, &survey, &config, plan).unwrap();
-    let told = length(&survey, &mut source).unwrap().unwrap();
-    assert!(!told.is_estimate && told.duration > survey.duration());
+    let (survey, config, plan) = survey_recording(&command).unwrap();
+    let (run, mut source) = create_run(&command, true, &survey, &config, plan).unwrap();
+    let reported = length(&survey, &mut source).unwrap().unwrap();
+    assert!(!reported.is_estimate && reported.duration > survey.duration());
     let control = ReplayControl::new(Rate::Max);
-    control.tell_length(told);
+    control.set_length(reported);
     let interrupt = AtomicBool::new(false);
     let mut player = Player::new(&run, source, &control, &interrupt).unwrap();
-    let sight = settle(&mut player, &control);
-    assert_eq!(sight.state, ReplayState::Ended);
-    assert_eq!((sight.length, sight.position), (Some(told), told.duration));
+    let status = settle(&mut player, &control);
+    assert_eq!(status.state, ReplayState::Ended);
+    assert_eq!(
+        (status.length, status.position),
+        (Some(reported), reported.duration)
+    );
     // To have been read before changes nothing.
-    assert_eq!(left(&player.sides), fresh(&rooms, None));
+    assert_eq!(left(&player.pipeline), fresh(&rooms, None));
 
     // Who clicks on the end of the time line comes to the end.
     control.pause();
     control.seek(seconds(50.0));
     assert_eq!(settle(&mut player, &control).state, ReplayState::Paused);
-    control.seek(told.duration);
-    let sight = settle(&mut player, &control);
+    control.seek(reported.duration);
+    let status = settle(&mut player, &control);
     assert_eq!(
-        (sight.state, sight.position),
-        (ReplayState::Ended, told.duration)
+        (status.state, status.position),
+        (ReplayState::Ended, reported.duration)
     );
 }
 
@@ -199,14 +211,14 @@ fn it_is_wound_to_copies_of_the_maps_where_mapping_takes_long() {
     let rooms = rooms();
     with_player(&rooms, |player, control| {
         // As if every batch took a second to map.
-        player.checkpoints.apart = Duration::ZERO;
+        player.checkpoints.interval = Duration::ZERO;
         for to in [50.0, 30.0, 29.0, 2.0, 45.5] {
-            assert_wound(player, control, &rooms, to);
+            assert_map_after_seek(player, control, &rooms, to);
         }
         assert!(!player.checkpoints.kept.is_empty());
         let (_, trail_m) = control.trail(0).unwrap();
         with_player(&rooms, |other, control| {
-            assert_wound(other, control, &rooms, 45.5);
+            assert_map_after_seek(other, control, &rooms, 45.5);
             assert_eq!(control.trail(0).unwrap().1, trail_m);
         });
     });
@@ -219,11 +231,11 @@ fn copies_of_the_maps_are_few() {
         control.seek(seconds(1.0));
         settle(player, control);
         for _ in 0..100 {
-            player.keep_checkpoint();
-            assert!(player.checkpoints.kept.len() <= MOST);
+            player.take_checkpoint();
+            assert!(player.checkpoints.kept.len() <= MAX_CHECKPOINTS);
         }
         assert!(
-            player.checkpoints.apart > Duration::from_secs(10),
+            player.checkpoints.interval > Duration::from_secs(10),
             "and ever fewer"
         );
     });
@@ -235,9 +247,9 @@ fn heights_and_obstacles_that_were_erased_on_the_way_come_back() {
     let ramp = recorded("ramp", "44", folder.path());
     with_player(&ramp, |player, control| {
         for to in [38.0, 41.5, 39.75, 43.0] {
-            assert_wound(player, control, &ramp, to);
+            assert_map_after_seek(player, control, &ramp, to);
         }
-        let kinds: Vec<_> = control.sight().marks.iter().map(|m| m.kind).collect();
+        let kinds: Vec<_> = control.status().marks.iter().map(|m| m.kind).collect();
         assert_eq!(kinds, ["ground_plane"], "it is marked once");
     });
 }
@@ -248,9 +260,9 @@ fn voxels_costs_and_shores_too() {
     let lake = recorded("lake", "2", folder.path());
     with_player(&lake, |player, control| {
         for to in [1.0, 1.7, 0.6] {
-            assert_wound(player, control, &lake, to);
+            assert_map_after_seek(player, control, &lake, to);
         }
-        let layers: Vec<_> = left(&player.sides)
+        let layers: Vec<_> = left(&player.pipeline)
             .0
             .into_iter()
             .map(|(layer, _)| layer)
@@ -267,20 +279,20 @@ fn damage_is_marked_once_with_where_and_what() {
     bytes[900_000..900_035].fill(0);
     std::fs::write(&damaged, bytes).unwrap();
     with_player(&damaged, |player, control| {
-        let losses = |sight: &ReplaySight| -> Vec<String> {
-            let losses = sight.marks.iter().filter(|mark| mark.kind == "loss");
+        let losses = |status: &ReplayStatus| -> Vec<String> {
+            let losses = status.marks.iter().filter(|mark| mark.kind == "loss");
             losses.map(|mark| mark.message.clone()).collect()
         };
-        let told = losses(&settle(player, control));
-        assert_eq!(told.len(), 1, "{told:?}");
+        let reported = losses(&settle(player, control));
+        assert_eq!(reported.len(), 1, "{reported:?}");
         assert!(
-            told[0].starts_with("byte 796992: a chunk is lost"),
-            "{told:?}"
+            reported[0].starts_with("byte 796992: a chunk is lost"),
+            "{reported:?}"
         );
         for to in [0.0, 110.0] {
             control.pause();
             control.seek(seconds(to));
-            assert_eq!(losses(&settle(player, control)), told, "{to}");
+            assert_eq!(losses(&settle(player, control)), reported, "{to}");
         }
     });
 }

@@ -6,7 +6,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::config::error::{Hint, Origin};
+use crate::config::error::{Origin, Suggestion};
 use crate::config::presets::PRESETS;
 use crate::config::sensors::{
     ImuConfig, RangeSensorConfig, SensorConfig, WheelEncodersConfig, WheelsAndAttitude,
@@ -17,17 +17,17 @@ fn sets(settings: &[&str]) -> Vec<Override> {
     settings.iter().map(|text| text.parse().unwrap()).collect()
 }
 
-fn faults(result: Result<Config, ConfigError>) -> Vec<Fault> {
+fn issues(result: Result<Config, ConfigError>) -> Vec<ConfigIssue> {
     match result {
-        Err(ConfigError::Faults(faults)) => faults,
+        Err(ConfigError::Issues(issues)) => issues,
         other => panic!("{other:?}"),
     }
 }
 
-fn set_fault(setting: &str) -> String {
-    let faults = faults(load("generic2d", &sets(&[setting])));
-    assert_eq!(faults.len(), 1, "{setting}: {faults:?}");
-    faults[0].to_string()
+fn set_issue(setting: &str) -> String {
+    let issues = issues(load("generic2d", &sets(&[setting])));
+    assert_eq!(issues.len(), 1, "{setting}: {issues:?}");
+    issues[0].to_string()
 }
 
 fn laser(config: &Config) -> &RangeSensorConfig {
@@ -92,7 +92,7 @@ fn presets_load_and_the_generic_one_is_the_default() {
 
 #[test]
 fn presets_list_every_key_and_their_examples_are_valid() {
-    let shape = Shape::of_config().unwrap();
+    let schema = Schema::of_config().unwrap();
     for preset in PRESETS {
         let text = uncommented(preset.text);
         let mut listed = Vec::new();
@@ -102,7 +102,7 @@ fn presets_list_every_key_and_their_examples_are_valid() {
         let mut known: Vec<String> = config
             .sensors
             .iter()
-            .flat_map(|(name, sensor)| shape.paths(name, Some(sensor.kind())))
+            .flat_map(|(name, sensor)| schema.paths(name, Some(sensor.kind())))
             .filter(|(_, expected)| *expected != Expected::Table)
             .map(|(path, _)| path)
             .collect();
@@ -218,7 +218,7 @@ fn set_takes_toml_and_bare_words() {
 
 #[test]
 fn misspelt_keys_are_named_with_the_nearest() {
-    for (setting, key, nearest) in [
+    for (setting, key, suggestion) in [
         (
             "mapping.occupancy.cell=1",
             "mapping.occupancy.cell",
@@ -247,10 +247,10 @@ fn misspelt_keys_are_named_with_the_nearest() {
             "streaming.budget_kbps",
         ),
     ] {
-        let expected = format!("--set: `{key}`: unknown key: did you mean `{nearest}`?");
-        assert_eq!(set_fault(setting), expected);
+        let expected = format!("--set: `{key}`: unknown key: did you mean `{suggestion}`?");
+        assert_eq!(set_issue(setting), expected);
     }
-    assert!(set_fault("radio.call_sign=1").contains("unknown key: the nearest that exists is `"));
+    assert!(set_issue("radio.call_sign=1").contains("unknown key: the nearest that exists is `"));
 }
 
 #[test]
@@ -258,12 +258,12 @@ fn a_sensor_that_is_not_there_is_not_invented() {
     let expected = "the vehicle has no sensor of this name; it has: laser. \
                     To add one, set its `kind` (laser_scan, sonar, wheel_encoders, imu, gps)";
     assert_eq!(
-        set_fault("sensors.lazer.range_max_m=5"),
+        set_issue("sensors.lazer.range_max_m=5"),
         format!("--set: `sensors.lazer`: {expected}")
     );
     let topic = Override::topic("sonar=/scan").unwrap();
     assert_eq!(
-        faults(load("pioneer", &[topic]))[0].to_string(),
+        issues(load("pioneer", &[topic]))[0].to_string(),
         format!("--topic: `sensors.sonar`: {expected}")
     );
 }
@@ -273,9 +273,9 @@ fn the_keys_of_a_sensor_are_those_of_its_kind_whoever_names_it() {
     let vehicle = "preset = \"pioneer\"\n[sensors.wheels]\nkind = \"wheel_encoders\"\n\
                    [sensors.ahrs]\nkind = \"imu\"\n";
     let message = |text: &str, settings: &[&str]| {
-        let faults = faults(file_with(format!("{vehicle}{text}"), &sets(settings)));
-        assert_eq!(faults.len(), 1, "{faults:?}");
-        let Fault { key, problem, .. } = &faults[0];
+        let issues = issues(file_with(format!("{vehicle}{text}"), &sets(settings)));
+        assert_eq!(issues.len(), 1, "{issues:?}");
+        let ConfigIssue { key, problem, .. } = &issues[0];
         format!("{key}: {problem}")
     };
     assert_eq!(
@@ -354,10 +354,10 @@ fn values_of_wheels_and_attitude_that_make_no_sense_are_refused() {
              are 2)",
         ),
     ] {
-        let faults = faults(file_with(with, &sets(&[setting])));
-        assert_eq!(faults.len(), 1, "{faults:?}");
+        let issues = issues(file_with(with, &sets(&[setting])));
+        assert_eq!(issues.len(), 1, "{issues:?}");
         let (key, _) = setting.split_once('=').unwrap();
-        assert_eq!(faults[0].to_string(), format!("--set: `{key}`: {expected}"));
+        assert_eq!(issues[0].to_string(), format!("--set: `{key}`: {expected}"));
     }
 }
 
@@ -373,11 +373,11 @@ fn wrong_types_are_named_with_what_is_expected() {
             "expected a whole number, not negative, found 1.5",
         ),
         (
-            "streaming.store_mb=-1",
+            "streaming.tile_store_mb=-1",
             "expected a whole number, not negative, found -1",
         ),
         (
-            "streaming.store_mb=99999999999",
+            "streaming.tile_store_mb=99999999999",
             "expected a whole number, not negative, found 99999999999",
         ),
         ("vehicle.name=7", "expected text in quotes, found 7"),
@@ -401,19 +401,19 @@ fn wrong_types_are_named_with_what_is_expected() {
         ),
     ] {
         let key = setting.split('=').next().unwrap().trim_end_matches(".x");
-        assert_eq!(set_fault(setting), format!("--set: `{key}`: {message}"));
+        assert_eq!(set_issue(setting), format!("--set: `{key}`: {message}"));
     }
 }
 
 #[test]
 fn faults_in_files_say_line_and_column_and_all_are_told() {
     let text = "[vehicle]\nname = \"é\"\n  width = 1\n[localization]\nsource = \"stars\"\n\
-                wait_s = true\n[mapping]\noccupancy = { miss = \"é\", cell = 1 }";
-    let faults = faults(file(text));
-    let told: Vec<(usize, usize, &str)> = faults
+                max_pose_wait_s = true\n[mapping]\noccupancy = { miss = \"é\", cell = 1 }";
+    let issues = issues(file(text));
+    let told: Vec<(usize, usize, &str)> = issues
         .iter()
-        .map(|fault| match &fault.origin {
-            Some(Origin::File { line, column, .. }) => (*line, *column, fault.key.as_str()),
+        .map(|issue| match &issue.origin {
+            Some(Origin::File { line, column, .. }) => (*line, *column, issue.key.as_str()),
             other => panic!("{other:?}"),
         })
         .collect();
@@ -422,19 +422,19 @@ fn faults_in_files_say_line_and_column_and_all_are_told() {
         [
             (3, 3, "vehicle.width"),
             (5, 1, "localization.source"),
-            (6, 1, "localization.wait_s"),
+            (6, 1, "localization.max_pose_wait_s"),
             (8, 15, "mapping.occupancy.miss"),
             (8, 27, "mapping.occupancy.cell"),
         ]
     );
-    let hint = Hint {
+    let hint = Suggestion {
         name: "vehicle.width_m".to_owned(),
         is_close: true,
     };
     assert_eq!(
-        faults[0].problem,
+        issues[0].problem,
         Problem::UnknownKey {
-            nearest: Some(hint)
+            suggestion: Some(hint)
         }
     );
 }
@@ -504,7 +504,7 @@ fn values_that_make_no_sense_are_refused() {
         ),
         (
             "localization.buffer_s=0.2",
-            "at least max_gap_s and wait_s, 0.5",
+            "at least max_gap_s and max_pose_wait_s, 0.5",
         ),
         ("localization.max_waiting_scans=0", "1 to 100000"),
         ("localization.attitude_smoothing_s=2", "0 to 1"),
@@ -517,7 +517,7 @@ fn values_that_make_no_sense_are_refused() {
         ("streaming.publish_period_s=0", "0.02 to 3600"),
     ] {
         let (key, value) = setting.split_once('=').unwrap();
-        let message = set_fault(setting);
+        let message = set_issue(setting);
         assert!(
             message.starts_with(&format!("--set: `{key}`: ")),
             "{message}"
@@ -532,11 +532,11 @@ fn values_that_make_no_sense_are_refused() {
 #[test]
 fn faults_of_values_say_where_the_value_came_from_and_all_are_told() {
     let text = "[vehicle]\nlength_m = -1\n[sensors.laser]\nrange_min_m = 6";
-    let told: Vec<String> = faults(file_with(text, &sets(&["sensors.laser.range_max_m=5"])))
+    let told: Vec<String> = issues(file_with(text, &sets(&["sensors.laser.range_max_m=5"])))
         .iter()
-        .map(|fault| match &fault.origin {
-            Some(Origin::File { line, .. }) => format!("{} {line}", fault.key),
-            other => format!("{} {other:?}", fault.key),
+        .map(|issue| match &issue.origin {
+            Some(Origin::File { line, .. }) => format!("{} {line}", issue.key),
+            other => format!("{} {other:?}", issue.key),
         })
         .collect();
     assert_eq!(
@@ -552,9 +552,9 @@ fn many_faults_stay_readable_and_cheap() {
         lines.collect()
     };
     let unknown = file(settings(40_000, ".x = 1"));
-    assert!((1..=200).contains(&faults(unknown).len()));
+    assert!((1..=200).contains(&issues(unknown).len()));
     let too_many = file(settings(30_000, ".kind='laser_scan'"));
-    assert_eq!(faults(too_many).len(), 1);
+    assert_eq!(issues(too_many).len(), 1);
 }
 
 proptest! {

@@ -18,7 +18,7 @@ pub struct RangeSensorConfig {
     /// Added to the stamps to make up for latency, seconds.
     pub time_offset_s: f64,
     /// What a range of zero means.
-    pub zero: ZeroRange,
+    pub zero_range: ZeroRange,
     /// Probability that a voxel which one scan hit is occupied; where absent, that of the kind.
     pub p_hit: Option<f64>,
     /// Probability that a voxel which one scan saw through is occupied; where absent, that of the kind.

@@ -13,7 +13,7 @@ pub(super) fn localization(checks: &mut Checks, localization: &LocalizationConfi
         if *fixed_frame == localization.base_frame {
             let why = "the map would move with the vehicle";
             let allowed = "a frame other than localization.base_frame".to_owned();
-            checks.fault(
+            checks.issue(
                 &key("fixed_frame"),
                 format!("\"{}\"", quoted(fixed_frame)),
                 why,
@@ -29,8 +29,8 @@ pub(super) fn localization(checks: &mut Checks, localization: &LocalizationConfi
         pose,
     );
     checks.number(
-        &key("wait_s"),
-        localization.wait_s,
+        &key("max_pose_wait_s"),
+        localization.max_pose_wait_s,
         Allowed::Within(0.0, 60.0),
         pose,
     );
@@ -47,11 +47,11 @@ pub(super) fn localization(checks: &mut Checks, localization: &LocalizationConfi
         Allowed::PositiveUpTo(3600.0),
         memory,
     );
-    let least_s = localization.max_gap_s.max(localization.wait_s);
+    let least_s = localization.max_gap_s.max(localization.max_pose_wait_s);
     if localization.buffer_s < least_s {
         let why = "poses would be forgotten before the scans that wait for them are placed";
-        let allowed = format!("at least max_gap_s and wait_s, {least_s}");
-        checks.fault(
+        let allowed = format!("at least max_gap_s and max_pose_wait_s, {least_s}");
+        checks.issue(
             &key("buffer_s"),
             as_toml(localization.buffer_s),
             why,
@@ -96,7 +96,7 @@ pub(super) fn pose_sensors(checks: &mut Checks, config: &Config) {
         ),
     };
     if let Err((others, imus)) = found {
-        checks.fault(
+        checks.issue(
             "localization.source",
             format!("\"{source}\""),
             why,

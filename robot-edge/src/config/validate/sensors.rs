@@ -50,7 +50,7 @@ fn ranges(checks: &mut Checks, path: &str, laser: &RangeSensorConfig) {
         && range_min_m >= range_max_m
     {
         let why = "no range could be a hit";
-        checks.fault(
+        checks.issue(
             &key("range_max_m"),
             as_toml(range_max_m),
             why,
@@ -91,7 +91,7 @@ fn wheel_encoders(checks: &mut Checks, path: &str, encoders: &WheelEncodersConfi
     checks.name(&key("right_joint"), &encoders.right_joint, joint);
     if encoders.left_joint == encoders.right_joint {
         let why = "the vehicle moves by the mean of two wheels";
-        checks.fault(
+        checks.issue(
             &key("right_joint"),
             format!("\"{}\"", quoted(&encoders.right_joint)),
             why,
@@ -144,7 +144,7 @@ fn tilt(checks: &mut Checks, path: &str, tilt: &TiltConfig) {
     if tilt.scale == 0.0 {
         let why = "the sensor would not tilt";
         let allowed = "-100 to 100, not 0".to_owned();
-        checks.fault(&key("scale"), as_toml(tilt.scale), why, allowed);
+        checks.issue(&key("scale"), as_toml(tilt.scale), why, allowed);
     } else {
         let why = "it is the gear between joint and sensor";
         checks.number(

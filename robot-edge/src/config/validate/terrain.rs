@@ -15,7 +15,7 @@ pub(super) fn terrain(checks: &mut Checks, mapping: &MappingConfig) {
         ..
     } = mapping;
     if !occupancy.enabled && !elevation.enabled && !mapping.octree.enabled {
-        checks.fault(
+        checks.issue(
             "mapping.occupancy.enabled",
             "false".to_owned(),
             "nothing would be mapped",

@@ -46,8 +46,8 @@ fn cost(checks: &mut Checks, mapping: &MappingConfig) {
     }
     let reach = "the box must hold the ground under the vehicle and what stands on it";
     number(
-        "cost.reach_m",
-        cost.reach_m,
+        "cost.box_half_height_m",
+        cost.box_half_height_m,
         Allowed::Within(0.5, 50.0),
         reach,
     );
@@ -80,13 +80,13 @@ fn cost(checks: &mut Checks, mapping: &MappingConfig) {
         unit,
         threshold,
     );
-    let trespassable = "1 would be fatal";
+    let traversable = "1 would be lethal";
     let allowed = Allowed::Within(0.0, 0.996);
     number(
-        "rigidity.trespassable_cost",
-        rigidity.trespassable_cost,
+        "rigidity.traversable_vegetation_cost",
+        rigidity.traversable_vegetation_cost,
         allowed,
-        trespassable,
+        traversable,
     );
 }
 
@@ -180,7 +180,7 @@ fn needs(checks: &mut Checks, mapping: &MappingConfig) {
     ];
     for (layer, is_enabled, needed, is_there) in layers {
         if is_enabled && !is_there {
-            checks.fault(
+            checks.issue(
                 &format!("mapping.{layer}.enabled"),
                 "true".to_owned(),
                 "it is made of another layer, which is not mapped",
@@ -203,8 +203,8 @@ mod tests {
             let mut checks = Checks::default();
             octree(&mut checks, &mapping);
             cost(&mut checks, &mapping);
-            let faults = checks.into_faults().into_iter();
-            faults.map(|fault| fault.key).collect()
+            let issues = checks.into_issues().into_iter();
+            issues.map(|issue| issue.key).collect()
         };
         let (cell, of_box) = ("mapping.octree.cell_m", "mapping.cost.box_m");
         for cell_m in [-3.0, 0.0, 0.001, 11.0, f64::NAN] {

@@ -8,7 +8,7 @@ use crate::experiments::land::{Cell, LandWorld, octree_and_cost};
 use crate::experiments::run::SimulatedRun;
 use crate::experiments::terrain::seconds;
 use crate::mapping::octree::Octree;
-use crate::mapping::posed_scan::{BeamOutcome, PosedBeam, PosedScan};
+use crate::mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
 use crate::robot_time::RobotTime;
 use crate::simulation::tilt_servo::TiltServo;
 
@@ -42,7 +42,7 @@ pub(super) struct OpenGround<'a> {
 }
 
 /// Beams that truly met open ground, by scan; and the columns that sweeps either way met.
-pub(super) struct Seen {
+pub(super) struct Observed {
     beams: BTreeMap<RobotTime, BTreeSet<u32>>,
     columns: BTreeSet<Cell>,
 }
@@ -127,11 +127,11 @@ impl<'a> OpenGround<'a> {
     }
 
     /// What a run whose encoder does not lag meets.
-    pub(super) fn seen(
+    pub(super) fn observed(
         &self,
         mut run: SimulatedRun,
         until_s: f64,
-    ) -> Result<Seen, ExperimentError> {
+    ) -> Result<Observed, ExperimentError> {
         let mut beams = BTreeMap::new();
         let mut by_sweep: BTreeMap<Sweep, BTreeSet<Cell>> = BTreeMap::new();
         run.advance_with(until_s, |_, scan| {
@@ -142,7 +142,7 @@ impl<'a> OpenGround<'a> {
             );
             if let Some(sweep) = self.sweep(scan) {
                 let columns = by_sweep.entry(sweep).or_default();
-                let is_far = |beam: &PosedBeam| {
+                let is_far = |beam: &RegisteredBeam| {
                     ahead_m(scan, beam).is_some_and(|distance_m| distance_m >= APART_FROM_M)
                 };
                 let far = on_ground().filter(|(beam, _)| is_far(beam));
@@ -154,7 +154,7 @@ impl<'a> OpenGround<'a> {
             sweeps.next().unwrap_or_default(),
             sweeps.next().unwrap_or_default(),
         );
-        Ok(Seen {
+        Ok(Observed {
             beams,
             columns: one.intersection(&other).copied().collect(),
         })
@@ -165,19 +165,19 @@ impl<'a> OpenGround<'a> {
         &self,
         mut run: SimulatedRun,
         until_s: f64,
-        seen: &Seen,
+        observed: &Observed,
     ) -> Result<Surfaces, ExperimentError> {
         let mut surfaces = Surfaces::default();
         run.advance_with(until_s, |_, scan| {
-            self.add_heights(scan, seen, &mut surfaces);
+            self.add_heights(scan, observed, &mut surfaces);
         })?;
         let (octree, _) = octree_and_cost(run.pipeline())?;
-        self.add_columns(octree, seen, &mut surfaces);
+        self.add_columns(octree, observed, &mut surfaces);
         Ok(surfaces)
     }
 
-    fn add_heights(&self, scan: &PosedScan, seen: &Seen, surfaces: &mut Surfaces) {
-        let (Some(sweep), Some(beams)) = (self.sweep(scan), seen.beams.get(&scan.stamp)) else {
+    fn add_heights(&self, scan: &RegisteredScan, observed: &Observed, surfaces: &mut Surfaces) {
+        let (Some(sweep), Some(beams)) = (self.sweep(scan), observed.beams.get(&scan.stamp)) else {
             return;
         };
         for beam in hits(scan).filter(|beam| beams.contains(&beam.index)) {
@@ -196,11 +196,11 @@ impl<'a> OpenGround<'a> {
         }
     }
 
-    fn add_columns(&self, octree: &Octree, seen: &Seen, surfaces: &mut Surfaces) {
+    fn add_columns(&self, octree: &Octree, observed: &Observed, surfaces: &mut Surfaces) {
         let mut occupied: BTreeMap<Cell, Vec<i32>> = BTreeMap::new();
         for (voxel, _) in octree.occupied() {
             let cell = [voxel.x.into(), voxel.y.into()];
-            if seen.columns.contains(&cell) {
+            if observed.columns.contains(&cell) {
                 occupied.entry(cell).or_default().push(voxel.z);
             }
         }
@@ -221,7 +221,7 @@ impl<'a> OpenGround<'a> {
     }
 
     /// The column where a beam met open ground.
-    fn open_ground(&self, beam: &PosedBeam) -> Option<Cell> {
+    fn open_ground(&self, beam: &RegisteredBeam) -> Option<Cell> {
         let at = beam.end_in_odom;
         let cell = self.world.cell_at([at.x, at.y]);
         let ground_m = self.ground.height_m(at.xy())?;
@@ -230,13 +230,13 @@ impl<'a> OpenGround<'a> {
     }
 
     /// Which way the laser turned at its even rate while it swept.
-    fn sweep(&self, scan: &PosedScan) -> Option<Sweep> {
+    fn sweep(&self, scan: &RegisteredScan) -> Option<Sweep> {
         let at_s = seconds(scan.stamp);
         let turned_rad = self.servo.angle_rad(at_s + SCAN_S) - self.servo.angle_rad(at_s);
-        let least_rad = EVEN * self.servo.even_rate_radps() * SCAN_S;
-        if turned_rad >= least_rad {
+        let min_rad = EVEN * self.servo.even_rate_radps() * SCAN_S;
+        if turned_rad >= min_rad {
             Some(Sweep::Down)
-        } else if turned_rad <= -least_rad {
+        } else if turned_rad <= -min_rad {
             Some(Sweep::Up)
         } else {
             None
@@ -246,7 +246,7 @@ impl<'a> OpenGround<'a> {
 
 /// How far from the vehicle a beam ends, metres, where that is within 45° of where the vehicle looks: farther to
 /// the sides a tilt lifts less, and behind it lowers.
-fn ahead_m(scan: &PosedScan, beam: &PosedBeam) -> Option<f64> {
+fn ahead_m(scan: &RegisteredScan, beam: &RegisteredBeam) -> Option<f64> {
     let in_base = scan.odom_from_base.inverse() * beam.end_in_odom;
     (in_base.x >= in_base.y.abs()).then(|| in_base.coords.xy().norm())
 }
@@ -254,7 +254,7 @@ fn ahead_m(scan: &PosedScan, beam: &PosedBeam) -> Option<f64> {
 /// What the mirror of the laser takes for its 270°, seconds.
 const SCAN_S: f64 = 0.03;
 
-fn hits(scan: &PosedScan) -> impl Iterator<Item = &PosedBeam> {
-    let is_hit = |beam: &&PosedBeam| beam.outcome == BeamOutcome::Hit;
+fn hits(scan: &RegisteredScan) -> impl Iterator<Item = &RegisteredBeam> {
+    let is_hit = |beam: &&RegisteredBeam| beam.outcome == BeamOutcome::Hit;
     scan.beams.iter().filter(is_hit)
 }

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::experiments::ExperimentError;
-use crate::experiments::land::columns::{STANDS_M, columns_of};
+use crate::experiments::land::columns::{RAISED_M, columns_of};
 use crate::experiments::land::ground::{Ground, REACH};
 use crate::experiments::land::{Cell, LandWorld, around};
 
@@ -28,7 +28,7 @@ pub(super) enum Kind {
 impl Kind {
     pub(super) const ALL: [Self; 4] = [Self::Wall, Self::Box, Self::Trunk, Self::LowBranch];
 
-    pub(super) const fn words(self) -> &'static str {
+    pub(super) const fn label(self) -> &'static str {
         match self {
             Self::Wall => "columns of walls",
             Self::Box => "columns of boxes",
@@ -49,8 +49,8 @@ impl Kind {
     }
 }
 
-/// A thing and the columns that it stands in and makes fatal by the document's formula.
-pub(super) struct Thing {
+/// A thing and the columns that it stands in and makes lethal by the document's formula.
+pub(super) struct YardObject {
     pub(super) name: String,
     pub(super) kind: Kind,
     pub(super) columns: BTreeSet<Cell>,
@@ -63,9 +63,9 @@ pub(super) struct YardTruth<'a> {
     pub(super) planes: BTreeMap<Cell, f64>,
     /// Those of them that leaves hang above.
     pub(super) beneath: BTreeSet<Cell>,
-    pub(super) things: Vec<Thing>,
-    /// Cells that are fatal, or beside one, or where something may be met that gives way.
-    pub(super) may_be_fatal: BTreeSet<Cell>,
+    pub(super) objects: Vec<YardObject>,
+    /// Cells that are lethal, or beside one, or where something may be met that gives way.
+    pub(super) may_be_lethal: BTreeSet<Cell>,
     /// Places along the pit's rim and the cells beside each.
     pub(super) rim: Vec<BTreeSet<Cell>>,
 }
@@ -75,7 +75,7 @@ impl<'a> YardTruth<'a> {
         let ground = Ground::of(yard, YARD_M)?;
         let beside_m = REACH as f64 * yard.cell_m() + ASIDE_M;
         let (mut planes, mut beneath) = (BTreeMap::new(), BTreeSet::new());
-        let mut fatal = BTreeSet::new();
+        let mut lethal = BTreeSet::new();
         for cell in ground.cells() {
             if let Some(slope) = ground.slope(cell)
                 && ground.is_bare(cell, beside_m)
@@ -90,10 +90,10 @@ impl<'a> YardTruth<'a> {
                     .steepest(cell)
                     .is_some_and(|steepest| steepest >= 1.0)
             {
-                fatal.insert(cell);
+                lethal.insert(cell);
             }
         }
-        let things = yard.world.solids().iter().filter_map(|solid| {
+        let objects = yard.world.solids().iter().filter_map(|solid| {
             let kind = Kind::of(&solid.name)?;
             let is_steep = |cell: &Cell| {
                 ground
@@ -102,17 +102,17 @@ impl<'a> YardTruth<'a> {
             };
             let mut columns = columns_of(yard, &ground, solid);
             columns.retain(is_steep);
-            Some(Thing {
+            Some(YardObject {
                 kind,
                 columns,
                 name: solid.name.clone(),
             })
         });
         Ok(Self {
-            things: things.collect(),
+            objects: objects.collect(),
             planes,
             beneath,
-            may_be_fatal: fatal.iter().flat_map(|&cell| around(cell, 1)).collect(),
+            may_be_lethal: lethal.iter().flat_map(|&cell| around(cell, 1)).collect(),
             rim: rim(yard),
             ground,
         })
@@ -121,7 +121,7 @@ impl<'a> YardTruth<'a> {
     /// Whether any of a column is below the pit's rim, so that it is not taken for it.
     pub(super) fn is_pit(&self, cell: Cell) -> bool {
         let low = self.ground.heights_m(cell).map(|[low, _]| low);
-        low.is_some_and(|low| low < -STANDS_M)
+        low.is_some_and(|low| low < -RAISED_M)
     }
 
     pub(super) fn ground(&self) -> &Ground<'a> {

@@ -15,9 +15,9 @@ const NOISE_CELLS: i64 = 1;
 /// Wind moves tops so far, 13 cm about where they lean by 10 cm; cells.
 const SWAY_CELLS: i64 = 2;
 /// The cost of everything that cannot be driven on.
-const FATAL: f32 = 1.0;
+const LETHAL: f32 = 1.0;
 /// Codes of the rigidity layer.
-const TRESPASSABLE: u16 = 1;
+const TRAVERSABLE: u16 = 1;
 const RIGID: u16 = 2;
 /// Steps along a stem by which its columns are found, metres.
 const STEP_M: f64 = 0.02;
@@ -36,8 +36,8 @@ pub(super) enum Class {
 /// What a map says of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
-    Fatal,
-    Trespassable,
+    Lethal,
+    Traversable,
 }
 
 /// The meadow's objects.
@@ -51,8 +51,8 @@ pub(super) struct Objects {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Columns {
     pub(super) rigid: usize,
-    pub(super) trespassable: usize,
-    /// Fatal, and no metric says whether it gives way.
+    pub(super) traversable: usize,
+    /// Lethal, and no metric says whether it gives way.
     pub(super) unlabelled: usize,
     /// Known and not obstructed.
     pub(super) passable: usize,
@@ -60,7 +60,7 @@ pub(super) struct Columns {
 
 impl Class {
     /// Of which something is asked.
-    pub(super) const ASKED: [Self; 4] = [Self::Rock, Self::Trunk, Self::Grass, Self::Twigs];
+    pub(super) const EVALUATED: [Self; 4] = [Self::Rock, Self::Trunk, Self::Grass, Self::Twigs];
     pub(super) const ALL: [Self; 5] = [
         Self::Rock,
         Self::Trunk,
@@ -69,7 +69,7 @@ impl Class {
         Self::FarTwigs,
     ];
 
-    pub(super) const fn words(self) -> &'static str {
+    pub(super) const fn label(self) -> &'static str {
         match self {
             Self::Rock => "rocks",
             Self::Trunk => "trunks",
@@ -85,16 +85,16 @@ impl Class {
 
     pub(super) const fn verdict(self) -> Verdict {
         if self.is_rigid() {
-            Verdict::Fatal
+            Verdict::Lethal
         } else {
-            Verdict::Trespassable
+            Verdict::Traversable
         }
     }
 
-    pub(super) const fn verdict_in_words(self) -> &'static str {
+    pub(super) const fn verdict_label(self) -> &'static str {
         match self.verdict() {
-            Verdict::Fatal => "fatal",
-            Verdict::Trespassable => "trespassable",
+            Verdict::Lethal => "lethal",
+            Verdict::Traversable => "traversable",
         }
     }
 
@@ -113,13 +113,13 @@ impl Class {
 
 impl Columns {
     pub(super) const fn obstructed(self) -> usize {
-        self.rigid + self.trespassable + self.unlabelled
+        self.rigid + self.traversable + self.unlabelled
     }
 
     pub(super) const fn plus(self, other: Self) -> Self {
         Self {
             rigid: self.rigid + other.rigid,
-            trespassable: self.trespassable + other.trespassable,
+            traversable: self.traversable + other.traversable,
             unlabelled: self.unlabelled + other.unlabelled,
             passable: self.passable + other.passable,
         }
@@ -127,10 +127,10 @@ impl Columns {
 
     /// What most of the obstructed columns say; `None` where there are none.
     pub(super) fn verdict(self) -> Option<Verdict> {
-        let fatal = self.rigid + self.unlabelled;
-        match fatal.cmp(&self.trespassable) {
-            std::cmp::Ordering::Greater => Some(Verdict::Fatal),
-            std::cmp::Ordering::Less => Some(Verdict::Trespassable),
+        let lethal = self.rigid + self.unlabelled;
+        match lethal.cmp(&self.traversable) {
+            std::cmp::Ordering::Greater => Some(Verdict::Lethal),
+            std::cmp::Ordering::Less => Some(Verdict::Traversable),
             std::cmp::Ordering::Equal => None,
         }
     }
@@ -139,8 +139,8 @@ impl Columns {
         self.share(self.rigid)
     }
 
-    pub(super) fn trespassable_share(self) -> f64 {
-        self.share(self.trespassable)
+    pub(super) fn traversable_share(self) -> f64 {
+        self.share(self.traversable)
     }
 
     pub(super) fn unlabelled_share(self) -> f64 {
@@ -202,9 +202,9 @@ impl Objects {
             let label = rigidity.get(cell).copied();
             if label == Some(RIGID) {
                 columns.rigid += 1;
-            } else if label == Some(TRESPASSABLE) {
-                columns.trespassable += 1;
-            } else if *cost >= FATAL {
+            } else if label == Some(TRAVERSABLE) {
+                columns.traversable += 1;
+            } else if *cost >= LETHAL {
                 columns.unlabelled += 1;
             } else {
                 columns.passable += 1;

@@ -5,7 +5,7 @@ use protocol::export::Trinary;
 use protocol::tile_store::TileStore;
 
 use crate::experiments::ExperimentError;
-use crate::experiments::rooms::agreement::{Asked, Truth};
+use crate::experiments::rooms::agreement::{Expected, Truth};
 use crate::experiments::rooms::{self, mirror_of};
 use crate::simulation::World;
 use crate::simulation::truth::outline::Outline;
@@ -83,15 +83,15 @@ impl Course {
 fn errors(store: &TileStore, truth: &Truth, mirror: &Outline) -> Errors {
     let mut errors = Errors::default();
     for cell in truth.known_cells(store) {
-        match (cell.asked, cell.map) {
-            (Asked::Free, Trinary::Occupied) => errors.ghosts += 1,
-            (Asked::Occupied, Trinary::Free) => {
+        match (cell.expected, cell.map) {
+            (Expected::Free, Trinary::Occupied) => errors.ghosts += 1,
+            (Expected::Occupied, Trinary::Free) => {
                 let centre_m = Point2::from(truth.centre_m(cell.index));
                 let on_mirror =
                     mirror.contains(centre_m) || mirror.distance_m(centre_m) <= truth.near_m();
                 errors.holes += u64::from(on_mirror);
             }
-            (Asked::Free | Asked::Occupied | Asked::Nothing | Asked::Edge, _) => {}
+            (Expected::Free | Expected::Occupied | Expected::Unobservable | Expected::Edge, _) => {}
         }
     }
     errors

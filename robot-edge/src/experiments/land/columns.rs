@@ -7,14 +7,14 @@ use nalgebra::Point3;
 use super::ground::Ground;
 use super::{Cell, LandWorld};
 use crate::experiments::terrain::extent::extent_m;
-use crate::mapping::posed_scan::{BeamOutcome, PosedScan};
+use crate::mapping::registered_scan::{BeamOutcome, RegisteredScan};
 use crate::simulation::scene::Scene;
 use crate::simulation::solid::Solid;
 
 /// A hit that is no farther than this from the ground is on it, metres: ranges and attitudes are noisy.
 pub(in crate::experiments) const ON_GROUND_M: f64 = 0.1;
 /// What rises no higher than this above the ground may be taken for it, metres: one voxel and a half.
-pub(in crate::experiments) const STANDS_M: f64 = 0.15;
+pub(in crate::experiments) const RAISED_M: f64 = 0.15;
 
 /// How often a column was hit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,7 +37,7 @@ impl Hits {
         &mut self,
         world: &LandWorld,
         ground: &Ground<'_>,
-        scan: &PosedScan,
+        scan: &RegisteredScan,
     ) {
         let hits = scan
             .beams
@@ -54,7 +54,7 @@ impl Hits {
                 .or_default();
             if above_m.abs() <= ON_GROUND_M {
                 column.ground += 1;
-            } else if above_m > STANDS_M && above_m <= world.vehicle_height_m() {
+            } else if above_m > RAISED_M && above_m <= world.vehicle_height_m() {
                 column.raised += 1;
             }
         }
@@ -85,7 +85,7 @@ pub(in crate::experiments) fn columns_of(
                 Point3::new(x, y, z)
             };
             let (min, max) = (
-                corner(0, low + STANDS_M),
+                corner(0, low + RAISED_M),
                 corner(1, high + world.vehicle_height_m()),
             );
             scene.touches_box(min, max, 0.0)

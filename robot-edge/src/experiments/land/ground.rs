@@ -4,7 +4,7 @@ use nalgebra::Point2;
 
 use super::{Cell, LandWorld, around};
 use crate::experiments::ExperimentError;
-use crate::simulation::truth::Standing;
+use crate::simulation::truth::TerrainTruth;
 use crate::simulation::vegetation::Rigidity;
 
 /// Columns around one whose slope it shares, each way [HYB 5.1].
@@ -14,7 +14,7 @@ const PLANE_M: f64 = 0.002;
 
 /// The ground over a rectangle of columns.
 pub(in crate::experiments) struct Ground<'a> {
-    standing: Standing<'a>,
+    standing: TerrainTruth<'a>,
     cell_m: f64,
     vehicle_height_m: f64,
     first: Cell,
@@ -34,7 +34,7 @@ impl<'a> Ground<'a> {
         world: &'a LandWorld,
         [min_m, max_m]: [[f64; 2]; 2],
     ) -> Result<Self, ExperimentError> {
-        let standing = Standing::of(&world.world);
+        let standing = TerrainTruth::of(&world.world);
         let (first, last) = (world.cell_at(min_m), world.cell_at(max_m));
         let size = [0, 1].map(|axis| usize::try_from(last[axis] - first[axis] + 1).unwrap_or(0));
         if size[0].saturating_mul(size[1]) > MAX_COLUMNS {

@@ -67,11 +67,11 @@ impl LandWorld {
         options: SimulationOptions,
         settings: &[&str],
     ) -> Result<SimulatedRun, ExperimentError> {
-        self.run_posed(seed, options, settings, Poses::Averaged)
+        self.run_with_poses(seed, options, settings, Poses::Averaged)
     }
 
     /// The same with other errors of the poses.
-    pub(super) fn run_posed(
+    pub(super) fn run_with_poses(
         &self,
         seed: u64,
         options: SimulationOptions,

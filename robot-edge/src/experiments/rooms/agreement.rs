@@ -21,13 +21,13 @@ pub(in crate::experiments) struct Truth {
 /// right. So a cell is asked only where all readings, scatter included, must fall on one side. With the
 /// distance `d` from the cell's centre to the nearest surface and cells of side `c`:
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::experiments) enum Asked {
+pub(in crate::experiments) enum Expected {
     /// No surface passes within the scatter of it (`d > c/√2 + scatter`), and it is outside all solids.
     Free,
     /// A surface passes so near its centre (`d ≤ c/2 − scatter`) that readings of it stay within.
     Occupied,
-    /// As far from every surface as [`Asked::Free`], but inside a solid: no beam ends or passes there.
-    Nothing,
+    /// As far from every surface as [`Expected::Free`], but inside a solid: no beam ends or passes there.
+    Unobservable,
     /// All others: cells at edges, which are left out of every comparison.
     Edge,
 }
@@ -44,7 +44,7 @@ pub(in crate::experiments) struct KnownCell {
     pub(in crate::experiments) index: [i64; 2],
     /// What is truly there.
     pub(in crate::experiments) truth: TruthCell,
-    pub(in crate::experiments) asked: Asked,
+    pub(in crate::experiments) expected: Expected,
     /// What the map says, as exports and `--summary` do.
     pub(in crate::experiments) map: Trinary,
 }
@@ -64,13 +64,13 @@ impl Truth {
     }
 
     /// What the truth asks of a cell.
-    pub(in crate::experiments) fn asked(&self, cell: TruthCell) -> Asked {
+    pub(in crate::experiments) fn expected(&self, cell: TruthCell) -> Expected {
         let clear_m = self.grid.cell_m() * std::f64::consts::FRAC_1_SQRT_2 + self.scatter_m;
         match cell.kind {
-            CellKind::Free if cell.surface_distance_m > clear_m => Asked::Free,
-            CellKind::Occupied if cell.surface_distance_m <= self.near_m() => Asked::Occupied,
-            CellKind::Inside if cell.surface_distance_m > clear_m => Asked::Nothing,
-            CellKind::Free | CellKind::Occupied | CellKind::Inside => Asked::Edge,
+            CellKind::Free if cell.surface_distance_m > clear_m => Expected::Free,
+            CellKind::Occupied if cell.surface_distance_m <= self.near_m() => Expected::Occupied,
+            CellKind::Inside if cell.surface_distance_m > clear_m => Expected::Unobservable,
+            CellKind::Free | CellKind::Occupied | CellKind::Inside => Expected::Edge,
         }
     }
 
@@ -99,7 +99,7 @@ impl Truth {
             Some(KnownCell {
                 index,
                 truth,
-                asked: self.asked(truth),
+                expected: self.expected(truth),
                 map: Trinary::of(probability),
             })
         })
@@ -109,27 +109,27 @@ impl Truth {
     pub(in crate::experiments) fn compare(&self, store: &TileStore) -> Confusion {
         let mut confusion = Confusion::default();
         for cell in self.known_cells(store) {
-            confusion.counts[cell.asked as usize][cell.map as usize] += 1;
+            confusion.counts[cell.expected as usize][cell.map as usize] += 1;
         }
         confusion
     }
 }
 
 impl Confusion {
-    pub(in crate::experiments) fn count(&self, asked: Asked, map: Trinary) -> u64 {
-        self.counts[asked as usize][map as usize]
+    pub(in crate::experiments) fn count(&self, expected: Expected, map: Trinary) -> u64 {
+        self.counts[expected as usize][map as usize]
     }
 
     /// Share of the decided cells that are to be free and are.
     pub(in crate::experiments) fn free_agreement(&self) -> f64 {
-        let right = self.count(Asked::Free, Trinary::Free);
-        share(right, right + self.count(Asked::Free, Trinary::Occupied))
+        let right = self.count(Expected::Free, Trinary::Free);
+        share(right, right + self.count(Expected::Free, Trinary::Occupied))
     }
 
     /// Share of the decided cells that are to be occupied and are.
     pub(in crate::experiments) fn occupied_agreement(&self) -> f64 {
-        let right = self.count(Asked::Occupied, Trinary::Occupied);
-        share(right, right + self.count(Asked::Occupied, Trinary::Free))
+        let right = self.count(Expected::Occupied, Trinary::Occupied);
+        share(right, right + self.count(Expected::Occupied, Trinary::Free))
     }
 
     /// Share of the decided cells of both kinds that are as asked.
@@ -139,32 +139,34 @@ impl Confusion {
             (Trinary::Occupied, Trinary::Free),
         ]
         .map(|(free, occupied)| {
-            self.count(Asked::Free, free) + self.count(Asked::Occupied, occupied)
+            self.count(Expected::Free, free) + self.count(Expected::Occupied, occupied)
         });
         share(right, right + wrong)
     }
 
     /// How many decided cells are compared: those to be free and those to be occupied.
     pub(in crate::experiments) fn compared(&self) -> (u64, u64) {
-        let decided =
-            |asked| self.count(asked, Trinary::Free) + self.count(asked, Trinary::Occupied);
-        (decided(Asked::Free), decided(Asked::Occupied))
+        let decided = |expected| {
+            self.count(expected, Trinary::Free) + self.count(expected, Trinary::Occupied)
+        };
+        (decided(Expected::Free), decided(Expected::Occupied))
     }
 
     /// Cells that are to be occupied and are not: free or undecided.
     pub(in crate::experiments) fn surfaces_missed(&self) -> u64 {
-        self.count(Asked::Occupied, Trinary::Free) + self.count(Asked::Occupied, Trinary::Undecided)
+        self.count(Expected::Occupied, Trinary::Free)
+            + self.count(Expected::Occupied, Trinary::Undecided)
     }
 
     /// Known cells that are left out because of where they lie.
     pub(in crate::experiments) fn left_out(&self) -> u64 {
-        self.counts[Asked::Edge as usize].iter().sum()
+        self.counts[Expected::Edge as usize].iter().sum()
     }
 
     /// Cells that a comparison could count, were they decided.
     pub(in crate::experiments) fn undecided(&self) -> u64 {
-        self.count(Asked::Free, Trinary::Undecided)
-            + self.count(Asked::Occupied, Trinary::Undecided)
+        self.count(Expected::Free, Trinary::Undecided)
+            + self.count(Expected::Occupied, Trinary::Undecided)
     }
 }
 
@@ -181,15 +183,15 @@ impl Confusion {
             "map: occupied",
             "map: undecided",
         ]);
-        for (asked, name) in [
-            (Asked::Free, "free"),
-            (Asked::Occupied, "occupied"),
-            (Asked::Nothing, "nothing (inside a solid)"),
-            (Asked::Edge, "either (left out: at an edge)"),
+        for (expected, name) in [
+            (Expected::Free, "free"),
+            (Expected::Occupied, "occupied"),
+            (Expected::Unobservable, "nothing (inside a solid)"),
+            (Expected::Edge, "either (left out: at an edge)"),
         ] {
             let [free, occupied, undecided] =
                 [Trinary::Free, Trinary::Occupied, Trinary::Undecided]
-                    .map(|map| self.count(asked, map).to_string());
+                    .map(|map| self.count(expected, map).to_string());
             table.push([name.to_owned(), free, occupied, undecided]);
         }
         table

@@ -3,13 +3,13 @@
 use std::collections::HashMap;
 
 use crate::mapping::grid::CellIndex;
-use crate::mapping::posed_scan::{BeamOutcome, PosedBeam, PosedScan};
+use crate::mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
 use crate::simulation::World;
 use crate::simulation::truth::outline::Outline;
 use nalgebra::Point2;
 use protocol::export::Trinary;
 
-use super::agreement::{Asked, Truth};
+use super::agreement::{Expected, Truth};
 use super::run;
 use crate::experiments::ExperimentError;
 
@@ -45,7 +45,7 @@ impl Erosion {
         let store = pipeline.publisher().store();
         let (undone, never): (Vec<_>, Vec<_>) = truth
             .known_cells(&store)
-            .filter(|cell| cell.asked == Asked::Occupied && cell.map != Trinary::Occupied)
+            .filter(|cell| cell.expected == Expected::Occupied && cell.map != Trinary::Occupied)
             .map(|cell| (cell.index, last_occupied.get(&cell.index)))
             .partition(|(_, last)| last.is_some());
         let height_m = world
@@ -102,7 +102,7 @@ impl Square {
     }
 
     /// The beams of a scan that cross the cell, none if one ends in it.
-    fn crossed_without_a_hit(self, scan: &PosedScan) -> Vec<(&PosedBeam, Point2<f64>)> {
+    fn crossed_without_a_hit(self, scan: &RegisteredScan) -> Vec<(&RegisteredBeam, Point2<f64>)> {
         let mut crossing = Vec::new();
         for beam in scan
             .beams
@@ -121,7 +121,7 @@ impl Square {
     }
 
     /// Clips the beam to the square (Liang and Barsky).
-    fn is_crossed(self, beam: &PosedBeam) -> bool {
+    fn is_crossed(self, beam: &RegisteredBeam) -> bool {
         let (start, along) = (
             beam.origin_in_odom.xy(),
             (beam.end_in_odom - beam.origin_in_odom).xy(),
@@ -137,7 +137,7 @@ impl Square {
     }
 }
 
-fn angle_to_surface_deg(outline: &Outline, beam: &PosedBeam, point_m: Point2<f64>) -> f64 {
+fn angle_to_surface_deg(outline: &Outline, beam: &RegisteredBeam, point_m: Point2<f64>) -> f64 {
     let distance_m = |&[a, b]: &[Point2<f64>; 2]| {
         let along = b - a;
         let t = ((point_m - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);

@@ -3,7 +3,7 @@
 use protocol::export::Trinary;
 use protocol::tile_store::TileStore;
 
-use super::agreement::{Asked, Truth};
+use super::agreement::{Expected, Truth};
 use crate::experiments::pictures::{Drawing, Image, Picture};
 
 /// What a pixel shows, as an index into [`COLORS`].
@@ -42,9 +42,9 @@ pub(in crate::experiments) fn picture(
     let [width, height] = [0, 1].map(|axis| (end[axis] - first[axis]) as usize * PIXELS_PER_CELL);
     let mut pixels = vec![Shade::Unknown as u8; width * height];
     for cell in truth.known_cells(store) {
-        let shade = match (cell.asked, cell.map) {
-            (Asked::Free, Trinary::Occupied) => Shade::Ghost,
-            (Asked::Occupied, Trinary::Free) => Shade::Hole,
+        let shade = match (cell.expected, cell.map) {
+            (Expected::Free, Trinary::Occupied) => Shade::Ghost,
+            (Expected::Occupied, Trinary::Free) => Shade::Hole,
             (_, Trinary::Free) => Shade::Free,
             (_, Trinary::Occupied) => Shade::Occupied,
             (_, Trinary::Undecided) => Shade::Undecided,

@@ -1,6 +1,6 @@
 //! What the experiments on water share: a world, where `odom` lies in it, and how clusters are judged.
 
-pub(super) mod judgement;
+pub(super) mod cluster_match;
 pub(super) mod views;
 
 use nalgebra::{Point2, Point3, Vector3};

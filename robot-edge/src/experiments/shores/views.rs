@@ -32,7 +32,7 @@ impl MetricColumns {
             ] {
                 match label {
                     Rigidity::Rigid => *votes.entry(column).or_default() += 1,
-                    Rigidity::Trespassable => *votes.entry(column).or_default() -= 1,
+                    Rigidity::Traversable => *votes.entry(column).or_default() -= 1,
                     Rigidity::Unlabelled => {}
                 }
             }

@@ -52,7 +52,7 @@ impl Agreement {
                 continue;
             }
             let truly = verdict.is_some_and(|verdict| verdict.is_obstacle);
-            if truly && class == CellClass::Free && !sweep.met_an_obstacle(cell) {
+            if truly && class == CellClass::Free && !sweep.hit_an_obstacle(cell) {
                 agreement.unseen += 1;
                 continue;
             }
@@ -65,7 +65,7 @@ impl Agreement {
                 | (CellClass::Unknown, _) => {}
             }
         }
-        for cell in sweep.standing_out() {
+        for cell in sweep.protruding() {
             agreement.swept += 1;
             let is_shown = around(cell).any(|at| map.get(&at) == Some(&CellClass::Obstacle));
             if !is_shown {
@@ -99,17 +99,17 @@ pub(in crate::experiments) fn checks(which: &str, agreements: &[Agreement]) -> V
     let missed = figure(&|agreement| agreement.missed.len() as f64);
     let swept = figure(&|agreement| agreement.swept as f64);
     let wrong =
-        |what: &str, spread: Spread| Check::shown(format!("{which}: {what}"), spread.words(0, ""));
+        |what: &str, spread: Spread| Check::shown(format!("{which}: {what}"), spread.text(0, ""));
     vec![
         Check::gate(
             format!("{which}: obstacle map agrees with the truth"),
-            share.words(2, " %"),
+            share.text(2, " %"),
             format!("≥ {:.0} %", 100.0 * AGREEMENT_MIN),
             share.least >= 100.0 * AGREEMENT_MIN && compared.least > 0.0,
         ),
         Check::gate(
             format!("{which}: swept obstacles and ditches of 15 cm that are missed"),
-            format!("{} of {} cells", missed.words(0, ""), swept.words(0, "")),
+            format!("{} of {} cells", missed.text(0, ""), swept.text(0, "")),
             "0",
             missed.most == 0.0,
         ),

@@ -6,27 +6,27 @@ use nalgebra::Point3;
 
 use super::{Cell, TerrainWorld, around, seconds};
 use crate::experiments::ExperimentError;
-use crate::mapping::posed_scan::{BeamOutcome, PosedScan};
+use crate::mapping::registered_scan::{BeamOutcome, RegisteredScan};
 use crate::simulation::truth::GroundPlane;
 
 /// A cell is swept where the laser met it in so many scans in a row: a fifth of a second.
 const SCANS_IN_A_ROW: u32 = 5;
 /// Obstacles at least so high, and ditches at least so deep, may not be missed, metres.
-pub(in crate::experiments) const STANDING_OUT_M: f64 = 0.15;
+pub(in crate::experiments) const PROTRUDING_M: f64 = 0.15;
 /// A surface so far above all that stands still there moves, metres.
 const MOVING_M: f64 = 0.05;
 
 /// What the laser met, by cell.
 pub(in crate::experiments) struct Sweep {
-    cells: BTreeMap<Cell, Met>,
+    cells: BTreeMap<Cell, SweepHits>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
-struct Met {
+struct SweepHits {
     /// Scans in a row that met anything, and the longest such row.
     any: Row,
     /// The same for surfaces that stand out.
-    standing_out: Row,
+    protruding: Row,
     /// Points beyond a threshold of the obstacle map.
     beyond: u32,
 }
@@ -71,7 +71,13 @@ impl Sweep {
         Ok(sweep)
     }
 
-    fn add(&mut self, world: &TerrainWorld, plane: &GroundPlane, scan: &PosedScan, number: u32) {
+    fn add(
+        &mut self,
+        world: &TerrainWorld,
+        plane: &GroundPlane,
+        scan: &RegisteredScan,
+        number: u32,
+    ) {
         let thresholds = world.thresholds();
         let side = i64::from(world.config.mapping.elevation.cells);
         let vehicle = scan.odom_from_base.translation.vector;
@@ -97,21 +103,21 @@ impl Sweep {
                 met.beyond += 1;
             }
             // Rounding must not decide on a kerb of exactly this height.
-            if height_m.abs() >= STANDING_OUT_M - 1e-6 {
-                met.standing_out.add(number);
+            if height_m.abs() >= PROTRUDING_M - 1e-6 {
+                met.protruding.add(number);
             }
         }
     }
 
     /// Whether the laser met enough beyond a threshold in a cell for the map to know of it: 2 points, as the
     /// obstacle map's own rule demands.
-    pub(in crate::experiments) fn met_an_obstacle(&self, cell: Cell) -> bool {
+    pub(in crate::experiments) fn hit_an_obstacle(&self, cell: Cell) -> bool {
         self.cells.get(&cell).is_some_and(|met| met.beyond >= 2)
     }
 
     /// The cells that the laser swept.
     pub(in crate::experiments) fn cells(&self) -> impl Iterator<Item = Cell> {
-        let swept = |met: &Met| met.any.longest >= SCANS_IN_A_ROW;
+        let swept = |met: &SweepHits| met.any.longest >= SCANS_IN_A_ROW;
         self.cells
             .iter()
             .filter(move |(_, met)| swept(met))
@@ -119,8 +125,8 @@ impl Sweep {
     }
 
     /// Those where it swept an obstacle or a ditch.
-    pub(in crate::experiments) fn standing_out(&self) -> impl Iterator<Item = Cell> {
-        let swept = |met: &Met| met.standing_out.longest >= SCANS_IN_A_ROW;
+    pub(in crate::experiments) fn protruding(&self) -> impl Iterator<Item = Cell> {
+        let swept = |met: &SweepHits| met.protruding.longest >= SCANS_IN_A_ROW;
         self.cells
             .iter()
             .filter(move |(_, met)| swept(met))

@@ -52,10 +52,10 @@ pub enum BtError {
         bytes: usize,
     },
     /// The tree is not of the size that the header says.
-    #[error("the header says {said} nodes, the tree has {found}")]
+    #[error("the header says {declared} nodes, the tree has {found}")]
     Size {
         /// In the header.
-        said: u64,
+        declared: u64,
         /// In the tree.
         found: u64,
     },
@@ -67,7 +67,7 @@ pub struct BtReader<'a> {
     bytes: &'a [u8],
     at: usize,
     cell_m: f64,
-    said_nodes: u64,
+    declared_nodes: u64,
     nodes: u64,
     /// The way down from the root: at most one node a level.
     path: Vec<Node>,
@@ -91,7 +91,7 @@ impl<'a> BtReader<'a> {
             bytes,
             at: header.bytes,
             cell_m: header.cell_m,
-            said_nodes: header.nodes,
+            declared_nodes: header.nodes,
             nodes: 0,
             path: Vec::with_capacity(LEVELS.into()),
         };
@@ -165,9 +165,9 @@ impl<'a> BtReader<'a> {
     }
 
     fn check_end(&self) -> Result<(), BtError> {
-        if self.nodes != self.said_nodes {
+        if self.nodes != self.declared_nodes {
             return Err(BtError::Size {
-                said: self.said_nodes,
+                declared: self.declared_nodes,
                 found: self.nodes,
             });
         }
@@ -187,7 +187,7 @@ impl Iterator for BtReader<'_> {
         if !matches!(next, Some(Ok(_))) {
             self.path.clear();
             self.at = self.bytes.len();
-            self.said_nodes = self.nodes;
+            self.declared_nodes = self.nodes;
         }
         next
     }

@@ -111,17 +111,17 @@ fn what_the_format_cannot_hold_is_refused() {
         cube(at(0, 0, 0), 255, true),
     ] {
         let refused = tree([misplaced]);
-        assert!(matches!(refused, Err(BtWriteError::Misplaced(cube)) if cube == misplaced));
+        assert!(matches!(refused, Err(BtWriteError::OutOfRange(cube)) if cube == misplaced));
     }
     let overlapping = [cube(at(0, 0, 0), 3, true), cube(at(5, 6, 7), 0, false)];
     let refused = tree(overlapping);
-    assert!(matches!(refused, Err(BtWriteError::Disordered(voxel)) if voxel == at(5, 6, 7)));
+    assert!(matches!(refused, Err(BtWriteError::OutOfOrder(voxel)) if voxel == at(5, 6, 7)));
     let mut late = tree([cube(at(0, 0, 0), 0, true)]).unwrap();
     let refused = late.push(cube(at(-1, 0, 0), 0, true));
-    assert!(matches!(refused, Err(BtWriteError::Disordered(voxel)) if voxel == at(-1, 0, 0)));
+    assert!(matches!(refused, Err(BtWriteError::OutOfOrder(voxel)) if voxel == at(-1, 0, 0)));
     for misplaced in [at(8, 0, 0), at(32_768, 0, 0)] {
         let refused = BtWriter::default().push_block(misplaced, &[BrickStates::default(); 64]);
-        assert!(matches!(refused, Err(BtWriteError::Misplaced(cube)) if cube.least == misplaced));
+        assert!(matches!(refused, Err(BtWriteError::OutOfRange(cube)) if cube.least == misplaced));
     }
 }
 

@@ -13,10 +13,10 @@ pub enum BtWriteError {
     /// The format has no place for it.
     #[error("the cube of edge 2^{} at voxel ({}, {}, {}) is not within ±32768 voxels of the origin, on a \
         multiple of its edge and of an edge up to 2^15", .0.edge_log2, .0.least.x, .0.least.y, .0.least.z)]
-    Misplaced(Cube),
+    OutOfRange(Cube),
     /// Something is said twice, or too late.
     #[error("the cube at voxel ({}, {}, {}) begins before the end of the one before it", .0.x, .0.y, .0.z)]
-    Disordered(VoxelIndex),
+    OutOfOrder(VoxelIndex),
     /// The file could not be written.
     #[error(transparent)]
     Io(#[from] io::Error),
@@ -69,7 +69,7 @@ impl BtWriter {
         let is_placed = |index: i32| index.trailing_zeros() >= cube.edge_log2.into();
         let first = place(cube.least)
             .filter(|_| cube.edge_log2 < LEVELS && [x, y, z].into_iter().all(is_placed))
-            .ok_or(BtWriteError::Misplaced(cube))?;
+            .ok_or(BtWriteError::OutOfRange(cube))?;
         self.add(first, cube.edge_log2, Child::leaf(cube.is_occupied))
     }
 
@@ -80,7 +80,7 @@ impl BtWriter {
         least: VoxelIndex,
         bricks: &[BrickStates; 64],
     ) -> Result<(), BtWriteError> {
-        let misplaced = BtWriteError::Misplaced(Cube {
+        let misplaced = BtWriteError::OutOfRange(Cube {
             least,
             edge_log2: 2 * BRICK_LOG2,
             is_occupied: false,
@@ -148,7 +148,7 @@ impl BtWriter {
     /// Tells its parent of a child, which is opened where it is not yet.
     fn add(&mut self, first: u64, edge_log2: u8, child: Child) -> Result<(), BtWriteError> {
         if first < self.next {
-            return Err(BtWriteError::Disordered(voxel_at(first)));
+            return Err(BtWriteError::OutOfOrder(voxel_at(first)));
         }
         self.next = first + voxels(edge_log2);
         while let Some(node) = self.open.last()
@@ -165,7 +165,7 @@ impl BtWriter {
             });
             self.bytes.extend([0; 2]);
         }
-        self.tell_parent(first, edge_log2, child);
+        self.set_in_parent(first, edge_log2, child);
         Ok(())
     }
 
@@ -174,7 +174,7 @@ impl BtWriter {
         LEVELS + 1 - self.open.len() as u8
     }
 
-    fn tell_parent(&mut self, first: u64, edge_log2: u8, child: Child) {
+    fn set_in_parent(&mut self, first: u64, edge_log2: u8, child: Child) {
         let number = first >> (3 * edge_log2) & 7;
         if let Some(parent) = self.open.last_mut() {
             parent.children |= child.bits() << (2 * number);
@@ -197,7 +197,7 @@ impl BtWriter {
             Child::Inner
         };
         if !is_root {
-            self.tell_parent(node.first, edge_log2, child);
+            self.set_in_parent(node.first, edge_log2, child);
         }
     }
 }
@@ -216,13 +216,13 @@ const fn octet(brick: u64, number: u8) -> u8 {
 
 /// A node whose children are voxels.
 const fn children(known: u8, occupied: u8) -> u16 {
-    apart(known & !occupied) | apart(known & occupied) << 1
+    spread_bits(known & !occupied) | spread_bits(known & occupied) << 1
 }
 
 /// Every bit at twice its place.
-const fn apart(bits: u8) -> u16 {
-    let mut apart = bits as u16;
-    apart = (apart | apart << 4) & 0x0f0f;
-    apart = (apart | apart << 2) & 0x3333;
-    (apart | apart << 1) & 0x5555
+const fn spread_bits(bits: u8) -> u16 {
+    let mut spread_bits = bits as u16;
+    spread_bits = (spread_bits | spread_bits << 4) & 0x0f0f;
+    spread_bits = (spread_bits | spread_bits << 2) & 0x3333;
+    (spread_bits | spread_bits << 1) & 0x5555
 }

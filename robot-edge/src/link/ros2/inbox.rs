@@ -16,42 +16,42 @@ const MAX_BYTES: usize = 64 << 20;
 
 /// One message as it came.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Heard {
+pub struct RosMessage {
     /// Topic and type.
     pub stream: Stream,
     /// CDR behind its encapsulation header.
-    pub message: Vec<u8>,
+    pub payload: Vec<u8>,
     /// When it was published, on the publisher's wall clock, where it says so.
     pub published: Option<RobotTime>,
     /// When it came, on this machine's clock.
-    pub came: Monotonic,
+    pub received_at: Monotonic,
 }
 
 /// The end from which messages are taken.
 #[derive(Debug)]
 pub struct Inbox {
-    messages: Receiver<Heard>,
+    messages: Receiver<RosMessage>,
     counters: Arc<Counters>,
 }
 
 /// The end at which they are left.
 #[derive(Clone, Debug)]
-pub(super) struct Slot {
-    messages: SyncSender<Heard>,
+pub(super) struct InboxSender {
+    messages: SyncSender<RosMessage>,
     counters: Arc<Counters>,
 }
 
 #[derive(Debug, Default)]
 struct Counters {
     waiting_bytes: AtomicUsize,
-    overflown: AtomicU64,
+    dropped: AtomicU64,
 }
 
 impl Inbox {
-    pub(super) fn new() -> (Slot, Self) {
+    pub(super) fn new() -> (InboxSender, Self) {
         let (sender, receiver) = sync_channel(MAX_MESSAGES);
         let counters = Arc::new(Counters::default());
-        let slot = Slot {
+        let sender = InboxSender {
             messages: sender,
             counters: Arc::clone(&counters),
         };
@@ -59,52 +59,52 @@ impl Inbox {
             messages: receiver,
             counters,
         };
-        (slot, inbox)
+        (sender, inbox)
     }
 
     /// The next message, if one comes within `wait`.
     ///
     /// # Errors
     /// Where none has come, or none can come any more.
-    pub fn take(&self, wait: Duration) -> Result<Heard, RecvTimeoutError> {
-        let heard = match self.messages.try_recv() {
-            Ok(heard) => heard,
+    pub fn take(&self, wait: Duration) -> Result<RosMessage, RecvTimeoutError> {
+        let message = match self.messages.try_recv() {
+            Ok(message) => message,
             Err(_) if wait.is_zero() => return Err(RecvTimeoutError::Timeout),
             Err(_) => self.messages.recv_timeout(wait)?,
         };
-        let bytes = heard.message.len();
+        let bytes = message.payload.len();
         self.counters
             .waiting_bytes
             .fetch_sub(bytes, Ordering::Relaxed);
-        Ok(heard)
+        Ok(message)
     }
 
     /// Messages that found no room so far.
-    pub fn overflown(&self) -> u64 {
-        self.counters.overflown.load(Ordering::Relaxed)
+    pub fn dropped(&self) -> u64 {
+        self.counters.dropped.load(Ordering::Relaxed)
     }
 }
 
-impl Slot {
+impl InboxSender {
     /// Leaves a message of `bytes` bytes, where there is room; only then it is made.
-    pub(super) fn offer(&self, bytes: usize, make: impl FnOnce() -> Option<Heard>) {
+    pub(super) fn offer(&self, bytes: usize, make: impl FnOnce() -> Option<RosMessage>) {
         let Counters {
             waiting_bytes,
-            overflown,
+            dropped,
         } = &*self.counters;
         let waiting = waiting_bytes.fetch_add(bytes, Ordering::Relaxed);
         let is_left = if waiting.saturating_add(bytes) > MAX_BYTES {
             false
         } else {
-            let Some(heard) = make() else {
+            let Some(message) = make() else {
                 waiting_bytes.fetch_sub(bytes, Ordering::Relaxed);
                 return;
             };
-            self.messages.try_send(heard).is_ok()
+            self.messages.try_send(message).is_ok()
         };
         if !is_left {
             waiting_bytes.fetch_sub(bytes, Ordering::Relaxed);
-            overflown.fetch_add(1, Ordering::Relaxed);
+            dropped.fetch_add(1, Ordering::Relaxed);
         }
     }
 }
@@ -113,35 +113,35 @@ impl Slot {
 mod tests {
     use super::*;
 
-    fn heard(bytes: usize) -> Heard {
-        Heard {
+    fn message(bytes: usize) -> RosMessage {
+        RosMessage {
             stream: Stream {
                 name: "/scan".to_owned(),
                 type_name: "sensor_msgs/LaserScan".to_owned(),
             },
-            message: vec![0; bytes],
+            payload: vec![0; bytes],
             published: None,
-            came: Monotonic::from_nanos(0),
+            received_at: Monotonic::from_nanos(0),
         }
     }
 
     #[test]
     fn messages_and_bytes_are_bounded_and_the_rest_is_counted() {
-        let (slot, inbox) = Inbox::new();
+        let (sender, inbox) = Inbox::new();
         for _ in 0..=MAX_MESSAGES {
-            slot.offer(1, || Some(heard(1)));
+            sender.offer(1, || Some(message(1)));
         }
-        assert_eq!(inbox.overflown(), 1);
+        assert_eq!(inbox.dropped(), 1);
         for _ in 0..MAX_MESSAGES {
             inbox.take(Duration::ZERO).unwrap();
         }
         assert_eq!(inbox.take(Duration::ZERO), Err(RecvTimeoutError::Timeout));
-        slot.offer(MAX_BYTES, || Some(heard(MAX_BYTES)));
-        slot.offer(1, || Some(heard(1)));
-        assert_eq!(inbox.overflown(), 2);
-        assert_eq!(inbox.take(Duration::ZERO).unwrap().message.len(), MAX_BYTES);
-        slot.offer(MAX_BYTES, || None);
-        slot.offer(1, || Some(heard(1)));
-        assert_eq!(inbox.overflown(), 2);
+        sender.offer(MAX_BYTES, || Some(message(MAX_BYTES)));
+        sender.offer(1, || Some(message(1)));
+        assert_eq!(inbox.dropped(), 2);
+        assert_eq!(inbox.take(Duration::ZERO).unwrap().payload.len(), MAX_BYTES);
+        sender.offer(MAX_BYTES, || None);
+        sender.offer(1, || Some(message(1)));
+        assert_eq!(inbox.dropped(), 2);
     }
 }

@@ -8,6 +8,6 @@ mod inbox;
 mod session;
 mod twist;
 
-pub use inbox::{Heard, Inbox};
+pub use inbox::{Inbox, RosMessage};
 pub use session::{RosEndpoint, RosLink, RosLinkError};
 pub use twist::TwistPublisher;

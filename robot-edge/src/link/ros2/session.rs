@@ -8,7 +8,7 @@ use zenoh::query::{QueryTarget, ReplyKeyExpr};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Config, Session, Wait as _};
 
-use super::inbox::{Heard, Inbox, Slot};
+use super::inbox::{Inbox, InboxSender, RosMessage};
 use super::twist::TwistPublisher;
 use crate::clock::Monotonic;
 use crate::link::random_id;
@@ -16,7 +16,8 @@ use crate::measurement::Stream;
 use crate::ros::MessageType;
 use crate::ros::middleware::attachment::Attachment;
 use crate::ros::middleware::{
-    Announced, Carrier, HistoryKeys, announced, rmw_pattern, rmw_stream, token_patterns, twist_keys,
+    DiscoveredTopic, HistoryKeys, TopicTransport, parse_token, rmw_pattern, rmw_stream,
+    token_patterns, twist_keys,
 };
 
 /// One attempt to connect.
@@ -53,7 +54,7 @@ pub enum RosLinkError {
         why: zenoh::Error,
     },
     /// Nobody answers.
-    #[error("nobody answers at {endpoint}: {why}")]
+    #[error("no answer at {endpoint}: {why}")]
     Open {
         /// Where.
         endpoint: String,
@@ -75,7 +76,7 @@ pub enum RosLinkError {
 pub struct RosLink {
     session: Session,
     domain: u32,
-    slot: Slot,
+    sender: InboxSender,
     announced: Arc<Mutex<Announcements>>,
 }
 
@@ -90,7 +91,7 @@ impl std::fmt::Debug for RosLink {
 /// What is announced, by token.
 #[derive(Default)]
 struct Announcements {
-    by_token: BTreeMap<String, Announced>,
+    by_token: BTreeMap<String, DiscoveredTopic>,
     /// Keys of bridges that nobody has subscribed to yet.
     new_keys: Vec<(String, Stream)>,
     /// Keys of bridges that were ever announced.
@@ -110,11 +111,11 @@ impl RosLink {
                     endpoint: at.endpoint.clone(),
                     why,
                 })?;
-        let (slot, inbox) = Inbox::new();
+        let (sender, inbox) = Inbox::new();
         let link = Self {
             session,
             domain: at.domain,
-            slot,
+            sender,
             announced: Arc::default(),
         };
         link.subscribe_to_rmw()?;
@@ -126,9 +127,9 @@ impl RosLink {
     ///
     /// # Errors
     /// Where Zenoh refuses.
-    pub fn ask_for_history(&self) -> Result<(), RosLinkError> {
+    pub fn request_history(&self) -> Result<(), RosLinkError> {
         for key in HistoryKeys::of_static_transforms(self.domain).iter() {
-            let (slot, domain) = (self.slot.clone(), self.domain);
+            let (sender, domain) = (self.sender.clone(), self.domain);
             self.session
                 .get(key)
                 .target(QueryTarget::All)
@@ -141,7 +142,7 @@ impl RosLink {
                             name: format!("/{key}"),
                             type_name: "tf2_msgs/TFMessage".to_owned(),
                         });
-                        offer(&slot, sample, || Some(stream));
+                        offer(&sender, sample, || Some(stream));
                     }
                 })
                 .wait()
@@ -158,10 +159,10 @@ impl RosLink {
     pub fn subscribe_to_announced(&self) -> Result<(), RosLinkError> {
         let new = std::mem::take(&mut self.announcements().new_keys);
         for (key, stream) in new {
-            let slot = self.slot.clone();
+            let sender = self.sender.clone();
             self.session
                 .declare_subscriber(key.clone())
-                .callback(move |sample| offer(&slot, &sample, || Some(stream.clone())))
+                .callback(move |sample| offer(&sender, &sample, || Some(stream.clone())))
                 .background()
                 .wait()
                 .map_err(|why| refused(&key, why))?;
@@ -196,15 +197,15 @@ impl RosLink {
 
     /// The keys of `rmw_zenoh` name the type, so that no announcement is needed.
     fn subscribe_to_rmw(&self) -> Result<(), RosLinkError> {
-        for (_, type_name) in MessageType::all().filter(|(kind, _)| is_of_use(*kind)) {
+        for (_, type_name) in MessageType::all().filter(|(kind, _)| is_supported(*kind)) {
             let Some(pattern) = rmw_pattern(self.domain, type_name) else {
                 continue;
             };
-            let (slot, domain) = (self.slot.clone(), self.domain);
+            let (sender, domain) = (self.sender.clone(), self.domain);
             self.session
                 .declare_subscriber(pattern.clone())
                 .callback(move |sample| {
-                    offer(&slot, &sample, || {
+                    offer(&sender, &sample, || {
                         rmw_stream(domain, sample.key_expr().as_str())
                     });
                 })
@@ -241,15 +242,16 @@ impl Announcements {
             self.by_token.remove(token);
             return;
         }
-        let Some(announced) = announced(token) else {
+        let Some(announced) = parse_token(token) else {
             return;
         };
         if self.by_token.len() >= MAX_ANNOUNCED || self.known_keys.len() >= MAX_ANNOUNCED {
             return;
         }
         let is_mapped =
-            MessageType::from_type_name(&announced.stream.type_name).is_some_and(is_of_use);
-        if let (Carrier::Bridge, Some(key), true) = (announced.carrier, &announced.key, is_mapped)
+            MessageType::from_type_name(&announced.stream.type_name).is_some_and(is_supported);
+        if let (TopicTransport::Bridge, Some(key), true) =
+            (announced.transport, &announced.key, is_mapped)
             && !self.known_keys.contains(key)
         {
             self.known_keys.push(key.clone());
@@ -260,24 +262,24 @@ impl Announcements {
 }
 
 /// Clouds are neither mapped nor recorded, and they are heavy.
-fn is_of_use(kind: MessageType) -> bool {
+fn is_supported(kind: MessageType) -> bool {
     kind != MessageType::PointCloud2
 }
 
-fn offer(slot: &Slot, sample: &Sample, stream: impl FnOnce() -> Option<Stream>) {
-    let came = Monotonic::now();
+fn offer(sender: &InboxSender, sample: &Sample, stream: impl FnOnce() -> Option<Stream>) {
+    let received_at = Monotonic::now();
     if sample.kind() != SampleKind::Put {
         return;
     }
     let payload = sample.payload();
-    slot.offer(payload.len(), || {
+    sender.offer(payload.len(), || {
         let attachment = sample.attachment().map(|bytes| bytes.to_bytes());
         let attachment = attachment.and_then(|bytes| Attachment::decode(&bytes));
-        Some(Heard {
+        Some(RosMessage {
             stream: stream()?,
-            message: payload.to_bytes().into_owned(),
+            payload: payload.to_bytes().into_owned(),
             published: attachment.map(|attachment| attachment.published),
-            came,
+            received_at,
         })
     });
 }

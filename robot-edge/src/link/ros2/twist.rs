@@ -24,7 +24,7 @@ pub struct TwistPublisher {
 }
 
 /// Until the router has said who listens, Zenoh takes it that somebody does.
-const ASKING: Duration = Duration::from_secs(1);
+const MATCHING_DELAY: Duration = Duration::from_secs(1);
 
 impl TwistPublisher {
     pub(super) fn new(
@@ -59,13 +59,13 @@ impl VelocitySink for TwistPublisher {
             published: RobotTime::from_nanos(seconds.saturating_mul(1_000_000_000)),
             gid: self.gid,
         };
-        let message = twist_message(&Twist {
+        let payload = twist_message(&Twist {
             linear_mps: [velocity.linear_mps, 0.0, 0.0],
             angular_radps: [0.0, 0.0, velocity.angular_radps],
         });
         for publisher in &self.publishers {
             let put = publisher
-                .put(message.clone())
+                .put(payload.clone())
                 .attachment(attachment.encode());
             if let Err(why) = put.wait() {
                 tracing::warn!(%why, "a velocity was not published");
@@ -73,8 +73,8 @@ impl VelocitySink for TwistPublisher {
         }
     }
 
-    fn is_heard(&self) -> bool {
-        self.since.elapsed() >= ASKING
+    fn has_subscriber(&self) -> bool {
+        self.since.elapsed() >= MATCHING_DELAY
             && self.publishers.iter().any(|publisher| {
                 let status = publisher.matching_status().wait();
                 status.is_ok_and(|status| status.matching())

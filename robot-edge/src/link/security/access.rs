@@ -8,10 +8,10 @@ use protocol::keys::{
 use protocol::layer::LayerId;
 use serde_json::{Value, json};
 
-use crate::credentials::{Identity, Listed, OperatorList};
+use crate::credentials::{Identity, ListedOperator, OperatorList};
 
 /// What people may subscribe to.
-fn told(robot: &RobotId) -> Vec<String> {
+fn published_keys(robot: &RobotId) -> Vec<String> {
     let topics = [
         Topic::Pose,
         Topic::Status,
@@ -26,7 +26,7 @@ fn told(robot: &RobotId) -> Vec<String> {
 }
 
 /// What people may ask.
-fn asked(robot: &RobotId) -> Vec<String> {
+fn query_keys(robot: &RobotId) -> Vec<String> {
     let layers = LayerId::ALL
         .into_iter()
         .flat_map(|layer| [Topic::Tiles(layer), Topic::Digests(layer)]);
@@ -45,19 +45,19 @@ fn asked(robot: &RobotId) -> Vec<String> {
 }
 
 /// Presence: of one robot, and of all that there are.
-fn presence(robot: &RobotId) -> Vec<String> {
+fn liveliness_keys(robot: &RobotId) -> Vec<String> {
     vec![Topic::Alive.key(robot), every_robot_alive()]
 }
 
 /// Rules and who they are for, as Zenoh reads them.
 #[derive(Default)]
-struct Access {
+struct AccessControl {
     rules: Vec<Value>,
     subjects: Vec<Value>,
     policies: Vec<Value>,
 }
 
-impl Access {
+impl AccessControl {
     /// Allows `messages` on `keys`, arriving (`ingress`) or leaving (`egress`); the rule's name.
     fn allow(&mut self, what: &str, flow: &str, messages: &[&str], keys: &[String]) -> String {
         let id = format!("{what} ({flow})");
@@ -95,31 +95,31 @@ impl Access {
     }
 
     /// What everybody may who may watch a robot: the rules' names.
-    fn watching(&mut self, robot: &RobotId) -> Vec<String> {
+    fn observer_rules(&mut self, robot: &RobotId) -> Vec<String> {
         let views = [Topic::View.key(robot)];
         vec![
             self.allow(
-                &format!("told of {robot}"),
+                &format!("published by {robot}"),
                 "ingress",
                 &["declare_subscriber"],
-                &told(robot),
+                &published_keys(robot),
             ),
             self.allow(
-                &format!("ask {robot}"),
+                &format!("query {robot}"),
                 "ingress",
                 &["query"],
-                &asked(robot),
+                &query_keys(robot),
             ),
             self.allow(
-                &format!("see that {robot} is there"),
+                &format!("liveliness of {robot}"),
                 "ingress",
                 &["liveliness_query", "declare_liveliness_subscriber"],
-                &presence(robot),
+                &liveliness_keys(robot),
             ),
             self.allow(&format!("view of {robot}"), "ingress", &["put"], &views),
             // What leaves goes to who has subscribed or asked, which the rules above decide.
             self.allow(
-                &format!("hear {robot}"),
+                &format!("receive from {robot}"),
                 "egress",
                 &[
                     "put",
@@ -134,7 +134,7 @@ impl Access {
     }
 
     /// What operators send, whose keys `key` gives: the rules' names.
-    fn commanding(&mut self, what: &str, key: impl Fn(OperatorTopic) -> String) -> [String; 2] {
+    fn command_rules(&mut self, what: &str, key: impl Fn(OperatorTopic) -> String) -> [String; 2] {
         let requests = OperatorTopic::ALL
             .into_iter()
             .filter(|topic| *topic != OperatorTopic::Drive);
@@ -156,11 +156,11 @@ impl Access {
     }
 
     /// What a person of a robot's list may: the rules' names.
-    fn person(&mut self, robot: &RobotId, listed: &Listed) -> Vec<String> {
-        let mut rules = self.watching(robot);
+    fn operator_rules(&mut self, robot: &RobotId, listed: &ListedOperator) -> Vec<String> {
+        let mut rules = self.observer_rules(robot);
         if listed.role.may_drive() {
             let key = |topic| operator_key(robot, &listed.name, topic);
-            rules.extend(self.commanding(&format!("{} to {robot}", listed.name), key));
+            rules.extend(self.command_rules(&format!("{} to {robot}", listed.name), key));
         }
         rules
     }
@@ -168,22 +168,22 @@ impl Access {
 
 /// Access control of a vehicle: `people` come directly, or through a router.
 pub(in crate::link) fn vehicle_access(robot: &RobotId, people: &OperatorList) -> Value {
-    let mut access = Access::default();
+    let mut access = AccessControl::default();
     for listed in people.people() {
-        let rules = access.person(robot, listed);
+        let rules = access.operator_rules(robot, listed);
         access.grant(&listed.identity(), &rules);
     }
-    let mut rules = access.watching(robot);
+    let mut rules = access.observer_rules(robot);
     // Which operators are behind it, the router's own access control decides, and their signatures.
     let key = |topic| Topic::Operator(topic).key(robot);
-    rules.extend(access.commanding(&format!("everybody to {robot}"), key));
+    rules.extend(access.command_rules(&format!("everybody to {robot}"), key));
     access.grant(&Identity::Router, &rules);
     access.into_value()
 }
 
 /// Access control of a router between `vehicles` and the people on their lists.
 pub(super) fn router_access(vehicles: &[(RobotId, OperatorList)]) -> Value {
-    let mut access = Access::default();
+    let mut access = AccessControl::default();
     let mut people: Vec<(Identity, Vec<String>)> = Vec::new();
     for (robot, list) in vehicles {
         let all = [all_of_robot(robot)];
@@ -206,14 +206,14 @@ pub(super) fn router_access(vehicles: &[(RobotId, OperatorList)]) -> Value {
             &all,
         );
         let sought = access.allow(
-            &format!("{robot} is looked for"),
+            &format!("liveliness query of {robot}"),
             "egress",
             &["liveliness_query", "declare_liveliness_subscriber"],
-            &presence(robot),
+            &liveliness_keys(robot),
         );
         access.grant(&Identity::Vehicle(robot.clone()), &[sends, gets, sought]);
         for listed in list.people() {
-            let rules = access.person(robot, listed);
+            let rules = access.operator_rules(robot, listed);
             let identity = listed.identity();
             match people.iter_mut().find(|(known, _)| *known == identity) {
                 Some((_, known)) => known.extend(rules),

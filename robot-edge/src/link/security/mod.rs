@@ -4,13 +4,13 @@
 //! it: commands are signed ([`protocol::signed`]), and the vehicle's list of operators has the last word.
 
 mod access;
-mod connections;
+mod connection_audit;
+mod peer_check;
 mod router;
-mod strangers;
 mod tls;
 
 pub use router::RouterConfig;
 
-pub(super) use connections::{write_down_ends, write_down_links};
-pub(super) use strangers::refuse_strangers;
+pub(super) use connection_audit::{audit_closed_links, audit_links};
+pub(super) use peer_check::check_peers;
 pub(super) use tls::{SettingsOfTls, console_settings, edge_settings};

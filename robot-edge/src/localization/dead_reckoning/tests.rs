@@ -5,7 +5,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::config::Mount;
-use crate::localization::joined_samples::MAX_SAMPLES;
+use crate::localization::sample_synchronizer::MAX_SAMPLES;
 use crate::pose::{self, planar};
 
 const RADIUS_M: f64 = 0.125;
@@ -120,7 +120,7 @@ impl Drive {
         self.speed_mps + self.speed_swing_mps * libm::sin(self.rate_radps * secs)
     }
 
-    fn way_m(&self, secs: f64) -> f64 {
+    fn distance_m(&self, secs: f64) -> f64 {
         let swung = (1.0 - libm::cos(self.rate_radps * secs)) / self.rate_radps;
         self.speed_mps * secs + self.speed_swing_mps * swung
     }
@@ -151,7 +151,7 @@ impl Drive {
     fn angles_rad(&self, secs: f64) -> [f64; 2] {
         // What one wheel gains in a curve, the other loses.
         let turned_rad = 2.0 * self.turn_rate_radps * secs;
-        let mean_rad = self.way_m(secs) / RADIUS_M;
+        let mean_rad = self.distance_m(secs) / RADIUS_M;
         [mean_rad - turned_rad, mean_rad + turned_rad]
     }
 
@@ -326,7 +326,7 @@ fn the_way_up_a_ramp_leads_up() {
 #[test]
 fn there_is_a_pose_at_the_stamps_of_both_sensors() {
     let level = Message::Imu(UnitQuaternion::identity());
-    let wheels = |way_m: f64| Message::Joints([way_m / RADIUS_M; 2]);
+    let wheels = |distance_m: f64| Message::Joints([distance_m / RADIUS_M; 2]);
     let messages = [
         (at(0.00), level.clone()),
         (at(0.03), wheels(5.0)),
@@ -342,12 +342,12 @@ fn there_is_a_pose_at_the_stamps_of_both_sensors() {
     assert!((yaw_rad[0] - 0.06).abs() < 1e-6, "{yaw_rad:?}");
     assert!((yaw_rad[1] - 0.1).abs() < 1e-9, "{yaw_rad:?}");
     // From 5 m on: what the wheels showed first is the origin.
-    let way_m: Vec<_> = poses
+    let distance_m: Vec<_> = poses
         .iter()
         .map(|(_, pose)| pose.translation.vector.norm())
         .collect();
-    for (got, expected) in way_m.iter().zip([0.0, 0.02, 0.07, 0.1]) {
-        assert!((got - expected).abs() < 1e-4, "{way_m:?}");
+    for (got, expected) in distance_m.iter().zip([0.0, 0.02, 0.07, 0.1]) {
+        assert!((got - expected).abs() < 1e-4, "{distance_m:?}");
     }
 }
 

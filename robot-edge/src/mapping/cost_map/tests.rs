@@ -3,7 +3,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::mapping::octree::{Ray, SurfaceHit};
 use crate::mapping::octree_config::{OctreeConfig, RangeSensorModel};
-use crate::mapping::posed_scan::SensorId;
+use crate::mapping::registered_scan::SensorId;
 
 const CELL_M: f64 = 0.1;
 
@@ -17,7 +17,7 @@ fn octree() -> Octree {
 
 const CAR: VehicleShape = VehicleShape {
     height_m: 0.7,
-    lowest_point_m: 0.0,
+    bottom_z_m: 0.0,
     length_m: 1.5,
     width_m: 0.8,
     wheelbase_m: 1.0,
@@ -135,13 +135,13 @@ fn planes_cost_what_their_slope_says() {
             share >= 0.95,
             "{degrees} degrees from {height_m} m: {share} of cells are right"
         );
-        let fatal = costs.iter().filter(|(_, cost)| *cost >= 1.0).count();
-        assert_eq!(fatal, 0, "{degrees} degrees");
+        let lethal = costs.iter().filter(|(_, cost)| *cost >= 1.0).count();
+        assert_eq!(lethal, 0, "{degrees} degrees");
     }
 }
 
 #[test]
-fn a_step_of_two_voxels_is_fatal_and_the_ground_beside_it_is_not() {
+fn a_step_of_two_voxels_is_lethal_and_the_ground_beside_it_is_not() {
     let mut octree = octree();
     let step = |x: f64, _| if x < 1.0 { 0.02 } else { 0.22 };
     let face = (0..160)
@@ -171,7 +171,7 @@ fn spot_m(range_m: f32) -> f32 {
 }
 
 #[test]
-fn a_step_of_two_voxels_is_fatal_from_afar_too() {
+fn a_step_of_two_voxels_is_lethal_from_afar_too() {
     let step = |x: f64, _| if x < 1.0 { 0.02 } else { 0.22 };
     let face = || {
         (0..160).flat_map(|n| [0.07, 0.13, 0.19].map(move |z| [1.0, f64::from(n) * 0.05 - 3.98, z]))
@@ -201,7 +201,7 @@ fn a_step_of_two_voxels_is_fatal_from_afar_too() {
 #[test]
 fn what_was_hit_from_afar_gives_way_to_what_was_hit_from_nearby() {
     let slope = libm::tan(10.0_f64.to_radians());
-    let fatal = |far_m: f32, above_m: f64| {
+    let lethal = |far_m: f32, above_m: f64| {
         let mut octree = octree();
         let bank = surface(|x, _| slope * x);
         let lit = bank.iter().filter(|[x, y, _]| {
@@ -216,10 +216,10 @@ fn what_was_hit_from_afar_gives_way_to_what_was_hit_from_nearby() {
         let costs = costs(&map);
         costs.iter().filter(|(_, cost)| *cost >= 1.0).count()
     };
-    assert_eq!(fatal(18.0, 0.09), 0);
+    assert_eq!(lethal(18.0, 0.09), 0);
     // From nearby it would be there, and so is what is higher than such a spot.
-    assert!(fatal(5.0, 0.09) > 100, "{}", fatal(5.0, 0.09));
-    assert!(fatal(18.0, 0.2) > 500, "{}", fatal(18.0, 0.2));
+    assert!(lethal(5.0, 0.09) > 100, "{}", lethal(5.0, 0.09));
+    assert!(lethal(18.0, 0.2) > 500, "{}", lethal(18.0, 0.2));
 }
 
 /// A bank of 35° that rises by 7 cm in a column, and a beam that grazes it, 3 cm too low, where a row of columns is
@@ -251,7 +251,7 @@ fn a_beam_that_grazes_a_bank_makes_no_hole_in_it() {
 
 #[test]
 fn what_hangs_higher_than_the_vehicle_is_no_obstacle_and_a_low_branch_is() {
-    for (height_m, is_fatal) in [(1.45, false), (0.45, true)] {
+    for (height_m, is_lethal) in [(1.45, false), (0.45, true)] {
         let mut octree = octree();
         hit(&mut octree, [-3.0, 0.0, 1.0], surface(|_, _| 0.02));
         let branch = (-10..10).map(|n| [2.03, f64::from(n) * 0.1 + 0.03, height_m]);
@@ -261,14 +261,14 @@ fn what_hangs_higher_than_the_vehicle_is_no_obstacle_and_a_low_branch_is() {
         let cost = map.cell(CellIndex { x: 20, y: 3 }).unwrap().cost;
         assert_eq!(
             cost >= 1.0,
-            is_fatal,
+            is_lethal,
             "{cost} under a branch at {height_m} m"
         );
     }
 }
 
 #[test]
-fn a_hole_is_fatal_at_its_rim_where_beams_went_below_the_ground() {
+fn a_hole_is_lethal_at_its_rim_where_beams_went_below_the_ground() {
     let mut octree = octree();
     let pit = |x: f64, y: f64| {
         if x.abs() < 0.6 && y.abs() < 0.6 {
@@ -332,7 +332,7 @@ fn slipway() -> impl Iterator<Item = [f64; 3]> {
 }
 
 #[test]
-fn land_that_rises_from_water_is_a_slope_and_what_is_above_it_fatal() {
+fn land_that_rises_from_water_is_a_slope_and_what_is_above_it_lethal() {
     let mut octree = octree();
     for y in [-0.8, 0.0, 0.8] {
         hit(&mut octree, [-1.5, y, 0.6], slipway());
@@ -423,7 +423,7 @@ fn a_gap_that_beams_graze_is_no_hole_in_a_ramp() {
 }
 
 #[test]
-fn a_quay_beside_water_is_fatal_at_its_edge() {
+fn a_quay_beside_water_is_lethal_at_its_edge() {
     let mut octree = octree();
     // Its wall is a voxel higher than the one in which the water's surface may lie; above it the ground rises gently.
     let rows = (-24..24).map(|row| f64::from(row) * 0.05 + 0.02);

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
 use super::*;
-use crate::mapping::docking_window::DockingColumn;
+use crate::mapping::docking_grid::DockingColumn;
 
 const SIDE: usize = 100;
 const CELL_M: f64 = 0.3;
@@ -16,7 +16,7 @@ const BOAT: BoatFootprint = BoatFootprint {
     width_m: 2.44,
 };
 const UNKNOWN: DockingColumn = land(f32::NAN);
-const FATAL: DockingColumn = land(1.0);
+const LETHAL: DockingColumn = land(1.0);
 const WATER: DockingColumn = DockingColumn {
     cost: 0.0,
     is_clear_water: true,
@@ -45,7 +45,7 @@ fn sites(mut column: impl FnMut(f64, f64) -> DockingColumn) -> Vec<DockingSite> 
     let columns: Vec<_> = (0..SIDE * SIDE)
         .map(|at| column(metres(at % SIDE), metres(at / SIDE)))
         .collect();
-    find_docking_sites(&DockingWindow::new(FIRST, SIDE, CELL_M, &columns), &BOAT)
+    find_docking_sites(&DockingGrid::new(FIRST, SIDE, CELL_M, &columns), &BOAT)
 }
 
 /// A shore along x = 0, land towards x, with a ramp `width_m` wide and 8 m deep around y = 0.
@@ -55,7 +55,7 @@ fn ramp(x: f64, y: f64, width_m: f64, cost: f32) -> DockingColumn {
     } else if y.abs() < 0.5 * width_m && x < 8.0 {
         land(cost)
     } else {
-        FATAL
+        LETHAL
     }
 }
 
@@ -96,7 +96,7 @@ fn a_ramp_must_hold_the_boat() {
             if x < depth_m {
                 ramp(x, y, 6.0, 0.5)
             } else {
-                FATAL
+                LETHAL
             }
         });
         found.len()
@@ -105,8 +105,8 @@ fn a_ramp_must_hold_the_boat() {
 }
 
 #[test]
-fn level_unknown_and_fatal_ground_is_no_ramp() {
-    for column in [land(0.0), UNKNOWN, FATAL] {
+fn level_unknown_and_lethal_ground_is_no_ramp() {
+    for column in [land(0.0), UNKNOWN, LETHAL] {
         let found = sites(|x, _| if x < 0.0 { WATER } else { column });
         assert_eq!(found, []);
     }
@@ -116,7 +116,7 @@ fn level_unknown_and_fatal_ground_is_no_ramp() {
 fn the_water_before_it_must_be_clear() {
     let floating = sites(|x, y| {
         if (-2.0..-1.7).contains(&x) {
-            FATAL
+            LETHAL
         } else {
             ramp(x, y, 4.0, 0.5)
         }
@@ -143,16 +143,16 @@ fn the_water_before_it_must_be_clear() {
 }
 
 #[test]
-fn gentle_ground_among_fatal_ground_is_no_site() {
+fn gentle_ground_among_lethal_ground_is_no_site() {
     for seed in 0..6 {
-        for fatal in [0.1, 0.3, 0.7] {
+        for lethal in [0.1, 0.3, 0.7] {
             let mut random = ChaCha8Rng::seed_from_u64(seed);
             let found = sites(|x, _| match x {
                 _ if x < 0.0 => WATER,
-                _ if chance(&mut random, fatal) => FATAL,
+                _ if chance(&mut random, lethal) => LETHAL,
                 _ => land(0.6),
             });
-            assert_eq!(found, [], "seed {seed}, {fatal} fatal");
+            assert_eq!(found, [], "seed {seed}, {lethal} lethal");
         }
     }
 }
@@ -223,7 +223,7 @@ fn a_shoal_is_a_site_only_where_land_follows_it() {
     };
     assert_eq!(patch(WATER), [], "where the boat has lain");
     assert_eq!(patch(bed(0.08)), [], "a shoal without an end");
-    assert_eq!(patch(FATAL), [], "a wall or canes");
+    assert_eq!(patch(LETHAL), [], "a wall or canes");
     // Bare banks, steep or level, right behind it.
     assert_eq!(patch(land(0.4)).len(), 1);
     assert_eq!(patch(land(0.0)).len(), 1);
@@ -251,7 +251,7 @@ fn a_shoal_is_a_site_only_where_land_follows_it() {
 #[test]
 fn odd_windows_and_boats_have_no_sites() {
     let window = |width: usize, columns: &[DockingColumn], boat: BoatFootprint| {
-        find_docking_sites(&DockingWindow::new(FIRST, width, CELL_M, columns), &boat).len()
+        find_docking_sites(&DockingGrid::new(FIRST, width, CELL_M, columns), &boat).len()
     };
     let gentle = [land(0.5); 12];
     assert_eq!(window(0, &gentle, BOAT), 0);

@@ -2,7 +2,7 @@ use nalgebra::Translation3;
 
 use super::*;
 use crate::mapping::elevation_cell::CellClass;
-use crate::mapping::posed_scan::{PosedBeam, SensorId};
+use crate::mapping::registered_scan::{RegisteredBeam, SensorId};
 
 const SENSOR: Point3<f64> = Point3::new(0.25, 0.0, 1.08);
 
@@ -20,12 +20,12 @@ fn map(cells: u32) -> ElevationMap {
 }
 
 /// A scan at `time_s` of a vehicle at `x_m` whose beams hit `points`, all from one sensor.
-fn scan(time_s: f64, x_m: f64, points: &[[f64; 3]]) -> PosedScan {
+fn scan(time_s: f64, x_m: f64, points: &[[f64; 3]]) -> RegisteredScan {
     let odom_from_base = Pose::from_parts(
         Translation3::new(x_m, 0.0, 0.0),
         nalgebra::UnitQuaternion::identity(),
     );
-    PosedScan {
+    RegisteredScan {
         stamp: RobotTime::from_secs_f64(time_s).unwrap(),
         sensor: SensorId(0),
         beam_step_rad: 0.004,
@@ -34,7 +34,7 @@ fn scan(time_s: f64, x_m: f64, points: &[[f64; 3]]) -> PosedScan {
         beams: points
             .iter()
             .zip(0..)
-            .map(|(&point, index)| PosedBeam {
+            .map(|(&point, index)| RegisteredBeam {
                 origin_in_odom: odom_from_base * SENSOR,
                 end_in_odom: point.into(),
                 outcome: BeamOutcome::Hit,

@@ -3,7 +3,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::mapping::config::MappingConfig;
 use crate::mapping::ground_plane::GroundPlane;
-use crate::mapping::posed_scan::{BeamOutcome, PosedBeam, PosedScan, SensorId};
+use crate::mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
 use crate::pose::{Pose, planar};
 use crate::robot_time::RobotTime;
 
@@ -28,14 +28,14 @@ proptest! {
         for (n, ((dx_m, dy_m), points)) in (0i64..).zip(scans) {
             (x_m, y_m) = (x_m + dx_m, y_m + dy_m);
             let odom_from_base = planar(x_m, y_m, 0.0);
-            let beams = (0..).zip(points).map(|(index, (x, y, z))| PosedBeam {
+            let beams = (0..).zip(points).map(|(index, (x, y, z))| RegisteredBeam {
                 origin_in_odom: [x_m, y_m, 1.0].into(),
                 end_in_odom: [x_m + x, y_m + y, z].into(),
                 outcome: BeamOutcome::Hit,
                 index,
                 range_m: 1.0,
             });
-            let scan = PosedScan {
+            let scan = RegisteredScan {
                 stamp: RobotTime::from_nanos(40_000_000 * n),
                 sensor: SensorId(0),
                 beam_step_rad: 0.004,

@@ -4,16 +4,16 @@ use nalgebra::Point3;
 use proptest::prelude::*;
 
 use super::*;
-use crate::mapping::posed_scan::{PosedBeam, SensorId};
+use crate::mapping::registered_scan::{RegisteredBeam, SensorId};
 use crate::pose::Pose;
 use crate::robot_time::RobotTime;
 
 /// Where a beam starts, where it ends, and what came back.
 type Beam = ((f64, f64), (f64, f64), BeamOutcome);
 
-fn scan(beams: &[Beam]) -> PosedScan {
+fn scan(beams: &[Beam]) -> RegisteredScan {
     let point = |(x, y)| Point3::new(x, y, 0.0);
-    PosedScan {
+    RegisteredScan {
         stamp: RobotTime::from_nanos(0),
         sensor: SensorId(0),
         beam_step_rad: 0.004,
@@ -22,7 +22,7 @@ fn scan(beams: &[Beam]) -> PosedScan {
         beams: beams
             .iter()
             .zip(0..)
-            .map(|(&(origin, end, outcome), index)| PosedBeam {
+            .map(|(&(origin, end, outcome), index)| RegisteredBeam {
                 origin_in_odom: point(origin),
                 end_in_odom: point(end),
                 outcome,
@@ -117,7 +117,7 @@ fn the_memory_limit_keeps_what_is_near() {
         let x = f64::from(i) * 6.4 + 1.0;
         grid.integrate(&scan(&[((x, 1.0), (x + 0.5, 1.0), BeamOutcome::Hit)]));
         grid.take_changed();
-        evicted += grid.keep_limit(&Point3::new(x, 1.0, 0.0));
+        evicted += grid.enforce_memory_limit(&Point3::new(x, 1.0, 0.0));
     }
     assert_eq!(
         (grid.grid().tiles().len(), grid.bytes(), evicted),
@@ -127,7 +127,7 @@ fn the_memory_limit_keeps_what_is_near() {
 }
 
 /// The same rules, cell by cell on a map of floats: the reference the fast grid is held against.
-fn reference(scans: &[PosedScan], cell_m: f64) -> BTreeMap<(i32, i32), f64> {
+fn reference(scans: &[RegisteredScan], cell_m: f64) -> BTreeMap<(i32, i32), f64> {
     let logit = |p: f64| libm::log(p / (1.0 - p));
     let mut cells = BTreeMap::new();
     for scan in scans {

@@ -1,11 +1,11 @@
 //! A block of 16³ voxels: the bricks of it that are not all alike, and what the others are.
 
 use super::brick::{Brick, BrickChange, BrickStates};
-use super::codes::{BLOCK_BRICKS, BRICK_VOXELS, BlockIndex};
+use super::log_odds_table::{EVEN, UNKNOWN, Update, Values};
 use super::packed_brick::PackedBrick;
-use super::pages::{BrickMarks, MarkedBlock};
-use super::steps::{EVEN, UNKNOWN, Update, Values};
+use super::scratch_pages::{BrickMarks, MarkedBlock};
 use super::surface::SurfaceVoxel;
+use super::voxel_address::{BLOCK_BRICKS, BRICK_VOXELS, BlockIndex};
 
 /// 16³ voxels.
 #[derive(Clone, Debug)]
@@ -15,8 +15,8 @@ pub(super) struct Block {
     children: [u8; BLOCK_BRICKS],
     /// Columns of bricks in which the state of a voxel has changed since that was taken, a bit for each.
     changed: u16,
-    bricks: Shelf<Brick>,
-    packed: Shelf<PackedBrick>,
+    bricks: BrickList<Brick>,
+    packed: BrickList<PackedBrick>,
     /// Voxels that were hit, by address.
     surface: Vec<(u16, SurfaceVoxel)>,
 }
@@ -39,7 +39,7 @@ const FIRST_PACKED: u8 = 64;
 
 /// Bricks in no order, each with its number in the block.
 #[derive(Clone, Debug)]
-struct Shelf<T> {
+struct BrickList<T> {
     bricks: Vec<T>,
     numbers: Vec<u8>,
 }
@@ -50,8 +50,8 @@ impl Block {
             index,
             children: [ALL_UNKNOWN; BLOCK_BRICKS],
             changed: 0,
-            bricks: Shelf::default(),
-            packed: Shelf::default(),
+            bricks: BrickList::default(),
+            packed: BrickList::default(),
             surface: Vec::new(),
         }
     }
@@ -239,7 +239,7 @@ impl Block {
     }
 }
 
-impl<T> Default for Shelf<T> {
+impl<T> Default for BrickList<T> {
     fn default() -> Self {
         Self {
             bricks: Vec::new(),
@@ -248,7 +248,7 @@ impl<T> Default for Shelf<T> {
     }
 }
 
-impl<T> Shelf<T> {
+impl<T> BrickList<T> {
     /// Adds a brick; returns its place.
     fn push(&mut self, number: usize, brick: T) -> u8 {
         let place = self.bricks.len();

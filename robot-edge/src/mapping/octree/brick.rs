@@ -1,8 +1,8 @@
 //! A brick of 4³ voxels, one byte each: one cache line, updated as one.
 
-use super::codes::BRICK_VOXELS;
-use super::pages::BrickMarks;
-use super::steps::{EVEN, UNKNOWN, Update, Values};
+use super::log_odds_table::{EVEN, UNKNOWN, Update, Values};
+use super::scratch_pages::BrickMarks;
+use super::voxel_address::BRICK_VOXELS;
 
 /// The log-odds of 64 voxels, by address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,15 +7,15 @@
 
 mod block;
 mod brick;
-mod codes;
+mod log_odds_table;
 mod packed_brick;
-mod pages;
 mod queries;
+mod ray_marks;
 mod ray_walk;
-mod scan_marks;
+mod scratch_pages;
 mod shard;
-mod steps;
 mod surface;
+mod voxel_address;
 
 use nalgebra::Point3;
 
@@ -25,12 +25,12 @@ pub(super) use self::surface::FINER;
 pub use self::surface::{SurfaceHit, SurfaceVoxel};
 
 use self::block::Block;
-use self::codes::split;
-use self::scan_marks::ScanMarks;
+use self::log_odds_table::{LogOddsTable, Update, Values};
+use self::ray_marks::RayMarks;
 use self::shard::{SHARDS, Shard};
-use self::steps::{Steps, Update, Values};
+use self::voxel_address::split;
 use super::octree_config::{OctreeConfig, RangeSensorModel};
-use super::posed_scan::SensorId;
+use super::registered_scan::SensorId;
 use super::voxel::VoxelIndex;
 
 /// One beam: from where to where, metres in `odom`.
@@ -57,13 +57,13 @@ struct VoxelRay {
 pub struct Octree {
     cell_m: f64,
     limit_bytes: usize,
-    steps: Steps,
+    steps: LogOddsTable,
     updates: Vec<Update>,
     shards: [Shard; SHARDS],
     /// Of the scan that is added.
     rays: Vec<VoxelRay>,
     /// One for each thread that marks.
-    marks: Vec<ScanMarks>,
+    marks: Vec<RayMarks>,
 }
 
 /// A column of bricks: columns (x, y) of voxels from `4·x … 4·x + 3` by `4·y … 4·y + 3`.
@@ -86,7 +86,7 @@ impl Octree {
     /// An empty map. The settings are taken as valid; sensors are numbered in the order given. It is the same
     /// map, bit for bit, whatever the number of `threads`.
     pub fn new(config: &OctreeConfig, sensors: &[RangeSensorModel], threads: usize) -> Self {
-        let steps = Steps::new(config, sensors);
+        let steps = LogOddsTable::new(config, sensors);
         Self {
             cell_m: config.cell_m,
             limit_bytes: config.memory_limit_mb as usize * 1_000_000,
@@ -94,7 +94,7 @@ impl Octree {
             updates: sensors.iter().map(|sensor| steps.update(sensor)).collect(),
             shards: Default::default(),
             rays: Vec::new(),
-            marks: vec![ScanMarks::new(); threads.clamp(1, 2)],
+            marks: vec![RayMarks::new(); threads.clamp(1, 2)],
         }
     }
 
@@ -146,7 +146,7 @@ impl Octree {
 
     /// Where the blocks take more than the memory limit, removes those farthest from `center` until 31/32 of it
     /// are left, so that not every call has to; says how many bricks were stored there.
-    pub fn keep_limit(&mut self, center: Point3<f64>) -> usize {
+    pub fn enforce_memory_limit(&mut self, center: Point3<f64>) -> usize {
         if self.block_bytes() <= self.limit_bytes {
             return 0;
         }
@@ -183,7 +183,7 @@ impl Octree {
 
     /// Memory that a scan needs while it is added, bytes.
     pub fn scratch_bytes(&self) -> usize {
-        self.marks.iter().map(ScanMarks::bytes).sum()
+        self.marks.iter().map(RayMarks::bytes).sum()
     }
 
     /// Turns beams into voxels; says how many have no place in the map.
@@ -275,7 +275,7 @@ impl Octree {
     }
 }
 
-fn mark_rays(marks: &mut ScanMarks, rays: &[VoxelRay]) {
+fn mark_rays(marks: &mut RayMarks, rays: &[VoxelRay]) {
     for ray in rays {
         // All of them are inside of the window, which was made for them.
         if let (Some(from), Some(to)) = (marks.fixed(ray.from), marks.fixed(ray.to)) {

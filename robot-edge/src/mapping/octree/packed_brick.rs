@@ -4,9 +4,9 @@
 //! update is some twenty operations on 64 voxels at once.
 
 use super::brick::{Brick, BrickChange, BrickStates};
-use super::codes::BRICK_VOXELS;
-use super::pages::BrickMarks;
-use super::steps::{EVEN, UNKNOWN, Update, Values};
+use super::log_odds_table::{EVEN, UNKNOWN, Update, Values};
+use super::scratch_pages::BrickMarks;
+use super::voxel_address::BRICK_VOXELS;
 
 /// 64 voxels, of up to three known values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,9 +4,9 @@ use nalgebra::Vector3;
 
 use super::block::Block;
 use super::brick::BrickStates;
-use super::codes::{BLOCK_BRICKS, BLOCK_EDGE, BRICK_EDGE, BRICK_VOXELS, BlockIndex, split};
-use super::steps::{EVEN, UNKNOWN};
+use super::log_odds_table::{EVEN, UNKNOWN};
 use super::surface::SurfaceVoxel;
+use super::voxel_address::{BLOCK_BRICKS, BLOCK_EDGE, BRICK_EDGE, BRICK_VOXELS, BlockIndex, split};
 use super::{BrickColumn, Octree};
 use crate::mapping::voxel::VoxelIndex;
 

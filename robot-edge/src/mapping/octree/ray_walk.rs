@@ -5,7 +5,7 @@
 //! enters, where it leaves, and, where both cross, one in between. Taking the first two always, often the same
 //! one, costs less than asking. The voxels are those of \[Amanatides and Woo 1987\], as in `OctoMap`.
 
-use super::codes::Window;
+use super::voxel_address::Window;
 
 /// Bits of the fraction of a voxel.
 const FRACTION_BITS: u32 = 32;

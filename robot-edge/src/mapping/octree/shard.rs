@@ -6,10 +6,10 @@ use rustc_hash::FxBuildHasher;
 
 use super::BrickColumn;
 use super::block::Block;
-use super::codes::BlockIndex;
-use super::pages::ShardMarks;
-use super::steps::{Update, Values};
+use super::log_odds_table::{Update, Values};
+use super::scratch_pages::ShardMarks;
 use super::surface::SurfaceVoxel;
+use super::voxel_address::BlockIndex;
 
 /// Parts of a map.
 pub(super) const SHARDS: usize = 2;

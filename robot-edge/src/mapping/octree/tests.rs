@@ -69,7 +69,7 @@ fn crossed(from: [f64; 3], to: [f64; 3]) -> Vec<VoxelIndex> {
 struct Reference(BTreeMap<VoxelIndex, f64>);
 
 impl Reference {
-    fn integrate(&mut self, rays: &[Ray], steps: &Steps) {
+    fn integrate(&mut self, rays: &[Ray], steps: &LogOddsTable) {
         let update = steps.update(&model());
         let inside = |point: &Point3<f64>| [point.x * 10.0, point.y * 10.0, point.z * 10.0];
         let mut scan: BTreeMap<VoxelIndex, bool> = BTreeMap::new();
@@ -283,7 +283,7 @@ fn beyond_the_limit_the_farthest_bricks_go_and_what_was_there_is_unknown() {
             )
         });
         octree.integrate(SENSOR, beams);
-        evicted += octree.keep_limit(Point3::new(x, 0.0, 0.0));
+        evicted += octree.enforce_memory_limit(Point3::new(x, 0.0, 0.0));
         assert!(
             octree.block_bytes() < 1_000_000,
             "{} after {n} scans",

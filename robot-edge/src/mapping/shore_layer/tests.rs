@@ -4,7 +4,7 @@ use super::*;
 use crate::mapping::cost_config::{CostConfig, RigidityConfig, Surface};
 use crate::mapping::octree::{Ray, SurfaceHit};
 use crate::mapping::octree_config::{OctreeConfig, RangeSensorModel};
-use crate::mapping::posed_scan::SensorId;
+use crate::mapping::registered_scan::SensorId;
 
 const CELL_M: f64 = 0.3;
 
@@ -12,7 +12,7 @@ const BOAT: VehicleShape = VehicleShape {
     length_m: 4.5,
     width_m: 2.44,
     height_m: 2.6,
-    lowest_point_m: -0.6,
+    bottom_z_m: -0.6,
     wheelbase_m: 4.5,
 };
 

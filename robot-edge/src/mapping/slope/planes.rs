@@ -1,7 +1,7 @@
 //! Least-squares planes through the tops of columns.
 
 use super::{PATCH_COLUMNS, PATCH_EDGE, Points, Row, WINDOW};
-use crate::mapping::columns::{TILE_COLUMNS, TILE_EDGE};
+use crate::mapping::height_columns::{TILE_COLUMNS, TILE_EDGE};
 
 /// z = a·x + b·y + c.
 #[derive(Clone, Copy)]

@@ -48,7 +48,7 @@ struct LogStream {
     layout: Option<Layout>,
     frame: FrameId,
     stamps: StampRepair,
-    told_of_repair: bool,
+    repair_reported: bool,
 }
 
 impl CarmenReader {
@@ -127,7 +127,7 @@ impl CarmenReader {
                 let (stamp, repair) = stream.stamps.repair(raw_stamp);
                 if repair != Repair::None {
                     self.stamp_repairs += 1;
-                    if !std::mem::replace(&mut stream.told_of_repair, true) {
+                    if !std::mem::replace(&mut stream.repair_reported, true) {
                         let name = &summary.stream.name;
                         self.losses
                             .note(|| repair_note(line_number, name, raw_stamp, repair));
@@ -241,7 +241,7 @@ fn stream_index(
         layout: layout.map(|(layout, _)| layout),
         frame: layout.map_or("", |(_, frame)| frame).into(),
         stamps: StampRepair::default(),
-        told_of_repair: false,
+        repair_reported: false,
     });
     Some(summaries.len() - 1)
 }

@@ -105,7 +105,7 @@ impl Framing {
             if offset >= self.length {
                 return Ok(None);
             }
-            let Some(head) = self.head_at(offset)? else {
+            let Some(head) = self.header_at(offset)? else {
                 return self.lost(offset).map(Some);
             };
             let end = offset + RECORD_HEADER_BYTES + head.length;
@@ -113,7 +113,7 @@ impl Framing {
                 self.crc.update(&head.bytes);
             }
             if head.length > MAX_RECORD_BYTES || !is_read(head.opcode) {
-                self.pass_over(head.length)?;
+                self.skip_damage(head.length)?;
                 self.at = end;
                 continue;
             }
@@ -131,7 +131,7 @@ impl Framing {
     }
 
     /// Opcode and length at `offset`, and the file right behind them; `None` where no record can be.
-    fn head_at(&mut self, offset: u64) -> io::Result<Option<Head>> {
+    fn header_at(&mut self, offset: u64) -> io::Result<Option<RecordHeader>> {
         let rest = self.length.saturating_sub(offset);
         if rest < RECORD_HEADER_BYTES {
             return Ok(None);
@@ -145,14 +145,14 @@ impl Framing {
         let length = u64::from_le_bytes(length);
         let fits = length <= rest - RECORD_HEADER_BYTES
             && least_length(opcode).is_some_and(|least| length >= least);
-        Ok(fits.then_some(Head {
+        Ok(fits.then_some(RecordHeader {
             opcode,
             length,
             bytes,
         }))
     }
 
-    fn pass_over(&mut self, length: u64) -> io::Result<()> {
+    fn skip_damage(&mut self, length: u64) -> io::Result<()> {
         let mut left = length;
         let mut block = [0; 1 << 13];
         while left > 0 {
@@ -204,7 +204,7 @@ impl Framing {
 
     fn is_run_of_records(&mut self, mut offset: u64) -> io::Result<bool> {
         for _ in 0..PLAUSIBLE_RUN {
-            let Some(head) = self.head_at(offset)? else {
+            let Some(head) = self.header_at(offset)? else {
                 return Ok(false);
             };
             // Real files hold no private records; damaged ones are full of bytes ≥ 0x80.
@@ -220,7 +220,7 @@ impl Framing {
     }
 }
 
-struct Head {
+struct RecordHeader {
     opcode: u8,
     length: u64,
     bytes: [u8; RECORD_HEADER_BYTES as usize],

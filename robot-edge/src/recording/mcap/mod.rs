@@ -98,7 +98,7 @@ impl McapReader {
                     .ends_with_magic()
                     .map_err(|source| self.io_error(source))?;
                 if !is_whole {
-                    self.lose_end();
+                    self.count_lost_end();
                 }
                 return Ok(false);
             }
@@ -136,7 +136,7 @@ impl McapReader {
                 return Ok(false);
             }
             None => {
-                self.lose_end();
+                self.count_lost_end();
                 return Ok(false);
             }
         }
@@ -153,7 +153,7 @@ impl McapReader {
         *self.framing.body_mut() = body;
     }
 
-    fn lose_end(&mut self) {
+    fn count_lost_end(&mut self) {
         let data = if self.data_has_ended {
             "its data is complete"
         } else {

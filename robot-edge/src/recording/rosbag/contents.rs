@@ -21,7 +21,7 @@ pub(super) struct Contents {
     selection: Selection,
     pub(super) streams: Vec<StreamSummary>,
     /// Beside each stream: whether a message of it that says nothing was noted.
-    told_of_loss: Vec<bool>,
+    loss_reported: Vec<bool>,
     connections: HashMap<u32, Connection>,
     newest_header_stamp: Option<RobotTime>,
     /// Measurements of the last message.
@@ -41,9 +41,9 @@ struct Connection {
 
 /// What one record was.
 #[derive(Debug)]
-pub(super) enum Walked {
+pub(super) enum WalkStep {
     /// Dealt with.
-    On,
+    Continue,
     /// A compressed chunk, whose data is next.
     Chunk {
         record: Record,
@@ -61,7 +61,7 @@ impl Contents {
         Self {
             selection,
             streams: Vec::new(),
-            told_of_loss: Vec::new(),
+            loss_reported: Vec::new(),
             connections: HashMap::new(),
             newest_header_stamp: None,
             ready: VecDeque::new(),
@@ -75,15 +75,15 @@ impl Contents {
         &mut self,
         source: &mut RecordSource<R>,
         place: impl Fn(u64) -> String,
-    ) -> io::Result<Walked> {
+    ) -> io::Result<WalkStep> {
         let record = match source.next()? {
             Found::Record(record) => record,
             Found::Damage { at, what } => {
-                self.lose(DropReason::Damaged, || format!("{}: {what}", place(at)));
-                return Ok(Walked::On);
+                self.count_loss(DropReason::Damaged, || format!("{}: {what}", place(at)));
+                return Ok(WalkStep::Continue);
             }
-            Found::CutOff { at } => return Ok(Walked::CutOff { at }),
-            Found::End => return Ok(Walked::End),
+            Found::CutOff { at } => return Ok(WalkStep::CutOff { at }),
+            Found::End => return Ok(WalkStep::End),
         };
         match &record.header {
             // Its records follow as if it were not there.
@@ -92,7 +92,7 @@ impl Contents {
                 ..
             } => {}
             &RecordHeader::Chunk { compression, size } => {
-                return Ok(Walked::Chunk {
+                return Ok(WalkStep::Chunk {
                     record,
                     compression,
                     size,
@@ -100,7 +100,7 @@ impl Contents {
             }
             RecordHeader::Connection { .. } => {
                 if let Err(what) = self.take_connection(source, &record)? {
-                    self.lose(DropReason::Damaged, || {
+                    self.count_loss(DropReason::Damaged, || {
                         format!("{}: a connection with {what}", place(record.at))
                     });
                 }
@@ -114,7 +114,7 @@ impl Contents {
                 source.skip(record.data_bytes)?;
             }
         }
-        Ok(Walked::On)
+        Ok(WalkStep::Continue)
     }
 
     /// Takes in the connections that follow each other in `source`, as they do at the end of a bag: it lists
@@ -132,7 +132,7 @@ impl Contents {
         Ok(())
     }
 
-    pub(super) fn lose(&mut self, reason: DropReason, note: impl FnOnce() -> String) {
+    pub(super) fn count_loss(&mut self, reason: DropReason, note: impl FnOnce() -> String) {
         self.losses.add(reason, note);
     }
 
@@ -181,7 +181,7 @@ impl Contents {
             return None;
         }
         if index == self.streams.len() {
-            self.told_of_loss.push(false);
+            self.loss_reported.push(false);
             let name = topic.to_owned();
             self.streams.push(StreamSummary {
                 stream: Stream { name, type_name },
@@ -203,7 +203,7 @@ impl Contents {
         place: impl Fn(u64) -> String,
     ) -> io::Result<()> {
         let Some(&connection) = self.connections.get(&conn) else {
-            self.lose(DropReason::Damaged, || {
+            self.count_loss(DropReason::Damaged, || {
                 format!(
                     "{}: a message of connection {conn}, which is not described",
                     place(record.at)
@@ -219,7 +219,7 @@ impl Contents {
             return source.skip(record.data_bytes);
         };
         if !source.read_data(record, &mut self.data)? {
-            self.lose(DropReason::Damaged, || {
+            self.count_loss(DropReason::Damaged, || {
                 format!("{}: a message of more than 256 MiB", place(record.at))
             });
             return Ok(());
@@ -237,17 +237,24 @@ impl Contents {
                         data,
                     });
                 }
-                Err(error) => self.lose_message(connection.stream, error, || place(record.at)),
+                Err(error) => {
+                    self.count_lost_message(connection.stream, error, || place(record.at))
+                }
             }
         }
         Ok(())
     }
 
     /// Counts a message that says nothing; the first of its stream in words.
-    fn lose_message(&mut self, stream: StreamId, error: DecodeError, place: impl Fn() -> String) {
+    fn count_lost_message(
+        &mut self,
+        stream: StreamId,
+        error: DecodeError,
+        place: impl Fn() -> String,
+    ) {
         self.losses.count(error.reason());
         let index = usize::from(stream.0);
-        if !std::mem::replace(&mut self.told_of_loss[index], true) {
+        if !std::mem::replace(&mut self.loss_reported[index], true) {
             let name = &self.streams[index].stream.name;
             self.losses.note(|| {
                 format!(

@@ -8,7 +8,7 @@ use std::io::{self, BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use self::chunk::{Chunk, decompress};
-use self::contents::{Contents, Walked};
+use self::contents::{Contents, WalkStep};
 use self::record::{Compression, RecordHeader};
 use self::record_source::{Found, Record, RecordSource};
 use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary};
@@ -76,7 +76,7 @@ impl RosbagReader {
         }
         let reader = BufReader::with_capacity(1 << 16, file);
         let mut records = RecordSource::new(reader, at, bytes_total).map_err(io_error)?;
-        records.promise(index_pos);
+        records.extend_expected_end(index_pos);
         Ok(Self {
             path: path.to_owned(),
             records,
@@ -95,14 +95,14 @@ impl RosbagReader {
             let chunk_at = chunk.at;
             let place = |at| format!("byte {chunk_at}, byte {at} of the chunk there");
             match self.contents.walk(&mut chunk.records, place)? {
-                Walked::On => {}
-                Walked::End => self.chunk = None,
-                Walked::CutOff { .. } if chunk.is_cut => {}
-                Walked::CutOff { at } => self.contents.lose(DropReason::Damaged, || {
+                WalkStep::Continue => {}
+                WalkStep::End => self.chunk = None,
+                WalkStep::CutOff { .. } if chunk.is_cut => {}
+                WalkStep::CutOff { at } => self.contents.count_loss(DropReason::Damaged, || {
                     format!("{}: the chunk ends inside a record", place(at))
                 }),
-                Walked::Chunk { record, .. } => {
-                    self.contents.lose(DropReason::Damaged, || {
+                WalkStep::Chunk { record, .. } => {
+                    self.contents.count_loss(DropReason::Damaged, || {
                         format!("{}: a chunk inside a chunk", place(record.at))
                     });
                     chunk.records.skip(record.data_bytes)?;
@@ -115,12 +115,12 @@ impl RosbagReader {
             .walk(&mut self.records, |at| format!("byte {at}"))?;
         self.position.bytes_read = self.position.bytes_read.max(self.records.at());
         match walked {
-            Walked::On => {}
-            Walked::End => return Ok(false),
-            Walked::CutOff { at } => self.contents.lose(DropReason::CutOff, || {
+            WalkStep::Continue => {}
+            WalkStep::End => return Ok(false),
+            WalkStep::CutOff { at } => self.contents.count_loss(DropReason::CutOff, || {
                 format!("byte {at}: the recording ends inside what it began")
             }),
-            Walked::Chunk {
+            WalkStep::Chunk {
                 record,
                 compression,
                 size,
@@ -137,7 +137,7 @@ impl RosbagReader {
             .with_data(record, |data| decompress(compression, size, is_cut, data))?;
         // What the end of the file cuts off is counted there.
         if let Some(what) = wrong.filter(|_| !is_cut) {
-            self.contents.lose(DropReason::Damaged, || {
+            self.contents.count_loss(DropReason::Damaged, || {
                 format!("byte {}: {what}", record.at)
             });
         }

@@ -44,11 +44,11 @@ pub(super) struct RecordSource<R> {
     at: u64,
     end: u64,
     /// The end according to what was read so far.
-    promised_end: u64,
+    expected_end: u64,
     /// Where the record last returned begins.
     last: u64,
     /// Whether chunks are compressed, once one was seen: a recorder packs all alike.
-    is_packed: Option<bool>,
+    is_compressed: Option<bool>,
     /// Bytes that may still be read a second time: without this limit a file made for it could cost time
     /// that grows with the square of its length.
     rereads_left: u64,
@@ -59,7 +59,7 @@ impl RecordSource<io::Cursor<Vec<u8>>> {
     pub(super) fn in_memory(records: Vec<u8>) -> io::Result<Self> {
         let end = records.len() as u64;
         let mut source = Self::new(io::Cursor::new(records), 0, end)?;
-        source.is_packed = Some(false);
+        source.is_compressed = Some(false);
         Ok(source)
     }
 }
@@ -72,9 +72,9 @@ impl<R: Read + Seek> RecordSource<R> {
             reader,
             at,
             end,
-            promised_end: end,
+            expected_end: end,
             last: at,
-            is_packed: None,
+            is_compressed: None,
             rereads_left: end.saturating_mul(2).saturating_add(16 << 20),
         })
     }
@@ -90,19 +90,19 @@ impl<R: Read + Seek> RecordSource<R> {
     }
 
     /// Takes note that there should be data up to byte `end`.
-    pub(super) fn promise(&mut self, end: u64) {
-        self.promised_end = self.promised_end.max(end);
+    pub(super) fn extend_expected_end(&mut self, end: u64) {
+        self.expected_end = self.expected_end.max(end);
     }
 
     /// The next record.
     pub(super) fn next(&mut self) -> io::Result<Found> {
         let at = self.at;
         if at > self.end {
-            return self.recover(ENDS_INSIDE);
+            return self.recover(TRUNCATED_RECORD);
         }
         if at == self.end {
-            let cut = self.promised_end > self.end;
-            self.promised_end = self.end;
+            let cut = self.expected_end > self.end;
+            self.expected_end = self.end;
             return Ok(if cut {
                 Found::CutOff { at }
             } else {
@@ -160,13 +160,13 @@ impl<R: Read + Seek> RecordSource<R> {
     fn read_header(&mut self) -> io::Result<Result<Record, &'static str>> {
         let at = self.at;
         let Some(header_bytes) = self.read_u32()? else {
-            return Ok(Err(ENDS_INSIDE));
+            return Ok(Err(TRUNCATED_RECORD));
         };
         if header_bytes as usize > MAX_HEADER_BYTES {
             return Ok(Err("a record header of a senseless length"));
         }
         if u64::from(header_bytes) > self.end - self.at {
-            return Ok(Err(ENDS_INSIDE));
+            return Ok(Err(TRUNCATED_RECORD));
         }
         let mut buffer = [0; MAX_HEADER_BYTES];
         let header = &mut buffer[..header_bytes as usize];
@@ -177,7 +177,7 @@ impl<R: Read + Seek> RecordSource<R> {
             Err(what) => return Ok(Err(what)),
         };
         let Some(data_bytes) = self.read_u32()? else {
-            return Ok(Err(ENDS_INSIDE));
+            return Ok(Err(TRUNCATED_RECORD));
         };
         let record = Record {
             at,
@@ -194,11 +194,11 @@ impl<R: Read + Seek> RecordSource<R> {
             ));
         }
         if matches!(record.header, RecordHeader::Chunk { .. }) {
-            self.is_packed = Some(record.header.is_packed_chunk());
+            self.is_compressed = Some(record.header.is_packed_chunk());
             // What of it is there is worth reading.
-            self.promise(self.at + record.data_bytes);
+            self.extend_expected_end(self.at + record.data_bytes);
         } else if record.data_bytes > self.end - self.at {
-            return Ok(Err(ENDS_INSIDE));
+            return Ok(Err(TRUNCATED_RECORD));
         }
         Ok(Ok(record))
     }
@@ -223,13 +223,13 @@ impl<R: Read + Seek> RecordSource<R> {
         }
         // Compressed data holds pieces of records in clear: behind damage in a packed bag only the next
         // chunk is a place to go on from.
-        let is_packed = match self.is_packed {
-            Some(is_packed) => is_packed,
+        let is_compressed = match self.is_compressed {
+            Some(is_compressed) => is_compressed,
             None => self
                 .search(from, is_chunk)?
                 .is_some_and(|(_, chunk)| chunk.is_packed_chunk()),
         };
-        let accept = if is_packed { is_chunk } else { is_no_bag };
+        let accept = if is_compressed { is_chunk } else { is_no_bag };
         let found = match self.search(from, accept)? {
             // The header that was just judged; one before it would have been found first.
             Some((same, _)) if same == at => self.search(at + 1, accept)?,
@@ -239,8 +239,8 @@ impl<R: Read + Seek> RecordSource<R> {
         self.at = found.unwrap_or(self.end);
         self.last = self.at;
         self.reader.seek(SeekFrom::Start(self.at))?;
-        if found.is_none() && what == ENDS_INSIDE {
-            self.promised_end = self.end;
+        if found.is_none() && what == TRUNCATED_RECORD {
+            self.expected_end = self.end;
             return Ok(Found::CutOff { at });
         }
         Ok(Found::Damage { at, what })
@@ -281,7 +281,7 @@ fn is_no_bag(header: &RecordHeader) -> bool {
     !matches!(header, RecordHeader::Bag { .. })
 }
 
-const ENDS_INSIDE: &str = "a record that is longer than what is left";
+const TRUNCATED_RECORD: &str = "a record that is longer than what is left";
 
 #[cfg(test)]
 mod tests {

@@ -75,7 +75,7 @@ impl FrameSurvey {
 
     /// The way from `frame` up to a root: each frame with the edge to its parent. Ends where frames go in a
     /// circle, which damage can make them do.
-    pub fn way_up<'a>(&'a self, frame: &'a str) -> Vec<(&'a FrameId, &'a FrameEdge)> {
+    pub fn ancestors<'a>(&'a self, frame: &'a str) -> Vec<(&'a FrameId, &'a FrameEdge)> {
         let mut way: Vec<(&FrameId, &FrameEdge)> = Vec::new();
         let mut at = frame;
         while let Some((parent, edge)) = self.parent_of(at) {
@@ -91,13 +91,13 @@ impl FrameSurvey {
     /// The frame above `start` in which it moves and that a map can stand still in: `wanted`, or else `odom`,
     /// `map`, the root. The vehicle's own frame is none: a laser that only moves in the vehicle says nothing
     /// of where the vehicle is.
-    pub fn fixed_above(
+    pub fn fixed_ancestor(
         &self,
         start: &str,
         base_frame: &str,
         wanted: Option<&str>,
     ) -> Option<FrameId> {
-        let way = self.way_up(start);
+        let way = self.ancestors(start);
         let first_moving = way.iter().position(|(_, edge)| !edge.is_static)?;
         let vehicle = way.iter().position(|(frame, _)| ***frame == *base_frame);
         let from = vehicle.map_or(first_moving, |vehicle| first_moving.max(vehicle + 1));
@@ -114,17 +114,17 @@ impl FrameSurvey {
 
     /// Whether `start` moves in `base_frame`, or, where that is not above it, in anything.
     pub fn moves_in(&self, start: &str, base_frame: &str) -> bool {
-        let way = self.way_up(start);
+        let way = self.ancestors(start);
         let at_base = way.iter().position(|(frame, _)| ***frame == *base_frame);
         let below = at_base.map_or(&way[..], |at_base| &way[..=at_base]);
         below.iter().any(|(_, edge)| !edge.is_static)
     }
 
     /// Whether `target` is `start` or above it.
-    pub fn is_above(&self, target: &str, start: &str) -> bool {
+    pub fn is_ancestor(&self, target: &str, start: &str) -> bool {
         target == start
             || self
-                .way_up(start)
+                .ancestors(start)
                 .iter()
                 .any(|(frame, _)| ***frame == *target)
     }
@@ -158,7 +158,7 @@ mod tests {
             ("map", "odom", false),
         ]);
         let way: Vec<_> = frames
-            .way_up("laser")
+            .ancestors("laser")
             .iter()
             .map(|(parent, _)| &***parent)
             .collect();
@@ -175,7 +175,7 @@ mod tests {
                 last: RobotTime::from_nanos(2),
             }
         );
-        assert!(frames.way_up("elsewhere").is_empty());
+        assert!(frames.ancestors("elsewhere").is_empty());
     }
 
     #[test]
@@ -187,7 +187,7 @@ mod tests {
         ]);
         let fixed = |frames: &FrameSurvey, start, wanted| {
             frames
-                .fixed_above(start, "base_link", wanted)
+                .fixed_ancestor(start, "base_link", wanted)
                 .map(|frame| frame.to_string())
         };
         assert_eq!(fixed(&tree, "laser", None).as_deref(), Some("odom"));
@@ -213,14 +213,14 @@ mod tests {
         assert!(!tree.moves_in("sonar", "base_link"));
         assert!(tree.moves_in("sonar", "nowhere"));
         assert!(!tree.moves_in("nothing", "base_link"));
-        assert!(tree.is_above("odom", "sonar") && tree.is_above("odom", "odom"));
-        assert!(!tree.is_above("laser", "sonar"));
+        assert!(tree.is_ancestor("odom", "sonar") && tree.is_ancestor("odom", "odom"));
+        assert!(!tree.is_ancestor("laser", "sonar"));
     }
 
     #[test]
     fn circles_end() {
         let frames = survey(&[("a", "b", false), ("b", "a", false)]);
-        assert_eq!(frames.way_up("a").len(), 2);
+        assert_eq!(frames.ancestors("a").len(), 2);
         assert!(frames.roots().is_empty());
     }
 

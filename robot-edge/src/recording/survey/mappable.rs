@@ -18,7 +18,7 @@ pub enum Mappable {
         pose_source: String,
         /// Whether a replay takes these poses only with `localization.source=auto`: the vehicle that the recording
         /// names wants others, and they are not in it.
-        wants_auto: bool,
+        needs_auto: bool,
         /// Whether there are more range sensors, so that one must be named: those of a vehicle that the
         /// recording names and that has them all are mapped together.
         must_be_named: bool,
@@ -37,11 +37,11 @@ impl Survey {
             .scans
             .iter()
             .filter_map(|scan| Some((scan, self.poses(scan, vehicle.as_ref())?)));
-        match candidates.max_by_key(|(scan, poses)| (!poses.wants_auto, scan.stamps.count)) {
+        match candidates.max_by_key(|(scan, poses)| (!poses.needs_auto, scan.stamps.count)) {
             Some((scan, poses)) => Mappable::Yes {
                 laser: scan.stream,
-                pose_source: poses.words,
-                wants_auto: poses.wants_auto,
+                pose_source: poses.description,
+                needs_auto: poses.needs_auto,
                 must_be_named: self.scans.len() > 1 && self.sensors_of_vehicle().is_none(),
             },
             None if self.scans.is_empty() => Mappable::NoRangeSensor,
@@ -118,12 +118,12 @@ impl Survey {
             Mappable::Yes {
                 laser,
                 pose_source,
-                wants_auto,
+                needs_auto,
                 must_be_named,
             } => {
                 writeln!(f, "  {pose_source}")?;
                 self.write_sensors_of_vehicle(f)?;
-                let options = if wants_auto {
+                let options = if needs_auto {
                     " --set localization.source=auto"
                 } else {
                     ""
@@ -133,7 +133,7 @@ impl Survey {
             Mappable::NoPoseSource => {
                 writeln!(
                     f,
-                    "  no: nothing says where the sensor was. There is neither odometry nor a"
+                    "  no: there are no poses of the sensor: neither odometry nor a"
                 )?;
                 writeln!(f, "  moving transform above {}", self.frames_of_scans())?;
                 writeln!(f, "  if the vehicle stood still:")?;

@@ -14,8 +14,8 @@ use crate::robot_time::{RobotDuration, RobotTime};
 
 pub mod fixes;
 pub mod frames;
-pub mod greatest_range;
 mod mappable;
+pub mod max_range;
 mod poses;
 pub mod range_sensors;
 mod report;
@@ -220,7 +220,7 @@ impl Survey {
             }
             MeasurementData::Twist(_) | MeasurementData::PointCloud(_) => {}
         }
-        if !measurement.is_timeless() {
+        if !measurement.is_static_transform() {
             self.stamps[index].add(*stamp);
         }
     }

@@ -10,9 +10,9 @@ use crate::measurement::StreamId;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Poses {
     /// Where they come from.
-    pub(super) words: String,
+    pub(super) description: String,
     /// Whether the vehicle wants others, and they are not in the recording.
-    pub(super) wants_auto: bool,
+    pub(super) needs_auto: bool,
 }
 
 impl Survey {
@@ -21,20 +21,25 @@ impl Survey {
         let wanted = vehicle.map_or(PoseSource::Auto, |config| config.localization.source);
         let found = self.poses_from(wanted, scan, vehicle);
         if wanted == PoseSource::Auto {
-            let wants_auto = false;
-            return found.map(|words| Poses { words, wants_auto });
+            let needs_auto = false;
+            return found.map(|description| Poses {
+                description,
+                needs_auto,
+            });
         }
         let name = self.vehicle.as_deref().unwrap_or_default();
-        if let Some(words) = found {
+        if let Some(description) = found {
             return Some(Poses {
-                words: format!("{words}, as the vehicle {name} wants them"),
-                wants_auto: false,
+                description: format!("{description}, as configured for {name}"),
+                needs_auto: false,
             });
         }
         let others = self.poses_from(PoseSource::Auto, scan, vehicle)?;
         Some(Poses {
-            words: format!("{others}; the vehicle {name} wants others, which are not in it"),
-            wants_auto: true,
+            description: format!(
+                "{others}; {name} is configured for another pose source, which is not in it"
+            ),
+            needs_auto: true,
         })
     }
 
@@ -48,7 +53,7 @@ impl Survey {
         let bring = || "every scan brings its pose".to_owned();
         let own = || scan.has_own_poses.then(bring);
         let transforms = || self.transforms(scan, vehicle);
-        let odometry = || self.odometry_in_words();
+        let odometry = || self.describe_odometry();
         let wheels = || self.wheels_and_attitude(vehicle?);
         let fixes = || self.fixes_and_attitude(vehicle?);
         match source {
@@ -72,13 +77,13 @@ impl Survey {
         let base_frame = localization.base_frame.as_str();
         let wanted = localization.fixed_frame.as_deref();
         let lead = |start: &str| {
-            let fixed_frame = self.frames.fixed_above(start, base_frame, wanted)?;
+            let fixed_frame = self.frames.fixed_ancestor(start, base_frame, wanted)?;
             Some(format!("transforms lead from {start} to {fixed_frame}"))
         };
         [&*scan.frame, base_frame].into_iter().find_map(lead)
     }
 
-    fn odometry_in_words(&self) -> Option<String> {
+    fn describe_odometry(&self) -> Option<String> {
         let odometry = self.best_odometry()?;
         let name = &self.stream(odometry.stream)?.stream.name;
         Some(format!(

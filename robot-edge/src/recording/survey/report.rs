@@ -117,14 +117,14 @@ impl Survey {
             "    ranges {} to {} m",
             scan.range_min_m, scan.range_max_m
         )?;
-        if let Some((greatest, count)) = scan.greatest_range.greatest() {
+        if let Some((greatest, count)) = scan.max_range.greatest() {
             write!(f, "; the greatest is {greatest} m, {count} times")?;
         }
         writeln!(f)?;
-        if let Some(miss) = scan.unsaid_miss_from_m() {
+        if let Some(miss) = scan.inferred_miss_range_m() {
             writeln!(
                 f,
-                "    from {miss} m on they repeat: what this laser says where it sees nothing"
+                "    from {miss} m on they repeat: what this laser reports for no return"
             )?;
         }
         Ok(())
@@ -298,7 +298,7 @@ const fn loss_in_words(reason: DropReason) -> &'static str {
     match reason {
         DropReason::Damaged => "damaged lines, records or chunks, passed over",
         DropReason::CutOff => "places where it ends in the middle of something",
-        DropReason::Undecodable => "messages not as their type says, and clouds without order",
+        DropReason::Undecodable => "messages that do not match their type, and unorganised clouds",
         DropReason::BadStamp => "stamps that are not finite or out of range",
         DropReason::BadPose => "poses that are not finite or no rotation",
         DropReason::BadScan => "scans without beams, or with angles that are not finite",
@@ -306,12 +306,12 @@ const fn loss_in_words(reason: DropReason) -> &'static str {
         | DropReason::WheelJump
         | DropReason::NoFix
         | DropReason::BadFix
-        | DropReason::FixLeap
+        | DropReason::GnssOutlier
         | DropReason::PoseJump
         | DropReason::NoPose
         | DropReason::BeforeFirstPose
         | DropReason::PoseGap
-        | DropReason::PoseTooOld
+        | DropReason::AfterLastPose
         | DropReason::QueueFull
         | DropReason::InvalidRange
         | DropReason::OwnBody

@@ -1,6 +1,6 @@
 //! What the scans of one stream are like.
 
-use super::greatest_range::GreatestRange;
+use super::max_range::MaxRangeSurvey;
 use super::stamps::StampSurvey;
 use crate::measurement::{FrameId, StreamId};
 use crate::robot_time::RobotTime;
@@ -28,7 +28,7 @@ pub struct ScanSurvey {
     /// Range from which on there is none, of the first scan, metres.
     pub range_max_m: f32,
     /// The longest ranges.
-    pub greatest_range: GreatestRange,
+    pub max_range: MaxRangeSurvey,
     /// Whether every scan brings its own pose.
     pub has_own_poses: bool,
 }
@@ -45,7 +45,7 @@ impl ScanSurvey {
             time_increment_s: scan.time_increment_s,
             range_min_m: scan.range_min_m,
             range_max_m: scan.range_max_m,
-            greatest_range: GreatestRange::default(),
+            max_range: MaxRangeSurvey::default(),
             has_own_poses: true,
         }
     }
@@ -54,7 +54,7 @@ impl ScanSurvey {
         self.stamps.add(stamp);
         let beams = scan.ranges_m.len();
         self.beams = (self.beams.0.min(beams), self.beams.1.max(beams));
-        self.greatest_range.add(&scan.ranges_m);
+        self.max_range.add(&scan.ranges_m);
         self.has_own_poses &= has_own_pose;
     }
 
@@ -65,9 +65,9 @@ impl ScanSurvey {
     }
 
     /// The range from which on this laser sees nothing although its messages do not say so, metres.
-    pub fn unsaid_miss_from_m(&self) -> Option<f32> {
-        self.greatest_range
-            .miss_from_m()
+    pub fn inferred_miss_range_m(&self) -> Option<f32> {
+        self.max_range
+            .miss_range_m()
             .filter(|&range| range < self.range_max_m)
     }
 }

@@ -46,7 +46,7 @@ range sensors
   FLASER: 21 scans of 3 beams in frame laser
     -90.0° to 90.0° in steps of 90.000°, beams 0.0 µs apart
     ranges 0 to 80 m; the greatest is 50 m, 21 times
-    from 50 m on they repeat: what this laser says where it sees nothing
+    from 50 m on they repeat: what this laser reports for no return
 
 frames
   ODOM: base_link in odom, 20 poses
@@ -90,7 +90,7 @@ fn what_cannot_be_mapped_says_why() {
         Mappable::Yes {
             laser: StreamId(0),
             pose_source: "ODOM gives poses of base_link in odom".to_owned(),
-            wants_auto: false,
+            needs_auto: false,
             must_be_named: false,
         }
     );
@@ -289,9 +289,9 @@ fn lasers_of_published_logs_say_nothing_seen_in_their_own_way() {
         let [scan] = &survey.scans[..] else {
             panic!("{name}")
         };
-        assert_eq!(scan.greatest_range.greatest(), Some(greatest), "{name}");
-        assert_eq!(scan.greatest_range.miss_from_m(), miss, "{name}");
-        assert_eq!(scan.unsaid_miss_from_m(), unsaid, "{name}");
+        assert_eq!(scan.max_range.greatest(), Some(greatest), "{name}");
+        assert_eq!(scan.max_range.miss_range_m(), miss, "{name}");
+        assert_eq!(scan.inferred_miss_range_m(), unsaid, "{name}");
     };
     check("aces.clf", (50.0, 11139), Some(50.0), Some(50.0));
     check("aces-corrected.log", (50.0, 620), Some(50.0), Some(50.0));
@@ -358,22 +358,19 @@ fn mcap_files_are_surveyed() {
     let Some(intel) = survey_of("mcap", "intel_corrected.mcap") else {
         return;
     };
-    assert_eq!(
-        intel.scans[0].greatest_range.greatest(),
-        Some((81.83, 4172))
-    );
+    assert_eq!(intel.scans[0].max_range.greatest(), Some((81.83, 4172)));
     assert_eq!(
         intel.mappable(),
         Mappable::Yes {
             laser: intel.scans[0].stream,
             pose_source: "transforms lead from laser to odom".to_owned(),
-            wants_auto: false,
+            needs_auto: false,
             must_be_named: false,
         }
     );
     let turtlebot = survey_of("mcap", "turtlebot_tf_odom.mcap").unwrap();
     assert_eq!(turtlebot.mappable(), Mappable::NoRangeSensor);
     assert_eq!(turtlebot.frames.roots(), [&FrameId::from("map")]);
-    let oakd = turtlebot.frames.way_up("oakd_imu_frame");
+    let oakd = turtlebot.frames.ancestors("oakd_imu_frame");
     assert_eq!(oakd.len(), 6, "{oakd:?}");
 }

@@ -6,10 +6,10 @@
 
 pub mod attachment;
 mod keys;
-mod tokens;
+mod liveliness;
 
 pub use keys::{HistoryKeys, rmw_pattern, rmw_stream, twist_keys};
-pub use tokens::{Announced, Carrier, announced, token_patterns};
+pub use liveliness::{DiscoveredTopic, TopicTransport, parse_token, token_patterns};
 
 /// Greatest domain id: DDS has no ports for more (ROS 2 documentation, "The `ROS_DOMAIN_ID`").
 pub const MAX_DOMAIN: u32 = 232;

@@ -52,12 +52,12 @@ fn what_is_lower_than_its_underside_or_above_its_top_is_passed() {
 fn who_is_in_something_already_can_leave_but_not_go_deeper() {
     let bumper = at_a_wall(2.0);
     let at = |x| pose::planar(x, 0.0, 0.0);
-    let passes = |from, to| bumper.lets_pass(&at(from), &at(to), 0.0);
+    let passes = |from, to| bumper.allows_motion(&at(from), &at(to), 0.0);
     assert!(passes(0.49, 0.499) && !passes(0.499, 0.501));
     assert!(passes(0.55, 0.549_9) && !passes(0.55, 0.550_1));
     assert!(passes(0.501, 0.499));
     let along = |y| pose::planar(0.55, y, 0.0);
-    assert!(bumper.lets_pass(&along(0.0), &along(0.3), 0.0));
+    assert!(bumper.allows_motion(&along(0.0), &along(0.3), 0.0));
 }
 
 /// Stems on a strip of 0.2 m from x = 3 on.

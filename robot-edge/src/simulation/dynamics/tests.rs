@@ -11,11 +11,11 @@ const STEP_S: f64 = 0.005;
 fn commands() -> impl Strategy<Value = Vec<(CommandedVelocity, usize)>> {
     let command =
         (-9.0..9.0, -9.0..9.0, 1..400_usize).prop_map(|(linear_mps, angular_radps, steps)| {
-            let told = CommandedVelocity {
+            let command = CommandedVelocity {
                 linear_mps,
                 angular_radps,
             };
-            (told, steps)
+            (command, steps)
         });
     prop::collection::vec(command, 1..12)
 }
@@ -26,9 +26,9 @@ proptest! {
         for name in SimulatedVehicle::NAMES {
             let drive = SimulatedVehicle::preset(name).unwrap().drive;
             let mut momentum = Momentum::default();
-            for (told, steps) in &commands {
+            for (command, steps) in &commands {
                 for _ in 0..*steps {
-                    let next = drive.after(momentum, *told, STEP_S);
+                    let next = drive.after(momentum, *command, STEP_S);
                     check(&drive, momentum.velocity, next.velocity);
                     momentum = next;
                 }

@@ -46,11 +46,11 @@ impl TwinThrusters {
     pub(super) fn after(
         &self,
         momentum: Momentum,
-        told: CommandedVelocity,
+        command: CommandedVelocity,
         duration_s: f64,
     ) -> Momentum {
         let share = lag_share(self.lag_s, duration_s);
-        let wanted_mps2 = self.thrusts_mps2(told);
+        let wanted_mps2 = self.thrusts_mps2(command);
         let thrusts_mps2 = [0, 1].map(|side| {
             let gap = wanted_mps2[side] - momentum.thrusts_mps2[side];
             if gap.abs() < STILL {
@@ -89,14 +89,14 @@ impl TwinThrusters {
 
     /// Thrusts to port and to starboard that keep the velocity that is told. Where a thruster cannot give it,
     /// turning comes first.
-    fn thrusts_mps2(&self, told: CommandedVelocity) -> [f64; 2] {
-        let told = told.at_most(self.max_speed_mps, self.max_turn_rate_radps);
+    fn thrusts_mps2(&self, command: CommandedVelocity) -> [f64; 2] {
+        let command = command.at_most(self.max_speed_mps, self.max_turn_rate_radps);
         let most = 0.5 * self.surge_drag.at(self.max_speed_mps);
         let least = -self.astern * most;
         let widest = 0.5 * (most - least);
-        let apart =
-            (0.5 * self.yaw_drag.at(told.angular_radps) / self.lever_radpm).clamp(-widest, widest);
-        let mean = 0.5 * self.surge_drag.at(told.linear_mps);
+        let apart = (0.5 * self.yaw_drag.at(command.angular_radps) / self.lever_radpm)
+            .clamp(-widest, widest);
+        let mean = 0.5 * self.surge_drag.at(command.linear_mps);
         let mean = mean.min(most - apart.abs()).max(least + apart.abs());
         [mean - apart, mean + apart]
     }

@@ -33,17 +33,17 @@ impl WheelDrive {
     pub(super) fn after(
         &self,
         velocity: PlanarVelocity,
-        told: CommandedVelocity,
+        command: CommandedVelocity,
         duration_s: f64,
     ) -> PlanarVelocity {
-        let told = told.at_most(self.linear.max_speed, self.angular.max_speed);
+        let command = command.at_most(self.linear.max_speed, self.angular.max_speed);
         let (linear, angular) = (&self.linear, &self.angular);
         PlanarVelocity {
-            forward_mps: linear.after(velocity.forward_mps, told.linear_mps, duration_s),
+            forward_mps: linear.after(velocity.forward_mps, command.linear_mps, duration_s),
             left_mps: 0.0,
             turn_rate_radps: angular.after(
                 velocity.turn_rate_radps,
-                told.angular_radps,
+                command.angular_radps,
                 duration_s,
             ),
         }
@@ -109,13 +109,13 @@ mod tests {
             linear: AXIS,
             angular: AXIS,
         };
-        let told = CommandedVelocity {
+        let command = CommandedVelocity {
             linear_mps: -9.0,
             angular_radps: 9.0,
         };
         let mut velocity = PlanarVelocity::default();
         for _ in 0..1000 {
-            velocity = wheels.after(velocity, told, 0.005);
+            velocity = wheels.after(velocity, command, 0.005);
         }
         assert_eq!(
             [velocity.forward_mps, velocity.turn_rate_radps],

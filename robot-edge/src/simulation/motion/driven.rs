@@ -1,10 +1,10 @@
 //! The motion of a vehicle that somebody drives, from one step to the next.
 
-mod helm;
+mod drive_model;
 
 use std::collections::VecDeque;
 
-pub use helm::{Collisions, Helm};
+pub use drive_model::{Collisions, DriveModel};
 
 use super::POSTURE_STEP_S;
 use super::support::Support;
@@ -23,7 +23,7 @@ pub(super) struct Driven {
     newest: i64,
     /// At least one.
     moments: VecDeque<Moment>,
-    helm: Helm,
+    drive_model: DriveModel,
 }
 
 /// A vehicle at a step.
@@ -38,26 +38,31 @@ pub(super) struct Moment {
 const AT_STEP: f64 = 1e-6;
 
 impl Driven {
-    pub(super) fn new(step: i64, at: PlanarPose, posture: Posture, helm: Helm) -> Self {
+    pub(super) fn new(
+        step: i64,
+        at: PlanarPose,
+        posture: Posture,
+        drive_model: DriveModel,
+    ) -> Self {
         let first = Moment {
             at,
             posture,
-            velocity: helm.velocity(),
+            velocity: drive_model.velocity(),
         };
         Self {
             begin: step,
             newest: step,
             moments: VecDeque::from([first]),
-            helm,
+            drive_model,
         }
     }
 
-    pub(super) fn helm(&self) -> &Helm {
-        &self.helm
+    pub(super) fn drive_model(&self) -> &DriveModel {
+        &self.drive_model
     }
 
-    pub(super) fn helm_mut(&mut self) -> &mut Helm {
-        &mut self.helm
+    pub(super) fn drive_model_mut(&mut self) -> &mut DriveModel {
+        &mut self.drive_model
     }
 
     /// At the very beginning both say the same pose; the path says it, whether somebody has looked before or not.
@@ -71,9 +76,9 @@ impl Driven {
         {
             self.newest += 1;
             let time_s = self.newest as f64 * POSTURE_STEP_S;
-            let next = self.helm.step(&last, support, time_s);
+            let next = self.drive_model.step(&last, support, time_s);
             self.moments.push_back(next);
-            if self.moments.len() > Helm::KEPT_STEPS {
+            if self.moments.len() > DriveModel::KEPT_STEPS {
                 self.moments.pop_front();
             }
         }

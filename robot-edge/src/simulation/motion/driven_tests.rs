@@ -62,10 +62,13 @@ impl Driver {
         angular_radps: f64,
         duration_s: f64,
     ) -> ([f64; 3], PlanarVelocity) {
-        self.motion.helm_mut().unwrap().tell(CommandedVelocity {
-            linear_mps,
-            angular_radps,
-        });
+        self.motion
+            .drive_model_mut()
+            .unwrap()
+            .set_command(CommandedVelocity {
+                linear_mps,
+                angular_radps,
+            });
         self.step += libm::round(duration_s / POSTURE_STEP_S) as i64;
         self.motion.advance_to(self.step);
         let base = self.motion.world_from_base(self.now_s());
@@ -78,7 +81,7 @@ impl Driver {
     }
 
     fn collisions(&self) -> Collisions {
-        self.motion.helm().unwrap().collisions()
+        self.motion.drive_model().unwrap().collisions()
     }
 }
 
@@ -230,7 +233,7 @@ fn poses_that_are_no_longer_kept_are_the_oldest_that_are() {
     let mut driver = Driver::new("pioneer", &[]);
     driver.go(0.5, 0.0, 30.0);
     let pose_at = |time_s| driver.motion.world_from_base(time_s).translation.x;
-    let oldest_s = 30.0 - Helm::KEPT_S + POSTURE_STEP_S;
+    let oldest_s = 30.0 - DriveModel::KEPT_S + POSTURE_STEP_S;
     assert_eq!(pose_at(1.0).to_bits(), pose_at(oldest_s).to_bits());
     assert!(pose_at(oldest_s + 0.1) > pose_at(oldest_s) + 0.049);
     assert_eq!(pose_at(99.0).to_bits(), pose_at(30.0).to_bits());

@@ -5,7 +5,7 @@ use super::ticks::Ticks;
 use super::{START, SimulatedSource};
 use crate::robot_time::{RobotDuration, RobotTime};
 use crate::simulation::bumper::Bumper;
-use crate::simulation::motion::{Collisions, Helm, POSTURE_STEP_S};
+use crate::simulation::motion::{Collisions, DriveModel, POSTURE_STEP_S};
 use crate::simulation::velocity::{CommandedVelocity, PlanarVelocity};
 
 /// How far ahead of the last measurement a vehicle can be driven, seconds: half of what is kept of its motion, so
@@ -45,7 +45,7 @@ impl SimulatedSource {
     /// The same run, but the end of the path does not end it: the vehicle waits there to be driven.
     #[must_use]
     pub fn until_stopped(mut self) -> Self {
-        self.go_on();
+        self.continue_past_path();
         self
     }
 
@@ -65,9 +65,9 @@ impl SimulatedSource {
     ) -> Result<RobotTime, DriveError> {
         if self.is_driven() || !velocity.or_zero().is_zero() {
             let effective = self.take_over(at);
-            let obeyed = effective.map_or(CommandedVelocity::ZERO, |_effective| velocity);
-            if let Some(helm) = self.run.motion.helm_mut() {
-                helm.tell(obeyed);
+            let applied = effective.map_or(CommandedVelocity::ZERO, |_effective| velocity);
+            if let Some(drive_model) = self.run.motion.drive_model_mut() {
+                drive_model.set_command(applied);
             }
             return effective;
         }
@@ -90,7 +90,7 @@ impl SimulatedSource {
             let bumper = Bumper::new(self.run.vehicle.body, self.run.scene.clone());
             let drive = self.run.vehicle.drive;
             self.run.motion.take_over(self.frontier, drive, bumper);
-            self.go_on();
+            self.continue_past_path();
         }
         self.run.motion.advance_to(self.frontier);
         Ok(self.frontier())
@@ -109,7 +109,7 @@ impl SimulatedSource {
         }
         let (nanos, place) = self.next_reading()?;
         let (_, sensor) = self.timetable.get(place)?;
-        Some(START + RobotDuration::from_nanos(nanos + looks_ahead_nanos(sensor)))
+        Some(START + RobotDuration::from_nanos(nanos + lookahead_nanos(sensor)))
     }
 
     /// How fast the vehicle truly goes in the plane at `at`, as far as it has got: not after
@@ -121,17 +121,17 @@ impl SimulatedSource {
 
     /// Whether somebody has taken the vehicle off its path.
     pub fn is_driven(&self) -> bool {
-        self.run.motion.helm().is_some()
+        self.run.motion.drive_model().is_some()
     }
 
     /// What its bumper felt since it was taken off its path.
     pub fn collisions(&self) -> Collisions {
-        let helm = self.run.motion.helm();
-        helm.map_or_else(Collisions::default, Helm::collisions)
+        let drive_model = self.run.motion.drive_model();
+        drive_model.map_or_else(Collisions::default, DriveModel::collisions)
     }
 
     /// The end of the path is no longer that of the run.
-    fn go_on(&mut self) {
+    fn continue_past_path(&mut self) {
         self.last_pose_s = Ticks::until(self.longest_s, self.run.vehicle.odometry_rate_hz).last_s();
         for (ticks, sensor) in &mut self.timetable {
             // A sensor may have come to its end before the last pose.
@@ -141,12 +141,12 @@ impl SimulatedSource {
 }
 
 /// The first step that a reading at `nanos` does not look at any more; at the step itself nothing is told yet.
-pub(super) fn looked_at(nanos: i64, sensor: &Sensor) -> i64 {
-    step_from(nanos.saturating_add(looks_ahead_nanos(sensor)))
+pub(super) fn observed_until(nanos: i64, sensor: &Sensor) -> i64 {
+    step_from(nanos.saturating_add(lookahead_nanos(sensor)))
 }
 
-fn looks_ahead_nanos(sensor: &Sensor) -> i64 {
-    libm::ceil(sensor.looks_ahead_s() * 1e9) as i64
+fn lookahead_nanos(sensor: &Sensor) -> i64 {
+    libm::ceil(sensor.lookahead_s() * 1e9) as i64
 }
 
 /// The first step at or after a time.

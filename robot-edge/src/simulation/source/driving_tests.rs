@@ -9,7 +9,7 @@ use crate::simulation::attitude::Attitude;
 use crate::simulation::motion::POSTURE_STEP_S;
 use crate::simulation::velocity::CommandedVelocity;
 
-fn told(linear_mps: f64, angular_radps: f64) -> CommandedVelocity {
+fn command(linear_mps: f64, angular_radps: f64) -> CommandedVelocity {
     CommandedVelocity {
         linear_mps,
         angular_radps,
@@ -72,7 +72,7 @@ fn drive(world: &str, slack_s: f64) -> Vec<Measurement> {
     let mut taken = Vec::new();
     for (seconds, linear_mps, angular_radps) in DRIVE {
         taken.extend(take_until(&mut source, seconds - slack_s));
-        let effective = source.drive(at(seconds), told(linear_mps, angular_radps));
+        let effective = source.drive(at(seconds), command(linear_mps, angular_radps));
         assert_eq!(effective, Ok(at(seconds)), "{world}");
     }
     taken.extend(std::iter::from_fn(|| source.next_measurement()));
@@ -127,7 +127,7 @@ fn it_leaves_the_path_at_its_pose_and_speed_there() {
     let mut source = open(&world, SimulationOptions::default());
     take_until(&mut source, 2.0);
     assert_eq!(source.velocity(at(2.0)).forward_mps, 0.55);
-    assert_eq!(source.drive(at(2.001), told(0.3, 0.0)), Ok(at(2.005)));
+    assert_eq!(source.drive(at(2.001), command(0.3, 0.0)), Ok(at(2.005)));
     let left = world.path().world_from_base(2.005);
     assert_eq!(true_pose(&source, 2.005), left);
     assert_eq!(source.velocity(at(2.005)).forward_mps, 0.55);
@@ -152,11 +152,11 @@ fn a_command_waits_for_the_sweep_that_was_taken_early_and_for_no_more() {
         ("lake", 0.2),
     ] {
         let mut source = open(&load(world), SimulationOptions::default());
-        source.drive(at(0.0), told(0.2, 0.1)).unwrap();
+        source.drive(at(0.0), command(0.2, 0.1)).unwrap();
         let (mut longest_s, mut last) = (0.0_f64, at(0.0));
         for _ in 0..400 {
             let stamp = source.next_measurement().unwrap().stamp;
-            let effective = source.drive(stamp, told(0.2, 0.1)).unwrap();
+            let effective = source.drive(stamp, command(0.2, 0.1)).unwrap();
             assert!(effective >= stamp && effective >= last);
             longest_s = longest_s.max(effective.since(stamp).as_secs_f64());
             last = effective;
@@ -173,8 +173,8 @@ fn a_command_waits_for_the_sweep_that_was_taken_early_and_for_no_more() {
 fn too_far_ahead_is_refused_and_the_vehicle_stops() {
     let mut source = open(&load("rooms"), SimulationOptions::default());
     take_until(&mut source, 1.0);
-    assert_eq!(source.drive(at(1.0), told(0.2, 0.0)), Ok(at(1.0)));
-    let refused = source.drive(at(6.1), told(0.3, 0.0)).unwrap_err();
+    assert_eq!(source.drive(at(1.0), command(0.2, 0.0)), Ok(at(1.0)));
+    let refused = source.drive(at(6.1), command(0.3, 0.0)).unwrap_err();
     assert_eq!(
         refused.to_string(),
         "a command for 6.100 s, where the last measurement is of 1.000 s: take measurements up to 5 s before it \
@@ -201,7 +201,7 @@ fn a_driven_run_ends_with_its_duration_only() {
     assert!(last.stamp <= at(path_s));
     assert_eq!(source.next_due(), None);
     // Somebody comes after the end.
-    source.drive(last.stamp, told(-0.2, 0.0)).unwrap();
+    source.drive(last.stamp, command(-0.2, 0.0)).unwrap();
     let more = take_until(&mut source, path_s + 3.0);
     assert!(
         more.iter()
@@ -215,7 +215,7 @@ fn a_driven_run_ends_with_its_duration_only() {
         ..SimulationOptions::default()
     };
     let mut source = open(&world, limited);
-    source.drive(at(0.0), told(0.2, 0.0)).unwrap();
+    source.drive(at(0.0), command(0.2, 0.0)).unwrap();
     let last = std::iter::from_fn(|| source.next_measurement())
         .last()
         .unwrap();
@@ -247,13 +247,13 @@ fn until_stopped_it_waits_at_the_end_of_the_path() {
 fn a_wall_of_the_rooms_stops_it_and_the_laser_sees_why() {
     let mut source = open(&load("rooms"), SimulationOptions::default());
     // To the left across the corridor, whose wall is at y = 5.285, 0.965 m beside the start.
-    source.drive(at(0.0), told(0.0, 1.0)).unwrap();
+    source.drive(at(0.0), command(0.0, 1.0)).unwrap();
     let mut now_s = 0.0;
     while pose::yaw_rad(&true_pose(&source, now_s)) < 1.5 {
         now_s += 0.02;
         take_until(&mut source, now_s);
     }
-    source.drive(at(now_s), told(0.5, 0.0)).unwrap();
+    source.drive(at(now_s), command(0.5, 0.0)).unwrap();
     let taken = take_until(&mut source, now_s + 5.0);
     let stopped = true_pose(&source, now_s + 5.0);
     let felt = source.collisions();
@@ -283,11 +283,11 @@ fn kerbs_of_the_street_are_driven_down_and_stop_it_on_the_way_up() {
     let driven = |start| {
         let world = from_elsewhere(STREET, ["0.0"; 3], start);
         let mut source = open(&world, SimulationOptions::default());
-        source.drive(at(0.0), told(0.5, 0.0)).unwrap();
+        source.drive(at(0.0), command(0.5, 0.0)).unwrap();
         let mut pitch_deg = [0.0_f64; 2];
         for n in 1..=250 {
             let now_s = 0.02 * f64::from(n);
-            source.drive(at(now_s), told(0.5, 0.0)).unwrap();
+            source.drive(at(now_s), command(0.5, 0.0)).unwrap();
             let pitch = Attitude::of(&true_pose(&source, now_s).rotation).pitch_rad;
             pitch_deg = [
                 pitch_deg[0].min(pitch.to_degrees()),

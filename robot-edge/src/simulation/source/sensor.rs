@@ -116,7 +116,7 @@ impl Sensor {
     }
 
     /// How far past its stamp a reading looks, seconds.
-    pub(super) fn looks_ahead_s(&self) -> f64 {
+    pub(super) fn lookahead_s(&self) -> f64 {
         match self {
             Self::Pose | Self::Wheels { .. } | Self::Tilt { .. } | Self::Position { .. } => 0.0,
             Self::Attitude { sensor, .. } => sensor.period_s(),

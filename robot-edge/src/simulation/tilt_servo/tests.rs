@@ -6,8 +6,8 @@ use super::*;
 fn servo() -> TiltServo {
     TiltServo {
         joint: "joint",
-        least_rad: 0.0,
-        greatest_rad: 20.0_f64.to_radians(),
+        min_rad: 0.0,
+        max_rad: 20.0_f64.to_radians(),
         period_s: 10.0,
         encoder_rate_hz: 50.0,
         encoder_step_rad: 0.1_f64.to_radians(),
@@ -42,7 +42,7 @@ fn it_swings_between_its_angles_with_rounded_ends() {
 #[test]
 fn positive_angles_are_nose_down() {
     let ahead = servo().mount_from_sensor(5.0) * Vector3::x();
-    assert!((ahead.z + libm::sin(servo().greatest_rad)).abs() < 1e-15);
+    assert!((ahead.z + libm::sin(servo().max_rad)).abs() < 1e-15);
     let left = servo().mount_from_sensor(5.0) * Vector3::y();
     assert!((left - Vector3::y()).norm() < 1e-15);
 }
@@ -60,11 +60,11 @@ fn the_encoder_says_where_it_was_in_steps() {
 proptest! {
     #[test]
     fn it_never_leaves_its_angles_nor_jumps(
-        time_s in -100.0..1e5_f64, least_rad in -1.0..0.5_f64, span_rad in 0.01..1.0_f64
+        time_s in -100.0..1e5_f64, min_rad in -1.0..0.5_f64, span_rad in 0.01..1.0_f64
     ) {
-        let servo = TiltServo { least_rad, greatest_rad: least_rad + span_rad, ..servo() };
+        let servo = TiltServo { min_rad, max_rad: min_rad + span_rad, ..servo() };
         let angle_rad = servo.angle_rad(time_s);
-        prop_assert!((least_rad..=least_rad + span_rad + 1e-12).contains(&angle_rad));
+        prop_assert!((min_rad..=min_rad + span_rad + 1e-12).contains(&angle_rad));
         let step_rad = (servo.angle_rad(time_s + 0.001) - angle_rad).abs();
         prop_assert!(step_rad <= 0.001 * servo.even_rate_radps() + 1e-9);
     }

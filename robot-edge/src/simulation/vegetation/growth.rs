@@ -115,14 +115,14 @@ const LEAF_DEPTH: f64 = 0.15;
 pub type Height<'a> = &'a dyn Fn(Point2<f64>) -> Option<f64>;
 
 /// Grows one patch after the other.
-pub struct Gardener<'a> {
+pub struct PlantGenerator<'a> {
     bed_m: Height<'a>,
     ground_m: Height<'a>,
     stems: Vec<Stem>,
     draws_left: f64,
 }
 
-impl<'a> Gardener<'a> {
+impl<'a> PlantGenerator<'a> {
     /// Plants are rooted in `bed_m` and their heights count from `ground_m`, which is higher where they
     /// stand in water; where either has no surface nothing grows.
     pub fn new(bed_m: Height<'a>, ground_m: Height<'a>) -> Self {
@@ -143,8 +143,8 @@ impl<'a> Gardener<'a> {
         noise: NoiseStream,
     ) -> Result<Range<usize>, TooMany> {
         let first = self.stems.len();
-        let mut bed = Bed {
-            gardener: self,
+        let mut bed = StandGenerator {
+            generator: self,
             reach,
             noise,
         };
@@ -173,17 +173,17 @@ impl<'a> Gardener<'a> {
 }
 
 /// One patch while it grows.
-struct Bed<'b, 'a> {
-    gardener: &'b mut Gardener<'a>,
+struct StandGenerator<'b, 'a> {
+    generator: &'b mut PlantGenerator<'a>,
     reach: f64,
     noise: NoiseStream,
 }
 
-impl Bed<'_, '_> {
+impl StandGenerator<'_, '_> {
     fn stand(&mut self, stand: &Stand) -> Result<(), TooMany> {
         let [min, max] = stand.area.bounds_m();
         let expected = stand.density_per_m2 * (max.x - min.x) * (max.y - min.y);
-        let stems = self.gardener.draws(expected)?;
+        let stems = self.generator.draws(expected)?;
         let Some(Tufts {
             stems: of,
             radius_m,
@@ -216,8 +216,8 @@ impl Bed<'_, '_> {
     /// A stem where there is room for it.
     fn root(&mut self, stand: &Stand, at: Point2<f64>) -> Result<(), TooMany> {
         if stand.area.contains(at)
-            && let Some(bed_m) = (self.gardener.bed_m)(at)
-            && let Some(ground_m) = (self.gardener.ground_m)(at)
+            && let Some(bed_m) = (self.generator.bed_m)(at)
+            && let Some(ground_m) = (self.generator.ground_m)(at)
         {
             let foot_m = Point3::new(at.x, at.y, bed_m);
             return self.stem(stand, foot_m, ground_m - bed_m);
@@ -281,7 +281,7 @@ impl Bed<'_, '_> {
         let radius_m = self.between(crowns.radius_m);
         let bottom_m = self.between(crowns.bottom_m);
         let half_height_m = 0.5 * self.between(crowns.height_m);
-        let Some(ground_m) = (self.gardener.ground_m)(at) else {
+        let Some(ground_m) = (self.generator.ground_m)(at) else {
             return Ok(());
         };
         let fork_m = Point3::new(at.x, at.y, ground_m + bottom_m);
@@ -303,7 +303,7 @@ impl Bed<'_, '_> {
             })?;
         }
         let leaves = crowns.leaves_per_m2 * spheroid_m2(radius_m, half_height_m);
-        for _ in 0..self.gardener.draws(leaves)? {
+        for _ in 0..self.generator.draws(leaves)? {
             let depth = self.between([0.0, LEAF_DEPTH]);
             let foot_m = centre_m + self.direction().component_mul(&axes_m) * (1.0 - depth);
             let length_m = self.between(crowns.leaf_length_m);
@@ -326,7 +326,7 @@ impl Bed<'_, '_> {
     }
 
     fn add(&mut self, stem: Stem) -> Result<(), TooMany> {
-        let stems = &mut self.gardener.stems;
+        let stems = &mut self.generator.stems;
         if stems.len() == MAX_STEMS {
             return Err(TooMany::Stems);
         }

@@ -4,7 +4,7 @@ use nalgebra::{Point2, Vector2};
 use proptest::prelude::*;
 
 use super::area::Area;
-use super::growth::{Crowns, Gardener, Growth, Shoots, Stand, TooMany, Tufts};
+use super::growth::{Crowns, Growth, PlantGenerator, Shoots, Stand, TooMany, Tufts};
 use super::wind::Phases;
 use super::*;
 use crate::simulation::noise::NoiseStream;
@@ -176,10 +176,10 @@ fn wind_moves_tops_by_their_reach_and_feet_not_at_all() {
 
 fn grown(growth: &Growth, reach: f64, seed: u64) -> Vec<Stem> {
     let ground_m = |at: Point2<f64>| (at.x < 5.0).then_some(0.1 * at.x);
-    let mut gardener = Gardener::new(&ground_m, &ground_m);
+    let mut generator = PlantGenerator::new(&ground_m, &ground_m);
     let noise = NoiseStream::new(seed, "world/plants");
-    gardener.grow(growth, reach, noise).unwrap();
-    gardener.into_stems()
+    generator.grow(growth, reach, noise).unwrap();
+    generator.into_stems()
 }
 
 fn reeds(area: Area) -> Stand {
@@ -279,8 +279,8 @@ fn tufts_stand_apart_and_are_as_dense_on_the_whole() {
 #[test]
 fn too_much_to_grow_is_refused() {
     let ground_m = |_: Point2<f64>| Some(0.0);
-    let mut gardener = Gardener::new(&ground_m, &ground_m);
-    let mut grow = |stand| gardener.grow(&Growth::Stems(stand), 0.0, NoiseStream::new(1, "test"));
+    let mut generator = PlantGenerator::new(&ground_m, &ground_m);
+    let mut grow = |stand| generator.grow(&Growth::Stems(stand), 0.0, NoiseStream::new(1, "test"));
     let wide = Area::Rectangle([Point2::new(-1e6, -1e6), Point2::new(1e6, 1e6)]);
     assert_eq!(grow(reeds(wide)), Err(TooMany::Draws));
     let small = Area::Rectangle([Point2::new(0.0, 0.0), Point2::new(1.0, 1.0)]);
@@ -289,7 +289,7 @@ fn too_much_to_grow_is_refused() {
         ..reeds(small.clone())
     };
     assert_eq!(grow(dense), Err(TooMany::Draws), "the budget is spent");
-    let mut gardener = Gardener::new(&ground_m, &ground_m);
+    let mut generator = PlantGenerator::new(&ground_m, &ground_m);
     let leafy = Stand {
         shoots: Some(Shoots {
             count: u32::MAX,
@@ -298,7 +298,7 @@ fn too_much_to_grow_is_refused() {
         }),
         ..reeds(small)
     };
-    let grown = gardener.grow(&Growth::Stems(leafy), 0.0, NoiseStream::new(1, "test"));
+    let grown = generator.grow(&Growth::Stems(leafy), 0.0, NoiseStream::new(1, "test"));
     assert_eq!(grown, Err(TooMany::Stems));
 }
 

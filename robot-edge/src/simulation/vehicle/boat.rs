@@ -29,8 +29,8 @@ use crate::simulation::tilt_servo::TiltServo;
 pub(super) fn riverwatch() -> SimulatedVehicle {
     let servo = TiltServo {
         joint: LASER_TILT_JOINT,
-        least_rad: 0.0,
-        greatest_rad: 19.0_f64.to_radians(),
+        min_rad: 0.0,
+        max_rad: 19.0_f64.to_radians(),
         period_s: 10.0,
         encoder_rate_hz: 50.0,
         encoder_step_rad: std::f64::consts::TAU / 4096.0,
@@ -84,7 +84,7 @@ pub(super) fn riverwatch() -> SimulatedVehicle {
 }
 
 /// Beside the laser, which sees them at every tilt: its axis points at them. Invented; the lights of a boat stand there. By
-/// their echoes the collision guard knows on open water that the laser is not covered.
+/// their echoes the collision monitor knows on open water that the laser is not covered.
 const POSTS: [Post; 2] = [post(1.15), post(-1.15)];
 
 const fn post(y_m: f64) -> Post {

@@ -100,8 +100,8 @@ pub(super) fn holos() -> SimulatedVehicle {
 pub(super) fn introbot() -> SimulatedVehicle {
     let servo = TiltServo {
         joint: LASER_TILT_JOINT,
-        least_rad: -30.0_f64.to_radians(),
-        greatest_rad: 30.0_f64.to_radians(),
+        min_rad: -30.0_f64.to_radians(),
+        max_rad: 30.0_f64.to_radians(),
         period_s: 4.0,
         encoder_rate_hz: 100.0,
         encoder_step_rad: 0.01_f64.to_radians(),

@@ -90,7 +90,7 @@
 //! period_s = 1.5                      # of its slowest regular swinging
 //!
 //! [receiver]                          # what a laser makes of thin things; where there are plants
-//! least_share = 0.05                  # default; of a beam's light that must come back to be noticed
+//! min_share = 0.05                  # default; of a beam's light that must come back to be noticed
 //! separation_m = 0.75                 # default; echoes nearer to each other come as one: half of 5 ns · c
 //!
 //! [[plants]]                          # rods as thin as they are; grown from the seed
@@ -200,7 +200,7 @@ pub(super) struct WindEntry {
 #[derive(Debug, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct ReceiverEntry {
-    pub(super) least_share: Probability,
+    pub(super) min_share: Probability,
     pub(super) separation_m: NotNegative,
 }
 
@@ -208,7 +208,7 @@ impl Default for ReceiverEntry {
     fn default() -> Self {
         Self {
             // One cane of 5 mm across a spot of 30 cm fills 2 % of it, three fill 6 %.
-            least_share: Probability(0.05),
+            min_share: Probability(0.05),
             // A pulse of 5 ns is 1.5 m long; of echoes half as far apart the later begins as the first ends.
             separation_m: NotNegative(0.75),
         }

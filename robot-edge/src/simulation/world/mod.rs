@@ -197,7 +197,7 @@ impl World {
 
     /// Those of the solids that are ground, with the others apart: first what is driven on, then what
     /// stands on it.
-    pub fn ground_and_things(&self) -> [Vec<Solid>; 2] {
+    pub fn ground_and_objects(&self) -> [Vec<Solid>; 2] {
         let is_of = |ground: bool| {
             let both = self.solids.iter().zip(self.is_ground.iter());
             both.filter(move |(_, is_ground)| **is_ground == ground)

@@ -38,7 +38,7 @@ impl Publisher {
     }
 
     /// Publishes the tiles of then, and no others, in a new epoch of each layer.
-    pub(crate) fn go_back(&mut self, state: &PublisherState) -> Result<(), PublishError> {
+    pub(crate) fn restore(&mut self, state: &PublisherState) -> Result<(), PublishError> {
         let mut store = self.store();
         let layers: Vec<LayerId> = store.grids().map(|grid| grid.layer).collect();
         for layer in layers {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{ArbiterState, Mode, RECOVERY, Step, StopReason};
+use super::{ArbiterState, Mode, RESUME_WINDOW, Step, StopReason};
 use crate::clock::Monotonic;
 use crate::teleop::arming::Arming;
 use crate::teleop::command::DriveCommand;
@@ -16,14 +16,14 @@ impl ArbiterState {
     /// its signature is right, in the order of "Security".
     ///
     /// A command with [`DriveCommand::estop`] is for [`super::step`] whatever this says, once its signature is right.
-    pub fn screen(
+    pub fn precheck(
         &self,
         rules: &Rules,
         now: Monotonic,
         role: Role,
         command: &DriveCommand,
     ) -> Result<Duration, Refusal> {
-        let now = self.not_before(now);
+        let now = self.clamp_time(now);
         if !role.may_drive() {
             return Err(Refusal::Role);
         }
@@ -50,19 +50,19 @@ impl Step<'_> {
             self.emergency_stop(Some(EStopSource::Operator(command.operator)));
             return;
         }
-        match self.state.screen(self.rules, self.now, role, command) {
+        match self.state.precheck(self.rules, self.now, role, command) {
             Err(refusal) => self.state.counters.refuse(refusal),
-            Ok(age) => self.obey(command, age),
+            Ok(age) => self.accept(command, age),
         }
     }
 
     /// Takes a command of the holder that is young, in sequence and of the newest grant.
-    fn obey(&mut self, command: &DriveCommand, age: Duration) {
+    fn accept(&mut self, command: &DriveCommand, age: Duration) {
         let stream = &mut self.state.stream;
         stream.last_seq = Some(command.seq);
         if !command.requested.is_finite() {
             self.state.counters.refuse(Refusal::NotFinite);
-            self.distrust();
+            self.handle_invalid_command();
             return;
         }
         self.state.counters.accepted = self.state.counters.accepted.saturating_add(1);
@@ -84,7 +84,7 @@ impl Step<'_> {
         };
         match self.state.mode {
             Mode::Held if self.state.stream.arming == Arming::Pressed => {
-                if self.guard_sees() {
+                if self.monitor_is_available() {
                     self.state.mode = Mode::Driving;
                 } else {
                     // It must not start by itself once the guard sees again.
@@ -93,7 +93,7 @@ impl Step<'_> {
             }
             Mode::Driving if is_neutral => self.begin_stop(StopReason::Released),
             Mode::Stopping { reason, since }
-                if !is_neutral && reason.is_recoverable() && self.is_soon_after(since) =>
+                if !is_neutral && reason.is_recoverable() && self.can_resume(since) =>
             {
                 self.state.mode = Mode::Driving;
                 self.state.stream.arming = Arming::Pressed;
@@ -109,7 +109,7 @@ impl Step<'_> {
     }
 
     /// The holder's console talks nonsense: the vehicle stops, and nothing pressed counts any more.
-    fn distrust(&mut self) {
+    fn handle_invalid_command(&mut self) {
         self.state.stream.arming = Arming::Locked;
         let reason = StopReason::NotFinite;
         match self.state.mode {
@@ -120,7 +120,9 @@ impl Step<'_> {
     }
 
     /// Whether a stop that began at `since` may be taken back: early, while the vehicle still moves.
-    fn is_soon_after(&self, since: Monotonic) -> bool {
-        self.now.since(since) <= RECOVERY && !self.state.motion.is_zero() && self.guard_sees()
+    fn can_resume(&self, since: Monotonic) -> bool {
+        self.now.since(since) <= RESUME_WINDOW
+            && !self.state.motion.is_zero()
+            && self.monitor_is_available()
     }
 }

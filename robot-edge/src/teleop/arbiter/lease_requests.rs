@@ -1,31 +1,31 @@
 //! The lease changes hands ("Lease"): always at standstill, always by a new epoch.
 
-use super::{Mode, Step, StopReason, Stream};
+use super::{CommandStream, Mode, Step, StopReason};
 use crate::clock::Monotonic;
-use crate::teleop::action::{Answer, Happening};
-use crate::teleop::event::LeaseVerb;
-use crate::teleop::lease::{How, LeaseEnd};
+use crate::teleop::action::{Answer, ArbiterEvent};
+use crate::teleop::input::LeaseVerb;
+use crate::teleop::lease::{GrantReason, LeaseEnd};
 use crate::teleop::operator::{Caller, OperatorId, Role};
-use crate::teleop::refusal::{Refusal, Wish};
+use crate::teleop::refusal::{Refusal, RequestKind};
 use crate::teleop::token::AgeToken;
 
 impl Step<'_> {
     pub(super) fn lease_request(&mut self, caller: Caller, token: AgeToken, verb: LeaseVerb) {
         let answer = self.change_lease(caller, token, verb);
-        self.answer_or_refuse(Wish::Lease, caller, answer);
+        self.answer_or_refuse(RequestKind::Lease, caller, answer);
     }
 
     /// Answers a request; a refusal is counted and told.
     pub(super) fn answer_or_refuse(
         &mut self,
-        wish: Wish,
+        request_kind: RequestKind,
         caller: Caller,
         answer: Result<Answer, Refusal>,
     ) {
         if let Err(refusal) = answer {
             self.state.counters.refuse(refusal);
-            self.tell(Happening::Refused {
-                wish,
+            self.notify(ArbiterEvent::Refused {
+                request_kind,
                 caller,
                 refusal,
             });
@@ -34,7 +34,7 @@ impl Step<'_> {
     }
 
     /// When the token of a request was issued, which must be lately, by somebody who may drive.
-    pub(super) fn issued_lately(&self, role: Role, token: AgeToken) -> Result<Monotonic, Refusal> {
+    pub(super) fn check_token(&self, role: Role, token: AgeToken) -> Result<Monotonic, Refusal> {
         if !role.may_drive() {
             return Err(Refusal::Role);
         }
@@ -51,7 +51,7 @@ impl Step<'_> {
         token: AgeToken,
         verb: LeaseVerb,
     ) -> Result<Answer, Refusal> {
-        self.issued_lately(caller.role, token)?;
+        self.check_token(caller.role, token)?;
         match self.state.mode {
             Mode::SafeBoot | Mode::Fault(_) => return Err(Refusal::NotReady),
             Mode::Idle | Mode::Held | Mode::Driving | Mode::Stopping { .. } | Mode::EStop => {}
@@ -62,22 +62,22 @@ impl Step<'_> {
             LeaseVerb::Request => self.request_lease(operator),
             LeaseVerb::TakeOver if caller.role != Role::Supervisor => Err(Refusal::Role),
             LeaseVerb::TakeOver => {
-                self.end_lease(LeaseEnd::TakenOver, Some((operator, How::TakeOver)));
+                self.end_lease(LeaseEnd::TakenOver, Some((operator, GrantReason::TakeOver)));
                 Ok(self.granted_or_waiting(operator))
             }
             LeaseVerb::Release if !is_holder => {
                 let was_wanted = self.state.lease.withdraw(operator);
                 was_wanted.then_some(Answer::Done).ok_or(Refusal::NotHolder)
             }
-            LeaseVerb::Consent { .. } | LeaseVerb::Refuse { .. } if !is_holder => {
+            LeaseVerb::HandOver { .. } | LeaseVerb::Refuse { .. } if !is_holder => {
                 Err(Refusal::NotHolder)
             }
-            LeaseVerb::Consent { to } => {
+            LeaseVerb::HandOver { to } => {
                 let waiting = self.state.lease.waiting;
                 if waiting.is_none_or(|waiting| waiting.operator != to) {
                     return Err(Refusal::NotWaiting);
                 }
-                self.end_lease(LeaseEnd::HandedOver, Some((to, How::HandOver)));
+                self.end_lease(LeaseEnd::HandedOver, Some((to, GrantReason::HandOver)));
                 Ok(Answer::Done)
             }
             LeaseVerb::Refuse { whom } => {
@@ -98,20 +98,20 @@ impl Step<'_> {
     fn request_lease(&mut self, operator: OperatorId) -> Result<Answer, Refusal> {
         let lease = &mut self.state.lease;
         if lease.is_held_by(operator) {
-            self.end_lease(LeaseEnd::Renewed, Some((operator, How::Request)));
+            self.end_lease(LeaseEnd::Renewed, Some((operator, GrantReason::Request)));
             return Ok(self.granted_or_waiting(operator));
         }
         if lease.holder.is_some() {
             if !lease.wait(operator, self.now) {
                 return Err(Refusal::Busy);
             }
-            self.tell(Happening::LeaseRequested { by: operator });
+            self.notify(ArbiterEvent::LeaseRequested { by: operator });
             return Ok(Answer::Waiting);
         }
         if lease.next.is_some_and(|(next, _)| next != operator) {
             return Err(Refusal::Busy);
         }
-        lease.next.get_or_insert((operator, How::Request));
+        lease.next.get_or_insert((operator, GrantReason::Request));
         match self.state.mode {
             Mode::Idle | Mode::Held | Mode::EStop => self.grant_next(),
             Mode::SafeBoot | Mode::Driving | Mode::Stopping { .. } | Mode::Fault(_) => {}
@@ -139,16 +139,17 @@ impl Step<'_> {
 
     /// Ends the lease at once, where there is one: from now on nobody's commands are obeyed. The vehicle stops, then
     /// `next` is granted it, or else who waits for it.
-    pub(super) fn end_lease(&mut self, why: LeaseEnd, next: Option<(OperatorId, How)>) {
+    pub(super) fn end_lease(&mut self, why: LeaseEnd, next: Option<(OperatorId, GrantReason)>) {
         if let Some(holder) = self.state.lease.holder.take() {
-            self.tell(Happening::LeaseEnded {
+            self.notify(ArbiterEvent::LeaseEnded {
                 operator: holder.operator,
                 why,
             });
         }
-        self.state.stream = Stream::default();
+        self.state.stream = CommandStream::default();
         let waiting = self.state.lease.waiting;
-        self.state.lease.next = next.or(waiting.map(|waiting| (waiting.operator, How::HandOver)));
+        self.state.lease.next =
+            next.or(waiting.map(|waiting| (waiting.operator, GrantReason::HandOver)));
         match self.state.mode {
             Mode::Driving => self.begin_stop(StopReason::LeaseEnded(why)),
             Mode::Stopping { since, .. } => {
@@ -170,7 +171,7 @@ impl Step<'_> {
             return;
         };
         self.state.lease.grant(operator, self.now);
-        self.state.stream = Stream::default();
+        self.state.stream = CommandStream::default();
         match self.state.mode {
             Mode::Idle | Mode::Held => self.state.mode = Mode::Held,
             Mode::SafeBoot
@@ -179,7 +180,7 @@ impl Step<'_> {
             | Mode::EStop
             | Mode::Fault(_) => {}
         }
-        self.tell(Happening::LeaseGranted {
+        self.notify(ArbiterEvent::LeaseGranted {
             to: operator,
             epoch: self.state.lease.epoch,
             how,

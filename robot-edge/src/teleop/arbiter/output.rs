@@ -8,26 +8,26 @@ use crate::teleop::action::Action;
 use crate::teleop::arming::Arming;
 use crate::teleop::config::Rules;
 use crate::teleop::lease::LeaseEnd;
-use crate::teleop::motion::{Aim, Caps, Motion};
+use crate::teleop::motion::{Caps, Motion, MotionTarget};
 use crate::teleop::report::Clamp;
+use crate::teleop::speed_limits::CollisionMonitorOutput;
 use crate::teleop::velocity::Velocity;
-use crate::teleop::verdict::GuardVerdict;
 
 /// Smallest age that is reckoned with, so that there is always a speed to divide for.
-const LEAST_AGE: Duration = Duration::from_millis(1);
+const MIN_AGE: Duration = Duration::from_millis(1);
 
 /// An emergency stop that is not on disk is given to be stored again after this.
 const STORE_RETRY: Duration = Duration::from_secs(1);
 
 /// Difference from what is asked that is worth an explanation, metres or radians per second.
-const NOTEWORTHY: f64 = 1e-3;
+const SPEED_TOLERANCE: f64 = 1e-3;
 
 impl ArbiterState {
-    /// The speed at which the vehicle goes `blind_travel_m` within the greatest age of the last second, metres per
+    /// The speed at which the vehicle goes `max_latency_travel_m` within the greatest age of the last second, metres per
     /// second. Where nothing is known of the age, the greatest that is allowed is assumed.
     pub(in crate::teleop) fn speed_allowed_mps(&self, rules: &Rules, now: Monotonic) -> f64 {
-        let age = self.stream.ages.greatest(now).unwrap_or(rules.max_age);
-        rules.blind_travel_m / age.max(LEAST_AGE).as_secs_f64()
+        let age = self.stream.ages.peak(now).unwrap_or(rules.max_age);
+        rules.max_latency_travel_m / age.max(MIN_AGE).as_secs_f64()
     }
 }
 
@@ -37,12 +37,12 @@ impl Step<'_> {
         let dt = last_tick.map_or(Duration::ZERO, |last| self.now.since(last));
         self.state
             .lease
-            .forget_waiting(self.now, self.rules.request_waits);
-        self.judge_age();
+            .expire_request(self.now, self.rules.request_timeout);
+        self.check_age();
         if self.state.lease.is_expired(self.now, self.rules.lease) {
             self.end_lease(LeaseEnd::Expired, None);
         }
-        self.judge_guard();
+        self.check_monitor();
         match self.state.mode {
             Mode::SafeBoot | Mode::Idle | Mode::Held | Mode::EStop | Mode::Fault(_) => {
                 self.state.motion = Motion::default();
@@ -54,16 +54,16 @@ impl Step<'_> {
                 self.state.motion = self.state.motion.stopping(dt, limits);
                 self.state.clamp = None;
                 if self.state.motion.is_zero() {
-                    self.stand();
+                    self.enter_standstill();
                 }
             }
         }
-        self.store_estop_again();
+        self.retry_estop_store();
     }
 
     /// Takes note of the age of the command in force; where it is too old, the vehicle stops, and what was pressed no
     /// longer counts.
-    fn judge_age(&mut self) {
+    fn check_age(&mut self) {
         let Some(age) = self.state.stream.age(self.now) else {
             return;
         };
@@ -78,24 +78,24 @@ impl Step<'_> {
     }
 
     /// Where the guard knows too little, the vehicle stops, and what was pressed no longer counts.
-    fn judge_guard(&mut self) {
-        if self.state.stream.arming != Arming::Pressed || self.guard_sees() {
+    fn check_monitor(&mut self) {
+        if self.state.stream.arming != Arming::Pressed || self.monitor_is_available() {
             return;
         }
         self.state.stream.arming = Arming::Locked;
         if self.state.mode == Mode::Driving {
-            self.begin_stop(StopReason::GuardStale);
+            self.begin_stop(StopReason::CollisionMonitorStale);
         }
     }
 
     /// One tick nearer to what is asked, within every limit.
     fn drive(&mut self, dt: Duration) {
         let limits = (&self.rules.linear, &self.rules.angular);
-        let verdict = self
+        let output = self
             .state
-            .guard_verdict(self.now)
-            .unwrap_or(GuardVerdict::Stale);
-        let guard_caps = verdict.caps();
+            .monitor_output(self.now)
+            .unwrap_or(CollisionMonitorOutput::Stale);
+        let monitor_caps = output.caps();
         let age_cap = self.state.speed_allowed_mps(self.rules, self.now);
         let requested = self.state.stream.requested;
 
@@ -109,7 +109,7 @@ impl Step<'_> {
                 ),
             ),
             (Clamp::Age, (Caps::NONE.at_most(age_cap), Caps::NONE)),
-            (Clamp::Guard, guard_caps),
+            (Clamp::CollisionMonitor, monitor_caps),
         ] {
             let factor = factor_within(target, caps);
             if factor < 1.0 {
@@ -122,16 +122,16 @@ impl Step<'_> {
             }
         }
 
-        let aim = Aim {
+        let aim = MotionTarget {
             target,
-            caps: (guard_caps.0.at_most(age_cap), guard_caps.1),
+            caps: (monitor_caps.0.at_most(age_cap), monitor_caps.1),
         };
         self.state.motion = self.state.motion.towards(&aim, dt, limits);
-        self.state.clamp = binding(clamp, target, self.state.motion.velocity());
+        self.state.clamp = active_clamp(clamp, target, self.state.motion.velocity());
     }
 
     /// The output has become zero: who is next, drives; else who drove may go on after a press.
-    fn stand(&mut self) {
+    fn enter_standstill(&mut self) {
         self.state.mode = if self.state.lease.holder.is_some() {
             Mode::Held
         } else {
@@ -140,25 +140,25 @@ impl Step<'_> {
         self.grant_next();
     }
 
-    fn store_estop_again(&mut self) {
+    fn retry_estop_store(&mut self) {
         if let Some(estop) = &mut self.state.estop
             && !estop.is_stored
-            && self.now.since(estop.store_asked) >= STORE_RETRY
+            && self.now.since(estop.store_requested) >= STORE_RETRY
         {
-            estop.store_asked = self.now;
+            estop.store_requested = self.now;
             self.actions.push(Action::StoreEStop(estop.id));
         }
     }
 }
 
 fn differ(one: Velocity, other: Velocity) -> bool {
-    let differ = |one: f64, other: f64| (one - other).abs() > NOTEWORTHY;
+    let differ = |one: f64, other: f64| (one - other).abs() > SPEED_TOLERANCE;
     differ(one.linear_mps, other.linear_mps) || differ(one.angular_radps, other.angular_radps)
 }
 
 /// What keeps the output from what is asked in this very tick. `limit` is why no more than `target` may be told: it
 /// binds once the output is there, and while the output brakes towards it. On the way up, acceleration does.
-fn binding(limit: Option<Clamp>, target: Velocity, applied: Velocity) -> Option<Clamp> {
+fn active_clamp(limit: Option<Clamp>, target: Velocity, applied: Velocity) -> Option<Clamp> {
     // In the direction of the target; negative where the output is faster. A target of zero keeps the sign of what was
     // asked.
     let missing = |target: f64, applied: f64| target.abs() - applied * 1.0_f64.copysign(target);
@@ -166,8 +166,8 @@ fn binding(limit: Option<Clamp>, target: Velocity, applied: Velocity) -> Option<
         missing(target.linear_mps, applied.linear_mps),
         missing(target.angular_radps, applied.angular_radps),
     ];
-    let is_braking = missing.iter().any(|missing| *missing < -NOTEWORTHY);
-    let is_short = missing.iter().any(|missing| *missing > NOTEWORTHY);
+    let is_braking = missing.iter().any(|missing| *missing < -SPEED_TOLERANCE);
+    let is_short = missing.iter().any(|missing| *missing > SPEED_TOLERANCE);
     match (is_braking, is_short) {
         (true, _) => limit.or(Some(Clamp::Ramp)),
         (false, true) => Some(Clamp::Ramp),

@@ -1,18 +1,18 @@
 //! The vehicle is stopped for good, or let go again: emergency stop, fault, self-test, resets.
 
 use super::{FaultReason, Mode, Step};
-use crate::teleop::action::{Action, Answer, Happening};
+use crate::teleop::action::{Action, Answer, ArbiterEvent};
 use crate::teleop::emergency_stop::{EStop, EStopId, EStopSource, StoredEStop};
 use crate::teleop::lease::{Lease, LeaseEnd};
 use crate::teleop::operator::{Caller, Role};
-use crate::teleop::refusal::{Refusal, Wish};
+use crate::teleop::refusal::{Refusal, RequestKind};
 use crate::teleop::token::AgeToken;
 
 impl Step<'_> {
     /// "Any operator may e-stop": without the lease, and with a token of any age.
     pub(super) fn estop_request(&mut self, caller: Caller) {
         if !caller.role.may_drive() {
-            self.answer_or_refuse(Wish::EStop, caller, Err(Refusal::Role));
+            self.answer_or_refuse(RequestKind::EStop, caller, Err(Refusal::Role));
             return;
         }
         self.emergency_stop(Some(EStopSource::Operator(caller.operator)));
@@ -27,11 +27,11 @@ impl Step<'_> {
         self.emergency_stop(Some(EStopSource::Local));
     }
 
-    /// Zero at once. Where an emergency stop is in force already, whoever resets it must know of this one too.
+    /// Zero at once. Where an emergency stop is active already, whoever resets it must know of this one too.
     pub(super) fn emergency_stop(&mut self, by: Option<EStopSource>) {
         self.halt();
         if let Some(estop) = &mut self.state.estop {
-            estop.last_asked = self.now;
+            estop.last_requested = self.now;
             return;
         }
         self.latch(self.next_estop(), false, by);
@@ -50,13 +50,13 @@ impl Step<'_> {
         self.state.estop = Some(EStop {
             id,
             is_stored,
-            last_asked: self.now,
-            store_asked: self.now,
+            last_requested: self.now,
+            store_requested: self.now,
         });
         if !is_stored {
             self.actions.push(Action::StoreEStop(id));
         }
-        self.tell(Happening::EStopped { id, by });
+        self.notify(ArbiterEvent::EStopped { id, by });
     }
 
     pub(super) fn estop_stored(&mut self, id: EStopId) {
@@ -70,15 +70,15 @@ impl Step<'_> {
     }
 
     pub(super) fn reset_request(&mut self, caller: Caller, token: AgeToken, id: EStopId) {
-        let answer = self.judge_reset(caller, token, id).map(|()| {
+        let answer = self.check_reset(caller, token, id).map(|()| {
             self.release_estop(Some(caller));
             Answer::Done
         });
-        self.answer_or_refuse(Wish::Reset, caller, answer);
+        self.answer_or_refuse(RequestKind::Reset, caller, answer);
     }
 
-    fn judge_reset(&self, caller: Caller, token: AgeToken, id: EStopId) -> Result<(), Refusal> {
-        let issued = self.issued_lately(caller.role, token)?;
+    fn check_reset(&self, caller: Caller, token: AgeToken, id: EStopId) -> Result<(), Refusal> {
+        let issued = self.check_token(caller.role, token)?;
         let is_holder = self.state.lease.is_held_by(caller.operator);
         if !is_holder && caller.role != Role::Supervisor {
             return Err(Refusal::NotHolder);
@@ -87,7 +87,7 @@ impl Step<'_> {
         if estop.id != id {
             return Err(Refusal::OtherEStop);
         }
-        if issued <= estop.last_asked {
+        if issued <= estop.last_requested {
             return Err(Refusal::EStopSince);
         }
         if !estop.is_stored {
@@ -117,7 +117,7 @@ impl Step<'_> {
     fn release_estop(&mut self, by: Option<Caller>) {
         if let Some(EStop { id, .. }) = self.state.estop.take() {
             self.actions.push(Action::ClearEStop(id));
-            self.tell(Happening::Reset { id, by });
+            self.notify(ArbiterEvent::Reset { id, by });
         }
         self.state.mode = Mode::Idle;
         self.state.lease.waiting = None;
@@ -125,10 +125,10 @@ impl Step<'_> {
     }
 
     /// The self-test ends: [`Mode::SafeBoot`] is left. A test that fails later ends in a fault as well.
-    pub(super) fn self_tested(&mut self, has_passed: bool, stored: StoredEStop) {
+    pub(super) fn finish_self_test(&mut self, has_passed: bool, stored: StoredEStop) {
         match self.state.mode {
             Mode::SafeBoot => {
-                self.take_over_stored(stored);
+                self.restore_estop(stored);
                 self.state.mode = if self.state.estop.is_some() {
                     Mode::EStop
                 } else {
@@ -148,7 +148,7 @@ impl Step<'_> {
     }
 
     /// What the run before left on disk, unless something newer is in force.
-    fn take_over_stored(&mut self, stored: StoredEStop) {
+    fn restore_estop(&mut self, stored: StoredEStop) {
         if self.state.estop.is_some() {
             return;
         }

@@ -13,9 +13,9 @@ use crate::teleop::action::Answer;
 use crate::teleop::command::DriveCommand;
 use crate::teleop::config::TeleopConfig;
 use crate::teleop::emergency_stop::StoredEStop;
-use crate::teleop::event::LeaseVerb;
+use crate::teleop::input::LeaseVerb;
 use crate::teleop::operator::{Caller, OperatorId, Role};
-use crate::teleop::refusal::{Refusal, Wish};
+use crate::teleop::refusal::{Refusal, RequestKind};
 use crate::teleop::report::TeleopReport;
 use crate::teleop::token::AgeToken;
 
@@ -35,8 +35,8 @@ struct Vehicle {
     /// The token that consoles have.
     token: AgeToken,
     seq: u64,
-    guard: GuardVerdict,
-    happenings: Vec<Happening>,
+    collision_monitor: CollisionMonitorOutput,
+    events: Vec<ArbiterEvent>,
     actions: Vec<Action>,
 }
 
@@ -59,8 +59,8 @@ impl Vehicle {
             now: Monotonic::from_nanos(1_000_000_000),
             token,
             seq: 0,
-            guard: GuardVerdict::Off,
-            happenings: Vec::new(),
+            collision_monitor: CollisionMonitorOutput::Off,
+            events: Vec::new(),
             actions: Vec::new(),
         };
         vehicle.round();
@@ -94,16 +94,16 @@ impl Vehicle {
         vehicle
     }
 
-    fn event(&mut self, event: Event) {
-        let (state, actions) = step(&self.rules, self.state, self.now, event);
+    fn input(&mut self, input: ArbiterInput) {
+        let (state, actions) = step(&self.rules, self.state, self.now, input);
         self.state = state;
         assert_eq!(actions.output, state.motion.velocity());
         self.actions = actions.iter().collect();
         for action in actions.iter() {
-            if let Action::Tell(happening) = action {
-                self.happenings.push(happening);
+            if let Action::Notify(event) = action {
+                self.events.push(event);
             }
-            if let Action::Publish(token) = action {
+            if let Action::PublishToken(token) = action {
                 self.token = token;
             }
         }
@@ -116,9 +116,9 @@ impl Vehicle {
     /// 20 ms in which nobody sends anything.
     fn round(&mut self) {
         self.pass(20);
-        self.event(Event::Token { nonce: 3 });
-        self.event(Event::Guard(self.guard));
-        self.event(Event::Tick);
+        self.input(ArbiterInput::Token { nonce: 3 });
+        self.input(ArbiterInput::CollisionMonitor(self.collision_monitor));
+        self.input(ArbiterInput::Tick);
     }
 
     fn silence(&mut self, millis: u64) {
@@ -142,7 +142,7 @@ impl Vehicle {
 
     fn send(&mut self, command: DriveCommand) {
         let role = Role::Operator;
-        self.event(Event::Command { role, command });
+        self.input(ArbiterInput::Command { role, command });
     }
 
     /// Alice's console sends this for so many rounds.
@@ -166,7 +166,7 @@ impl Vehicle {
 
     fn lease(&mut self, operator: OperatorId, verb: LeaseVerb) -> Answer {
         let token = self.token;
-        self.event(Event::Lease {
+        self.input(ArbiterInput::Lease {
             caller: caller(operator),
             token,
             verb,
@@ -175,12 +175,12 @@ impl Vehicle {
     }
 
     fn self_test(&mut self, has_passed: bool, stored: StoredEStop) {
-        self.event(Event::SelfTest { has_passed, stored });
+        self.input(ArbiterInput::SelfTest { has_passed, stored });
     }
 
     fn reset(&mut self, operator: OperatorId, id: EStopId) -> Answer {
         let token = self.token;
-        self.event(Event::Reset {
+        self.input(ArbiterInput::Reset {
             caller: caller(operator),
             token,
             id,

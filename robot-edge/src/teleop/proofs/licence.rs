@@ -51,7 +51,7 @@ impl Licence {
     }
 
     /// The guard does not see.
-    pub(super) fn blind(&mut self) {
+    pub(super) fn monitor_unavailable(&mut self) {
         if self.is_given {
             self.lock();
         }

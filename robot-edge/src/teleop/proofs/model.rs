@@ -24,11 +24,11 @@ use crate::teleop::arbiter::{FaultReason, Mode, StopReason, step};
 use crate::teleop::arming::Arming;
 use crate::teleop::command::DriveCommand;
 use crate::teleop::config::Rules;
-use crate::teleop::event::{Event, LeaseVerb};
+use crate::teleop::input::{ArbiterInput, LeaseVerb};
 use crate::teleop::lease::LeaseEnd;
 use crate::teleop::motion::AxisLimits;
 use crate::teleop::operator::{OperatorId, Role};
-use crate::teleop::verdict::GuardVerdict;
+use crate::teleop::speed_limits::CollisionMonitorOutput;
 
 /// Operators 0 and 1 may drive; 1 is a supervisor; 2 is a stranger.
 const STRANGER: u8 = 2;
@@ -61,28 +61,28 @@ fn rules() -> Rules {
         lease: 3 * UNIT,
         neutral: 2 * UNIT,
         // No limit: the age of commands is to decide only whether they count.
-        blind_travel_m: 1e9,
+        max_latency_travel_m: 1e9,
         linear: axis,
         angular: axis,
         is_boat: false,
-        request_waits: 2 * UNIT,
+        request_timeout: 2 * UNIT,
     }
 }
 
 impl Scope {
-    /// What follows from `event` in the state `small`, apart from the network.
-    fn apply(small: &mut Small, events: &[Event], passed: bool) {
+    /// What follows from `input` in the state `small`, apart from the network.
+    fn apply(small: &mut Small, inputs: &[ArbiterInput], passed: bool) {
         let (mut state, mut monitor) = small.lift();
         let mut now = small::present();
         if passed {
             now = now + UNIT;
         }
         let rules = rules();
-        for event in events {
+        for input in inputs {
             let before = state;
-            let (after, actions) = step(&rules, before, now, *event);
-            let verdict = monitor.observe(&rules, &before, now, *event, &after, &actions);
-            small.violation = small.violation.or(verdict.err());
+            let (after, actions) = step(&rules, before, now, *input);
+            let outcome = monitor.observe(&rules, &before, now, *input, &after, &actions);
+            small.violation = small.violation.or(outcome.err());
             state = after;
         }
         small.lower(&state, &monitor, passed);
@@ -92,7 +92,7 @@ impl Scope {
     /// requests of every kind.
     fn strangers_effect(small: &Small) -> Option<Violation> {
         let (who, token) = (caller(STRANGER), small::token(0));
-        let command = |operator, estop| Event::Command {
+        let command = |operator, estop| ArbiterInput::Command {
             role: Role::Observer,
             command: DriveCommand {
                 operator,
@@ -103,19 +103,19 @@ impl Scope {
                 estop,
             },
         };
-        let lease = |verb| Event::Lease {
+        let lease = |verb| ArbiterInput::Lease {
             caller: who,
             token,
             verb,
         };
         let id = small::ESTOP;
-        let events = [
+        let inputs = [
             command(who.operator, false),
             command(who.operator, true),
             // Somebody who looks on with the number of who drives.
             command(OperatorId(0), false),
-            Event::EStop(who),
-            Event::Reset {
+            ArbiterInput::EStop(who),
+            ArbiterInput::Reset {
                 caller: who,
                 token,
                 id,
@@ -123,12 +123,12 @@ impl Scope {
             lease(LeaseVerb::Request),
             lease(LeaseVerb::TakeOver),
             lease(LeaseVerb::Release),
-            lease(LeaseVerb::Consent { to: who.operator }),
+            lease(LeaseVerb::HandOver { to: who.operator }),
             lease(LeaseVerb::Refuse { whom: who.operator }),
         ];
-        events.into_iter().find_map(|event| {
+        inputs.into_iter().find_map(|input| {
             let mut after = small.clone();
-            Self::apply(&mut after, &[event], false);
+            Self::apply(&mut after, &[input], false);
             let is_same = after == *small;
             after
                 .violation
@@ -152,19 +152,21 @@ impl Model for Scope {
     fn next_state(&self, last: &Small, action: Act) -> Option<Small> {
         let mut next = last.clone();
         match action {
-            Act::Tick { guard_sees } => {
+            Act::Tick {
+                monitor_is_available,
+            } => {
                 next.violation = Self::strangers_effect(last);
-                let verdict = if guard_sees {
-                    GuardVerdict::Off
+                let output = if monitor_is_available {
+                    CollisionMonitorOutput::Off
                 } else {
-                    GuardVerdict::Stale
+                    CollisionMonitorOutput::Stale
                 };
-                let events = [
-                    Event::Token { nonce: 0 },
-                    Event::Guard(verdict),
-                    Event::Tick,
+                let inputs = [
+                    ArbiterInput::Token { nonce: 0 },
+                    ArbiterInput::CollisionMonitor(output),
+                    ArbiterInput::Tick,
                 ];
-                Self::apply(&mut next, &events, true);
+                Self::apply(&mut next, &inputs, true);
             }
             Act::Send {
                 who,
@@ -179,7 +181,7 @@ impl Model for Scope {
                 if !is_kept {
                     next.network.remove(index);
                 }
-                Self::apply(&mut next, &[event_of(message)], false);
+                Self::apply(&mut next, &[input_of(message)], false);
             }
             Act::Lose { index } => {
                 next.network.remove(index);
@@ -187,18 +189,22 @@ impl Model for Scope {
             }
             Act::Lease { who, verb, token } => {
                 let (caller, token) = (caller(who), small::token(token));
-                let event = Event::Lease {
+                let input = ArbiterInput::Lease {
                     caller,
                     token,
                     verb,
                 };
-                Self::apply(&mut next, &[event], false);
+                Self::apply(&mut next, &[input], false);
             }
             Act::Reset { who, id, token } => {
                 let (caller, token) = (caller(who), small::token(token));
-                Self::apply(&mut next, &[Event::Reset { caller, token, id }], false);
+                Self::apply(
+                    &mut next,
+                    &[ArbiterInput::Reset { caller, token, id }],
+                    false,
+                );
             }
-            Act::Other(event) => Self::apply(&mut next, &[event], false),
+            Act::Other(input) => Self::apply(&mut next, &[input], false),
         }
         (next != *last).then_some(next)
     }
@@ -254,8 +260,8 @@ impl Model for Scope {
     }
 }
 
-fn event_of(message: Message) -> Event {
-    Event::Command {
+fn input_of(message: Message) -> ArbiterInput {
+    ArbiterInput::Command {
         role: caller(message.who).role,
         command: DriveCommand {
             operator: OperatorId(message.who.into()),

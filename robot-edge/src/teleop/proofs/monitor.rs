@@ -16,13 +16,13 @@ use crate::teleop::arbiter::{ArbiterState, Mode};
 use crate::teleop::command::DriveCommand;
 use crate::teleop::config::Rules;
 use crate::teleop::emergency_stop::{EStopId, StoredEStop};
-use crate::teleop::event::{Event, LeaseVerb};
+use crate::teleop::input::{ArbiterInput, LeaseVerb};
 use crate::teleop::operator::{OperatorId, Role};
+use crate::teleop::speed_limits::CollisionMonitorOutput;
 use crate::teleop::token::AgeToken;
 use crate::teleop::velocity::Velocity;
-use crate::teleop::verdict::GuardVerdict;
 
-const GUARD_SILENCE: Duration = millis(300);
+const MONITOR_TIMEOUT: Duration = millis(300);
 
 /// A property that does not hold, and where.
 pub(super) type Violation = &'static str;
@@ -32,7 +32,7 @@ pub(super) type Violation = &'static str;
 pub(super) struct Latched {
     pub(super) id: EStopId,
     pub(super) is_stored: bool,
-    pub(super) asked: Monotonic,
+    pub(super) requested_at: Monotonic,
 }
 
 /// The holder's newest command that is to be obeyed.
@@ -51,11 +51,11 @@ pub(super) struct Monitor {
     pub(super) in_force: Option<InForce>,
     pub(super) licence: Licence,
     /// Operators that asked for the lease, a bit each.
-    pub(super) asked: u32,
+    pub(super) requested_at: u32,
     pub(super) estop: Option<Latched>,
     pub(super) is_booted: bool,
     pub(super) has_fault: bool,
-    pub(super) guard: Option<(GuardVerdict, Monotonic)>,
+    pub(super) collision_monitor: Option<(CollisionMonitorOutput, Monotonic)>,
     pub(super) last_tick: Option<Monotonic>,
     /// Accelerations of the last tick that was free of stops.
     pub(super) accel: Velocity,
@@ -70,23 +70,23 @@ impl Monitor {
             last_seq: None,
             in_force: None,
             licence: Licence::default(),
-            asked: 0,
+            requested_at: 0,
             estop: None,
             is_booted: false,
             has_fault: false,
-            guard: None,
+            collision_monitor: None,
             last_tick: None,
             accel: Velocity::ZERO,
         }
     }
 
-    /// Looks on as `event` turns `before` into `after`.
+    /// Looks on as `input` turns `before` into `after`.
     pub(super) fn observe(
         &mut self,
         rules: &Rules,
         before: &ArbiterState,
         now: Monotonic,
-        event: Event,
+        input: ArbiterInput,
         after: &ArbiterState,
         actions: &Actions,
     ) -> Result<(), Violation> {
@@ -98,11 +98,11 @@ impl Monitor {
             is == after.report(rules, now).applied,
             "the report tells another output",
         )?;
-        self.observe_event(rules, before, now, event, after)?;
+        self.observe_input(rules, before, now, input, after)?;
         self.observe_actions(rules, now, actions)?;
 
         let is_zero = is == Velocity::ZERO;
-        if event == Event::Tick {
+        if input == ArbiterInput::Tick {
             self.observe_tick(rules, before, now, was, after, is)?;
         } else {
             ensure(
@@ -146,18 +146,18 @@ impl Monitor {
             && is_young(rules, before, now, command.token)
     }
 
-    fn observe_event(
+    fn observe_input(
         &mut self,
         rules: &Rules,
         before: &ArbiterState,
         now: Monotonic,
-        event: Event,
+        input: ArbiterInput,
         after: &ArbiterState,
     ) -> Result<(), Violation> {
         let accepted = |state: &ArbiterState| state.report(rules, now).counters.accepted;
         let mut is_obeyed = false;
-        match event {
-            Event::Command { role, command } => {
+        match input {
+            ArbiterInput::Command { role, command } => {
                 let requested = command.requested;
                 if command.estop && role != Role::Observer {
                     self.emergency_stop(now, after)?;
@@ -175,7 +175,7 @@ impl Monitor {
                     }
                 }
             }
-            Event::Lease {
+            ArbiterInput::Lease {
                 caller,
                 token,
                 verb,
@@ -184,38 +184,40 @@ impl Monitor {
                 let asks = match verb {
                     LeaseVerb::Request => may,
                     LeaseVerb::TakeOver => may && caller.role == Role::Supervisor,
-                    LeaseVerb::Consent { .. } | LeaseVerb::Refuse { .. } | LeaseVerb::Release => {
+                    LeaseVerb::HandOver { .. } | LeaseVerb::Refuse { .. } | LeaseVerb::Release => {
                         false
                     }
                 };
                 if asks {
-                    self.asked |= bit(caller.operator);
+                    self.requested_at |= bit(caller.operator);
                 }
             }
-            Event::Revoked(operator) => {
-                self.asked &= !bit(operator);
+            ArbiterInput::Revoked(operator) => {
+                self.requested_at &= !bit(operator);
                 ensure(
                     !after.lease.is_held_by(operator),
                     "P3: who was revoked holds the lease",
                 )?;
             }
-            Event::EStop(caller) if caller.role != Role::Observer => {
+            ArbiterInput::EStop(caller) if caller.role != Role::Observer => {
                 self.emergency_stop(now, after)?;
             }
-            Event::LocalEStop => {
+            ArbiterInput::LocalEStop => {
                 self.emergency_stop(now, after)?;
             }
-            Event::EStopStored(id) => {
+            ArbiterInput::EStopStored(id) => {
                 if let Some(estop) = self.estop.as_mut().filter(|estop| estop.id == id) {
                     estop.is_stored = true;
                 }
             }
-            Event::Reset { caller, token, id } => {
+            ArbiterInput::Reset { caller, token, id } => {
                 let may = caller.role == Role::Supervisor
                     || caller.role == Role::Operator && self.holder == Some(caller.operator);
                 let knows = |estop: Latched| {
                     let issued = before.tokens().issued(token, now);
-                    estop.id == id && estop.is_stored && issued.is_ok_and(|then| then > estop.asked)
+                    estop.id == id
+                        && estop.is_stored
+                        && issued.is_ok_and(|then| then > estop.requested_at)
                 };
                 let is_right = may
                     && is_young(rules, before, now, token)
@@ -224,23 +226,23 @@ impl Monitor {
                     && !self.has_fault;
                 self.reset(is_right, after)?;
             }
-            Event::LocalReset => {
+            ArbiterInput::LocalReset => {
                 if self.has_fault {
                     (self.has_fault, self.is_booted) = (false, false);
                 } else if self.is_booted {
                     self.reset(self.estop.is_some(), after)?;
                 }
             }
-            Event::SelfTest { has_passed, stored } => {
+            ArbiterInput::SelfTest { has_passed, stored } => {
                 self.self_test(now, has_passed, stored, after);
             }
-            Event::Guard(verdict) => self.guard = Some((verdict, now)),
-            Event::ActuatorFault => self.fault(),
-            Event::Tick
-            | Event::Token { .. }
-            | Event::Rejected(_)
-            | Event::EStop(_)
-            | Event::Measured(_) => {}
+            ArbiterInput::CollisionMonitor(output) => self.collision_monitor = Some((output, now)),
+            ArbiterInput::ActuatorFault => self.fault(),
+            ArbiterInput::Tick
+            | ArbiterInput::Token { .. }
+            | ArbiterInput::Rejected(_)
+            | ArbiterInput::EStop(_)
+            | ArbiterInput::Measured(_) => {}
         }
         let more = accepted(after) - accepted(before);
         ensure(
@@ -263,7 +265,7 @@ impl Monitor {
         self.renewed = now;
         if is_pressed {
             let moves = before.motion.velocity() != Velocity::ZERO;
-            let may_recover = moves && self.guard_sees(now);
+            let may_recover = moves && self.monitor_is_available(now);
             self.licence.press(now, rules.neutral, may_recover);
         } else {
             self.licence.neutral(now);
@@ -276,9 +278,9 @@ impl Monitor {
         let latched = Latched {
             id,
             is_stored: false,
-            asked: now,
+            requested_at: now,
         };
-        self.estop.get_or_insert(latched).asked = now;
+        self.estop.get_or_insert(latched).requested_at = now;
         Ok(())
     }
 
@@ -306,7 +308,7 @@ impl Monitor {
                 self.estop = after.estop.map(|estop| Latched {
                     id: estop.id,
                     is_stored: stored != StoredEStop::Unreadable,
-                    asked: now,
+                    requested_at: now,
                 });
             }
         }
@@ -326,9 +328,9 @@ impl Monitor {
         self.licence.lock();
     }
 
-    fn guard_sees(&self, now: Monotonic) -> bool {
-        self.guard.is_some_and(|(verdict, told)| {
-            verdict != GuardVerdict::Stale && now.since(told) <= GUARD_SILENCE
+    fn monitor_is_available(&self, now: Monotonic) -> bool {
+        self.collision_monitor.is_some_and(|(output, received_at)| {
+            output != CollisionMonitorOutput::Stale && now.since(received_at) <= MONITOR_TIMEOUT
         })
     }
 }

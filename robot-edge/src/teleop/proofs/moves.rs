@@ -1,9 +1,9 @@
 //! What people, network and hardware do in a random sequence.
 
 use crate::teleop::emergency_stop::StoredEStop;
-use crate::teleop::event::LeaseVerb;
+use crate::teleop::input::LeaseVerb;
+use crate::teleop::speed_limits::CollisionMonitorOutput;
 use crate::teleop::velocity::Velocity;
-use crate::teleop::verdict::GuardVerdict;
 
 /// What happens to a command on its way.
 #[derive(Clone, Copy, Debug)]
@@ -59,9 +59,9 @@ pub(super) enum Move {
         has_passed: bool,
         stored: StoredEStop,
     },
-    Guard(GuardVerdict),
+    CollisionMonitor(CollisionMonitorOutput),
     /// The guard no longer speaks, or does again.
-    GuardSpeaks(bool),
+    MonitorResponds(bool),
     Fault,
     Revoke {
         who: u8,

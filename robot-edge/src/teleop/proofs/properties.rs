@@ -10,10 +10,10 @@ use super::world::World;
 use crate::clock::Monotonic;
 use crate::teleop::config::{Rules, TeleopConfig};
 use crate::teleop::emergency_stop::{EStopId, StoredEStop};
-use crate::teleop::event::LeaseVerb;
+use crate::teleop::input::LeaseVerb;
 use crate::teleop::operator::OperatorId;
+use crate::teleop::speed_limits::{CollisionMonitorOutput, SpeedLimits};
 use crate::teleop::velocity::Velocity;
-use crate::teleop::verdict::{GuardLimits, GuardVerdict};
 
 /// Thousands of events: what needs a long history.
 const LONG: usize = 200;
@@ -56,19 +56,19 @@ fn fate() -> impl Strategy<Value = Fate> {
     ]
 }
 
-fn verdict() -> impl Strategy<Value = GuardVerdict> {
+fn output() -> impl Strategy<Value = CollisionMonitorOutput> {
     let limit = || prop_oneof![3 => 0.0..1.5, 1 => Just(0.0), 1 => any::<f64>()];
-    let excess = (-1.0..1.0, -1.0..1.0).prop_map(|(linear_mps, angular_radps)| Velocity {
+    let overspeed = (-1.0..1.0, -1.0..1.0).prop_map(|(linear_mps, angular_radps)| Velocity {
         linear_mps,
         angular_radps,
     });
-    let excess = prop_oneof![3 => Just(Velocity::ZERO), 1 => excess];
-    let limits = (limit(), limit(), limit(), limit(), any::<bool>(), excess);
+    let overspeed = prop_oneof![3 => Just(Velocity::ZERO), 1 => overspeed];
+    let limits = (limit(), limit(), limit(), limit(), any::<bool>(), overspeed);
     prop_oneof![
-        1 => Just(GuardVerdict::Off),
-        1 => Just(GuardVerdict::Stale),
-        6 => limits.prop_map(|(forward_mps, reverse_mps, left_radps, right_radps, is_blind, excess)| {
-            GuardVerdict::Limits(GuardLimits { forward_mps, reverse_mps, left_radps, right_radps, is_blind, excess })
+        1 => Just(CollisionMonitorOutput::Off),
+        1 => Just(CollisionMonitorOutput::Stale),
+        6 => limits.prop_map(|(forward_mps, reverse_mps, left_radps, right_radps, in_unknown_space, overspeed)| {
+            CollisionMonitorOutput::Limits(SpeedLimits { forward_mps, reverse_mps, left_radps, right_radps, in_unknown_space, overspeed })
         }),
     ]
 }
@@ -76,7 +76,7 @@ fn verdict() -> impl Strategy<Value = GuardVerdict> {
 fn verb() -> impl Strategy<Value = LeaseVerb> {
     prop_oneof![
         4 => Just(LeaseVerb::Request),
-        2 => (0_u32..3).prop_map(|to| LeaseVerb::Consent { to: OperatorId(to) }),
+        2 => (0_u32..3).prop_map(|to| LeaseVerb::HandOver { to: OperatorId(to) }),
         1 => (0_u32..3).prop_map(|whom| LeaseVerb::Refuse { whom: OperatorId(whom) }),
         2 => Just(LeaseVerb::Release),
         2 => Just(LeaseVerb::TakeOver),
@@ -134,8 +134,8 @@ fn one_move() -> impl Strategy<Value = Move> {
         1 => Just(Move::LocalReset),
         1 => (prop::bool::weighted(0.9), stored())
             .prop_map(|(has_passed, stored)| Move::SelfTest { has_passed, stored }),
-        5 => verdict().prop_map(Move::Guard),
-        2 => any::<bool>().prop_map(Move::GuardSpeaks),
+        5 => output().prop_map(Move::CollisionMonitor),
+        2 => any::<bool>().prop_map(Move::MonitorResponds),
         1 => Just(Move::Fault),
         1 => who().prop_map(|who| Move::Revoke { who }),
         6 => forged(),
@@ -158,11 +158,11 @@ fn any_rules() -> impl Strategy<Value = Rules> {
         any::<bool>(),
     );
     let made = parts.prop_map(
-        |(max_command_age_ms, lease_s, blind_travel_m, neutral_ms, is_boat)| {
+        |(max_command_age_ms, lease_s, max_latency_travel_m, neutral_ms, is_boat)| {
             let teleop = TeleopConfig {
                 max_command_age_ms,
                 lease_s,
-                blind_travel_m,
+                max_latency_travel_m,
                 neutral_ms,
                 is_boat,
                 ..TeleopConfig::default()
@@ -231,17 +231,17 @@ proptest! {
 fn random_sequences_do_drive() {
     use proptest::strategy::ValueTree as _;
     let mut runner = proptest::test_runner::TestRunner::deterministic();
-    let (mut driven, mut sequences, mut events) = (0, 0, [0; 2]);
+    let (mut driven, mut sequences, mut inputs) = (0, 0, [0; 2]);
     for _ in 0..50 {
         let long = moves(LONG).new_tree(&mut runner).unwrap().current();
         let world = run(rules(), (0, 0, 0), &long).unwrap();
         driven += world.driven;
         sequences += usize::from(world.driven > 100);
-        events[0] += world.outputs.len();
+        inputs[0] += world.outputs.len();
         let short = moves(SHORT).new_tree(&mut runner).unwrap().current();
-        events[1] += run(rules(), (0, 0, 0), &short).unwrap().outputs.len();
+        inputs[1] += run(rules(), (0, 0, 0), &short).unwrap().outputs.len();
     }
-    let [long, short] = events.map(|events| events / 50);
+    let [long, short] = inputs.map(|inputs| inputs / 50);
     println!("events in a sequence, on average: {long} and {short}");
     assert!(long > 2000 && short > 200, "{long} and {short} events");
     assert!(sequences > 45, "only {sequences} of 50 sequences drive");

@@ -9,16 +9,16 @@ use rand_chacha::rand_core::{Rng as _, SeedableRng as _};
 use super::world::caller;
 use crate::clock::Monotonic;
 use crate::config::VehicleConfig;
-use crate::teleop::action::{Action, Actions, Happening};
+use crate::teleop::action::{Action, Actions, ArbiterEvent};
 use crate::teleop::arbiter::{ArbiterState, Mode, step};
 use crate::teleop::command::DriveCommand;
 use crate::teleop::config::{Rules, TeleopConfig};
 use crate::teleop::emergency_stop::StoredEStop;
-use crate::teleop::event::{Event, LeaseVerb};
+use crate::teleop::input::{ArbiterInput, LeaseVerb};
 use crate::teleop::operator::{OperatorId, Role};
+use crate::teleop::speed_limits::CollisionMonitorOutput;
 use crate::teleop::token::AgeToken;
 use crate::teleop::velocity::Velocity;
-use crate::teleop::verdict::GuardVerdict;
 
 /// Lengths in milliseconds.
 const ONE_WAY: u64 = 75;
@@ -86,15 +86,15 @@ impl Drive {
         }
     }
 
-    fn happen(&mut self, now_ms: u64, event: Event) -> Actions {
+    fn happen(&mut self, now_ms: u64, input: ArbiterInput) -> Actions {
         let now = Monotonic::from_nanos(now_ms * 1_000_000);
-        let (state, actions) = step(&self.rules, self.state, now, event);
+        let (state, actions) = step(&self.rules, self.state, now, input);
         self.state = state;
         for action in actions.iter() {
-            if let Action::Publish(token) = action {
+            if let Action::PublishToken(token) = action {
                 self.tokens.send(now_ms, token);
             }
-            if let Action::Tell(Happening::LeaseGranted { epoch, .. }) = action {
+            if let Action::Notify(ArbiterEvent::LeaseGranted { epoch, .. }) = action {
                 self.epoch = epoch;
             }
         }
@@ -103,19 +103,22 @@ impl Drive {
 
     /// One millisecond of the edge's loop and of a console whose operator presses forward, or nothing.
     fn pass(&mut self, now_ms: u64, is_pressed: bool) {
-        self.happen(now_ms, Event::Guard(GuardVerdict::Off));
+        self.happen(
+            now_ms,
+            ArbiterInput::CollisionMonitor(CollisionMonitorOutput::Off),
+        );
         let commands = self.commands.arrived(now_ms);
         let is_round = now_ms.is_multiple_of(ROUND);
         if is_round {
-            self.happen(now_ms, Event::Token { nonce: now_ms });
+            self.happen(now_ms, ArbiterInput::Token { nonce: now_ms });
         }
         let wakes = is_round || !commands.is_empty();
         for command in commands {
             let role = Role::Operator;
-            self.happen(now_ms, Event::Command { role, command });
+            self.happen(now_ms, ArbiterInput::Command { role, command });
         }
         if wakes {
-            self.happen(now_ms, Event::Tick);
+            self.happen(now_ms, ArbiterInput::Tick);
         }
         for token in self.tokens.arrived(now_ms) {
             if self.newest.is_none_or(|newest| newest.n < token.n) {
@@ -158,7 +161,7 @@ fn drive(max_command_age_ms: u32, minutes: u64) -> Drive {
     let stored = StoredEStop::None;
     drive.happen(
         0,
-        Event::SelfTest {
+        ArbiterInput::SelfTest {
             has_passed: true,
             stored,
         },
@@ -168,7 +171,7 @@ fn drive(max_command_age_ms: u32, minutes: u64) -> Drive {
         if now_ms == 200 {
             drive.happen(
                 now_ms,
-                Event::Lease {
+                ArbiterInput::Lease {
                     caller: caller(0),
                     token: drive.newest.unwrap(),
                     verb: LeaseVerb::Request,
@@ -193,7 +196,7 @@ fn a_live_operator_drives_without_involuntary_stops() {
         drive.driven_ms,
         drive.pressed_ms,
         drive.travelled_m,
-        report.greatest_age,
+        report.peak_age,
         report.counters.refused(crate::teleop::Refusal::OldSequence),
     );
     assert!(

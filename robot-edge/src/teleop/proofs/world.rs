@@ -6,16 +6,16 @@ use super::millis;
 use super::monitor::{Monitor, Violation};
 use super::moves::{Fate, Move};
 use crate::clock::Monotonic;
-use crate::teleop::action::{Action, Actions, Happening};
+use crate::teleop::action::{Action, Actions, ArbiterEvent};
 use crate::teleop::arbiter::{ArbiterState, Mode, step};
 use crate::teleop::command::DriveCommand;
 use crate::teleop::config::Rules;
 use crate::teleop::emergency_stop::{EStopId, StoredEStop};
-use crate::teleop::event::{Event, LeaseVerb};
+use crate::teleop::input::{ArbiterInput, LeaseVerb};
 use crate::teleop::operator::{Caller, OperatorId, RequestId, Role};
+use crate::teleop::speed_limits::CollisionMonitorOutput;
 use crate::teleop::token::AgeToken;
 use crate::teleop::velocity::Velocity;
-use crate::teleop::verdict::GuardVerdict;
 
 #[derive(Clone, Copy, Debug)]
 struct Console {
@@ -35,7 +35,7 @@ pub(super) struct World {
     sent: Vec<DriveCommand>,
     in_flight: Vec<(u8, DriveCommand)>,
     is_stalled: bool,
-    guard: Option<GuardVerdict>,
+    collision_monitor: Option<CollisionMonitorOutput>,
     ages: Vec<(Monotonic, Duration)>,
     /// Everything the vehicle did: compared between runs.
     pub(super) outputs: Vec<Velocity>,
@@ -69,7 +69,7 @@ impl World {
             sent: Vec::new(),
             in_flight: Vec::new(),
             is_stalled: false,
-            guard: Some(GuardVerdict::Off),
+            collision_monitor: Some(CollisionMonitorOutput::Off),
             ages: Vec::new(),
             outputs: Vec::new(),
             driven: 0,
@@ -91,7 +91,7 @@ impl World {
             }
             Move::Pause(pause) => {
                 self.now = self.now + millis(pause.into());
-                self.happen(Event::Tick)
+                self.happen(ArbiterInput::Tick)
             }
             Move::Stick { who, requested } => {
                 self.consoles[index(who)].requested = requested;
@@ -107,17 +107,17 @@ impl World {
                 tokens_ago,
             } => {
                 let (caller, token) = (caller(who), self.token(tokens_ago));
-                self.happen(Event::Lease {
+                self.happen(ArbiterInput::Lease {
                     caller,
                     token,
                     verb,
                 })
             }
-            Move::EStop { who } => self.happen(Event::EStop(caller(who))),
-            Move::LocalEStop => self.happen(Event::LocalEStop),
+            Move::EStop { who } => self.happen(ArbiterInput::EStop(caller(who))),
+            Move::LocalEStop => self.happen(ArbiterInput::LocalEStop),
             Move::Stored { is_right } => {
                 let id = self.estop_id(is_right);
-                self.happen(Event::EStopStored(id))
+                self.happen(ArbiterInput::EStopStored(id))
             }
             Move::Reset {
                 who,
@@ -126,22 +126,22 @@ impl World {
             } => {
                 let (caller, token) = (caller(who), self.token(tokens_ago));
                 let id = self.estop_id(is_right);
-                self.happen(Event::Reset { caller, token, id })
+                self.happen(ArbiterInput::Reset { caller, token, id })
             }
-            Move::LocalReset => self.happen(Event::LocalReset),
+            Move::LocalReset => self.happen(ArbiterInput::LocalReset),
             Move::SelfTest { has_passed, stored } => {
-                self.happen(Event::SelfTest { has_passed, stored })
+                self.happen(ArbiterInput::SelfTest { has_passed, stored })
             }
-            Move::Guard(verdict) => {
-                self.guard = self.guard.map(|_| verdict);
+            Move::CollisionMonitor(output) => {
+                self.collision_monitor = self.collision_monitor.map(|_| output);
                 Ok(())
             }
-            Move::GuardSpeaks(speaks) => {
-                self.guard = speaks.then_some(GuardVerdict::Off);
+            Move::MonitorResponds(speaks) => {
+                self.collision_monitor = speaks.then_some(CollisionMonitorOutput::Off);
                 Ok(())
             }
-            Move::Fault => self.happen(Event::ActuatorFault),
-            Move::Revoke { who } => self.happen(Event::Revoked(OperatorId(who.into()))),
+            Move::Fault => self.happen(ArbiterInput::ActuatorFault),
+            Move::Revoke { who } => self.happen(ArbiterInput::Revoked(OperatorId(who.into()))),
             Move::Forge { .. } => self.forge(one),
             Move::Replay(number) => {
                 let Some(len) = self.sent.len().checked_sub(1) else {
@@ -156,20 +156,20 @@ impl World {
 
     fn start_driving(&mut self) -> Result<(), Violation> {
         let stored = StoredEStop::None;
-        for event in [
-            Event::LocalReset,
-            Event::SelfTest {
+        for input in [
+            ArbiterInput::LocalReset,
+            ArbiterInput::SelfTest {
                 has_passed: true,
                 stored,
             },
-            Event::LocalReset,
+            ArbiterInput::LocalReset,
         ] {
-            self.happen(event)?;
+            self.happen(input)?;
         }
-        self.guard = Some(GuardVerdict::Off);
+        self.collision_monitor = Some(CollisionMonitorOutput::Off);
         self.rounds(1, 20, Fate::Arrives)?;
         let token = self.token(0);
-        self.happen(Event::Lease {
+        self.happen(ArbiterInput::Lease {
             caller: caller(0),
             token,
             verb: LeaseVerb::Request,
@@ -190,15 +190,15 @@ impl World {
         for _ in 0..count {
             self.now = self.now + millis(round_millis.into());
             let nonce = self.tokens.len() as u64 * 7919;
-            self.happen(Event::Token { nonce })?;
+            self.happen(ArbiterInput::Token { nonce })?;
             self.send(fate);
             if !self.is_stalled {
                 self.deliver()?;
             }
-            if let Some(verdict) = self.guard {
-                self.happen(Event::Guard(verdict))?;
+            if let Some(output) = self.collision_monitor {
+                self.happen(ArbiterInput::CollisionMonitor(output))?;
             }
-            self.happen(Event::Tick)?;
+            self.happen(ArbiterInput::Tick)?;
         }
         Ok(())
     }
@@ -245,7 +245,7 @@ impl World {
 
     fn receive(&mut self, command: DriveCommand) -> Result<(), Violation> {
         let role = ROLES[command.operator.0 as usize % ROLES.len()];
-        self.happen(Event::Command { role, command })
+        self.happen(ArbiterInput::Command { role, command })
     }
 
     fn forge(&mut self, forged: &Move) -> Result<(), Violation> {
@@ -274,35 +274,35 @@ impl World {
         })
     }
 
-    pub(super) fn happen(&mut self, event: Event) -> Result<(), Violation> {
+    pub(super) fn happen(&mut self, input: ArbiterInput) -> Result<(), Violation> {
         let before = self.state;
-        let (after, actions) = step(&self.rules, before, self.now, event);
+        let (after, actions) = step(&self.rules, before, self.now, input);
         self.monitor
-            .observe(&self.rules, &before, self.now, event, &after, &actions)?;
+            .observe(&self.rules, &before, self.now, input, &after, &actions)?;
         self.state = after;
         self.listen(&actions);
-        self.check_blind_travel(&before, event, actions.output)?;
+        self.check_latency_travel(&before, input, actions.output)?;
         self.outputs.push(actions.output);
-        self.driven += usize::from(after.mode() == Mode::Driving && event == Event::Tick);
+        self.driven += usize::from(after.mode() == Mode::Driving && input == ArbiterInput::Tick);
         Ok(())
     }
 
     fn listen(&mut self, actions: &Actions) {
         for action in actions.iter() {
-            if let Action::Publish(token) = action {
+            if let Action::PublishToken(token) = action {
                 self.tokens.push(token);
             }
-            if let Action::Tell(Happening::LeaseGranted { to, epoch, .. }) = action {
+            if let Action::Notify(ArbiterEvent::LeaseGranted { to, epoch, .. }) = action {
                 self.consoles[to.0 as usize].epoch = epoch;
             }
         }
     }
 
-    /// The vehicle goes no farther than `blind_travel_m` within the greatest age of the last second.
-    fn check_blind_travel(
+    /// The vehicle goes no farther than `max_latency_travel_m` within the greatest age of the last second.
+    fn check_latency_travel(
         &mut self,
         before: &ArbiterState,
-        event: Event,
+        input: ArbiterInput,
         output: Velocity,
     ) -> Result<(), Violation> {
         let Some(age) = self.state.stream.age(self.now) else {
@@ -310,7 +310,7 @@ impl World {
             return Ok(());
         };
         self.ages.push((self.now, age.min(self.rules.max_age)));
-        if event != Event::Tick {
+        if input != ArbiterInput::Tick {
             return Ok(());
         }
         let second = Duration::from_secs(1);
@@ -319,7 +319,7 @@ impl World {
             .iter()
             .filter(|(then, _)| self.now.since(*then) <= second);
         let greatest = recent.map(|(_, age)| *age).max().unwrap_or_default();
-        let allowed = self.rules.blind_travel_m / greatest.max(millis(1)).as_secs_f64();
+        let allowed = self.rules.max_latency_travel_m / greatest.max(millis(1)).as_secs_f64();
         let dt = before
             .last_tick
             .map_or(Duration::ZERO, |last| self.now.since(last));

@@ -14,11 +14,11 @@ use super::connection::{Connection, Taken};
 use super::{Counters, Direction, Mode};
 use crate::rig::Line;
 use crate::rig::bottleneck::Bottleneck;
+use crate::rig::command_thread::{Inbox, Received, wait};
 use crate::rig::ports::Reservation;
-use crate::rig::remote::{Inbox, Received, wait};
 
 /// Connections open at a time; further ones wait to be accepted.
-const MOST_CONNECTIONS: usize = 64;
+const MAX_CONNECTIONS: usize = 64;
 
 /// What the kernel may hold for the relay to read, so that back-pressure soon reaches whoever sends.
 const RECEIVE_BUFFER_BYTES: usize = 64 << 10;
@@ -125,11 +125,11 @@ impl EventLoop {
         loop {
             match inbox.receive() {
                 Received::Command(command, done) => {
-                    done.report(self.obey(command));
+                    done.report(self.handle_command(command));
                     continue;
                 }
                 Received::Nothing => {}
-                Received::Over => break,
+                Received::Disconnected => break,
             }
             let now = Monotonic::now();
             if self.mode == Mode::Pass {
@@ -139,13 +139,13 @@ impl EventLoop {
                 break;
             };
             for watch in ready {
-                self.attend(watch);
+                self.handle_ready(watch);
             }
         }
         self.reset_all();
     }
 
-    fn obey(&mut self, command: Command) -> io::Result<()> {
+    fn handle_command(&mut self, command: Command) -> io::Result<()> {
         let now = Monotonic::now();
         for line in &mut self.lines {
             match self.mode {
@@ -239,7 +239,7 @@ impl EventLoop {
     }
 
     fn watch_sockets<'a>(&'a self, watched: &mut Vec<(Watch, PollFd<'a>)>) {
-        if self.connections.len() < MOST_CONNECTIONS {
+        if self.connections.len() < MAX_CONNECTIONS {
             for (index, port) in self.ports.iter().enumerate() {
                 if let Some(listener) = &port.listener {
                     watched.push((Watch::Port(index), PollFd::new(listener, PollFlags::IN)));
@@ -288,7 +288,7 @@ impl EventLoop {
         if line.room_bytes() < bytes { 0 } else { bytes }
     }
 
-    fn attend(&mut self, watch: Watch) {
+    fn handle_ready(&mut self, watch: Watch) {
         match watch {
             Watch::Inbox => {}
             Watch::Port(index) => self.accept(index),

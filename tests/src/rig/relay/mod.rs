@@ -14,8 +14,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use super::Line;
+use super::command_thread::CommandThread;
 use super::ports::Reservation;
-use super::remote::Remote;
 use event_loop::{Command, EventLoop, Port};
 
 /// Which way bytes go.
@@ -57,7 +57,7 @@ pub enum Mode {
 pub struct Relay {
     port: u16,
     counters: Arc<Counters>,
-    remote: Remote<Command>,
+    command_thread: CommandThread<Command>,
 }
 
 #[derive(Debug, Default)]
@@ -106,11 +106,12 @@ impl Relay {
         let counters = Arc::new(Counters::default());
         let mut events = EventLoop::new(ports, Arc::clone(&counters));
         events.listen()?;
-        let remote = Remote::start(&format!("relay-{port}"), move |inbox| events.run(&inbox))?;
+        let command_thread =
+            CommandThread::start(&format!("relay-{port}"), move |inbox| events.run(&inbox))?;
         Ok(Self {
             port,
             counters,
-            remote,
+            command_thread,
         })
     }
 
@@ -133,32 +134,32 @@ impl Relay {
     ///
     /// Fails where the ports cannot be listened on again, or the relay has ended.
     pub fn pass(&self) -> io::Result<()> {
-        self.remote.call(Command::Mode(Mode::Pass))
+        self.command_thread.call(Command::Mode(Mode::Pass))
     }
 
     /// Holds everything: see [`Mode::Stall`]. Fails where the relay has ended.
     pub fn stall(&self) -> io::Result<()> {
-        self.remote.call(Command::Mode(Mode::Stall))
+        self.command_thread.call(Command::Mode(Mode::Stall))
     }
 
     /// Ends every connection: see [`Mode::Cut`]. Fails where the relay has ended.
     pub fn cut(&self) -> io::Result<()> {
-        self.remote.call(Command::Mode(Mode::Cut))
+        self.command_thread.call(Command::Mode(Mode::Cut))
     }
 
     /// Changes one direction; what is under way arrives when it would have. Fails where the relay has ended.
     pub fn set_line(&self, direction: Direction, line: Line) -> io::Result<()> {
-        self.remote.call(Command::Line(direction, line))
+        self.command_thread.call(Command::Line(direction, line))
     }
 
     /// Changes the delay of both directions and nothing else. Fails where the relay has ended.
     pub fn set_delay(&self, one_way: Duration) -> io::Result<()> {
-        self.remote.call(Command::Delay(one_way))
+        self.command_thread.call(Command::Delay(one_way))
     }
 
     /// Changes the rate of each direction and nothing else. Fails where the relay has ended.
     pub fn set_rate(&self, bytes_per_s: Option<u64>) -> io::Result<()> {
-        self.remote.call(Command::Rate(bytes_per_s))
+        self.command_thread.call(Command::Rate(bytes_per_s))
     }
 
     /// Bytes of TCP payload handed on so far in `direction`.
@@ -182,7 +183,7 @@ impl Relay {
     /// Waits until what is handed on is counted too: a receiver may see bytes a moment earlier.
     fn settle(&self) {
         // Of a relay that has ended the counters stay as they are.
-        self.remote.call(Command::Settle).ok();
+        self.command_thread.call(Command::Settle).ok();
     }
 }
 

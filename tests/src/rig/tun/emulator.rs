@@ -9,15 +9,15 @@ use tun_rs::SyncDevice;
 
 use super::{Conditions, MTU_BYTES, Side, Traffic};
 use crate::rig::bottleneck::Bottleneck;
-use crate::rig::dice::Dice;
-use crate::rig::remote::{Inbox, Received, wait};
+use crate::rig::command_thread::{Inbox, Received, wait};
+use crate::rig::rng::SeededRng;
 
 /// Packets read from one device before the other has its turn.
 const PACKETS_IN_A_ROW: usize = 64;
 
 /// What a caller wants.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Order {
+pub(super) enum LinkCommand {
     Set(Side, Conditions),
     /// Nothing: it is carried out between two rounds, when the counters agree with the devices.
     Settle,
@@ -40,7 +40,7 @@ pub(super) struct Emulator {
 struct Direction {
     conditions: Conditions,
     line: Bottleneck<Packet>,
-    dice: Dice,
+    rng: SeededRng,
 }
 
 struct Packet {
@@ -62,16 +62,16 @@ impl Emulator {
     }
 
     /// Carries packets until the handle is dropped.
-    pub(super) fn run(mut self, inbox: &Inbox<Order>) {
+    pub(super) fn run(mut self, inbox: &Inbox<LinkCommand>) {
         loop {
             match inbox.receive() {
-                Received::Command(order, done) => {
-                    self.obey(order);
+                Received::Command(command, done) => {
+                    self.handle_command(command);
                     done.report(Ok(()));
                     continue;
                 }
                 Received::Nothing => {}
-                Received::Over => break,
+                Received::Disconnected => break,
             }
             self.deliver();
             let Ok(ready) = self.ready(inbox) else {
@@ -91,17 +91,17 @@ impl Emulator {
         }
     }
 
-    fn obey(&mut self, order: Order) {
-        match order {
-            Order::Set(side, conditions) => {
+    fn handle_command(&mut self, command: LinkCommand) {
+        match command {
+            LinkCommand::Set(side, conditions) => {
                 let mut traffic = lock(&self.traffic);
                 self.directions[side.index()].set(conditions, &mut traffic[side.index()]);
             }
-            Order::Settle => {}
+            LinkCommand::Settle => {}
         }
     }
 
-    fn ready(&self, inbox: &Inbox<Order>) -> io::Result<Vec<Watch>> {
+    fn ready(&self, inbox: &Inbox<LinkCommand>) -> io::Result<Vec<Watch>> {
         let mut watched = vec![(
             Watch::Inbox,
             PollFd::from_borrowed_fd(inbox.readable(), PollFlags::IN),
@@ -157,14 +157,14 @@ impl Direction {
         Self {
             conditions,
             line: Bottleneck::new(conditions.line),
-            dice: Dice::new(seed, side.index()),
+            rng: SeededRng::new(seed, side.index()),
         }
     }
 
     fn set(&mut self, conditions: Conditions, traffic: &mut Traffic) {
         if conditions.blackhole {
             for packet in self.line.drain() {
-                traffic.swallowed.add(packet.bytes.len());
+                traffic.blackholed.add(packet.bytes.len());
             }
         }
         self.line.set_line(Monotonic::now(), conditions.line);
@@ -175,16 +175,16 @@ impl Direction {
         let size = packet.len();
         traffic.sent.add(size);
         // Always two draws, so that the same packets get lost whatever else is set.
-        let is_lost = self.dice.draw() < self.conditions.loss;
-        let further_delay = self.conditions.jitter.mul_f64(self.dice.draw());
+        let is_lost = self.rng.draw() < self.conditions.loss;
+        let extra_delay = self.conditions.jitter.mul_f64(self.rng.draw());
         if self.conditions.blackhole {
-            traffic.swallowed.add(size);
+            traffic.blackholed.add(size);
             return;
         }
         let bytes = packet.to_vec();
         let packet = Packet { bytes, is_lost };
         let now = Monotonic::now();
-        if !self.line.offer(now, size, further_delay, packet) {
+        if !self.line.offer(now, size, extra_delay, packet) {
             traffic.overflowed.add(size);
         }
     }

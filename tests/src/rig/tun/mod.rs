@@ -15,9 +15,9 @@ use std::process::Command;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use super::remote::Remote;
+use super::command_thread::CommandThread;
 use super::{Count, Line};
-use emulator::{Emulator, Order};
+use emulator::{Emulator, LinkCommand};
 use namespace::Namespace;
 pub use namespace::Unavailable;
 
@@ -88,7 +88,7 @@ pub struct Traffic {
     /// Found the queue full.
     pub overflowed: Count,
     /// Went into the blackhole.
-    pub swallowed: Count,
+    pub blackholed: Count,
     /// Were refused by the kernel at the far end.
     pub refused: Count,
 }
@@ -100,7 +100,7 @@ pub struct Traffic {
 #[derive(Debug)]
 pub struct Namespaces {
     // Before the namespaces: the devices close first.
-    emulator: Remote<Order>,
+    emulator: CommandThread<LinkCommand>,
     traffic: Arc<Mutex<[Traffic; 2]>>,
     sides: [Namespace; 2],
 }
@@ -119,7 +119,7 @@ impl Namespaces {
         let (b, device_b) = Namespace::create(Side::B)?;
         let traffic = Arc::default();
         let link = Emulator::new([device_a, device_b], seed, Arc::clone(&traffic));
-        let emulator = Remote::start("link-emulator", move |inbox| link.run(&inbox))
+        let emulator = CommandThread::start("link-emulator", move |inbox| link.run(&inbox))
             .map_err(|err| Unavailable::failed("starting the emulator's thread", &err))?;
         Ok(Self {
             emulator,
@@ -138,7 +138,7 @@ impl Namespaces {
                 format!("loss {} is not between 0 and 1", conditions.loss),
             ));
         }
-        self.emulator.call(Order::Set(side, conditions))
+        self.emulator.call(LinkCommand::Set(side, conditions))
     }
 
     /// Changes both directions; see [`Namespaces::set`].
@@ -151,7 +151,7 @@ impl Namespaces {
     /// What became of the packets from `side` so far.
     pub fn traffic_from(&self, side: Side) -> Traffic {
         // Of an emulator that has ended the counters stay as they are.
-        self.emulator.call(Order::Settle).ok();
+        self.emulator.call(LinkCommand::Settle).ok();
         let traffic = self.traffic.lock().unwrap_or_else(PoisonError::into_inner);
         traffic[side.index()]
     }

@@ -7,14 +7,14 @@ use std::sync::{Arc, Mutex};
 use robot_edge::clock::Monotonic;
 use rustix::event::{PollFd, PollFlags};
 
-use super::way::{Datagram, Way};
-use super::{CAPTURED, Conditions, Ledger, lock};
-use crate::rig::dice::Dice;
+use super::channel::{Channel, Datagram};
+use super::{CAPTURED, Conditions, Statistics, lock};
+use crate::rig::command_thread::{Inbox, Received, wait};
 use crate::rig::relay::Direction;
-use crate::rig::remote::{Inbox, Received, wait};
+use crate::rig::rng::SeededRng;
 
 /// Flows at a time; the one that was used longest ago goes.
-const MOST_FLOWS: usize = 64;
+const MAX_FLOWS: usize = 64;
 
 /// Datagrams read from one socket before others have their turn.
 const IN_A_ROW: usize = 64;
@@ -24,7 +24,7 @@ const LARGEST_BYTES: usize = 1 << 16;
 
 /// What a caller wants.
 #[derive(Debug)]
-pub(super) enum Order {
+pub(super) enum LinkCommand {
     Set(Direction, Conditions),
     Inject(Direction, Vec<Vec<u8>>),
     /// Nothing: it is carried out between two rounds, when the counters agree with the sockets.
@@ -53,8 +53,8 @@ pub(super) struct EventLoop {
     /// The one that was used last is the last.
     flows: Vec<Flow>,
     next_flow: u64,
-    ways: [Way; 2],
-    ledger: Arc<Mutex<Ledger>>,
+    channels: [Channel; 2],
+    statistics: Arc<Mutex<Statistics>>,
     buffer: Vec<u8>,
 }
 
@@ -63,32 +63,33 @@ impl EventLoop {
         socket: UdpSocket,
         target: SocketAddr,
         seed: u64,
-        ledger: Arc<Mutex<Ledger>>,
+        statistics: Arc<Mutex<Statistics>>,
     ) -> Self {
         Self {
             socket,
             target,
             flows: Vec::new(),
             next_flow: 0,
-            ways: Direction::ALL.map(|direction| Way::new(Dice::new(seed, direction.index()))),
-            ledger,
+            channels: Direction::ALL
+                .map(|direction| Channel::new(SeededRng::new(seed, direction.index()))),
+            statistics,
             buffer: vec![0; LARGEST_BYTES],
         }
     }
 
     /// Relays until the handle is dropped.
-    pub(super) fn run(mut self, inbox: &Inbox<Order>) {
+    pub(super) fn run(mut self, inbox: &Inbox<LinkCommand>) {
         loop {
             match inbox.receive() {
-                Received::Command(order, done) => {
+                Received::Command(command, done) => {
                     // What came before the order fares as it would have without it.
                     self.take_in_everything();
                     self.deliver();
-                    done.report(self.obey(order));
+                    done.report(self.handle_command(command));
                     continue;
                 }
                 Received::Nothing => {}
-                Received::Over => return,
+                Received::Disconnected => return,
             }
             self.deliver();
             let Ok(ready) = self.ready(inbox) else {
@@ -104,29 +105,29 @@ impl EventLoop {
         }
     }
 
-    fn obey(&mut self, order: Order) -> io::Result<()> {
+    fn handle_command(&mut self, command: LinkCommand) -> io::Result<()> {
         let now = Monotonic::now();
-        match order {
-            Order::Set(direction, conditions) => {
-                let traffic = &mut lock(&self.ledger).traffic[direction.index()];
-                self.ways[direction.index()].set(now, conditions, traffic);
+        match command {
+            LinkCommand::Set(direction, conditions) => {
+                let traffic = &mut lock(&self.statistics).traffic[direction.index()];
+                self.channels[direction.index()].set(now, conditions, traffic);
             }
-            Order::Inject(direction, datagrams) => {
+            LinkCommand::Inject(direction, datagrams) => {
                 let flow = self.flows.last().map(|flow| flow.id);
                 let flow = flow.ok_or_else(|| io::Error::other("nobody has sent anything yet"))?;
-                let traffic = &mut lock(&self.ledger).traffic[direction.index()];
+                let traffic = &mut lock(&self.statistics).traffic[direction.index()];
                 for bytes in datagrams {
                     traffic.injected.add(bytes.len());
                     let datagram = Datagram { flow, bytes };
-                    self.ways[direction.index()].take_in(now, datagram, traffic);
+                    self.channels[direction.index()].take_in(now, datagram, traffic);
                 }
             }
-            Order::Settle => {}
+            LinkCommand::Settle => {}
         }
         Ok(())
     }
 
-    fn ready(&self, inbox: &Inbox<Order>) -> io::Result<Vec<Watch>> {
+    fn ready(&self, inbox: &Inbox<LinkCommand>) -> io::Result<Vec<Watch>> {
         let mut watched = vec![
             (
                 Watch::Inbox,
@@ -138,7 +139,7 @@ impl EventLoop {
             let descriptor = PollFd::new(&flow.to_target, PollFlags::IN);
             watched.push((Watch::Target(flow.id), descriptor));
         }
-        let next = self.ways.iter().filter_map(Way::next_event).min();
+        let next = self.channels.iter().filter_map(Channel::next_event).min();
         wait(watched, next.map(|moment| moment.since(Monotonic::now())))
     }
 
@@ -180,15 +181,15 @@ impl EventLoop {
     }
 
     fn take_in(&mut self, direction: Direction, datagram: Datagram) {
-        let mut ledger = lock(&self.ledger);
-        let captured = &mut ledger.captured[direction.index()];
+        let mut statistics = lock(&self.statistics);
+        let captured = &mut statistics.captured[direction.index()];
         if captured.len() >= CAPTURED {
             captured.pop_front();
         }
         captured.push_back(datagram.bytes.clone());
-        let traffic = &mut ledger.traffic[direction.index()];
+        let traffic = &mut statistics.traffic[direction.index()];
         traffic.sent.add(datagram.bytes.len());
-        self.ways[direction.index()].take_in(Monotonic::now(), datagram, traffic);
+        self.channels[direction.index()].take_in(Monotonic::now(), datagram, traffic);
     }
 
     /// The flow of a client, which is then the one that was used last.
@@ -202,7 +203,7 @@ impl EventLoop {
         let to_target = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
         to_target.set_nonblocking(true)?;
         to_target.connect(self.target)?;
-        if self.flows.len() >= MOST_FLOWS {
+        if self.flows.len() >= MAX_FLOWS {
             self.flows.remove(0);
         }
         self.next_flow += 1;
@@ -217,10 +218,10 @@ impl EventLoop {
     /// Hands on what has come to the other end.
     fn deliver(&mut self) {
         let now = Monotonic::now();
-        let mut ledger = lock(&self.ledger);
+        let mut statistics = lock(&self.statistics);
         for direction in Direction::ALL {
-            let traffic = &mut ledger.traffic[direction.index()];
-            while let Some(datagram) = self.ways[direction.index()].take(now, traffic) {
+            let traffic = &mut statistics.traffic[direction.index()];
+            while let Some(datagram) = self.channels[direction.index()].take(now, traffic) {
                 let Datagram { flow, bytes } = datagram;
                 let flow = self.flows.iter().find(|one| one.id == flow);
                 let outcome = flow.map(|flow| match direction {

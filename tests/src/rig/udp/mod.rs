@@ -3,8 +3,8 @@
 //! Whoever sends to it first has a flow of their own to the target, as behind an address translator. What it does to
 //! datagrams it does to those of QUIC as well, which neither end can tell from a real link.
 
+mod channel;
 mod event_loop;
-mod way;
 
 use std::collections::VecDeque;
 use std::io;
@@ -12,10 +12,10 @@ use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use super::command_thread::CommandThread;
 use super::relay::Direction;
-use super::remote::Remote;
 use super::{Count, Line};
-use event_loop::{EventLoop, Order};
+use event_loop::{EventLoop, LinkCommand};
 
 /// Datagrams of each direction that are kept for [`UdpRelay::captured`]; older ones go.
 pub const CAPTURED: usize = 4096;
@@ -48,7 +48,7 @@ pub struct Traffic {
     /// Came in.
     pub sent: Count,
     /// Copies that were made.
-    pub doubled: Count,
+    pub duplicated: Count,
     /// Made by [`UdpRelay::inject`].
     pub injected: Count,
     /// Went out.
@@ -58,11 +58,11 @@ pub struct Traffic {
     /// Found the queue full.
     pub overflowed: Count,
     /// Went into the blackhole.
-    pub swallowed: Count,
+    pub blackholed: Count,
     /// Had nobody to go to.
     pub refused: Count,
     /// Were held back; they are in another count too.
-    pub held_back: Count,
+    pub reordered: Count,
     /// Were changed; they are in another count too.
     pub tampered: Count,
 }
@@ -71,13 +71,13 @@ pub struct Traffic {
 #[derive(Debug)]
 pub struct UdpRelay {
     port: u16,
-    ledger: Arc<Mutex<Ledger>>,
-    remote: Remote<Order>,
+    statistics: Arc<Mutex<Statistics>>,
+    command_thread: CommandThread<LinkCommand>,
 }
 
 /// What both sides of the handle see, by [`Direction::index`].
 #[derive(Debug, Default)]
-struct Ledger {
+struct Statistics {
     traffic: [Traffic; 2],
     captured: [VecDeque<Vec<u8>>; 2],
 }
@@ -93,15 +93,15 @@ impl UdpRelay {
         let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, port))?;
         socket.set_nonblocking(true)?;
         let port = socket.local_addr()?.port();
-        let ledger = Arc::default();
-        let events = EventLoop::new(socket, target, seed, Arc::clone(&ledger));
-        let remote = Remote::start(&format!("udp-relay-{port}"), move |inbox| {
+        let statistics = Arc::default();
+        let events = EventLoop::new(socket, target, seed, Arc::clone(&statistics));
+        let command_thread = CommandThread::start(&format!("udp-relay-{port}"), move |inbox| {
             events.run(&inbox);
         })?;
         Ok(Self {
             port,
-            ledger,
-            remote,
+            statistics,
+            command_thread,
         })
     }
 
@@ -132,7 +132,8 @@ impl UdpRelay {
                 ));
             }
         }
-        self.remote.call(Order::Set(direction, conditions))
+        self.command_thread
+            .call(LinkCommand::Set(direction, conditions))
     }
 
     /// Changes both directions; see [`UdpRelay::set`].
@@ -146,29 +147,30 @@ impl UdpRelay {
     ///
     /// They take the line as it is. Fails where nobody has sent anything yet, or the relay has ended.
     pub fn inject(&self, direction: Direction, datagrams: Vec<Vec<u8>>) -> io::Result<()> {
-        self.remote.call(Order::Inject(direction, datagrams))
+        self.command_thread
+            .call(LinkCommand::Inject(direction, datagrams))
     }
 
     /// The last datagrams that came in, the oldest first, as they were sent; at most [`CAPTURED`].
     pub fn captured(&self, direction: Direction) -> Vec<Vec<u8>> {
         self.settle();
-        let captured = &lock(&self.ledger).captured[direction.index()];
+        let captured = &lock(&self.statistics).captured[direction.index()];
         captured.iter().cloned().collect()
     }
 
     /// What became of the datagrams of `direction` so far.
     pub fn traffic(&self, direction: Direction) -> Traffic {
         self.settle();
-        lock(&self.ledger).traffic[direction.index()]
+        lock(&self.statistics).traffic[direction.index()]
     }
 
     /// Waits until what has come in is counted too.
     fn settle(&self) {
         // Of a relay that has ended the counters stay as they are.
-        self.remote.call(Order::Settle).ok();
+        self.command_thread.call(LinkCommand::Settle).ok();
     }
 }
 
-fn lock(ledger: &Mutex<Ledger>) -> MutexGuard<'_, Ledger> {
-    ledger.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock(statistics: &Mutex<Statistics>) -> MutexGuard<'_, Statistics> {
+    statistics.lock().unwrap_or_else(PoisonError::into_inner)
 }

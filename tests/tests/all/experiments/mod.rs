@@ -75,7 +75,7 @@ experiments! {
     #[ignore = "minutes"]
     h2_slopes_cost_what_they_are_and_canopies_nothing: H2,
     #[ignore = "minutes"]
-    h3_rocks_and_trunks_stay_fatal_and_grass_and_twigs_give_way: H3,
+    h3_rocks_and_trunks_stay_lethal_and_grass_and_twigs_give_way: H3,
     #[ignore = "minutes"]
     h4_shores_are_told_apart: H4,
     #[ignore = "minutes"]

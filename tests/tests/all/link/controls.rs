@@ -8,7 +8,7 @@ use std::time::Duration;
 use robot_edge::clock::Monotonic;
 
 /// Longer than anything that is waited for takes on a machine that is busy with other tests.
-const PATIENCE: Duration = Duration::from_mins(1);
+const TIMEOUT: Duration = Duration::from_mins(1);
 
 /// A control.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -61,7 +61,7 @@ impl Controls {
             if let Some(found) = find(&all) {
                 return found;
             }
-            if started.elapsed() > PATIENCE {
+            if started.elapsed() > TIMEOUT {
                 let said: Vec<_> = all
                     .iter()
                     .map(|control| format!("{}: {}", control.role, control.words))

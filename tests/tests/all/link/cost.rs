@@ -53,7 +53,7 @@ fn streaming_costs_the_vehicle_little_whatever_consoles_do() {
     println!(
         "the console beside it: {}",
         said.lines()
-            .find(|line| line.contains("in step"))
+            .find(|line| line.contains("synchronized"))
             .unwrap_or_default()
     );
     assert!(!said.contains("console too slow"), "{said}");

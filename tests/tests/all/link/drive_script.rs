@@ -14,7 +14,15 @@ use super::processes::{Running, free_port, program};
 fn robot(port: u16) -> Running {
     let mut command = program("robot-edge");
     command.args([
-        "simulate", "rooms", "--rate", "1", "--stay", "--robot", "scout", "--quiet", "--listen",
+        "simulate",
+        "rooms",
+        "--rate",
+        "1",
+        "--keep-serving",
+        "--robot",
+        "scout",
+        "--quiet",
+        "--listen",
     ]);
     command.arg(format!("tcp/127.0.0.1:{port}"));
     Running::start(&mut command, "edge")
@@ -143,13 +151,13 @@ fn a_robot_that_hangs_obeys_nothing_of_what_it_missed() {
 ";
     fs::write(&file, script).unwrap();
     let mut console = starts(port, "anna", &file);
-    console.says(" Driving, lease of anna");
+    console.wait_for_output(" Driving, lease of anna");
     edge.signal("STOP");
     sleep(Duration::from_millis(1500));
     edge.signal("CONT");
     let (code, said) = console.end();
     assert_eq!(code, Some(0), "{said}");
-    // `says` has read the first.
+    // `wait_for_output` has read the first.
     assert_eq!(lines(&said, " Driving, lease of anna").len(), 1, "{said}");
     let stopped = said.find("applied 0.00 m/s 0.00 rad/s").unwrap();
     assert!(stopped < said.find(" Driving").unwrap(), "{said}");

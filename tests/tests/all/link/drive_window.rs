@@ -10,10 +10,10 @@ use protocol::message::{Clamp, LeaseEnd, StopReason, TeleopState, TeleopStatus};
 use robot_edge::clock::Monotonic;
 use tempfile::{TempDir, tempdir};
 
-use super::driver::{NEUTRAL, holds, pictures, take_lease};
+use super::driver::{NEUTRAL, hold_until, pictures, take_lease};
 use super::processes::{Running, free_port, program};
 use super::screen::{Key, Screen, skip_without_window};
-use super::witness::{PATIENCE, Witness};
+use super::telemetry::{TIMEOUT, Telemetry};
 
 /// A robot, a window that shows it, and somebody who watches both.
 struct Scene {
@@ -22,7 +22,7 @@ struct Scene {
     arguments: Vec<String>,
     window: u32,
     console: Running,
-    witness: Witness,
+    telemetry: Telemetry,
     settings: TempDir,
     _edge: Option<Running>,
 }
@@ -54,7 +54,14 @@ impl Scene {
         let port = free_port();
         let endpoint = format!("tcp/127.0.0.1:{port}");
         let mut command = program("robot-edge");
-        command.args(["simulate", "rooms", "--rate", "1", "--stay", "--quiet"]);
+        command.args([
+            "simulate",
+            "rooms",
+            "--rate",
+            "1",
+            "--keep-serving",
+            "--quiet",
+        ]);
         command.args(["--robot", "scout", "--listen", &endpoint]);
         let edge = Running::start(&mut command, "edge");
         let arguments = ["--robot", "scout", "--connect", &endpoint].map(str::to_owned);
@@ -73,7 +80,7 @@ impl Scene {
                 if let Some(demo) = demo {
                     return ("demo", demo.endpoint.clone());
                 }
-                assert!(started.elapsed() < PATIENCE, "the demo is not found");
+                assert!(started.elapsed() < TIMEOUT, "the demo is not found");
                 sleep(Duration::from_millis(50));
             }
         })
@@ -95,21 +102,21 @@ impl Scene {
             }
         };
         let (robot, endpoint) = robot();
-        let witness = Witness::of(robot, &endpoint);
-        witness.sees("shown", |_| true);
+        let telemetry = Telemetry::of(robot, &endpoint);
+        telemetry.wait_for_status("shown", |_| true);
         Some(Self {
             screen,
             arguments,
             window,
             console,
-            witness,
+            telemetry,
             settings,
             _edge: edge,
         })
     }
 
     fn take_lease(&self) {
-        take_lease(&self.screen, &self.witness);
+        take_lease(&self.screen, &self.telemetry);
     }
 
     /// A text field is there, and has the keyboard.
@@ -119,13 +126,13 @@ impl Scene {
     }
 
     fn turns_left(&self, key: Key) -> TeleopStatus {
-        holds(&self.screen, &self.witness, key, |status| {
+        hold_until(&self.screen, &self.telemetry, key, |status| {
             status.applied.angular_radps > 0.3
         })
     }
 
     fn stands(&self) -> TeleopStatus {
-        self.witness.sees("standing", |status| {
+        self.telemetry.wait_for_status("standing", |status| {
             matches!(status.state, TeleopState::Held | TeleopState::Idle)
         })
     }
@@ -134,7 +141,7 @@ impl Scene {
 #[test]
 fn keys_on_a_window_drive_and_release_focus_loss_and_space_stop() {
     let Some(scene) = Scene::open() else { return };
-    let (screen, witness) = (&scene.screen, &scene.witness);
+    let (screen, telemetry) = (&scene.screen, &scene.telemetry);
     scene.take_lease();
 
     let driving = scene.turns_left(Key::A);
@@ -148,7 +155,7 @@ fn keys_on_a_window_drive_and_release_focus_loss_and_space_stop() {
     scene.stands();
     screen.focus(scene.window);
     sleep(Duration::from_secs(1));
-    witness.is_still("the key was down all along");
+    telemetry.assert_stopped("the key was down all along");
     screen.release(Key::Left);
     scene.turns_left(Key::Left);
     screen.release(Key::Left);
@@ -157,7 +164,7 @@ fn keys_on_a_window_drive_and_release_focus_loss_and_space_stop() {
     scene.turns_left(Key::A);
     screen.press(Key::Space);
     screen.release(Key::Space);
-    let stopped = witness.sees("stopped for good", |status| {
+    let stopped = telemetry.wait_for_status("stopped for good", |status| {
         status.state == TeleopState::EStop && status.estop.is_some_and(|estop| estop.is_stored)
     });
     let applied = stopped.applied.angular_radps;
@@ -170,16 +177,16 @@ fn keys_on_a_window_drive_and_release_focus_loss_and_space_stop() {
 #[test]
 fn a_space_in_a_text_stops_nothing_and_one_behind_it_does() {
     let Some(scene) = Scene::open() else { return };
-    let (screen, witness) = (&scene.screen, &scene.witness);
+    let (screen, telemetry) = (&scene.screen, &scene.telemetry);
     scene.opens_recordings();
     screen.write("/home/anna/my recordings of may");
     sleep(Duration::from_secs(1));
     screen.picture(&pictures("spaces.png"));
-    assert!(!is_stopped(&witness.now().unwrap()), "it was a text");
+    assert!(!is_stopped(&telemetry.now().unwrap()), "it was a text");
     // The next key is for the vehicle, however soon it comes.
     screen.tap(Key::Escape);
     screen.tap(Key::Space);
-    witness.sees("stopped right behind a text", is_stopped);
+    telemetry.wait_for_status("stopped right behind a text", is_stopped);
 }
 
 #[test]
@@ -187,9 +194,11 @@ fn a_space_stops_wherever_it_is_typed_while_this_operator_drives() {
     let Some(scene) = Scene::open() else { return };
     scene.take_lease();
     scene.opens_recordings();
-    assert!(!is_stopped(&scene.witness.now().unwrap()));
+    assert!(!is_stopped(&scene.telemetry.now().unwrap()));
     scene.screen.write("my ");
-    scene.witness.sees("stopped by who drives", is_stopped);
+    scene
+        .telemetry
+        .wait_for_status("stopped by who drives", is_stopped);
 }
 
 fn is_stopped(status: &TeleopStatus) -> bool {
@@ -200,31 +209,31 @@ fn is_stopped(status: &TeleopStatus) -> bool {
 #[test]
 fn the_demo_drives_up_to_a_wall_and_stops_there_by_itself() {
     let Some(scene) = Scene::demo() else { return };
-    let (screen, witness) = (&scene.screen, &scene.witness);
+    let (screen, telemetry) = (&scene.screen, &scene.telemetry);
     scene.take_lease();
     scene.stands();
-    let (_, along) = witness.place();
+    let (_, along) = telemetry.pose();
     scene.turns_left(Key::A);
     let started = Monotonic::now();
-    let turned = || (witness.place().1 - along + PI).rem_euclid(TAU) - PI;
+    let turned = || (telemetry.pose().1 - along + PI).rem_euclid(TAU) - PI;
     while turned().abs() < 1.3 {
-        assert!(started.elapsed() < PATIENCE, "it does not turn enough");
+        assert!(started.elapsed() < TIMEOUT, "it does not turn enough");
         sleep(Duration::from_millis(5));
     }
     screen.release(Key::A);
     scene.stands();
     sleep(NEUTRAL);
-    let (from_m, _) = witness.place();
+    let (from_m, _) = telemetry.pose();
     screen.press(Key::W);
-    let stopped = witness.sees("stopped by its guard", |status| {
+    let stopped = telemetry.wait_for_status("stopped by its guard", |status| {
         status.state == TeleopState::Driving
             && status.requested.linear_mps > 0.05
-            && status.clamp == Some(Clamp::Guard)
+            && status.clamp == Some(Clamp::CollisionMonitor)
             && status.applied.linear_mps.abs() < 1e-3
     });
-    let (there_m, _) = witness.place();
+    let (there_m, _) = telemetry.pose();
     sleep(Duration::from_secs(1));
-    let (still_m, _) = witness.place();
+    let (still_m, _) = telemetry.pose();
     screen.picture(&pictures("wall.png"));
     screen.release(Key::W);
     let distance_m = |[ax, ay]: [f64; 2], [bx, by]: [f64; 2]| {
@@ -249,8 +258,8 @@ fn a_window_that_is_closed_stops_and_gives_the_lease_back() {
     scene.screen.close(scene.window);
     // The console says so itself: the lease does not run out, which takes 2 s and is another reason.
     let idle = scene
-        .witness
-        .sees("idle", |status| status.state == TeleopState::Idle);
+        .telemetry
+        .wait_for_status("idle", |status| status.state == TeleopState::Idle);
     assert_ne!(
         idle.last_stop,
         Some(StopReason::LeaseEnded(LeaseEnd::Expired))
@@ -268,7 +277,7 @@ fn a_window_that_hangs_with_a_key_down_stops_the_vehicle() {
     sleep(Duration::from_secs(1));
     scene.console.signal("CONT");
     sleep(Duration::from_secs(1));
-    scene.witness.is_still("the key is still down");
+    scene.telemetry.assert_stopped("the key is still down");
     scene.screen.release(Key::A);
     scene.take_lease();
     scene.turns_left(Key::A);
@@ -286,13 +295,13 @@ fn a_window_that_is_killed_with_a_key_down_stops_the_vehicle() {
     scene.console.signal("KILL");
     assert_eq!(scene.stands().last_stop, Some(StopReason::Age));
     let idle = |status: &TeleopStatus| status.state == TeleopState::Idle;
-    scene.witness.sees("nobody's", idle);
+    scene.telemetry.wait_for_status("nobody's", idle);
     // Somebody starts it again, and the key has been down all the time.
     let (console, _) = console(&scene.screen, &scene.arguments, scene.settings.path()).unwrap();
     scene.console = console;
     scene.take_lease();
     sleep(Duration::from_secs(1));
-    scene.witness.is_still("the key is still down");
+    scene.telemetry.assert_stopped("the key is still down");
     scene.screen.release(Key::A);
     scene.turns_left(Key::A);
     scene.screen.release(Key::A);
@@ -315,7 +324,7 @@ fn figures_of_a_key_on_a_window() {
         let pressed = Monotonic::now();
         scene.screen.press(Key::A);
         while pressed.elapsed() < Duration::from_secs(2) {
-            let status = scene.witness.now();
+            let status = scene.telemetry.now();
             if status.is_some_and(|status| status.state == TeleopState::Driving) {
                 took_ms.push(pressed.elapsed().as_secs_f64() * 1e3);
                 break;
@@ -334,20 +343,26 @@ fn figures_of_a_key_on_a_window() {
         rank(1.0),
         took_ms.len()
     );
-    let accepted = || scene.witness.sees("told", |_| true).counters.accepted;
+    let accepted = || {
+        scene
+            .telemetry
+            .wait_for_status("told", |_| true)
+            .counters
+            .accepted
+    };
     let (from, before) = (Monotonic::now(), accepted());
     scene.turns_left(Key::A);
-    let mut greatest_age_ms = 0;
+    let mut peak_age_ms = 0;
     while from.elapsed() < Duration::from_secs(10) {
-        let status = scene.witness.sees("told", |_| true);
-        greatest_age_ms = greatest_age_ms.max(status.greatest_age_ms.unwrap_or(0));
+        let status = scene.telemetry.wait_for_status("told", |_| true);
+        peak_age_ms = peak_age_ms.max(status.peak_age_ms.unwrap_or(0));
         sleep(Duration::from_millis(50));
     }
     let rate_hz = (accepted() - before) as f64 / from.elapsed().as_secs_f64();
     scene.screen.release(Key::A);
     let stops = scene.stands().counters.involuntary_stops;
     println!(
-        "{rate_hz:.1} commands a second, greatest age {greatest_age_ms} ms, {stops} involuntary stops"
+        "{rate_hz:.1} commands a second, greatest age {peak_age_ms} ms, {stops} involuntary stops"
     );
     assert!(took_ms.len() >= 55, "{} of 60 presses drove", took_ms.len());
     assert!(rate_hz > 40.0, "{rate_hz} Hz");

@@ -8,7 +8,7 @@ use protocol::message::{TeleopState, TeleopStatus};
 use robot_edge::clock::Monotonic;
 
 use super::screen::{Key, Screen};
-use super::witness::Witness;
+use super::telemetry::Telemetry;
 
 /// The robot takes a press after 200 ms of nothing; the console adds what a link may shift.
 pub(crate) const NEUTRAL: Duration = Duration::from_millis(400);
@@ -19,11 +19,11 @@ pub(crate) fn pictures(name: &str) -> PathBuf {
 }
 
 /// Asks for `anna` until the robot grants the lease: the window may not have heard of the robot yet.
-pub(crate) fn take_lease(screen: &Screen, witness: &Witness) {
+pub(crate) fn take_lease(screen: &Screen, telemetry: &Telemetry) {
     for _attempt in 0..30 {
         let started = Monotonic::now();
         while started.elapsed() < Duration::from_millis(1500) {
-            let holder = witness.now().and_then(|status| status.lease.holder);
+            let holder = telemetry.now().and_then(|status| status.lease.holder);
             if holder.is_some_and(|holder| holder.as_str() == "anna") {
                 return;
             }
@@ -39,9 +39,9 @@ pub(crate) fn take_lease(screen: &Screen, witness: &Witness) {
 
 /// Holds a key until the vehicle drives as wanted. A machine that is busy with other tests may hang in the middle of a
 /// press, which then does not count: so it is let go and pressed anew, as anybody would.
-pub(crate) fn holds(
+pub(crate) fn hold_until(
     screen: &Screen,
-    witness: &Witness,
+    telemetry: &Telemetry,
     key: Key,
     is_so: impl Fn(&TeleopStatus) -> bool,
 ) -> TeleopStatus {
@@ -50,7 +50,7 @@ pub(crate) fn holds(
         screen.press(key);
         let started = Monotonic::now();
         while started.elapsed() < Duration::from_secs(2) {
-            let status = witness.now();
+            let status = telemetry.now();
             let driving =
                 status.filter(|status| status.state == TeleopState::Driving && is_so(status));
             if let Some(driving) = driving {
@@ -60,5 +60,5 @@ pub(crate) fn holds(
         }
         screen.release(key);
     }
-    panic!("it does not drive: {:?}", witness.now());
+    panic!("it does not drive: {:?}", telemetry.now());
 }

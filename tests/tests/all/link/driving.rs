@@ -14,7 +14,15 @@ use super::processes::{Running, free_port, program};
 fn robot(port: u16) -> Running {
     let mut command = program("robot-edge");
     command.args([
-        "simulate", "rooms", "--rate", "1", "--stay", "--robot", "scout", "--quiet", "--listen",
+        "simulate",
+        "rooms",
+        "--rate",
+        "1",
+        "--keep-serving",
+        "--robot",
+        "scout",
+        "--quiet",
+        "--listen",
     ]);
     command.arg(format!("tcp/127.0.0.1:{port}"));
     Running::start(&mut command, "edge")
@@ -33,18 +41,18 @@ fn an_operator_drives_and_silence_old_commands_and_held_keys_move_nothing() {
 
     // A key that was down before moves nothing: first everything must be let go.
     anna.hold(Input::of(0.0, 0.5), NEUTRAL);
-    let held = anna.sees("held", |teleop| teleop.state == TeleopState::Held);
+    let held = anna.wait_for_status("held", |teleop| teleop.state == TeleopState::Held);
     assert_eq!(held.lease.holder, Some(anna.name.clone()));
     assert!(held.applied.angular_radps.abs() < 1e-6, "{held:?}");
 
     anna.hold(Input::NEUTRAL, NEUTRAL);
     let driven = anna.hold(Input::of(0.0, 0.5), Duration::from_millis(1500));
-    let status = anna.sees("driving", |teleop| teleop.applied.angular_radps > 0.45);
+    let status = anna.wait_for_status("driving", |teleop| teleop.applied.angular_radps > 0.45);
     assert_eq!(status.state, TeleopState::Driving);
     assert!(anna.turn_rate_radps() > 0.3, "{}", anna.turn_rate_radps());
 
     // Nothing comes any more, not even a word that nothing is pressed.
-    let stopped = anna.sees("stopped", |teleop| {
+    let stopped = anna.wait_for_status("stopped", |teleop| {
         teleop.state == TeleopState::Held || teleop.state == TeleopState::Idle
     });
     assert_eq!(stopped.last_stop, Some(StopReason::Age));
@@ -60,14 +68,14 @@ fn an_operator_drives_and_silence_old_commands_and_held_keys_move_nothing() {
             .map(|refused| refused.count)
             .sum()
     };
-    let before = refused(&anna.sees("shown", |_| true));
+    let before = refused(&anna.wait_for_status("shown", |_| true));
     for _ in 0..20 {
         anna.put(driven.clone());
     }
-    anna.sees("refused", |teleop| refused(teleop) >= before + 20);
+    anna.wait_for_status("refused", |teleop| refused(teleop) >= before + 20);
     anna.take_lease();
     anna.hold(Input::of(0.0, 0.5), Duration::from_millis(800));
-    let locked = anna.sees("shown", |_| true);
+    let locked = anna.wait_for_status("shown", |_| true);
     assert!(locked.applied.angular_radps.abs() < 1e-6, "{locked:?}");
     sleep(Duration::from_millis(300));
     assert!(
@@ -79,7 +87,7 @@ fn an_operator_drives_and_silence_old_commands_and_held_keys_move_nothing() {
     // Let go and pressed anew, it turns.
     anna.hold(Input::NEUTRAL, NEUTRAL);
     anna.hold(Input::of(0.0, -0.5), Duration::from_millis(1200));
-    anna.sees("turning right", |teleop| {
+    anna.wait_for_status("turning right", |teleop| {
         teleop.applied.angular_radps < -0.3
     });
 }
@@ -102,7 +110,7 @@ fn an_emergency_stop_holds_until_it_is_reset_and_the_budget_can_be_set() {
     anna.hold(Input::of(0.0, 0.5), Duration::from_millis(400));
     anna.hold(Input::NEUTRAL, NEUTRAL);
     anna.hold(Input::of(0.0, 0.5), Duration::from_millis(400));
-    let status = anna.sees("stopped", |teleop| teleop.state == TeleopState::EStop);
+    let status = anna.wait_for_status("stopped", |teleop| teleop.state == TeleopState::EStop);
     assert!(status.applied.angular_radps.abs() < 1e-6, "{status:?}");
 
     assert_eq!(
@@ -110,14 +118,14 @@ fn an_emergency_stop_holds_until_it_is_reset_and_the_budget_can_be_set() {
         Answer::Refused(Refusal::OtherEStop)
     );
     assert_eq!(bert.ask(&Reset { estop: number }), Answer::Done);
-    anna.sees("idle", |teleop| teleop.state == TeleopState::Idle);
+    anna.wait_for_status("idle", |teleop| teleop.state == TeleopState::Idle);
     // A repetition that comes late stops nobody.
     assert_eq!(
         bert.ask(&EStop { press: 77 }),
         Answer::Refused(Refusal::NoEStop)
     );
     assert_eq!(bert.ask(&Setting::BudgetKbps(64)), Answer::Done);
-    anna.sees("set", |teleop| teleop.settings.budget_kbps == 64);
+    anna.wait_for_status("set", |teleop| teleop.settings.budget_kbps == 64);
 }
 
 #[test]
@@ -134,7 +142,7 @@ fn who_signs_for_somebody_else_moves_nothing() {
     (mallory.epoch, mallory.seq) = (anna.epoch, 1000);
     mallory.hold(Input::NEUTRAL, Duration::from_millis(300));
     mallory.hold(Input::of(0.0, 0.5), Duration::from_millis(300));
-    let status = anna.sees("refused", |teleop| {
+    let status = anna.wait_for_status("refused", |teleop| {
         let refused = &teleop.counters.refused;
         let wrong = refused.iter().find(|of| of.reason == Refusal::Signature);
         wrong.is_some_and(|wrong| wrong.count >= 10)

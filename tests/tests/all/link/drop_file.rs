@@ -6,7 +6,7 @@ use std::path::Path;
 use tempfile::tempdir;
 
 use super::controls::Controls;
-use super::dragged::Dragged;
+use super::drag_source::DragSource;
 use super::processes::{Running, free_port, program, rooms};
 use super::screen::{Screen, skip_without_window};
 
@@ -36,35 +36,35 @@ fn a_recording_that_is_dropped_is_shown_and_what_is_none_is_refused() {
         return;
     };
     controls.beginning("Looking for robots");
-    let drag = |files: &[&Path]| Dragged::over(&screen, window, files);
+    let drag = |files: &[&Path]| DragSource::start(&screen, window, files);
 
     let held = drag(&[&recording, &notes]);
     controls.named(
         "Label",
         "Drop to open two rooms, 50 % of Größe.mcap, the first of 2 files",
     );
-    held.take_away();
+    held.leave();
     controls.without("Drop to open");
     controls.without("Open a recording");
 
     let held = drag(&[&notes]);
     controls.named("Label", "Drop to open my notes.txt");
-    held.let_go();
+    held.drop_files();
     controls.without("Drop to open");
     controls.beginning("Open a recording");
     let refusal = controls.beginning(&format!("{}: not a recording", notes.display()));
     assert!(refusal.words.contains("these are notes"), "{refusal:?}");
     assert!(refusal.words.contains("MCAP"), "{refusal:?}");
 
-    drag(&[&recording]).let_go();
+    drag(&[&recording]).drop_files();
     controls.beginning("Position in the recording: ");
     controls.without("Open a recording");
     controls.named("Label", "two rooms, 50 % of Größe.mcap");
     controls.named("Button", "Pause");
-    controls.beginning("In step");
+    controls.beginning("Synchronized");
 
     // While one is shown, what is none changes nothing.
-    drag(&[&notes]).let_go();
+    drag(&[&notes]).drop_files();
     controls.beginning(&format!("{}: not a recording", notes.display()));
     controls.beginning("Position in the recording: ");
     screen.close(window);

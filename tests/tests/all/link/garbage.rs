@@ -96,7 +96,7 @@ fn garbage_is_refused_and_counted_and_nothing_grows() {
     command
         .arg("replay")
         .arg(rooms())
-        .args(["--rate", "10", "--stay", "--robot", "scout"]);
+        .args(["--rate", "10", "--keep-serving", "--robot", "scout"]);
     command
         .args(["--connect", &format!("tcp/127.0.0.1:{port}"), "--export"])
         .arg(at("edge"));

@@ -10,7 +10,7 @@ use super::controls::Controls;
 use super::driver::take_lease;
 use super::processes::{Running, free_port, program};
 use super::screen::{Key, Screen};
-use super::witness::Witness;
+use super::telemetry::Telemetry;
 
 const MEASURED: Duration = Duration::from_secs(30);
 
@@ -21,9 +21,16 @@ fn a_window_beside_a_robot_that_stands_costs_little() {
     let port = free_port();
     let endpoint = format!("tcp/127.0.0.1:{port}");
     let mut command = program("robot-edge");
-    command.args(["simulate", "rooms", "--stay", "--quiet", "--robot", "scout"]);
+    command.args([
+        "simulate",
+        "rooms",
+        "--keep-serving",
+        "--quiet",
+        "--robot",
+        "scout",
+    ]);
     let _edge = Running::start(command.args(["--listen", &endpoint]), "edge");
-    let witness = Witness::of("scout", &endpoint);
+    let telemetry = Telemetry::of("scout", &endpoint);
     let home = tempdir().unwrap();
     let controls = Controls(home.path().join("controls"));
     let console = || {
@@ -36,12 +43,12 @@ fn a_window_beside_a_robot_that_stands_costs_little() {
     };
     // Once with what a screen reader would be told, which costs more, to know that it shows what it should.
     let named = Running::start(console().arg("--controls").arg(&controls.0), "the window");
-    controls.beginning("In step");
+    controls.beginning("Synchronized");
     screen.focus(screen.window("Foreshore", || false).unwrap());
     // Whoever takes it over stops what it does by itself; its sensors go on.
-    take_lease(&screen, &witness);
+    take_lease(&screen, &telemetry);
     screen.tap_with(Key::Control, Key::G);
-    witness.sees("nobody's, and standing", |status| {
+    telemetry.wait_for_status("nobody's, and standing", |status| {
         status.lease.holder.is_none() && status.state == TeleopState::Idle
     });
     sleep(Duration::from_secs(5));

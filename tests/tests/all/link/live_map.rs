@@ -75,7 +75,7 @@ fn a_console_follows_its_robot_through_a_restart() {
     let first = {
         let mut command = program("robot-edge");
         command.arg("replay").arg(rooms());
-        command.args(["--rate", "20", "--stay", "--robot", "scout"]);
+        command.args(["--rate", "20", "--keep-serving", "--robot", "scout"]);
         command.args(["--set", "mapping.occupancy.cell_m=0.2"]);
         command.args(["--listen", &format!("tcp/127.0.0.1:{port}"), "--export"]);
         Running::start(command.arg(at("first")), "first edge")
@@ -88,7 +88,7 @@ fn a_console_follows_its_robot_through_a_restart() {
     let said = console.ends_well();
     second.signal("INT");
     second.ends_well();
-    assert!(said.contains("in step"), "{said}");
+    assert!(said.contains("synchronized"), "{said}");
     assert_same_maps(&at("second"), &at("console"));
     assert!(!at("first").join("occupancy.tif").exists(), "it was killed");
 }
@@ -114,7 +114,7 @@ fn a_replay_that_ends_leaves_no_console_behind() {
     assert_same_maps(&at("edge"), &at("console"));
 }
 
-/// Elevation and obstacles in a window that moves, erased on the way because the ground plane is taken anew.
+/// Elevation and obstacles in a window that moves, erased on the way because the ground plane is reset.
 #[test]
 fn maps_that_were_erased_on_the_way_are_the_same_in_the_console() {
     let folder = tempdir().unwrap();
@@ -140,13 +140,13 @@ fn maps_that_were_erased_on_the_way_are_the_same_in_the_console() {
     let said = Running::start(command.arg(at("edge")), "edge").ends_well();
     console.ends_well();
     assert!(
-        said.contains("ground_plane: the ground plane was taken anew"),
+        said.contains("ground_plane: the ground plane was reset"),
         "{said}"
     );
     assert_same_files(&at("edge"), &at("console"), 7);
 }
 
-/// The octree's files are made on the vehicle and fetched part by part, once the map is in step.
+/// The octree's files are made on the vehicle and fetched part by part, once the map is synchronized.
 #[test]
 fn voxels_are_the_same_in_the_console() {
     let folder = tempdir().unwrap();

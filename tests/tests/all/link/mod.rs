@@ -3,12 +3,14 @@
 pub(crate) mod processes;
 
 #[cfg(target_os = "linux")]
+mod address_change;
+#[cfg(target_os = "linux")]
 mod controls;
 mod cost;
 #[cfg(target_os = "linux")]
 mod day;
 #[cfg(target_os = "linux")]
-mod dragged;
+mod drag_source;
 mod drive_script;
 #[cfg(target_os = "linux")]
 mod drive_window;
@@ -17,21 +19,19 @@ mod driver;
 mod driving;
 #[cfg(target_os = "linux")]
 mod drop_file;
+mod final_status;
 mod garbage;
 #[cfg(target_os = "linux")]
 mod idle;
-mod last_word;
-mod late_and_hidden;
+mod late_joiner;
 mod link_loss;
 mod live_map;
-#[cfg(target_os = "linux")]
-mod moved;
 mod python_client;
 mod router;
 #[cfg(target_os = "linux")]
 mod screen;
 mod sensors;
 mod shaped;
-mod window;
 #[cfg(target_os = "linux")]
-mod witness;
+mod telemetry;
+mod window;

@@ -10,7 +10,7 @@ use foreshore_tests::rig::ports::free_pair;
 use robot_edge::clock::Monotonic;
 
 /// Nothing that these tests wait for takes longer.
-const PATIENCE: Duration = Duration::from_mins(2);
+const TIMEOUT: Duration = Duration::from_mins(2);
 
 /// The project's own recording: the simulated world `rooms`, 116 s.
 pub(crate) fn rooms() -> PathBuf {
@@ -115,7 +115,7 @@ impl Running {
     }
 
     /// Reads standard output up to the line that holds `words`, which is returned.
-    pub(crate) fn says(&mut self, words: &str) -> String {
+    pub(crate) fn wait_for_output(&mut self, words: &str) -> String {
         let mut said = BufReader::new(self.child.stdout.as_mut().unwrap());
         loop {
             let mut line = String::new();
@@ -134,7 +134,7 @@ impl Running {
             if let Some(status) = self.child.try_wait().unwrap() {
                 break status.code();
             }
-            assert!(started.elapsed() < PATIENCE, "{} does not end", self.name);
+            assert!(started.elapsed() < TIMEOUT, "{} does not end", self.name);
             std::thread::sleep(Duration::from_millis(20));
         };
         let mut said = String::new();
@@ -176,7 +176,7 @@ pub(crate) fn edge(port: u16, robot: &str, rate: &str, export: &Path) -> Running
     command
         .arg("replay")
         .arg(rooms())
-        .args(["--rate", rate, "--stay", "--robot", robot]);
+        .args(["--rate", rate, "--keep-serving", "--robot", robot]);
     command
         .args(["--listen", &format!("tcp/127.0.0.1:{port}"), "--export"])
         .arg(export);

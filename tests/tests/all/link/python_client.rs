@@ -82,9 +82,12 @@ fn the_python_client_agrees_with_the_edge_and_with_the_specification() {
     ]);
     command.arg("--compare").arg(exports.path().join("edge"));
     let mut client = Running::start(&mut command, "the Python client");
-    let in_step = client.says("in step");
-    println!("{in_step}");
-    assert!(in_step.contains("occupancy 29326 cells known"), "{in_step}");
+    let synchronized = client.wait_for_output("synchronized: ");
+    println!("{synchronized}");
+    assert!(
+        synchronized.contains("occupancy 29326 cells known"),
+        "{synchronized}"
+    );
     // It compares with what the robot exports when it ends.
     robot.signal("INT");
     robot.ends_well();

@@ -32,10 +32,13 @@ fn robots_and_consoles_through_a_router(robots: usize, consoles: usize, rate: &s
         .map(|(n, name)| {
             let mut command = program("robot-edge");
             // Different maps: a tile of one robot must not pass for one of another.
-            command
-                .arg("replay")
-                .arg(rooms())
-                .args(["--rate", rate, "--stay", "--robot", name]);
+            command.arg("replay").arg(rooms()).args([
+                "--rate",
+                rate,
+                "--keep-serving",
+                "--robot",
+                name,
+            ]);
             command.args(["--start", &(10 * n).to_string()]);
             command
                 .args(["--connect", &format!("tcp/127.0.0.1:{port}"), "--export"])

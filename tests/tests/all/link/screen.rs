@@ -19,7 +19,7 @@ use x11rb::rust_connection::RustConnection;
 use crate::skip::skip;
 
 /// A window takes this long to appear at most.
-const PATIENCE: Duration = Duration::from_mins(1);
+const TIMEOUT: Duration = Duration::from_mins(1);
 
 /// Between two keys of a hand that is quick.
 const STROKE: Duration = Duration::from_millis(20);
@@ -127,7 +127,7 @@ impl Screen {
     /// The window of this title, as soon as it can be seen; `None` where `is_over` before.
     pub(crate) fn window(&self, title: &str, mut is_over: impl FnMut() -> bool) -> Option<Window> {
         let started = Monotonic::now();
-        while started.elapsed() < PATIENCE && !is_over() {
+        while started.elapsed() < TIMEOUT && !is_over() {
             let children = self.x.query_tree(self.root).unwrap().reply().unwrap();
             let mut windows = children.children.into_iter();
             if let Some(window) = windows.find(|window| self.is_shown(*window, title)) {

@@ -23,18 +23,18 @@ use zenoh::{Config, Session, Wait as _};
 
 use super::processes::{Running, free_port, program, rooms};
 
-const PATIENCE: Duration = Duration::from_secs(30);
+const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// What was heard so far of one topic, and how many bytes that were.
-type Heard<T> = Arc<Mutex<(Vec<T>, usize)>>;
+type Received<T> = Arc<Mutex<(Vec<T>, usize)>>;
 
 /// Somebody who watches, and wants to see sweeps.
 struct Watcher {
     control: Session,
     robot: RobotId,
-    status: Heard<Status>,
-    events: Heard<Event>,
-    scans: Heard<Scan>,
+    status: Received<Status>,
+    events: Received<Event>,
+    scans: Received<Scan>,
     // Closes last.
     _bulk: Session,
 }
@@ -52,22 +52,22 @@ fn client(port: u16) -> Session {
     zenoh::open(config).wait().unwrap()
 }
 
-fn hear<T: DeserializeOwned + Send + 'static>(session: &Session, key: String) -> Heard<T> {
-    let heard: Heard<T> = Arc::default();
-    let takes = Arc::clone(&heard);
+fn subscribe<T: DeserializeOwned + Send + 'static>(session: &Session, key: String) -> Received<T> {
+    let received: Received<T> = Arc::default();
+    let takes = Arc::clone(&received);
     session
         .declare_subscriber(key)
         .callback(move |sample| {
             let bytes = sample.payload().to_bytes();
             let (_, body) = wire::decode(&bytes).unwrap();
-            let mut heard = takes.lock().unwrap();
-            heard.0.push(body);
-            heard.1 += bytes.len();
+            let mut received = takes.lock().unwrap();
+            received.0.push(body);
+            received.1 += bytes.len();
         })
         .background()
         .wait()
         .unwrap();
-    heard
+    received
 }
 
 impl Watcher {
@@ -75,16 +75,16 @@ impl Watcher {
         let robot: RobotId = "scout".parse().unwrap();
         let (control, bulk) = (client(port), client(port + 1));
         Self {
-            status: hear(&control, Topic::Status.key(&robot)),
-            events: hear(&control, Topic::Event.key(&robot)),
-            scans: hear(&bulk, Topic::Scan.key(&robot)),
+            status: subscribe(&control, Topic::Status.key(&robot)),
+            events: subscribe(&control, Topic::Event.key(&robot)),
+            scans: subscribe(&bulk, Topic::Scan.key(&robot)),
             control,
             robot,
             _bulk: bulk,
         }
     }
 
-    fn look(&self, wants_scan: bool) {
+    fn send_view(&self, wants_scan: bool) {
         let header = Header {
             boot: BootId([9; 16]),
             seq: 0,
@@ -94,7 +94,7 @@ impl Watcher {
             rectangle_m: [-10.0, -10.0, 10.0, 10.0],
             layers: 1,
             revision: u64::MAX,
-            is_in_step: true,
+            is_synchronized: true,
             wants_scan,
         };
         let key = view_of(&self.robot, &"watcher".parse().unwrap());
@@ -103,14 +103,14 @@ impl Watcher {
     }
 
     /// Looks on until `found` says what was waited for.
-    fn until<T>(&self, what: &str, found: impl Fn(&Self) -> Option<T>) -> T {
+    fn wait_for<T>(&self, what: &str, found: impl Fn(&Self) -> Option<T>) -> T {
         let started = Monotonic::now();
         loop {
-            self.look(true);
+            self.send_view(true);
             if let Some(found) = found(self) {
                 return found;
             }
-            assert!(started.elapsed() < PATIENCE, "never saw: {what}");
+            assert!(started.elapsed() < TIMEOUT, "never saw: {what}");
             sleep(Duration::from_millis(100));
         }
     }
@@ -146,7 +146,7 @@ fn with_a_faulty_laser(folder: &Path) -> PathBuf {
         let since = measurement
             .stamp
             .since(*first.get_or_insert(measurement.stamp));
-        let at_s = if measurement.is_timeless() {
+        let at_s = if measurement.is_static_transform() {
             0.0
         } else {
             since.as_secs_f64()
@@ -177,12 +177,19 @@ fn a_laser_that_sees_nothing_and_falls_silent_is_told_of_in_the_recordings_own_t
     command
         .arg("replay")
         .arg(with_a_faulty_laser(folder.path()))
-        .args(["--rate", "2", "--stay", "--robot", "scout", "--listen"])
+        .args([
+            "--rate",
+            "2",
+            "--keep-serving",
+            "--robot",
+            "scout",
+            "--listen",
+        ])
         .arg(format!("tcp/127.0.0.1:{port}"));
     let _robot = Running::start(&mut command, "edge");
     let watcher = Watcher::of(port);
 
-    let info = watcher.until("info with what the first scan showed", |watcher| {
+    let info = watcher.wait_for("info with what the first scan showed", |watcher| {
         watcher.info().filter(|info| info.revision > 0)
     });
     assert!(!info.can_record && !info.is_boat);
@@ -205,29 +212,29 @@ fn a_laser_that_sees_nothing_and_falls_silent_is_told_of_in_the_recordings_own_t
     assert!((119.0..121.0).contains(&half_deg), "{view:?}");
     assert!(laser.mount.is_some());
 
-    let blind = watcher.until("blind", |watcher| watcher.event("sensor_invalid"));
+    let blind = watcher.wait_for("blind", |watcher| watcher.event("sensor_invalid"));
     assert_eq!(blind.message, "laser: measures nothing: covered or broken");
     assert_eq!(blind.severity, Severity::Warning);
-    let silent = watcher.until("silent", |watcher| watcher.event("sensor_silent"));
+    let silent = watcher.wait_for("silent", |watcher| watcher.event("sensor_silent"));
     assert!(
         silent.message.starts_with("laser: silent for 1."),
         "{}",
         silent.message
     );
     assert_eq!(silent.severity, Severity::Alarm);
-    let status = watcher.until("silent in the status", |watcher| {
+    let status = watcher.wait_for("silent in the status", |watcher| {
         let status = watcher.last_status()?;
         (status.sensors[0].fault == Some(SensorFault::Silent)).then_some(status)
     });
     assert_eq!(status.info_revision, info.revision);
     assert!(status.sensors[0].age_ms.unwrap() > 1_000, "{status:?}");
     assert_eq!(status.sensors[1].fault, None, "{status:?}");
-    let back = watcher.until("back", |watcher| watcher.event("sensor_back"));
+    let back = watcher.wait_for("back", |watcher| watcher.event("sensor_recovered"));
     assert_eq!(
         (back.message.as_str(), back.severity),
         ("laser: back", Severity::Info)
     );
-    let rate_hz = watcher.until("its rate again", |watcher| {
+    let rate_hz = watcher.wait_for("its rate again", |watcher| {
         let status = watcher.last_status()?;
         let laser = &status.sensors[0];
         (laser.fault.is_none() && laser.rate_hz > 9.0).then_some(laser.rate_hz)
@@ -243,7 +250,14 @@ fn what_an_operator_records_goes_on_after_a_kill_until_somebody_ends_it() {
     let port = free_port();
     let start = || {
         let mut command = program("robot-edge");
-        command.args(["simulate", "rooms", "--rate", "1", "--stay", "--quiet"]);
+        command.args([
+            "simulate",
+            "rooms",
+            "--rate",
+            "1",
+            "--keep-serving",
+            "--quiet",
+        ]);
         command.args(["--robot", "scout", "--recordings"]);
         command.arg(folder.path());
         command.args(["--listen", &format!("tcp/127.0.0.1:{port}")]);
@@ -258,7 +272,7 @@ fn what_an_operator_records_goes_on_after_a_kill_until_somebody_ends_it() {
     let watcher = Watcher::of(port);
     let mut anna = Operator::ready(&format!("tcp/127.0.0.1:{port}"), "scout", "anna");
     assert_eq!(anna.ask(&Setting::Recording(true)), Answer::Done);
-    let before = watcher.until("it records", is_running);
+    let before = watcher.wait_for("it records", is_running);
     edge.signal("KILL");
     drop((edge, anna, watcher));
     let file = folder.path().join(&before.file);
@@ -266,9 +280,9 @@ fn what_an_operator_records_goes_on_after_a_kill_until_somebody_ends_it() {
 
     let edge = start();
     let watcher = Watcher::of(port);
-    let after = watcher.until("it records again", is_running);
+    let after = watcher.wait_for("it records again", is_running);
     assert_ne!(after.file, before.file);
-    let event = watcher.until("an event that says so", |watcher| {
+    let event = watcher.wait_for("an event that says so", |watcher| {
         watcher.event("recording")
     });
     assert_eq!(
@@ -291,7 +305,7 @@ fn what_an_operator_records_goes_on_after_a_kill_until_somebody_ends_it() {
 
     let _edge = start();
     let watcher = Watcher::of(port);
-    let state = watcher.until("a status", |watcher| watcher.last_status()?.recording);
+    let state = watcher.wait_for("a status", |watcher| watcher.last_status()?.recording);
     assert_eq!((state.state, state.files), (RecordingState::Stopped, 0));
 }
 
@@ -305,7 +319,7 @@ fn a_simulated_robot_shows_its_sweeps_to_who_wants_them_and_records_for_operator
         "rooms",
         "--rate",
         "1",
-        "--stay",
+        "--keep-serving",
         "--robot",
         "scout",
         "--quiet",
@@ -318,7 +332,7 @@ fn a_simulated_robot_shows_its_sweeps_to_who_wants_them_and_records_for_operator
     let robot = Running::start(&mut command, "edge");
     let watcher = Watcher::of(port);
 
-    let scan = watcher.until("a sweep", |watcher| {
+    let scan = watcher.wait_for("a sweep", |watcher| {
         watcher.scans.lock().unwrap().0.last().cloned()
     });
     assert_eq!(scan.sensor, "laser");
@@ -335,7 +349,7 @@ fn a_simulated_robot_shows_its_sweeps_to_who_wants_them_and_records_for_operator
     // on top.
     let before = watcher.scans.lock().unwrap().1;
     let started = Monotonic::now();
-    watcher.until("four seconds", |_| {
+    watcher.wait_for("four seconds", |_| {
         (started.elapsed() > Duration::from_secs(4)).then_some(())
     });
     let taken_s = started.elapsed().as_secs_f64();
@@ -348,11 +362,11 @@ fn a_simulated_robot_shows_its_sweeps_to_who_wants_them_and_records_for_operator
     assert!(bytes > 2_000, "{bytes}");
 
     // Nobody wants them any more: the view says so, and none comes.
-    watcher.look(false);
+    watcher.send_view(false);
     sleep(Duration::from_millis(500));
     let before = watcher.scans.lock().unwrap().0.len();
     for _ in 0..5 {
-        watcher.look(false);
+        watcher.send_view(false);
         sleep(Duration::from_millis(300));
     }
     assert_eq!(watcher.scans.lock().unwrap().0.len(), before);
@@ -365,7 +379,7 @@ fn a_simulated_robot_shows_its_sweeps_to_who_wants_them_and_records_for_operator
     assert!(stopped.free_bytes.is_some());
     let mut anna = Operator::ready(&format!("tcp/127.0.0.1:{port}"), "scout", "anna");
     assert_eq!(anna.ask(&Setting::Recording(true)), Answer::Done);
-    let running = watcher.until("it records", |watcher| {
+    let running = watcher.wait_for("it records", |watcher| {
         let recording = watcher.last_status()?.recording?;
         let is_on = recording.state == RecordingState::Recording && recording.duration_s >= 1;
         (is_on && recording.bytes > 0).then_some(recording)
@@ -373,7 +387,7 @@ fn a_simulated_robot_shows_its_sweeps_to_who_wants_them_and_records_for_operator
     assert!(running.file.starts_with("scout-"), "{running:?}");
     assert_eq!((running.files, running.lost), (1, 0));
     assert_eq!(anna.ask(&Setting::Recording(false)), Answer::Done);
-    let stopped = watcher.until("it stopped", |watcher| {
+    let stopped = watcher.wait_for("it stopped", |watcher| {
         let recording = watcher.last_status()?.recording?;
         (recording.state == RecordingState::Stopped).then_some(recording)
     });

@@ -57,7 +57,7 @@ fn edge(link: &Namespaces, recording: &Path, rate: &str, options: &[&str]) -> Ru
     command.arg("replay").arg(recording).args([
         "--rate",
         rate,
-        "--stay",
+        "--keep-serving",
         "--insecure",
         "--robot",
         "scout",
@@ -81,7 +81,7 @@ fn console(link: &Namespaces, export: &Path, options: &[&str]) -> Command {
     command
 }
 
-/// Whether a console is in step, as it says so itself, and when.
+/// Whether a console is synchronized, as it says so itself, and when.
 struct Steps {
     child: Child,
     steps: Receiver<(Monotonic, bool)>,
@@ -99,7 +99,7 @@ impl Steps {
         let (sender, steps) = sync_channel(1000);
         thread::spawn(move || {
             for line in said.lines().map_while(Result::ok) {
-                if line.contains("is_in_step") {
+                if line.contains("is_synchronized") {
                     sender.send((Monotonic::now(), line.contains("true"))).ok();
                 }
             }
@@ -108,10 +108,10 @@ impl Steps {
     }
 
     /// When it next is what is asked for; `None` within a minute.
-    fn next(&self, is_in_step: bool) -> Option<Monotonic> {
+    fn next(&self, is_synchronized: bool) -> Option<Monotonic> {
         loop {
             match self.steps.recv_timeout(Duration::from_mins(1)) {
-                Ok((at, step)) if step == is_in_step => return Some(at),
+                Ok((at, step)) if step == is_synchronized => return Some(at),
                 Ok(_) => {}
                 Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => return None,
             }
@@ -195,7 +195,7 @@ fn steady_cost_while_mapping() {
     }
 }
 
-/// Seconds from the end of each cut until the console is in step.
+/// Seconds from the end of each cut until the console is synchronized.
 fn heal(seed: u64, cuts: usize, cut: Duration) -> Vec<f64> {
     let Some(link) = namespaces(seed) else {
         return Vec::new();
@@ -209,7 +209,7 @@ fn heal(seed: u64, cuts: usize, cut: Duration) -> Vec<f64> {
         &folder.path().join("export"),
         &["--for", "3600"],
     ));
-    assert!(steps.next(true).is_some(), "never in step");
+    assert!(steps.next(true).is_some(), "never synchronized");
     let mut healed = Vec::new();
     for _ in 0..cuts {
         sleep(Duration::from_secs(3));

@@ -13,7 +13,7 @@ use tempfile::{TempDir, tempdir};
 
 use super::emulator::on_terminal::EmulatorOnTerminal;
 use super::room::{Room, Speeds};
-use super::ros_system::{RosSystem, Speaks};
+use super::ros_system::{RosMiddleware, RosSystem};
 use crate::link::processes::{Running, free_port, program};
 
 const NAME: &str = "rover";
@@ -22,7 +22,7 @@ const NAME: &str = "rover";
 const AHEAD: Input = Input::of(0.3, 0.0);
 
 /// Nothing that is waited for takes longer.
-pub(super) const PATIENCE: Duration = Duration::from_mins(1);
+pub(super) const TIMEOUT: Duration = Duration::from_mins(1);
 
 /// A vehicle with one laser, in a room.
 pub(super) struct Rover {
@@ -80,7 +80,7 @@ impl Rover {
              drive = {{ track_width_m = 0.5, full_speed_mps = 1.0 }}\n",
             controller.path().display()
         );
-        let system = RosSystem::start(free_port(), Speaks::Rmw { domain: 0 });
+        let system = RosSystem::start(free_port(), RosMiddleware::Rmw { domain: 0 });
         let wheels = Arc::clone(&controller);
         let rover = Self::start(&motors, system, move || {
             let [left, right] = wheels.with(|emulator| emulator.motors());
@@ -88,10 +88,10 @@ impl Rover {
             [0.5 * (left + right), (right - left) / 0.5]
         });
         let mut anna = rover.operator();
-        anna.sets_off(AHEAD);
+        anna.start_driving(AHEAD);
         let started = Monotonic::now();
         anna.hold_until(AHEAD, || {
-            assert!(started.elapsed() < PATIENCE, "the motors never turn");
+            assert!(started.elapsed() < TIMEOUT, "the motors never turn");
             controller.with(|emulator| emulator.motors().iter().all(|&power| power > 0))
         });
         (rover, controller, anna)
@@ -100,7 +100,7 @@ impl Rover {
     /// Somebody who may drive, as soon as the motors are found.
     fn operator(&self) -> Operator {
         let operator = Operator::ready(&format!("tcp/127.0.0.1:{}", self.port), NAME, "anna");
-        operator.sees("ready", |teleop| teleop.state == TeleopState::Idle);
+        operator.wait_for_status("ready", |teleop| teleop.state == TeleopState::Idle);
         operator
     }
 }
@@ -115,7 +115,7 @@ impl Drop for Rover {
     }
 }
 
-/// As shipped, with its collision guard.
+/// As shipped, with its collision monitor.
 const VEHICLE: &str = "preset = \"generic2d\"\n";
 
 /// The process that guards the motors of `edge`.
@@ -142,12 +142,12 @@ fn an_operator_drives_real_motors_and_silence_stops_them() {
     let (_rover, controller, mut anna) = Rover::with_roboteq();
     // Not one more word.
     controller.assert_stops_for_good();
-    let stopped = anna.sees("stopped", |teleop| {
+    let stopped = anna.wait_for_status("stopped", |teleop| {
         matches!(teleop.state, TeleopState::Held | TeleopState::Idle)
     });
     assert!(stopped.applied.linear_mps.abs() < 1e-6, "{stopped:?}");
     // It drives again, and to let go is to stop.
-    anna.sets_off(AHEAD);
+    anna.start_driving(AHEAD);
     anna.hold(Input::NEUTRAL, PERIOD * 10);
     controller.assert_stops_for_good();
 }
@@ -174,7 +174,7 @@ fn motors_without_their_guard_stand_and_are_a_fault() {
     // The key stays down.
     anna.hold(AHEAD, Duration::from_secs(1));
     controller.assert_stops_for_good();
-    let status = anna.sees("a fault", |teleop| {
+    let status = anna.wait_for_status("a fault", |teleop| {
         matches!(teleop.state, TeleopState::Fault(_))
     });
     assert!(status.applied.linear_mps.abs() < 1e-6, "{status:?}");
@@ -192,46 +192,58 @@ fn an_emergency_stop_is_kept_where_systemd_says() {
 
 #[test]
 fn a_ros_system_is_told_velocities_and_zero_at_every_stop_and_at_the_end() {
-    for speaks in [Speaks::Rmw { domain: 0 }, Speaks::Bridge] {
-        let mut system = RosSystem::start(free_port(), speaks);
-        let heard = system.hears_twist("/bot/cmd_vel");
-        let moves = Arc::clone(&heard);
+    for ros_middleware in [RosMiddleware::Rmw { domain: 0 }, RosMiddleware::Bridge] {
+        let mut system = RosSystem::start(free_port(), ros_middleware);
+        let received = system.subscribe_twist("/bot/cmd_vel");
+        let moves = Arc::clone(&received);
         let motors = "[motors.ros2_twist]\ntopic = \"/bot/cmd_vel\"\n";
         let rover = Rover::start(motors, system, move || {
             let last = moves.lock().unwrap().last().copied();
             last.map_or([0.0, 0.0], |twist| [twist.linear_x, twist.angular_z])
         });
         let mut anna = rover.operator();
-        anna.sets_off(AHEAD);
-        let last = || heard.lock().unwrap().last().copied();
+        anna.start_driving(AHEAD);
+        let last = || received.lock().unwrap().last().copied();
         let started = Monotonic::now();
         anna.hold_until(AHEAD, || {
-            assert!(started.elapsed() < PATIENCE, "{speaks:?}: {:?}", last());
+            assert!(
+                started.elapsed() < TIMEOUT,
+                "{ros_middleware:?}: {:?}",
+                last()
+            );
             last().is_some_and(|twist| twist.linear_x > 0.1)
         });
         // Not one more word of the operator.
         let started = Monotonic::now();
         while !last().unwrap().is_zero() {
-            assert!(started.elapsed() < PATIENCE, "{speaks:?}: {:?}", last());
+            assert!(
+                started.elapsed() < TIMEOUT,
+                "{ros_middleware:?}: {:?}",
+                last()
+            );
             sleep(PERIOD);
         }
-        anna.sets_off(AHEAD);
+        anna.start_driving(AHEAD);
         rover.edge.signal("INT");
         let started = Monotonic::now();
         while !last().unwrap().is_zero() {
-            assert!(started.elapsed() < PATIENCE, "{speaks:?}: {:?}", last());
+            assert!(
+                started.elapsed() < TIMEOUT,
+                "{ros_middleware:?}: {:?}",
+                last()
+            );
             sleep(PERIOD);
         }
         sleep(PERIOD * 20);
-        let heard = heard.lock().unwrap();
-        assert!(heard.last().unwrap().is_zero());
+        let received = received.lock().unwrap();
+        assert!(received.last().unwrap().is_zero());
         assert!(
-            heard
+            received
                 .iter()
                 .all(|twist| twist.linear_x <= 0.31 && twist.angular_z.abs() < 1e-9)
         );
-        if speaks != Speaks::Bridge {
-            assert!(heard.is_sorted_by(|a, b| a.sequence < b.sequence));
+        if ros_middleware != RosMiddleware::Bridge {
+            assert!(received.is_sorted_by(|a, b| a.sequence < b.sequence));
         }
     }
 }

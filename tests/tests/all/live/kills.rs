@@ -10,8 +10,8 @@ use tempfile::tempdir;
 
 use super::restarts::{ZERO_WITHIN, kill_while_driving, table, zero_after};
 use super::service::Service;
-use crate::chance::Chance;
 use crate::link::processes::{Running, program};
+use crate::rng::SeededRng;
 
 /// What a recording may lose of its end, in scans of a tenth of a second: the last second, and what is on its way.
 const SCANS_LOST: u64 = 12;
@@ -39,15 +39,15 @@ fn scans_in(recording: &Path) -> Vec<u64> {
 fn kill_one_vehicle(count: usize, seed: u64) -> Vec<Duration> {
     let recording = |number: usize| format!("/var/lib/foreshore/{number}.mcap");
     let service = Service::new(&format!("--record {}", recording(0)));
-    let mut chance = Chance::new(seed);
+    let mut rng = SeededRng::new(seed);
     let mut times = Vec::new();
     for number in 0..count {
-        let mut anna = service.surroundings.sets_off(&service.controller);
+        let mut anna = service.live_rig.start_driving(&service.controller);
         let edge = service.manager.edge().unwrap();
         // A run of its own file each: what one recorded is judged when it has been killed.
         service.call_with(&format!("--record {}", recording(number + 1)));
-        let killed = kill_while_driving(edge, &mut anna, &mut chance);
-        let published = u64::from(service.surroundings.scans());
+        let killed = kill_while_driving(edge, &mut anna, &mut rng);
+        let published = u64::from(service.live_rig.scans());
         drop(anna);
         times.push(zero_after(&service.controller, killed));
 

@@ -14,11 +14,11 @@ use serde_json::Value;
 use tempfile::tempdir;
 use zenoh::Wait as _;
 
-use super::ros_system::{RosSystem, Speaks};
+use super::ros_system::{RosMiddleware, RosSystem};
 use crate::link::processes::{Running, free_port, program, rooms};
 
 /// Nothing that is waited for takes longer.
-const PATIENCE: Duration = Duration::from_mins(2);
+const TIMEOUT: Duration = Duration::from_mins(2);
 
 /// Ten times as fast as it was recorded.
 const RATE: u64 = 10;
@@ -71,7 +71,7 @@ fn await_scans(port: u16, scans: u64) {
     let started = Monotonic::now();
     let mut seen = 0;
     while seen < scans {
-        assert!(started.elapsed() < PATIENCE, "{seen} of {scans} scans");
+        assert!(started.elapsed() < TIMEOUT, "{seen} of {scans} scans");
         if let Ok(Some(sample)) = statuses.recv_timeout(Duration::from_secs(1)) {
             let (_, status): (_, Status) = wire::decode(&sample.payload().to_bytes()).unwrap();
             seen = status.scans_in;
@@ -80,14 +80,14 @@ fn await_scans(port: u16, scans: u64) {
 }
 
 /// Plays the recording to a live edge; its summary, and what it recorded itself makes, replayed.
-fn live(speaks: Speaks, spoil: bool) -> (Value, Value) {
+fn live(ros_middleware: RosMiddleware, spoil: bool) -> (Value, Value) {
     let folder = tempdir().unwrap();
     let (listen, ros) = (free_port(), free_port());
     let (path, recording) = (
         folder.path().join("live.json"),
         folder.path().join("live.mcap"),
     );
-    let mut system = RosSystem::start(ros, speaks);
+    let mut system = RosSystem::start(ros, ros_middleware);
     let messages = messages(&rooms());
     let mut types: BTreeMap<_, _> = BTreeMap::new();
     for message in &messages {
@@ -109,12 +109,12 @@ fn live(speaks: Speaks, spoil: bool) -> (Value, Value) {
         .arg(format!("tcp/127.0.0.1:{listen}"));
     command.arg("--summary").arg(&path);
     command.arg("--record").arg(&recording);
-    if let Speaks::Rmw { domain } = speaks {
+    if let RosMiddleware::Rmw { domain } = ros_middleware {
         command.env("ROS_DOMAIN_ID", domain.to_string());
     }
     let edge = Running::start(&mut command, "edge");
     for topic in ["/scan", "/tf", "/odom"] {
-        system.is_heard(topic);
+        system.wait_for_subscriber(topic);
     }
 
     let (began, first) = (Monotonic::now(), messages[0].log_time_ns);
@@ -156,7 +156,7 @@ fn live(speaks: Speaks, spoil: bool) -> (Value, Value) {
 #[test]
 fn rmw_zenoh_is_mapped_as_its_recording_is_and_garbage_is_counted() {
     let replayed = replayed();
-    let (live, again) = live(Speaks::Rmw { domain: 7 }, true);
+    let (live, again) = live(RosMiddleware::Rmw { domain: 7 }, true);
     assert_eq!(live["scans"], replayed["scans"]);
     assert_eq!(live["layers"], replayed["layers"]);
     assert_eq!(again["layers"], replayed["layers"]);
@@ -171,7 +171,7 @@ fn rmw_zenoh_is_mapped_as_its_recording_is_and_garbage_is_counted() {
 #[test]
 fn a_bridge_is_mapped_as_its_recording_is() {
     let replayed = replayed();
-    let (live, again) = live(Speaks::Bridge, false);
+    let (live, again) = live(RosMiddleware::Bridge, false);
     assert_eq!(live["scans"], replayed["scans"]);
     assert_eq!(live["layers"], replayed["layers"]);
     assert_eq!(again["layers"], replayed["layers"]);
@@ -181,7 +181,7 @@ fn a_bridge_is_mapped_as_its_recording_is() {
 fn a_router_that_is_restarted_is_found_again() {
     let (listen, ros) = (free_port(), free_port());
     let system = || {
-        let mut system = RosSystem::start(ros, Speaks::Rmw { domain: 0 });
+        let mut system = RosSystem::start(ros, RosMiddleware::Rmw { domain: 0 });
         system.announce("/scan", "sensor_msgs/msg/LaserScan");
         system
     };
@@ -207,7 +207,7 @@ fn a_router_that_is_restarted_is_found_again() {
         .arg("--listen")
         .arg(format!("tcp/127.0.0.1:{listen}"));
     let _edge = Running::start(&mut command, "edge");
-    first.is_heard("/scan");
+    first.wait_for_subscriber("/scan");
     let scans_in = |scans: u64| std::thread::spawn(move || await_scans(listen, scans));
     let seen = scans_in(10);
     let next = first.sweep_until(0, || seen.is_finished());
@@ -215,7 +215,7 @@ fn a_router_that_is_restarted_is_found_again() {
     drop(first);
     let mut second = system();
     let seen = scans_in(u64::from(next) + 10);
-    second.is_heard("/scan");
+    second.wait_for_subscriber("/scan");
     second.sweep_until(next, || seen.is_finished());
     seen.join().unwrap();
 }

@@ -1,6 +1,6 @@
 //! What is not there is said, with what is.
 
-use super::ros_system::{RosSystem, Speaks};
+use super::ros_system::{RosMiddleware, RosSystem};
 use crate::link::processes::{Running, free_port, program};
 
 /// Encapsulation and a `geometry_msgs/Twist` of zeros.
@@ -12,14 +12,14 @@ const TWIST: [u8; 52] = {
 
 #[test]
 fn a_sensor_that_is_missing_is_an_error_that_lists_what_there_is() {
-    let mut system = RosSystem::start(free_port(), Speaks::Rmw { domain: 0 });
+    let mut system = RosSystem::start(free_port(), RosMiddleware::Rmw { domain: 0 });
     system.announce("/bot/cmd_vel", "geometry_msgs/msg/Twist");
     system.announce("/bot/camera", "sensor_msgs/msg/Image");
     let mut command = program("robot-edge");
     command.args(["run", "--ros", &system.endpoint(), "--ros-domain", "0"]);
     command.args(["--no-network", "--quiet", "--wait", "4"]);
     let edge = Running::start(&mut command, "edge");
-    system.is_heard("/bot/cmd_vel");
+    system.wait_for_subscriber("/bot/cmd_vel");
     // Without a stamp of anybody's it happened when it was published.
     for _ in 0..3 {
         system.publish("/bot/cmd_vel", &TWIST);
@@ -30,7 +30,7 @@ fn a_sensor_that_is_missing_is_an_error_that_lists_what_there_is() {
         "no scans (sensor_msgs/LaserScan) came",
         "in 4 s, in domain 0 and from bridges, there were:",
         "/bot/cmd_vel (geometry_msgs/Twist): 3 messages",
-        "/bot/camera (sensor_msgs/Image): announced, not heard",
+        "/bot/camera (sensor_msgs/Image): announced, no messages received",
     ] {
         assert!(said.contains(words), "{said}");
     }
@@ -38,14 +38,15 @@ fn a_sensor_that_is_missing_is_an_error_that_lists_what_there_is() {
 
 #[test]
 fn a_domain_without_topics_says_so() {
-    let mut system = RosSystem::start(free_port(), Speaks::Rmw { domain: 3 });
+    let mut system = RosSystem::start(free_port(), RosMiddleware::Rmw { domain: 3 });
     system.announce("/scan", "sensor_msgs/msg/LaserScan");
     let mut command = program("robot-edge");
     command.args(["run", "--ros", &system.endpoint(), "--ros-domain", "0"]);
     command.args(["--no-network", "--quiet", "--wait", "1"]);
     let (code, said) = Running::start(&mut command, "edge").end();
     assert_eq!(code, Some(2), "{said}");
-    let words = "no topic was heard or announced in 1 s; does it run in domain 0 (--ros-domain)?";
+    let words =
+        "no topic was received or announced in 1 s; does it run in domain 0 (--ros-domain)?";
     assert!(said.contains(words), "{said}");
 }
 

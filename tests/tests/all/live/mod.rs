@@ -2,6 +2,7 @@
 
 mod driven;
 mod kills;
+mod live_rig;
 mod mapped;
 mod missing;
 mod notified;
@@ -10,7 +11,6 @@ mod room;
 mod ros_system;
 mod service;
 mod service_manager;
-mod surroundings;
 
 /// Loaded from the edge's own tests: an emulator is no part of a program that drives.
 #[path = "../../../../robot-edge/src/actuators/roboteq/emulator.rs"]

@@ -5,8 +5,8 @@ use std::os::unix::net::UnixDatagram;
 use std::thread::sleep;
 use std::time::Duration;
 
+use super::live_rig::LiveRig;
 use super::service_manager::{children, is_motor_guard};
-use super::surroundings::Surroundings;
 use crate::link::processes::{Running, program, rooms};
 
 /// What a service manager gets within a second.
@@ -22,14 +22,14 @@ fn notified(socket: &UnixDatagram) -> Vec<String> {
 
 #[test]
 fn rounds_of_the_loop_alone_feed_the_service_managers_watchdog() {
-    let (surroundings, _controller) = Surroundings::with_roboteq(|_| ());
-    let path = surroundings.folder().join("notify");
+    let (live_rig, _controller) = LiveRig::with_roboteq(|_| ());
+    let path = live_rig.folder().join("notify");
     let socket = UnixDatagram::bind(&path).unwrap();
     socket.set_nonblocking(true).unwrap();
-    let edge = surroundings.start_edge(|command| {
+    let edge = live_rig.start_edge(|command| {
         command.env("NOTIFY_SOCKET", &path);
     });
-    let _anna = surroundings.operator();
+    let _anna = live_rig.operator();
     let states = notified(&socket);
     assert_eq!(states[0], "READY=1", "{states:?}");
     assert!(

@@ -9,9 +9,9 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use super::emulator::Output;
 use super::emulator::on_terminal::EmulatorOnTerminal;
+use super::live_rig::{AHEAD, LiveRig, TIMEOUT};
 use super::service_manager::{children, is_motor_guard};
-use super::surroundings::{AHEAD, PATIENCE, Surroundings};
-use crate::chance::Chance;
+use crate::rng::SeededRng;
 
 /// Both motors stand so soon after the edge was killed.
 pub(super) const ZERO_WITHIN: Duration = Duration::from_millis(200);
@@ -31,8 +31,8 @@ pub(super) fn try_signal(pid: u32, signal: Signal) -> bool {
 }
 
 /// Drives on, and kills `edge` at a moment that nothing else decides; that moment.
-pub(super) fn kill_while_driving(edge: u32, anna: &mut Operator, chance: &mut Chance) -> Monotonic {
-    let due = Monotonic::now() + chance.millis(0, LONGEST_DRIVE_MS);
+pub(super) fn kill_while_driving(edge: u32, anna: &mut Operator, rng: &mut SeededRng) -> Monotonic {
+    let due = Monotonic::now() + rng.millis(0, LONGEST_DRIVE_MS);
     scope(|scope| {
         let killer = scope.spawn(|| {
             sleep_until(due, || false);
@@ -57,7 +57,7 @@ pub(super) fn zero_after(controller: &EmulatorOnTerminal, killed: Monotonic) -> 
             return at.since(killed);
         }
         assert!(
-            started.elapsed() < PATIENCE,
+            started.elapsed() < TIMEOUT,
             "the motors never stand: {:?}",
             outputs.last()
         );
@@ -78,19 +78,19 @@ pub(super) fn table(what: &str, times: &mut [Duration]) {
 }
 
 fn restarts_in_a_row(count: usize) {
-    let (surroundings, controller) = Surroundings::on_a_real_line();
-    let mut chance = Chance::new(count as u64);
-    let mut edge = surroundings.start_edge(|_| ());
+    let (live_rig, controller) = LiveRig::on_a_real_line();
+    let mut rng = SeededRng::new(count as u64);
+    let mut edge = live_rig.start_edge(|_| ());
     let mut times = Vec::new();
     for _ in 0..count {
         // It gets to drive, and has no fault before.
-        let mut anna = surroundings.sets_off(&controller);
-        let killed = kill_while_driving(edge.id(), &mut anna, &mut chance);
-        let next = surroundings.start_edge(|_| ());
+        let mut anna = live_rig.start_driving(&controller);
+        let killed = kill_while_driving(edge.id(), &mut anna, &mut rng);
+        let next = live_rig.start_edge(|_| ());
         times.push(zero_after(&controller, killed));
         edge = next;
     }
-    surroundings.sets_off(&controller);
+    live_rig.start_driving(&controller);
     table("both motors at zero after a kill", &mut times);
     assert!(times.iter().all(|time| *time < ZERO_WITHIN), "{times:?}");
 }
@@ -114,9 +114,9 @@ fn guard_of(edge: u32) -> u32 {
 
 #[test]
 fn a_stopped_guard_whose_edge_is_killed_goes_on_and_stops_both_motors() {
-    let (surroundings, controller) = Surroundings::on_a_real_line();
-    let edge = surroundings.start_edge(|_| ());
-    let _anna = surroundings.sets_off(&controller);
+    let (live_rig, controller) = LiveRig::on_a_real_line();
+    let edge = live_rig.start_edge(|_| ());
+    let _anna = live_rig.start_driving(&controller);
     let guard = guard_of(edge.id());
     signal(guard, Signal::STOP);
     let killed = Monotonic::now();
@@ -129,16 +129,16 @@ fn a_stopped_guard_whose_edge_is_killed_goes_on_and_stops_both_motors() {
 
 #[test]
 fn a_guard_that_hangs_and_was_left_behind_is_ended_by_the_next() {
-    let (surroundings, controller) = Surroundings::on_a_real_line();
+    let (live_rig, controller) = LiveRig::on_a_real_line();
     // It ends soon after its edge: it may be gone before it is stopped.
     for _ in 0..5 {
-        let edge = surroundings.start_edge(|_| ());
-        let _anna = surroundings.sets_off(&controller);
+        let edge = live_rig.start_edge(|_| ());
+        let _anna = live_rig.start_driving(&controller);
         let guard = guard_of(edge.id());
         drop(edge);
         if try_signal(guard, Signal::STOP) {
-            let _next = surroundings.start_edge(|_| ());
-            surroundings.sets_off(&controller);
+            let _next = live_rig.start_edge(|_| ());
+            live_rig.start_driving(&controller);
             assert!(!is_motor_guard(guard), "it is still there");
             return;
         }

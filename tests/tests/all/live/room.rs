@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use foreshore_tests::operator::{Input, PERIOD};
 use nalgebra::{Isometry2, UnitComplex, Vector2};
-use protocol::message::Guard;
+use protocol::message::CollisionMonitorState;
 use robot_edge::clock::{Monotonic, sleep_until};
 use robot_edge::measurement::{Measurement, MeasurementData, StreamId};
 use robot_edge::pose::planar;
@@ -13,7 +13,7 @@ use robot_edge::robot_time::RobotTime;
 use robot_edge::ros;
 use robot_edge::scan::Scan;
 
-use super::driven::{PATIENCE, Rover};
+use super::driven::{Rover, TIMEOUT};
 use super::ros_system::RosSystem;
 
 /// Where the walls are, metres from where the vehicle starts, which is along x.
@@ -124,8 +124,8 @@ fn real_motors_stop_before_a_wall_with_the_key_held() {
     let started = Monotonic::now();
     // On a busy machine it may stop for another reason on its way.
     while gap_m() > MARGIN_M + 0.2 {
-        assert!(started.elapsed() < PATIENCE, "{} m", gap_m());
-        anna.sets_off(fast);
+        assert!(started.elapsed() < TIMEOUT, "{} m", gap_m());
+        anna.start_driving(fast);
         anna.hold(fast, PERIOD * 25);
         anna.hold_until(fast, || stands() || gap_m() < 0.0);
     }
@@ -135,10 +135,13 @@ fn real_motors_stop_before_a_wall_with_the_key_held() {
     println!("{gap:.3} m are left");
     assert!((0.5 * MARGIN_M..MARGIN_M + 0.2).contains(&gap), "{gap} m");
     assert!(stands());
-    let status = anna.sees_anew();
-    assert!(matches!(status.guard, Guard::On(_)), "{status:?}");
+    let status = anna.wait_for_new_status();
+    assert!(
+        matches!(status.collision_monitor, CollisionMonitorState::On(_)),
+        "{status:?}"
+    );
     // Away from it the way is free.
-    anna.sets_off(Input::of(-0.3, 0.0));
+    anna.start_driving(Input::of(-0.3, 0.0));
     anna.hold(Input::of(-0.3, 0.0), PERIOD * 100);
     assert!(gap_m() > gap + 0.2, "{} m", gap_m());
 }

@@ -19,7 +19,7 @@ use zenoh::sample::Sample;
 use zenoh::{Session, Wait as _};
 
 /// Nothing that is waited for takes longer.
-const PATIENCE: Duration = Duration::from_mins(1);
+const TIMEOUT: Duration = Duration::from_mins(1);
 
 /// Of every type that is published alike: whoever listens must not look at it.
 const HASH: &str = "RIHS01_64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828";
@@ -31,7 +31,7 @@ const GID: [u8; 16] = *b"sixteen bytes...";
 
 /// How it speaks Zenoh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Speaks {
+pub(super) enum RosMiddleware {
     Rmw { domain: u32 },
     Bridge,
 }
@@ -40,7 +40,7 @@ pub(super) enum Speaks {
 pub(super) struct RosSystem {
     pub(super) port: u16,
     session: Session,
-    speaks: Speaks,
+    ros_middleware: RosMiddleware,
     topics: BTreeMap<String, Topic>,
     kept: Vec<Queryable<()>>,
     listeners: Vec<Subscriber<()>>,
@@ -56,7 +56,7 @@ pub(super) struct Twist {
 
 impl Twist {
     /// As `rmw_zenoh` reads it, which drops what has no attachment.
-    fn of(sample: &Sample, speaks: Speaks) -> Self {
+    fn of(sample: &Sample, ros_middleware: RosMiddleware) -> Self {
         let message = sample.payload().to_bytes();
         assert_eq!((message.len(), &message[..4]), (52, &[0, 1, 0, 0][..]));
         let number = |index: usize| {
@@ -64,9 +64,9 @@ impl Twist {
             f64::from_le_bytes(bytes.try_into().unwrap())
         };
         let attachment = sample.attachment().map(|bytes| bytes.to_bytes());
-        let sequence = match speaks {
-            Speaks::Rmw { .. } => Attachment::decode(&attachment.unwrap()).unwrap().sequence,
-            Speaks::Bridge => 0,
+        let sequence = match ros_middleware {
+            RosMiddleware::Rmw { .. } => Attachment::decode(&attachment.unwrap()).unwrap().sequence,
+            RosMiddleware::Bridge => 0,
         };
         for other in [1, 2, 3, 4] {
             assert_eq!(number(other).to_bits(), 0);
@@ -90,7 +90,7 @@ struct Topic {
 }
 
 impl RosSystem {
-    pub(super) fn start(port: u16, speaks: Speaks) -> Self {
+    pub(super) fn start(port: u16, ros_middleware: RosMiddleware) -> Self {
         let mut config = zenoh::Config::default();
         for (key, value) in [
             ("mode", "\"router\"".to_owned()),
@@ -103,7 +103,7 @@ impl RosSystem {
         Self {
             port,
             session: zenoh::open(config).wait().unwrap(),
-            speaks,
+            ros_middleware,
             topics: BTreeMap::new(),
             kept: Vec::new(),
             listeners: Vec::new(),
@@ -135,9 +135,9 @@ impl RosSystem {
     pub(super) fn keep(&mut self, topic: &str, type_name: &str, message: &[u8]) {
         let key = self.key(topic, type_name);
         let zid = self.session.zid();
-        let asked = match self.speaks {
-            Speaks::Rmw { .. } => format!("{key}/@adv/pub/{zid}/7/_"),
-            Speaks::Bridge => format!("@ros2_pub_cache/{zid}/{key}"),
+        let asked = match self.ros_middleware {
+            RosMiddleware::Rmw { .. } => format!("{key}/@adv/pub/{zid}/7/_"),
+            RosMiddleware::Bridge => format!("@ros2_pub_cache/{zid}/{key}"),
         };
         let message = message.to_vec();
         let queryable = self
@@ -152,11 +152,11 @@ impl RosSystem {
     }
 
     /// Waits until somebody listens to this topic.
-    pub(super) fn is_heard(&self, topic: &str) {
+    pub(super) fn wait_for_subscriber(&self, topic: &str) {
         let publisher = &self.topics[topic].publisher;
         let started = Monotonic::now();
         while !publisher.matching_status().wait().unwrap().matching() {
-            assert!(started.elapsed() < PATIENCE, "nobody listens to {topic}");
+            assert!(started.elapsed() < TIMEOUT, "nobody listens to {topic}");
             sleep(Duration::from_millis(20));
         }
     }
@@ -166,8 +166,8 @@ impl RosSystem {
         let to = self.topics.get_mut(topic).unwrap();
         to.sent += 1;
         let put = to.publisher.put(message);
-        let put = match self.speaks {
-            Speaks::Rmw { .. } => {
+        let put = match self.ros_middleware {
+            RosMiddleware::Rmw { .. } => {
                 let attachment = Attachment {
                     sequence: to.sent,
                     published: RobotTime::from_nanos(1),
@@ -175,25 +175,30 @@ impl RosSystem {
                 };
                 put.attachment(attachment.encode())
             }
-            Speaks::Bridge => put,
+            RosMiddleware::Bridge => put,
         };
         put.wait().unwrap();
     }
 
     /// A node listens to velocities; what it hears, in the order in which it comes.
-    pub(super) fn hears_twist(&mut self, topic: &str) -> Arc<Mutex<Vec<Twist>>> {
-        let heard = Arc::new(Mutex::new(Vec::new()));
+    pub(super) fn subscribe_twist(&mut self, topic: &str) -> Arc<Mutex<Vec<Twist>>> {
+        let received = Arc::new(Mutex::new(Vec::new()));
         let subscriber = self
             .session
             .declare_subscriber(self.key(topic, "geometry_msgs/msg/Twist"))
             .callback({
-                let (heard, speaks) = (Arc::clone(&heard), self.speaks);
-                move |sample| heard.lock().unwrap().push(Twist::of(&sample, speaks))
+                let (received, ros_middleware) = (Arc::clone(&received), self.ros_middleware);
+                move |sample| {
+                    received
+                        .lock()
+                        .unwrap()
+                        .push(Twist::of(&sample, ros_middleware))
+                }
             })
             .wait()
             .unwrap();
         self.listeners.push(subscriber);
-        heard
+        received
     }
 
     /// A laser at 10 Hz in the middle of a round room of 5 m, from scan number `from` on; the number of the next.
@@ -209,28 +214,28 @@ impl RosSystem {
 
     fn key(&self, topic: &str, type_name: &str) -> String {
         let bare = topic.trim_start_matches('/');
-        match self.speaks {
-            Speaks::Rmw { domain } => {
+        match self.ros_middleware {
+            RosMiddleware::Rmw { domain } => {
                 let hash = match type_name {
                     "geometry_msgs/msg/Twist" => TWIST_HASH,
                     _ => HASH,
                 };
                 format!("{domain}/{bare}/{}/{hash}", dds(type_name))
             }
-            Speaks::Bridge => bare.to_owned(),
+            RosMiddleware::Bridge => bare.to_owned(),
         }
     }
 
     fn token(&self, topic: &str, type_name: &str) -> String {
         let zid = self.session.zid();
-        match self.speaks {
-            Speaks::Rmw { domain } => format!(
+        match self.ros_middleware {
+            RosMiddleware::Rmw { domain } => format!(
                 "@ros2_lv/{domain}/{zid}/0/{}/MP/%/%/robot/{}/{}/{HASH}/1:2:1,10:,:,:,,",
                 self.topics.len() + 1,
                 topic.replace('/', "%"),
                 dds(type_name)
             ),
-            Speaks::Bridge => format!(
+            RosMiddleware::Bridge => format!(
                 "@/{zid}/@ros2_lv/MP/{}/{}/:::1,10",
                 topic.trim_start_matches('/').replace('/', "§"),
                 type_name.replace('/', "§")

@@ -12,9 +12,9 @@ use robot_edge::clock::Monotonic;
 use rustix::process::Signal;
 
 use super::emulator::on_terminal::EmulatorOnTerminal;
+use super::live_rig::{AHEAD, LiveRig, TIMEOUT};
 use super::restarts::{ZERO_WITHIN, signal, try_signal, zero_after};
 use super::service_manager::{ServiceManager, shipped_unit};
-use super::surroundings::{AHEAD, PATIENCE, Surroundings};
 
 const ENVIRONMENT: &str = "robot-edge.env";
 
@@ -22,24 +22,24 @@ const ENVIRONMENT: &str = "robot-edge.env";
 pub(super) struct Service {
     // Ends first: the others are what it needs.
     pub(super) manager: ServiceManager,
-    pub(super) surroundings: Surroundings,
+    pub(super) live_rig: LiveRig,
     pub(super) controller: EmulatorOnTerminal,
 }
 
 impl Service {
     /// The edge is started with these options besides.
     pub(super) fn new(options: &str) -> Self {
-        let (surroundings, controller) = Surroundings::on_a_real_line();
+        let (live_rig, controller) = LiveRig::on_a_real_line();
         // A pseudo-terminal belongs to whoever has opened it; a serial port to a group that the unit is in.
         fs::set_permissions(controller.path(), fs::Permissions::from_mode(0o666)).unwrap();
         let manager = ServiceManager::start(&[
-            ("rover.toml", surroundings.configuration()),
-            (ENVIRONMENT, &environment(&surroundings, options)),
+            ("rover.toml", live_rig.configuration()),
+            (ENVIRONMENT, &environment(&live_rig, options)),
         ]);
         manager.start_service();
         Self {
             manager,
-            surroundings,
+            live_rig,
             controller,
         }
     }
@@ -47,7 +47,7 @@ impl Service {
     /// From its next start on it is called with these options besides.
     pub(super) fn call_with(&self, options: &str) {
         let path = self.manager.path("/etc/foreshore").join(ENVIRONMENT);
-        fs::write(path, environment(&self.surroundings, options)).unwrap();
+        fs::write(path, environment(&self.live_rig, options)).unwrap();
     }
 
     fn sole_guard(&self) -> u32 {
@@ -60,13 +60,13 @@ impl Service {
 fn wait_until(what: &str, is_so: impl Fn() -> bool) {
     let started = Monotonic::now();
     while !is_so() {
-        assert!(started.elapsed() < PATIENCE, "waited in vain: {what}");
+        assert!(started.elapsed() < TIMEOUT, "waited in vain: {what}");
         sleep(PERIOD);
     }
 }
 
-fn environment(surroundings: &Surroundings, options: &str) -> String {
-    let arguments = surroundings.arguments(Path::new("/etc/foreshore/rover.toml"));
+fn environment(live_rig: &LiveRig, options: &str) -> String {
+    let arguments = live_rig.arguments(Path::new("/etc/foreshore/rover.toml"));
     format!("ROBOT_EDGE=\"{arguments} {options}\"\n")
 }
 
@@ -95,7 +95,7 @@ fn the_unit_signals_the_edge_alone_and_is_fed_by_its_loop() {
 #[ignore = "needs root and systemd"]
 fn systemd_restarts_an_edge_that_is_killed_and_both_motors_stand_long_before() {
     let service = Service::new("");
-    let _anna = service.surroundings.sets_off(&service.controller);
+    let _anna = service.live_rig.start_driving(&service.controller);
     let (edge, guard) = (service.manager.edge().unwrap(), service.sole_guard());
     let killed = Monotonic::now();
     signal(edge, Signal::KILL);
@@ -103,7 +103,7 @@ fn systemd_restarts_an_edge_that_is_killed_and_both_motors_stand_long_before() {
     println!("both motors at zero after {zero:?}");
     assert!(zero < ZERO_WITHIN, "{zero:?}");
     // It is started again, gets the port, and drives.
-    let _anna = service.surroundings.sets_off(&service.controller);
+    let _anna = service.live_rig.start_driving(&service.controller);
     assert_eq!(service.manager.property("NRestarts"), "1");
     assert_ne!(service.sole_guard(), guard);
 
@@ -119,7 +119,7 @@ fn systemd_restarts_an_edge_that_is_killed_and_both_motors_stand_long_before() {
 #[ignore = "needs root and systemd"]
 fn systemd_ends_and_restarts_an_edge_that_hangs() {
     let service = Service::new("");
-    let _anna = service.surroundings.sets_off(&service.controller);
+    let _anna = service.live_rig.start_driving(&service.controller);
     let edge = service.manager.edge().unwrap();
     let hangs = Monotonic::now();
     signal(edge, Signal::STOP);
@@ -133,7 +133,7 @@ fn systemd_ends_and_restarts_an_edge_that_hangs() {
         hangs.elapsed()
     );
     assert!(hangs.elapsed() < Duration::from_secs(5));
-    service.surroundings.sets_off(&service.controller);
+    service.live_rig.start_driving(&service.controller);
     assert_eq!(service.manager.property("NRestarts"), "1");
 }
 
@@ -141,26 +141,26 @@ fn systemd_ends_and_restarts_an_edge_that_hangs() {
 #[ignore = "needs root and systemd"]
 fn a_stop_at_the_vehicle_leaves_the_guard_even_where_all_processes_get_it() {
     let service = Service::new("");
-    let mut anna = service.surroundings.sets_off(&service.controller);
+    let mut anna = service.live_rig.start_driving(&service.controller);
     let guard = service.sole_guard();
     service
         .manager
         .control(&["kill", "--kill-whom=main", "--signal=SIGUSR2", "robot-edge"]);
     service.controller.assert_stops_for_good();
-    anna.sees("stopped", |teleop| teleop.state == TeleopState::EStop);
+    anna.wait_for_status("stopped", |teleop| teleop.state == TeleopState::EStop);
     service
         .manager
         .control(&["kill", "--kill-whom=main", "--signal=SIGUSR1", "robot-edge"]);
-    anna.sees("reset", |teleop| teleop.state != TeleopState::EStop);
-    anna.sets_off(AHEAD);
+    anna.wait_for_status("reset", |teleop| teleop.state != TeleopState::EStop);
+    anna.start_driving(AHEAD);
     for meant_for_the_edge in ["SIGUSR2", "SIGUSR1"] {
         service
             .manager
             .control(&["kill", "--signal", meant_for_the_edge, "robot-edge"]);
         sleep(PERIOD * 10);
     }
-    anna.sees("reset", |teleop| teleop.state != TeleopState::EStop);
-    anna.sets_off(AHEAD);
+    anna.wait_for_status("reset", |teleop| teleop.state != TeleopState::EStop);
+    anna.start_driving(AHEAD);
     assert_eq!(service.sole_guard(), guard);
 }
 
@@ -170,14 +170,14 @@ fn a_guard_that_hangs_and_was_left_behind_is_ended_by_the_next() {
     let service = Service::new("");
     // It ends soon after its edge: it may be gone before it is stopped.
     for _ in 0..5 {
-        let _anna = service.surroundings.sets_off(&service.controller);
+        let _anna = service.live_rig.start_driving(&service.controller);
         let (edge, guard) = (service.manager.edge().unwrap(), service.sole_guard());
         signal(edge, Signal::KILL);
         while Path::new(&format!("/proc/{edge}")).exists() {
             std::hint::spin_loop();
         }
         if try_signal(guard, Signal::STOP) {
-            service.surroundings.sets_off(&service.controller);
+            service.live_rig.start_driving(&service.controller);
             assert_ne!(service.sole_guard(), guard);
             return;
         }

@@ -16,7 +16,7 @@ use tempfile::{TempDir, tempdir};
 use crate::link::processes::program;
 
 /// Nothing that is waited for takes longer.
-const PATIENCE: Duration = Duration::from_mins(1);
+const TIMEOUT: Duration = Duration::from_mins(1);
 
 const UNIT: &str = "robot-edge.service";
 
@@ -105,7 +105,7 @@ impl ServiceManager {
                     return;
                 }
             }
-            assert!(started.elapsed() < PATIENCE, "systemd does not start");
+            assert!(started.elapsed() < TIMEOUT, "systemd does not start");
             sleep(Duration::from_millis(20));
         }
     }

@@ -12,10 +12,10 @@ use robot_edge::clock::Monotonic;
 use super::uninterrupted;
 
 /// Longer than anything here takes: only a hang meets it.
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Long enough to see that nothing comes.
-const A_WHILE: Duration = Duration::from_millis(150);
+const QUIET_PERIOD: Duration = Duration::from_millis(150);
 
 fn listener() -> (TcpListener, SocketAddr) {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
@@ -25,8 +25,8 @@ fn listener() -> (TcpListener, SocketAddr) {
 
 fn connect(address: SocketAddr) -> TcpStream {
     let stream = TcpStream::connect(address).unwrap();
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
-    stream.set_write_timeout(Some(PATIENCE)).unwrap();
+    stream.set_read_timeout(Some(TIMEOUT)).unwrap();
+    stream.set_write_timeout(Some(TIMEOUT)).unwrap();
     stream.set_nodelay(true).unwrap();
     stream
 }
@@ -37,8 +37,8 @@ fn connected() -> (Relay, TcpStream, TcpStream) {
     let relay = Relay::to(address).unwrap();
     let client = connect(relay.address());
     let (target, _) = listener.accept().unwrap();
-    target.set_read_timeout(Some(PATIENCE)).unwrap();
-    target.set_write_timeout(Some(PATIENCE)).unwrap();
+    target.set_read_timeout(Some(TIMEOUT)).unwrap();
+    target.set_write_timeout(Some(TIMEOUT)).unwrap();
     (relay, client, target)
 }
 
@@ -62,15 +62,15 @@ fn read(mut stream: &TcpStream, count: usize) -> Vec<u8> {
 
 /// Whether not a byte comes for a while.
 fn is_silent(stream: &TcpStream) -> bool {
-    stream.set_read_timeout(Some(A_WHILE)).unwrap();
+    stream.set_read_timeout(Some(QUIET_PERIOD)).unwrap();
     let outcome = uninterrupted(|| { stream }.read(&mut [0]));
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.set_read_timeout(Some(TIMEOUT)).unwrap();
     outcome.is_err_and(|err| err.kind() == ErrorKind::WouldBlock)
 }
 
 /// Writes until nobody takes more; returns how many bytes that were.
 fn fill(mut stream: &TcpStream) -> usize {
-    stream.set_write_timeout(Some(A_WHILE)).unwrap();
+    stream.set_write_timeout(Some(QUIET_PERIOD)).unwrap();
     let block = content(9, 1 << 16);
     let mut total = 0;
     while let Ok(count) = uninterrupted(|| stream.write(&block)) {
@@ -83,7 +83,7 @@ fn fill(mut stream: &TcpStream) -> usize {
 fn eventually(what: &str, is_true: impl Fn() -> bool) {
     let start = Monotonic::now();
     while !is_true() {
-        assert!(start.elapsed() < PATIENCE, "never: {what}");
+        assert!(start.elapsed() < TIMEOUT, "never: {what}");
         thread::sleep(Duration::from_millis(1));
     }
 }
@@ -175,10 +175,13 @@ fn a_stall_is_no_time_to_catch_up_in() {
         relay.bytes_forwarded(Direction::ToTarget) > 0
     });
     relay.stall().unwrap();
-    thread::sleep(2 * A_WHILE);
+    thread::sleep(2 * QUIET_PERIOD);
     relay.pass().unwrap();
     let forwarded = relay.bytes_forwarded(Direction::ToTarget);
-    let passing_s = start.elapsed().saturating_sub(2 * A_WHILE).as_secs_f64();
+    let passing_s = start
+        .elapsed()
+        .saturating_sub(2 * QUIET_PERIOD)
+        .as_secs_f64();
     assert!(
         forwarded as f64 <= RATE_BYTES_PER_S as f64 * passing_s + 1.0,
         "{forwarded} bytes in {passing_s} s"
@@ -265,7 +268,7 @@ fn a_cut_closes_refuses_and_heals() {
     for round in 1..=3 {
         let client = connect(relay.address());
         let (target, _) = listener.accept().unwrap();
-        target.set_read_timeout(Some(PATIENCE)).unwrap();
+        target.set_read_timeout(Some(TIMEOUT)).unwrap();
         (&client).write_all(b"hello").unwrap();
         assert_eq!(read(&target, 5), b"hello");
 

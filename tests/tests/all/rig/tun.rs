@@ -12,10 +12,10 @@ use robot_edge::clock::Monotonic;
 use super::{namespaces, uninterrupted};
 
 /// Longer than anything here takes: only a hang meets it.
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Long enough to see that nothing comes.
-const A_WHILE: Duration = Duration::from_millis(150);
+const QUIET_PERIOD: Duration = Duration::from_millis(150);
 
 /// IPv4 and UDP headers.
 const UDP_HEADERS_BYTES: u64 = 28;
@@ -29,7 +29,7 @@ fn sockets(link: &Namespaces) -> [UdpSocket; 2] {
     let sockets = Side::ALL.map(bind);
     for (side, socket) in Side::ALL.into_iter().zip(&sockets) {
         socket.connect((side.other().address(), 4000)).unwrap();
-        socket.set_read_timeout(Some(PATIENCE)).unwrap();
+        socket.set_read_timeout(Some(TIMEOUT)).unwrap();
     }
     sockets
 }
@@ -39,9 +39,9 @@ fn receive(socket: &UdpSocket, packet: &mut [u8]) {
 }
 
 fn is_silent(socket: &UdpSocket) -> bool {
-    socket.set_read_timeout(Some(A_WHILE)).unwrap();
+    socket.set_read_timeout(Some(QUIET_PERIOD)).unwrap();
     let outcome = uninterrupted(|| socket.recv(&mut [0; 2000]));
-    socket.set_read_timeout(Some(PATIENCE)).unwrap();
+    socket.set_read_timeout(Some(TIMEOUT)).unwrap();
     outcome.is_err_and(|err| err.kind() == ErrorKind::WouldBlock)
 }
 
@@ -54,7 +54,7 @@ fn arrived(link: &Namespaces, side: Side, packets: u64) -> Traffic {
             traffic.delivered,
             traffic.lost,
             traffic.overflowed,
-            traffic.swallowed,
+            traffic.blackholed,
             traffic.refused,
         ];
         let (done_packets, done_bytes) = done
@@ -65,7 +65,7 @@ fn arrived(link: &Namespaces, side: Side, packets: u64) -> Traffic {
             assert_eq!(traffic.sent.bytes, done_bytes, "{traffic:?}");
             return traffic;
         }
-        assert!(start.elapsed() < PATIENCE, "{traffic:?}");
+        assert!(start.elapsed() < TIMEOUT, "{traffic:?}");
         thread::sleep(Duration::from_millis(1));
     }
 }
@@ -224,7 +224,7 @@ fn tcp_comes_through_whole() {
             drop(client);
         });
         let mut received = Vec::new();
-        server.set_read_timeout(Some(PATIENCE)).unwrap();
+        server.set_read_timeout(Some(TIMEOUT)).unwrap();
         server.read_to_end(&mut received).unwrap();
         assert!(received == content);
     });
@@ -259,8 +259,8 @@ fn a_blackhole_passes_nothing_and_ends() {
     near.send(b"into it").unwrap();
     far.send(b"the other way").unwrap();
     assert!(is_silent(&far) && is_silent(&near));
-    assert_eq!(arrived(&link, Side::A, 2).swallowed.packets, 2);
-    assert_eq!(arrived(&link, Side::B, 1).swallowed.packets, 1);
+    assert_eq!(arrived(&link, Side::A, 2).blackholed.packets, 2);
+    assert_eq!(arrived(&link, Side::B, 1).blackholed.packets, 1);
 
     link.set_both(Conditions::default()).unwrap();
     near.send(b"healed").unwrap();

@@ -20,11 +20,19 @@ use crate::link::processes::{Running, free_port, program};
 /// A simulated robot with the fleet's keys, and an audit log.
 pub(super) fn robot(fleet: &Fleet, how: &str, port: u16) -> Running {
     let mut command = program("robot-edge");
-    command.args(["simulate", "rooms", "--rate", "1", "--stay", "--quiet", how]);
+    command.args([
+        "simulate",
+        "rooms",
+        "--rate",
+        "1",
+        "--keep-serving",
+        "--quiet",
+        how,
+    ]);
     command.arg(format!("quic/127.0.0.1:{port}"));
     command.arg("--keys").arg(fleet.vehicle());
     let audit = fleet.scratch("audit.jsonl");
-    command.args(["--set", &format!("link.audit=\"{}\"", audit.display())]);
+    command.args(["--set", &format!("link.audit_log=\"{}\"", audit.display())]);
     Running::start(&mut command, "edge")
 }
 
@@ -67,7 +75,7 @@ fn nothing_that_was_changed_moves_the_vehicle(fleet: &Fleet, port: u16) {
     let (mut anna, bert) = (operator(fleet, "anna", port), operator(fleet, "bert", port));
     anna.take_lease();
     anna.hold(Input::NEUTRAL, NEUTRAL);
-    let before = anna.sees("at rest", |teleop| teleop.state == TeleopState::Held);
+    let before = anna.wait_for_status("at rest", |teleop| teleop.state == TeleopState::Held);
     let count = |teleop: &TeleopStatus, why| refused(teleop, why) - refused(&before, why);
     let signature = |expected: u64| {
         move |teleop: &TeleopStatus| refused(teleop, Refusal::Signature) >= expected
@@ -87,7 +95,7 @@ fn nothing_that_was_changed_moves_the_vehicle(fleet: &Fleet, port: u16) {
         anna.put(message);
         // Another epoch or number is refused for itself where it cannot be right.
         if n == 0 || n == 3 {
-            anna.sees("refused", signature(start + n as u64 / 3 + 1));
+            anna.wait_for_status("refused", signature(start + n as u64 / 3 + 1));
         }
     }
     // A re-stamped one: an older command with the newest token.
@@ -95,9 +103,9 @@ fn nothing_that_was_changed_moves_the_vehicle(fleet: &Fleet, port: u16) {
     std::thread::sleep(Duration::from_millis(100));
     let newer = anna.signed(&ON);
     old[18..34].copy_from_slice(&newer[18..34]);
-    let signatures = refused(&anna.sees("shown", |_| true), Refusal::Signature);
+    let signatures = refused(&anna.wait_for_status("shown", |_| true), Refusal::Signature);
     anna.put(old);
-    anna.sees("re-stamped refused", signature(signatures + 1));
+    anna.wait_for_status("re-stamped refused", signature(signatures + 1));
 
     // A re-addressed one: for another robot, and from another operator's key.
     let stamp = anna.stamp();
@@ -107,11 +115,11 @@ fn nothing_that_was_changed_moves_the_vehicle(fleet: &Fleet, port: u16) {
         operator: &anna.name,
     };
     anna.put(sign(&anna.key, route, &stamp, &ON).unwrap());
-    anna.sees("that for another robot refused", signature(signatures + 2));
+    anna.wait_for_status("that for another robot refused", signature(signatures + 2));
     let message = anna.signed(&ON);
     bert.put(message.clone());
     let told = |teleop: &TeleopStatus| refused(teleop, Refusal::NotHolder) > 0;
-    bert.sees("that of another operator refused", told);
+    bert.wait_for_status("that of another operator refused", told);
     // In Bert's own name, signed by him, and put where Anna's are: access control has it, and nobody hears of it.
     let key = operator_key(anna.robot(), &anna.name, OperatorTopic::Drive);
     bert.session().put(key, message).wait().unwrap();
@@ -127,7 +135,7 @@ fn nothing_that_was_changed_moves_the_vehicle(fleet: &Fleet, port: u16) {
     let answer: Answer = protocol::wire::decode(&bytes).unwrap().1;
     assert_eq!(answer, Answer::Refused(Refusal::Signature));
 
-    let after = anna.sees("shown", |teleop| count(teleop, Refusal::Signature) >= 5);
+    let after = anna.wait_for_status("shown", |teleop| count(teleop, Refusal::Signature) >= 5);
     assert!(after.applied.angular_radps.abs() < 1e-6, "{after:?}");
     assert!(after.requested.angular_radps.abs() < 1e-6, "{after:?}");
 
@@ -135,8 +143,8 @@ fn nothing_that_was_changed_moves_the_vehicle(fleet: &Fleet, port: u16) {
     anna.take_lease();
     anna.hold(Input::NEUTRAL, NEUTRAL);
     let last = anna.hold(TURN, Duration::from_secs(1));
-    anna.sees("driving", |teleop| teleop.applied.angular_radps > 0.3);
-    let stopped = anna.sees("stopped", |teleop| teleop.state != TeleopState::Driving);
+    anna.wait_for_status("driving", |teleop| teleop.applied.angular_radps > 0.3);
+    let stopped = anna.wait_for_status("stopped", |teleop| teleop.state != TeleopState::Driving);
     let accepted = stopped.counters.accepted;
     let all =
         |teleop: &TeleopStatus| -> u64 { teleop.counters.refused.iter().map(|of| of.count).sum() };
@@ -148,7 +156,7 @@ fn nothing_that_was_changed_moves_the_vehicle(fleet: &Fleet, port: u16) {
             anna.put(last.clone());
             std::thread::sleep(Duration::from_millis(5));
         }
-        after = anna.sees_anew();
+        after = anna.wait_for_new_status();
     }
     assert_eq!(after.counters.accepted, accepted);
     anna.session().close().wait().unwrap();
@@ -183,14 +191,14 @@ fn who_is_taken_off_the_list_drives_no_more_at_once_and_all_is_written_down() {
     anna.take_lease();
     anna.hold(Input::NEUTRAL, NEUTRAL);
     anna.hold(TURN, Duration::from_secs(1));
-    anna.sees("driving", |teleop| teleop.applied.angular_radps > 0.3);
+    anna.wait_for_status("driving", |teleop| teleop.applied.angular_radps > 0.3);
 
     // A broken list changes nothing.
     let path = fleet.vehicle().join("operators.toml");
     let whole = text(&path);
     fs::write(&path, &whole[..whole.len() - 30]).unwrap();
     anna.hold(TURN, Duration::from_millis(1500));
-    anna.sees("driving still", |teleop| teleop.applied.angular_radps > 0.3);
+    anna.wait_for_status("driving still", |teleop| teleop.applied.angular_radps > 0.3);
 
     let entry = whole.find("\n[[person]]\nname = \"anna\"").unwrap();
     let next = entry + 1 + whole[entry + 1..].find("\n[[person]]").unwrap();
@@ -201,7 +209,7 @@ fn who_is_taken_off_the_list_drives_no_more_at_once_and_all_is_written_down() {
     // She goes on pressing the key.
     anna.hold(TURN, Duration::from_millis(1500));
     let revoked = StopReason::LeaseEnded(LeaseEnd::Revoked);
-    let status = bert.sees("revoked", |teleop| {
+    let status = bert.wait_for_status("revoked", |teleop| {
         teleop.last_stop == Some(revoked) && teleop.state == TeleopState::Idle
     });
     assert_eq!(status.lease.holder, None);

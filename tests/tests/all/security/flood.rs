@@ -123,7 +123,14 @@ fn a_stranger_who_knocks_a_hundred_times_a_second_keeps_nobody_out() {
         assert!(loaded.success(), "package nftables");
     }
     let mut edge = lan.within("v", program("robot-edge").get_program());
-    edge.args(["simulate", "rooms", "--rate", "1", "--stay", "--quiet"]);
+    edge.args([
+        "simulate",
+        "rooms",
+        "--rate",
+        "1",
+        "--keep-serving",
+        "--quiet",
+    ]);
     edge.args(["--listen", &format!("quic/{VEHICLE}:{PORT}"), "--keys"]);
     edge.arg(&vehicle);
     let mut edge = Running::start(&mut edge, "edge");

@@ -10,9 +10,9 @@ use std::thread::{scope, sleep};
 use robot_edge::clock::Monotonic;
 use robot_edge::credentials::Credentials;
 
-use crate::chance::Chance;
 use crate::fleet::{Fleet, text};
 use crate::link::processes::program;
+use crate::rng::SeededRng;
 
 /// Every file of a folder.
 fn contents(folder: &Path) -> BTreeMap<String, String> {
@@ -96,7 +96,7 @@ fn whoever_looks_finds_all_of_the_old_keys_or_all_of_the_new_whenever_a_run_is_k
     let whole_run = started.elapsed();
     let whole = [contents(&one), contents(&two)];
     let (is_over, looks) = (AtomicBool::new(false), AtomicU64::new(0));
-    let mut chance = Chance::new(1);
+    let mut rng = SeededRng::new(1);
     let mut found = BTreeSet::new();
     scope(|scope| {
         scope.spawn(|| {
@@ -113,7 +113,7 @@ fn whoever_looks_finds_all_of_the_old_keys_or_all_of_the_new_whenever_a_run_is_k
         let mut killed = 0;
         for run in 0..100 {
             let mut installing = install(if run % 2 == 0 { &two } else { &one });
-            sleep(whole_run.mul_f64(chance.millis(0, 1000).as_secs_f64()));
+            sleep(whole_run.mul_f64(rng.millis(0, 1000).as_secs_f64()));
             killed += u32::from(installing.try_wait().unwrap().is_none());
             drop(installing.kill());
             installing.wait().unwrap();

@@ -18,7 +18,7 @@ use super::router;
 use crate::fleet::Fleet;
 use crate::link::processes::free_port;
 
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 /// What the vehicle sends by itself.
 const TOLD: [&str; 7] = [
@@ -56,7 +56,7 @@ impl Vehicle {
             listen: listen.to_vec(),
             connect: connect.to_vec(),
             credentials: Some(credentials),
-            people,
+            operators: people,
             ..Endpoints::default()
         };
         let session = sessions::open(Side::Edge, Channel::Control, &endpoints).unwrap();
@@ -93,7 +93,7 @@ impl Vehicle {
 fn until(what: &str, is_so: impl Fn() -> bool) {
     let started = Monotonic::now();
     while !is_so() {
-        assert!(started.elapsed() < PATIENCE, "never: {what}");
+        assert!(started.elapsed() < TIMEOUT, "never: {what}");
         sleep(Duration::from_millis(5));
     }
 }
@@ -108,7 +108,7 @@ pub(super) fn person(fleet: &Fleet, name: &str, port: u16) -> Session {
     loop {
         match sessions::open(Side::Console, Channel::Control, &endpoints) {
             Ok(session) => return session,
-            Err(why) => assert!(started.elapsed() < PATIENCE, "{name}: {why}"),
+            Err(why) => assert!(started.elapsed() < TIMEOUT, "{name}: {why}"),
         }
     }
 }
@@ -149,7 +149,7 @@ fn sent(vehicle: &Vehicle, sessions: &[(&str, Session)]) -> usize {
             let full = format!("foreshore/scout/{key}");
             session.put(full.clone(), "x").wait().unwrap();
             session.delete(full.clone()).wait().unwrap();
-            let replies = session.get(full).timeout(PATIENCE).wait().unwrap();
+            let replies = session.get(full).timeout(TIMEOUT).wait().unwrap();
             answers.push((key, replies));
         }
         // Elsewhere than at this vehicle.
@@ -168,7 +168,7 @@ fn sent(vehicle: &Vehicle, sessions: &[(&str, Session)]) -> usize {
                 cells += 1;
             }
             if may(name, "GET", &key) {
-                let reply = replies.recv_timeout(PATIENCE).unwrap().expect(&key);
+                let reply = replies.recv_timeout(TIMEOUT).unwrap().expect(&key);
                 assert!(reply.result().is_ok(), "{name} asks {key}");
             }
         }
@@ -241,7 +241,7 @@ fn declared(vehicle: &Vehicle, sessions: &[(&str, Session)]) -> usize {
         let found = session
             .liveliness()
             .get(key)
-            .timeout(PATIENCE)
+            .timeout(TIMEOUT)
             .wait()
             .unwrap();
         found.iter().any(|reply| reply.result().is_ok())
@@ -266,7 +266,7 @@ fn declared(vehicle: &Vehicle, sessions: &[(&str, Session)]) -> usize {
         let (_, other) = sessions.iter().find(|(other, _)| other != name).unwrap();
         let replies = other
             .get("foreshore/scout/info")
-            .timeout(PATIENCE)
+            .timeout(TIMEOUT)
             .wait()
             .unwrap();
         let replies: Vec<_> = replies.iter().collect();

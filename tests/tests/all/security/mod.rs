@@ -8,9 +8,9 @@ mod commands;
 mod flood;
 mod installing;
 mod matrix;
-mod newer_list;
+mod operator_list_update;
 mod secured_link;
-mod strangers;
 #[cfg(target_os = "linux")]
 mod udp_swallowed;
+mod unauthorized_peers;
 mod unlisted;

@@ -9,7 +9,7 @@ use zenoh::{Config, Session, Wait as _};
 
 use crate::fleet::{Fleet, text};
 
-const PATIENCE: Duration = Duration::from_mins(1);
+const TIMEOUT: Duration = Duration::from_mins(1);
 
 /// Starts a router with the generated file, of which only the addresses are changed.
 pub(super) fn start(fleet: &Fleet, port: u16) -> Session {
@@ -26,7 +26,7 @@ pub(super) fn start(fleet: &Fleet, port: u16) -> Session {
     loop {
         match zenoh::open(Config::from_file(&path).unwrap()).wait() {
             Ok(session) => return session,
-            Err(why) => assert!(started.elapsed() < PATIENCE, "{why}"),
+            Err(why) => assert!(started.elapsed() < TIMEOUT, "{why}"),
         }
         sleep(Duration::from_millis(100));
     }

@@ -35,7 +35,7 @@ fn a_console_with_keys_gets_the_map_by_quic_and_tls() {
     let port = free_port();
     let mut edge = program("robot-edge");
     edge.arg("replay").arg(rooms());
-    edge.args(["--rate", "20", "--stay", "--listen"]);
+    edge.args(["--rate", "20", "--keep-serving", "--listen"]);
     edge.arg(format!("quic/127.0.0.1:{port}"));
     edge.arg("--keys").arg(fleet.vehicle());
     edge.arg("--export").arg(fleet.scratch("edge"));
@@ -58,7 +58,12 @@ fn a_console_with_keys_drives_under_its_own_name() {
     let endpoint = format!("quic/127.0.0.1:{}", free_port());
     let mut edge = program("robot-edge");
     edge.args([
-        "simulate", "rooms", "--quiet", "--stay", "--listen", &endpoint,
+        "simulate",
+        "rooms",
+        "--quiet",
+        "--keep-serving",
+        "--listen",
+        &endpoint,
     ]);
     let _edge = Running::start(edge.arg("--keys").arg(fleet.vehicle()), "edge");
     let script = fleet.scratch("drive.txt");
@@ -89,7 +94,7 @@ fn a_script_of_an_observer_is_refused_before_it_waits_for_anybody() {
             String::from_utf8(ended.stderr).unwrap(),
         )
     };
-    let words = "You watch: observers neither drive nor stop the vehicle";
+    let words = "Observers neither drive nor stop the vehicle";
     let (code, said) = said_to("tv");
     assert!(code == Some(2) && said.contains(words), "{code:?}: {said}");
     for name in ["anna", "sam"] {
@@ -107,7 +112,7 @@ fn open(side: Side, fleet: &Fleet, endpoint: String) -> Session {
         listen,
         connect,
         credentials: Some(Credentials::open(&folder).unwrap()),
-        people: OperatorList::read(&fleet.vehicle().join("operators.toml")).unwrap(),
+        operators: OperatorList::read(&fleet.vehicle().join("operators.toml")).unwrap(),
         ..Endpoints::default()
     };
     sessions::open(side, Channel::Control, &endpoints).unwrap()

@@ -22,7 +22,7 @@ use crate::fleet::Fleet;
 use crate::link::processes::{Running, free_port, program};
 
 /// Longer than any of this takes.
-const PATIENCE: Duration = Duration::from_mins(1);
+const TIMEOUT: Duration = Duration::from_mins(1);
 /// The head start of QUIC, twice where the robot has to be looked for first, and a machine that is busy with other tests.
 const UP_WITHIN: Duration = Duration::from_secs(6);
 /// From the first silence to the first message by another way. Nothing is given up before 4 s of silence.
@@ -41,7 +41,7 @@ impl Networked {
     fn start() -> Self {
         let (fleet, port) = (Fleet::new(), free_port());
         let mut edge = program("robot-edge");
-        edge.args(["simulate", "rooms", "--quiet", "--stay", "--listen"]);
+        edge.args(["simulate", "rooms", "--quiet", "--keep-serving", "--listen"]);
         edge.arg(format!("quic/127.0.0.1:{port}"));
         let edge = Running::start(edge.arg("--keys").arg(fleet.vehicle()), "edge");
         // QUIC is listened for before TLS, and a robot that is not up yet answers neither.
@@ -77,7 +77,7 @@ impl Networked {
 
     /// Datagrams of a console that were swallowed.
     fn swallowed(&self) -> u64 {
-        self.udp.traffic(Direction::ToTarget).swallowed.packets
+        self.udp.traffic(Direction::ToTarget).blackholed.packets
     }
 
     fn endpoint(&self) -> String {
@@ -97,7 +97,7 @@ impl Networked {
         let settings = ModelSettings {
             robot: "scout".parse().unwrap(),
             session: BootId([9; 16]),
-            store_mb: 64,
+            tile_store_mb: 64,
             layers: [LayerId::Occupancy].into(),
         };
         let endpoints = Endpoints {
@@ -118,7 +118,7 @@ fn takes(what: &str, is_so: impl Fn() -> bool) -> Duration {
 fn takes_or_says(what: impl Fn() -> String, is_so: impl Fn() -> bool) -> Duration {
     let started = Monotonic::now();
     while !is_so() {
-        assert!(started.elapsed() < PATIENCE, "not {}", what());
+        assert!(started.elapsed() < TIMEOUT, "not {}", what());
         sleep(Duration::from_millis(5));
     }
     started.elapsed()
@@ -141,7 +141,7 @@ fn a_console_drives_by_tls_and_says_so() {
     console.args(["--headless", "drive", "--script"]);
     let started = Monotonic::now();
     let mut console = Running::start(console.arg(script), "console");
-    console.says("lease held");
+    console.wait_for_output("lease held");
     let took = started.elapsed();
     let said = console.ends_well();
     println!(
@@ -160,14 +160,17 @@ fn a_map_comes_by_tls_and_the_window_is_told() {
     let network = Networked::without_udp();
     let session = network.session();
     let live = takes("live", || is_live(&session));
-    let in_step = live + takes("in step", || session.model().is_in_step(Monotonic::now()));
+    let in_step = live
+        + takes("synchronized", || {
+            session.model().is_synchronized(Monotonic::now())
+        });
     takes("told", || goes_by(&session, Transport::TlsInstead));
     let cells = session
         .model()
         .map()
         .store()
         .cells_known(LayerId::Occupancy);
-    println!("live after {live:?}, in step after {in_step:?} with {cells} cells");
+    println!("live after {live:?}, synchronized after {in_step:?} with {cells} cells");
     assert!(cells > 100, "{cells}");
     assert!(live < UP_WITHIN, "{live:?}");
 }

@@ -13,11 +13,18 @@ use super::matrix;
 use crate::fleet::{Fleet, text};
 use crate::link::processes::{Running, free_port, program};
 
-const PATIENCE: Duration = Duration::from_mins(1);
+const TIMEOUT: Duration = Duration::from_mins(1);
 
 fn robot(fleet: &Fleet, endpoint: &str) -> Running {
     let mut command = program("robot-edge");
-    command.args(["simulate", "rooms", "--rate", "1", "--stay", "--quiet"]);
+    command.args([
+        "simulate",
+        "rooms",
+        "--rate",
+        "1",
+        "--keep-serving",
+        "--quiet",
+    ]);
     command.args(["--listen", endpoint, "--keys"]);
     Running::start(command.arg(fleet.vehicle()), "edge")
 }
@@ -29,7 +36,7 @@ fn wait_until(fleet: &Fleet, endpoint: &str, is_expected: impl Fn(&AddressState)
     let discovery = Discovery::start(asked, false, None, Some(keys), || {});
     let started = Monotonic::now();
     while !is_expected(&discovery.asked()[endpoint]) {
-        assert!(started.elapsed() < PATIENCE, "{:?}", discovery.asked());
+        assert!(started.elapsed() < TIMEOUT, "{:?}", discovery.asked());
         sleep(Duration::from_millis(10));
     }
 }
@@ -52,7 +59,7 @@ fn who_is_not_on_the_list_is_told_so_and_is_let_in_without_a_restart_once_they_a
     wait_until(
         &fleet,
         &endpoint,
-        |state| matches!(state, AddressState::Untold { robot, .. } if robot.as_str() == "scout"),
+        |state| matches!(state, AddressState::AccessDenied { robot, .. } if robot.as_str() == "scout"),
     );
     let mut console = program("operator-console");
     console.args(["--headless", "--timeout", "8", "--robot", "scout"]);
@@ -63,10 +70,10 @@ fn who_is_not_on_the_list_is_told_so_and_is_let_in_without_a_restart_once_they_a
     assert_eq!(code, Some(1), "{said}");
     let first = format!("looking for robot scout at {endpoint}\n");
     assert!(said.starts_with(&first), "{said}");
-    let why = format!("scout answers at {endpoint} but tells you nothing: it does not have you");
+    let why = format!("scout answers at {endpoint} but denies access: you are not on");
     // While it is waited for, and at the end.
     assert_eq!(said.matches(&why).count(), 2, "{said}");
-    assert!(!said.contains("nobody answers"), "{said}");
+    assert!(!said.contains("no answer"), "{said}");
 
     let written = Monotonic::now();
     fs::write(&list, &with_carl).unwrap();

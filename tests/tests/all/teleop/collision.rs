@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use foreshore_tests::operator::{Input, NEUTRAL, Operator};
 use nalgebra::{Point3, Quaternion, UnitQuaternion, Vector2, Vector3};
-use protocol::message::{Answer, Clamp, Guard, Setting, TeleopState};
+use protocol::message::{Answer, Clamp, CollisionMonitorState, Setting, TeleopState};
 use robot_edge::simulation::World;
 use robot_edge::simulation::scene::Scene;
 use zenoh::Wait as _;
@@ -40,14 +40,17 @@ fn before_a_wall_it_stops_by_itself_with_the_key_held() {
     let robot = Robot::start();
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
     // Across the corridor, which is 3 m wide.
-    anna.sets_off(Input::of(0.0, 0.8));
+    anna.start_driving(Input::of(0.0, 0.8));
     anna.hold(Input::of(0.0, 0.8), Duration::from_millis(1600));
     anna.hold(Input::of(0.6, 0.0), Duration::from_secs(6));
-    let status = anna.sees("stopped by the guard", |teleop| {
-        teleop.clamp == Some(Clamp::Guard) && teleop.applied.linear_mps.abs() < 1e-3
+    let status = anna.wait_for_status("stopped by the collision monitor", |teleop| {
+        teleop.clamp == Some(Clamp::CollisionMonitor) && teleop.applied.linear_mps.abs() < 1e-3
     });
     assert_eq!(status.state, TeleopState::Driving, "the key is still down");
-    assert!(matches!(status.guard, Guard::On(_)), "{status:?}");
+    assert!(
+        matches!(status.collision_monitor, CollisionMonitorState::On(_)),
+        "{status:?}"
+    );
     anna.hold(Input::of(0.6, 0.0), Duration::from_secs(1));
     let gap = gap_m(&anna);
     // Noise of the laser on either side of the margin.
@@ -65,13 +68,14 @@ fn the_guard_is_switched_off_and_on_by_whoever_drives() {
     let robot = Robot::start();
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
     anna.take_lease();
-    assert!(anna.sees_anew().settings.guard);
-    assert_eq!(anna.ask(&Setting::Guard(false)), Answer::Done);
-    let off = anna.sees("off", |teleop| !teleop.settings.guard);
-    assert_eq!(off.guard, Guard::Off);
-    assert_eq!(anna.ask(&Setting::Guard(true)), Answer::Done);
-    anna.sees("on", |teleop| {
-        teleop.settings.guard && matches!(teleop.guard, Guard::On(_))
+    assert!(anna.wait_for_new_status().settings.collision_monitor);
+    assert_eq!(anna.ask(&Setting::CollisionMonitor(false)), Answer::Done);
+    let off = anna.wait_for_status("off", |teleop| !teleop.settings.collision_monitor);
+    assert_eq!(off.collision_monitor, CollisionMonitorState::Off);
+    assert_eq!(anna.ask(&Setting::CollisionMonitor(true)), Answer::Done);
+    anna.wait_for_status("on", |teleop| {
+        teleop.settings.collision_monitor
+            && matches!(teleop.collision_monitor, CollisionMonitorState::On(_))
     });
 }
 
@@ -81,15 +85,19 @@ fn the_guard_is_on_for_the_next_driver_whoever_switched_it_off() {
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
     let mut bert = Operator::ready(&robot.endpoint(), NAME, "bert");
     anna.take_lease();
-    assert_eq!(anna.ask(&Setting::Guard(false)), Answer::Done);
-    anna.sets_off(CIRCLE);
-    anna.sees("driving without", |teleop| teleop.guard == Guard::Off);
+    assert_eq!(anna.ask(&Setting::CollisionMonitor(false)), Answer::Done);
+    anna.start_driving(CIRCLE);
+    anna.wait_for_status("driving without", |teleop| {
+        teleop.collision_monitor == CollisionMonitorState::Off
+    });
     // She is cut off, and the lease ends.
     anna.session().close().wait().unwrap();
-    bert.sees("free", |teleop| teleop.lease.holder.is_none());
+    bert.wait_for_status("free", |teleop| teleop.lease.holder.is_none());
     bert.take_lease();
-    bert.sees("guarded", |teleop| {
+    bert.wait_for_status("guarded", |teleop| {
         let is_his = teleop.lease.holder.as_ref() == Some(&bert.name);
-        is_his && teleop.settings.guard && teleop.guard != Guard::Off
+        is_his
+            && teleop.settings.collision_monitor
+            && teleop.collision_monitor != CollisionMonitorState::Off
     });
 }

@@ -11,7 +11,7 @@ use robot_edge::clock::Monotonic;
 
 use super::drive::ROUND;
 use super::robot::{CIRCLE, LIMITS, NAME, Robot};
-use crate::chance::Chance;
+use crate::rng::SeededRng;
 
 /// Long enough for a console to reconnect, which it tries twice a second.
 const HELD_ON: Duration = Duration::from_millis(1200);
@@ -22,15 +22,15 @@ const HELD_ON: Duration = Duration::from_millis(1200);
 pub(super) fn cut_while_driving(
     robot: &Robot,
     driver: &mut Operator,
-    chance: &mut Chance,
+    rng: &mut SeededRng,
     cuts: usize,
     (cut, pass): (impl Fn(), impl Fn()),
 ) -> Vec<Stop> {
     let mut outages = Vec::new();
     for _ in 0..cuts {
-        driver.sets_off(CIRCLE);
+        driver.start_driving(CIRCLE);
         let [before, outage] =
-            [(100, 900), (50, 3000)].map(|(least, most)| chance.millis(least, most));
+            [(100, 900), (50, 3000)].map(|(least, most)| rng.millis(least, most));
         let is_over = AtomicBool::new(false);
         scope(|scope| {
             scope.spawn(|| driver.hold_until(CIRCLE, || is_over.load(Ordering::Relaxed)));
@@ -50,7 +50,7 @@ pub(super) fn cut_while_driving(
         // Commands are as old as the cut at least: an edge that reckoned wrongly would be seen here.
         let late = cut_at + LIMITS.max_age + NEUTRAL;
         let rounds = log.during(late, passed);
-        let moves = rounds.iter().find(|round| !round.stands());
+        let moves = rounds.iter().find(|round| !round.is_stopped());
         assert_eq!(moves, None, "cut at {cut_at:?}");
     }
     verdict.stops
@@ -62,7 +62,7 @@ fn cut_tcp_while_driving(seed: u64, cuts: usize) -> Vec<Stop> {
     let relay = Relay::to(([127, 0, 0, 1], robot.port).into()).unwrap();
     let mut anna = Operator::ready(&relay.endpoint(), NAME, "anna");
     let link = (|| relay.cut().unwrap(), || relay.pass().unwrap());
-    cut_while_driving(&robot, &mut anna, &mut Chance::new(seed), cuts, link)
+    cut_while_driving(&robot, &mut anna, &mut SeededRng::new(seed), cuts, link)
 }
 
 /// Stops for age, and how much later than they should be.

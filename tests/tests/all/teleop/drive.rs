@@ -16,7 +16,7 @@ pub(super) fn while_driving(
     driver: &mut Operator,
     attack: impl FnOnce(),
 ) -> (Monotonic, Monotonic) {
-    driver.sets_off(CIRCLE);
+    driver.start_driving(CIRCLE);
     let is_over = AtomicBool::new(false);
     scope(|scope| {
         scope.spawn(|| driver.hold_until(CIRCLE, || is_over.load(Ordering::Relaxed)));

@@ -69,7 +69,7 @@ fn measure_locally(world: &'static str) {
     let (idle, load) = (Monotonic::now(), robot.edge.processor_s());
     sleep(Duration::from_secs(20));
     let load = (robot.edge.processor_s() - load) / idle.elapsed().as_secs_f64();
-    anna.sets_off(PRESSED.0);
+    anna.start_driving(PRESSED.0);
     let driven = Monotonic::now();
     press_and_let_go(&mut anna);
     let (log, over) = (robot.log(), Monotonic::now());
@@ -80,7 +80,7 @@ fn measure_locally(world: &'static str) {
     let (latencies, without_effect) = latencies(world, &log, &anna.journal);
     let nobody = Lateness::of(&format!("{world}, nobody drives"), &log, (idle, driven));
     let somebody = Lateness::of(&format!("{world}, somebody drives"), &log, (driven, over));
-    let status = anna.sees_anew();
+    let status = anna.wait_for_new_status();
     println!(
         "{world}: {} involuntary stops",
         status.counters.involuntary_stops

@@ -35,7 +35,7 @@ impl OperatorProcess {
             .arg(journal)
             .args(["0,0,0.4", &format!("{linear_mps},{angular_radps},600")]);
         let mut running = Running::start(&mut command, name);
-        running.says("holds the lease");
+        running.wait_for_output("holds the lease");
         Self {
             running,
             journal: journal.to_owned(),
@@ -56,12 +56,12 @@ fn stands_by(at: Monotonic) -> Monotonic {
 fn stood(log: &DriveLog, from: Monotonic, to: Monotonic) -> &[Round] {
     let rounds = log.during(from, to);
     assert!(!rounds.is_empty());
-    assert_eq!(rounds.iter().find(|round| !round.stands()), None);
+    assert_eq!(rounds.iter().find(|round| !round.is_stopped()), None);
     rounds
 }
 
-fn drives(witness: &Operator) {
-    witness.sees("driving", |teleop| {
+fn drives(observer: &Operator) {
+    observer.wait_for_status("driving", |teleop| {
         teleop.state == TeleopState::Driving && teleop.applied.angular_radps > 0.8
     });
 }
@@ -74,11 +74,11 @@ fn an_operators_process_that_is_killed_stops_the_vehicle_and_frees_it() {
     drives(&bert);
     anna.running.signal("KILL");
     let killed = Monotonic::now();
-    let idle = bert.sees("idle", |teleop| teleop.state == TeleopState::Idle);
+    let idle = bert.wait_for_status("idle", |teleop| teleop.state == TeleopState::Idle);
     assert_eq!(idle.last_stop, Some(StopReason::Age));
     assert_eq!(idle.lease.holder, None);
     stood(&robot.log(), stands_by(killed), Monotonic::now());
-    bert.sets_off(CIRCLE);
+    bert.start_driving(CIRCLE);
     robot.verdict(&[&anna.journal(), &bert.journal]);
 }
 
@@ -86,8 +86,8 @@ fn an_operators_process_that_is_killed_stops_the_vehicle_and_frees_it() {
 fn an_operators_process_that_hangs_stops_the_vehicle_until_a_new_press() {
     let (robot, folder) = (Robot::start(), tempdir().unwrap());
     let anna = OperatorProcess::start(&robot.endpoint(), "anna", &folder.path().join("a.csv"));
-    let witness = Operator::ready(&robot.endpoint(), NAME, "witness");
-    drives(&witness);
+    let observer = Operator::ready(&robot.endpoint(), NAME, "observer");
+    drives(&observer);
     anna.running.signal("STOP");
     let stopped = Monotonic::now();
     sleep(HANG);
@@ -110,7 +110,7 @@ fn an_operators_process_that_hangs_stops_the_vehicle_until_a_new_press() {
 fn an_edge_that_hangs_stands_when_it_wakes() {
     let robot = Robot::start();
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
-    anna.sets_off(CIRCLE);
+    anna.start_driving(CIRCLE);
     let is_over = AtomicBool::new(false);
     let (stopped, woken) = scope(|scope| {
         scope.spawn(|| anna.hold_until(CIRCLE, || is_over.load(Ordering::Relaxed)));
@@ -130,7 +130,7 @@ fn an_edge_that_hangs_stands_when_it_wakes() {
     // The first round as well: what waited for it is too old, and the ramp has long been due.
     let from = woken + Duration::from_nanos(1);
     stood(&log, from, Monotonic::now());
-    anna.sets_off(CIRCLE);
+    anna.start_driving(CIRCLE);
     robot.verdict(&[&anna.journal]);
 }
 
@@ -138,23 +138,23 @@ fn an_edge_that_hangs_stands_when_it_wakes() {
 fn an_edge_that_is_killed_and_comes_back_knows_nobody() {
     let mut robot = Robot::start();
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
-    anna.sets_off(CIRCLE);
+    anna.start_driving(CIRCLE);
     anna.hold(CIRCLE, NEUTRAL);
     robot.edge.signal("KILL");
     anna.hold(CIRCLE, NEUTRAL);
     robot.verdict(&[&anna.journal]);
     let last = robot.log().rounds.pop().unwrap();
-    assert!(!last.stands(), "it was killed as it drove: {last:?}");
+    assert!(!last.is_stopped(), "it was killed as it drove: {last:?}");
 
     robot.restart();
     anna.hold(CIRCLE, Duration::from_secs(4));
     let log = robot.log();
     let rounds = stood(&log, last.at, Monotonic::now());
     assert!(rounds.len() > 50 && rounds.iter().all(|round| round.seq.is_none()));
-    let teleop = anna.sees_anew();
+    let teleop = anna.wait_for_new_status();
     assert_eq!(teleop.lease.holder, None);
     assert!(!teleop.counters.refused.is_empty(), "it did hear her");
-    anna.sets_off(CIRCLE);
+    anna.start_driving(CIRCLE);
     robot.verdict(&[&anna.journal]);
 }
 
@@ -163,7 +163,7 @@ fn router(port: u16) -> Running {
     let mut command = program("drive-by-wire");
     command.args(["route", &format!("tcp/127.0.0.1:{port}")]);
     let mut router = Running::start(&mut command, "router");
-    router.says("routes");
+    router.wait_for_output("routes");
     router
 }
 
@@ -174,7 +174,7 @@ fn a_router_that_hangs_or_dies_stops_the_vehicle_until_a_new_press() {
     let robot = Robot::start_with(port, &["--connect", &format!("tcp/127.0.0.1:{port}")]);
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
     for does_die in [false, true] {
-        anna.sets_off(CIRCLE);
+        anna.start_driving(CIRCLE);
         let is_over = AtomicBool::new(false);
         let broken = scope(|scope| {
             scope.spawn(|| anna.hold_until(CIRCLE, || is_over.load(Ordering::Relaxed)));
@@ -195,6 +195,6 @@ fn a_router_that_hangs_or_dies_stops_the_vehicle_until_a_new_press() {
         });
         stood(&robot.log(), stands_by(broken), Monotonic::now());
     }
-    anna.sets_off(CIRCLE);
+    anna.start_driving(CIRCLE);
     robot.verdict(&[&anna.journal]);
 }

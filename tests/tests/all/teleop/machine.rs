@@ -140,7 +140,7 @@ fn a_full_disk_stops_neither_driving_nor_an_emergency_stop() {
     let listen = format!("tcp/127.0.0.1:{port}");
     let [state, recording] = ["state", "recording.mcap"].map(|name| disk.path(name));
     let [state, recording] = [&state, &recording].map(|path| path.to_str().unwrap());
-    let options = ["--listen", &listen, "--state", state];
+    let options = ["--listen", &listen, "--state-dir", state];
     let mut robot = Robot::start_with(port, &[&options[..], &["--record", recording]].concat());
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
     let drive = while_driving(&mut anna, || {
@@ -157,13 +157,13 @@ fn a_full_disk_stops_neither_driving_nor_an_emergency_stop() {
         panic!("{answer:?}")
     };
     anna.hold(CIRCLE, MEANWHILE);
-    assert!(robot.log().rounds.last().unwrap().stands());
+    assert!(robot.log().rounds.last().unwrap().is_stopped());
     robot.verdict(&[&anna.journal]);
     robot.edge.signal("KILL");
     drop(robot);
 
     let robot = Robot::start_with(port, &options);
     let bert = Operator::ready(&robot.endpoint(), NAME, "bert");
-    let found = bert.sees("stopped", |teleop| teleop.state == TeleopState::EStop);
+    let found = bert.wait_for_status("stopped", |teleop| teleop.state == TeleopState::EStop);
     assert_eq!(found.estop.map(|estop| estop.number), Some(number));
 }

@@ -7,13 +7,13 @@ use std::time::Duration;
 
 use foreshore_tests::drive_log::Round;
 use foreshore_tests::operator::{Input, Operator};
-use protocol::message::{Guard, SensorFault};
+use protocol::message::{CollisionMonitorState, SensorFault};
 use tempfile::tempdir;
 
 use super::robot::{NAME, Robot};
 use crate::link::processes::{free_port, program};
 
-/// `teleop.guard.open_mps` and `creep_mps` of the boat's preset.
+/// `teleop.collision_monitor.no_return_speed_mps` and `creep_mps` of the boat's preset.
 const OPEN_MPS: f64 = 1.5;
 const CREEP_MPS: f64 = 0.3;
 
@@ -58,17 +58,27 @@ fn out_of_reach_of_every_shore_it_goes_at_its_stated_speed_until_its_laser_is_co
     let folder = tempdir().unwrap();
     let world = lake(folder.path(), 5000.0, "laser_covered_s = [20.0, 1e6]");
     let (robot, mut anna, bert) = boat(world);
-    anna.sets_off(AHEAD);
-    let open_mps = Cell::new(0.0_f64);
-    anna.hold_until(AHEAD, || match bert.teleop().map(|teleop| teleop.guard) {
-        Some(Guard::On(limits)) => {
-            open_mps.set(open_mps.get().max(limits.forward_mps.into()));
-            false
+    anna.start_driving(AHEAD);
+    let no_return_speed_mps = Cell::new(0.0_f64);
+    anna.hold_until(AHEAD, || {
+        match bert.teleop().map(|teleop| teleop.collision_monitor) {
+            Some(CollisionMonitorState::On(limits)) => {
+                no_return_speed_mps.set(no_return_speed_mps.get().max(limits.forward_mps.into()));
+                false
+            }
+            Some(CollisionMonitorState::UnknownSpace(_)) => no_return_speed_mps.get() > 0.0,
+            Some(
+                CollisionMonitorState::Silent
+                | CollisionMonitorState::Off
+                | CollisionMonitorState::Stale,
+            )
+            | None => false,
         }
-        Some(Guard::Blind(_)) => open_mps.get() > 0.0,
-        Some(Guard::Silent | Guard::Off | Guard::Stale) | None => false,
     });
-    assert!((open_mps.get() - OPEN_MPS).abs() < 1e-6, "{open_mps:?}");
+    assert!(
+        (no_return_speed_mps.get() - OPEN_MPS).abs() < 1e-6,
+        "{no_return_speed_mps:?}"
+    );
     let log = robot.log();
     let fastest_mps = fastest_mps(&log.rounds);
     assert!(
@@ -88,7 +98,7 @@ fn among_shores_a_laser_that_is_covered_is_a_fault_of_the_sensor() {
     let folder = tempdir().unwrap();
     let world = lake(folder.path(), -6.0, "laser_covered_s = [12.0, 1e6]");
     let (robot, mut anna, bert) = boat(world);
-    anna.sets_off(AHEAD);
+    anna.start_driving(AHEAD);
     let fault = || {
         let sensors = bert.sensors();
         let laser = sensors.into_iter().find(|sensor| sensor.name == "laser")?;

@@ -14,9 +14,9 @@ use robot_edge::clock::Monotonic;
 use super::cuts::{Promptness, cut_while_driving};
 use super::drive::{drove, while_driving};
 use super::robot::{CIRCLE, LIMITS, NAME, Robot, refused};
-use crate::chance::Chance;
 use crate::fleet::Fleet;
 use crate::link::processes::free_port;
+use crate::rng::SeededRng;
 
 /// A robot with keys, and a link to it that is a relay.
 struct Secured {
@@ -53,7 +53,7 @@ impl Secured {
     }
 
     /// Somebody whose link is as good as can be.
-    fn witness(&self) -> Operator {
+    fn observer(&self) -> Operator {
         let endpoint = format!("quic/127.0.0.1:{}", self.robot.port);
         Operator::with_keys(&endpoint, NAME, &self.fleet.person("bert"))
     }
@@ -87,7 +87,7 @@ fn cut_quic_while_driving(seed: u64, cuts: usize) -> Vec<Stop> {
     cut_while_driving(
         &secured.robot,
         &mut anna,
-        &mut Chance::new(seed),
+        &mut SeededRng::new(seed),
         cuts,
         link,
     )
@@ -116,9 +116,9 @@ fn two_hundred_cuts_of_quic() {
 fn what_a_stalled_quic_link_delivers_moves_nothing() {
     let secured = Secured::start(2);
     let mut anna = secured.operator("anna");
-    let witness = secured.witness();
+    let observer = secured.observer();
     let late = || {
-        let status = witness.sees_anew();
+        let status = observer.wait_for_new_status();
         [Refusal::TooOld, Refusal::UnknownToken, Refusal::TooMany]
             .map(|reason| refused(&status, reason))
             .iter()
@@ -137,12 +137,15 @@ fn what_a_stalled_quic_link_delivers_moves_nothing() {
     });
     let log = secured.robot.log();
     let from = stalled + LIMITS.max_age + NEUTRAL;
-    let moves = log.during(from, ended).iter().find(|round| !round.stands());
+    let moves = log
+        .during(from, ended)
+        .iter()
+        .find(|round| !round.is_stopped());
     assert_eq!(moves, None, "the key was held all the time");
     let late = late() - before;
     println!("{late} commands came too late");
     assert!(late > 20, "{late}");
-    anna.sets_off(CIRCLE);
+    anna.start_driving(CIRCLE);
     secured.robot.verdict(&[&anna.journal]);
 }
 
@@ -178,6 +181,6 @@ fn whatever_is_done_to_datagrams_moves_nothing() {
     drove("datagrams attacked", &secured.robot.log(), drive);
     println!("{:?}", secured.relay.traffic(Direction::ToTarget));
     secured.relay.set_both(Conditions::default()).unwrap();
-    anna.sets_off(CIRCLE);
+    anna.start_driving(CIRCLE);
     secured.robot.verdict(&[&anna.journal]);
 }

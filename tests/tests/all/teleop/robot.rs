@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-use foreshore_tests::drive_log::{DriveLog, Limits, Verdict, judge};
+use foreshore_tests::drive_log::{DriveLog, Evaluation, Limits, evaluate};
 use foreshore_tests::operator::{Input, Journal};
 use protocol::message::{Refusal, TeleopStatus};
 use tempfile::{TempDir, tempdir};
@@ -67,7 +67,14 @@ impl Robot {
                 .args(edge.get_args())
                 .env_remove("RUST_LOG")
                 .env_remove("ZENOH_CONFIG")
-                .args(["simulate", world, "--rate", "1", "--stay", "--quiet"])
+                .args([
+                    "simulate",
+                    world,
+                    "--rate",
+                    "1",
+                    "--keep-serving",
+                    "--quiet",
+                ])
                 .args(["--robot", NAME, "--drive-log"])
                 .arg(log);
             change(&mut command);
@@ -108,9 +115,9 @@ impl Robot {
     }
 
     /// Judges what the motors were told so far, by the journals of everybody who drove.
-    pub(super) fn verdict(&self, journals: &[&Journal]) -> Verdict {
-        let verdict = judge(&self.log(), journals, &LIMITS);
-        verdict.is_faultless();
+    pub(super) fn verdict(&self, journals: &[&Journal]) -> Evaluation {
+        let verdict = evaluate(&self.log(), journals, &LIMITS);
+        verdict.assert_no_faults();
         assert!(verdict.moving_rounds > 0, "it never moved");
         verdict
     }

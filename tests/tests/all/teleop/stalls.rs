@@ -52,14 +52,14 @@ fn stall_while_driving(held: Held, stall: Duration) -> Late {
     let relay = Relay::to(([127, 0, 0, 1], robot.port).into()).unwrap();
     let mut anna = Operator::ready(&relay.endpoint(), NAME, "anna");
     // Sees through the stall.
-    let witness = Operator::ready(&robot.endpoint(), NAME, "witness");
+    let observer = Operator::ready(&robot.endpoint(), NAME, "observer");
     let stale = || {
-        let status = witness.sees_anew();
+        let status = observer.wait_for_new_status();
         let of = |reason| refused(&status, reason);
         let too_old = of(Refusal::TooOld) + of(Refusal::UnknownToken);
         (too_old, of(Refusal::TooMany))
     };
-    anna.sets_off(CIRCLE);
+    anna.start_driving(CIRCLE);
     let before = stale();
     let is_over = AtomicBool::new(false);
     let stalled = scope(|scope| {
@@ -92,10 +92,13 @@ fn stall_while_driving(held: Held, stall: Duration) -> Late {
     let end = Monotonic::now();
     // Stopped by the stall, and by nothing that came afterwards set in motion again, though the key was held.
     let late = stalled + super::robot::LIMITS.max_age + NEUTRAL;
-    let moves = log.during(late, end).iter().find(|round| !round.stands());
+    let moves = log
+        .during(late, end)
+        .iter()
+        .find(|round| !round.is_stopped());
     assert_eq!(moves, None, "{held:?} {stall:?}");
     let after = stale();
-    anna.sets_off(CIRCLE);
+    anna.start_driving(CIRCLE);
     robot.verdict(&[&anna.journal]);
     Late {
         too_old: after.0 - before.0,

@@ -89,8 +89,7 @@ mod tests {
 
     #[test]
     fn a_folder_that_could_not_be_opened_says_so_below_its_button() {
-        let why =
-            "Nothing on this computer opens folders. This one is /home/anna/maps/scout-2026-01-01";
+        let why = "No file manager on this computer. This one is /home/anna/maps/scout-2026-01-01";
         let progress = ExportProgress {
             folder: "/home/anna/maps/scout-2026-01-01".into(),
             files: 1,

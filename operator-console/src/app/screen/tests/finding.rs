@@ -14,14 +14,15 @@ fn without_a_robot_the_screen_says_how_to_get_one() {
             "Type an address",
             "Open recording…",
         ],
-        &["Live", "In step", "Whole map"],
+        &["Live", "Synchronized", "Whole map"],
     );
 }
 
 #[test]
 fn a_demonstration_that_starts_asks_for_nothing() {
     let mut rig = Rig::new();
-    let robots = |failure| RobotsData::new(&[], None, Sought::Demo { failure }, None, at(1_000));
+    let robots =
+        |failure| RobotsData::new(&[], None, SearchTarget::Demo { failure }, None, at(1_000));
     rig.robots = robots(None);
     check(
         &rig.window(),
@@ -78,22 +79,22 @@ fn the_operator_chooses_robots_addresses_and_layers() {
     };
     let mut rig = Rig::live();
     let seen = |robot: &str| {
-        let sighting = Sighting {
+        let discovered = DiscoveredRobot {
             found: found(robot),
             seen: at(1_000),
             state: None,
         };
-        Seen {
-            sighting,
+        RobotEntry {
+            discovered,
             color: Color32::RED,
             alerts: 0,
-            own_motion: None,
+            uncommanded_motion: None,
         }
     };
     rig.robots = RobotsData::new(
         &[seen("scout-1"), seen("boat-7")],
         Some((&name(), LinkState::Live)),
-        Sought::Any,
+        SearchTarget::Any,
         None,
         at(1_000),
     );
@@ -146,8 +147,8 @@ fn the_operator_chooses_robots_addresses_and_layers() {
 fn a_mistyped_address_goes_where_a_robot_is_chosen_instead() {
     const WHY: &str = "The port is missing: for example 10.0.0.5:7447";
     let mut rig = Rig::live();
-    let seen = ["scout-1", "boat-7"].map(|robot| Seen {
-        sighting: Sighting {
+    let seen = ["scout-1", "boat-7"].map(|robot| RobotEntry {
+        discovered: DiscoveredRobot {
             found: FoundRobot {
                 robot: robot.parse().unwrap(),
                 endpoint: format!("tcp/{robot}:7447"),
@@ -157,10 +158,10 @@ fn a_mistyped_address_goes_where_a_robot_is_chosen_instead() {
         },
         color: Color32::RED,
         alerts: 0,
-        own_motion: None,
+        uncommanded_motion: None,
     });
     let current = Some((&name(), LinkState::Live));
-    rig.robots = RobotsData::new(&seen, current, Sought::Any, None, at(1_000));
+    rig.robots = RobotsData::new(&seen, current, SearchTarget::Any, None, at(1_000));
     let mut window = rig.window();
     window.key_press_modifiers(Modifiers::COMMAND, Key::L);
     window.run_steps(4);
@@ -191,8 +192,9 @@ fn another_robot_begins_with_an_empty_map() {
     rig.push(key);
     let mut window = rig.window();
     check(&window, &["1 tile, "], &[]);
-    let is_fitted =
-        |window: &Harness<'_, Rig>| window.state().screen.map_view().sight() == Sight::Whole;
+    let is_fitted = |window: &Harness<'_, Rig>| {
+        window.state().screen.map_view().camera_mode() == CameraMode::FitMap
+    };
     window
         .state_mut()
         .screen

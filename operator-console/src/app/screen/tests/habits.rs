@@ -153,7 +153,7 @@ fn with_view_menu(rig: Rig, size: [f32; 2]) -> Harness<'static, Rig> {
 /// Anna drives.
 fn driven() -> Rig {
     let mut rig = Rig::drivable();
-    rig.helm.as_mut().unwrap().lease = crate::helm::Lease::Held(4);
+    rig.teleop_client.as_mut().unwrap().lease = crate::teleop_client::Lease::Held(4);
     rig
 }
 
@@ -174,8 +174,8 @@ fn what_is_not_there_cannot_be_ticked_in_the_view_menu_and_says_why() {
     without_motors.say(Topic::Status, &Status::default());
     let no_motors = "This robot cannot be driven from here";
     check(without_motors, LARGE, PanelId::Driving, no_motors);
-    let not_told = "This robot has not told of it yet";
-    check(Rig::live(), LARGE, PanelId::Driving, not_told);
+    let no_data = "No data about it yet";
+    check(Rig::live(), LARGE, PanelId::Driving, no_data);
     let no_shores = "This robot maps no shores";
     check(Rig::live(), LARGE, PanelId::Shores, no_shores);
     check(Rig::new(), LARGE, PanelId::Link, "No robot is shown");
@@ -188,7 +188,7 @@ fn what_is_not_there_cannot_be_ticked_in_the_view_menu_and_says_why() {
     check(recording(), LARGE, PanelId::Driving, no_drive);
     let without_shores = "This recording is mapped without shores";
     check(recording(), LARGE, PanelId::Shores, without_shores);
-    let no_room = "No room for it in so small a window while you drive";
+    let no_room = "Hidden in a small window while you drive";
     check(driven(), [700.0, 620.0], PanelId::Robots, no_room);
 }
 
@@ -246,12 +246,12 @@ fn an_export_is_chosen_part_by_part() {
     window.get_by_role_and_label(Role::Button, "Export").click();
     window.run_steps(2);
     let asked = std::mem::take(&mut window.state_mut().commands);
-    let [Command::Export(wish)] = &asked[..] else {
+    let [Command::Export(request)] = &asked[..] else {
         panic!("{asked:?}");
     };
     let parts = [LAYER, LayerId::Elevation].map(ExportPart::Layer);
-    assert_eq!(wish.parts, parts.into());
-    assert!(wish.opens_folder);
+    assert_eq!(request.parts, parts.into());
+    assert!(request.opens_folder);
     // Its folder is named after a robot that is shown no more.
     assert_eq!(window.query_all_by_label("Folder").count(), 1);
     window.state_mut().screen.forget_robot();
@@ -278,11 +278,14 @@ fn an_export_to_the_home_folder_goes_there_and_what_is_unticked_is_kept() {
     window.key_press(Key::Enter);
     window.run_steps(2);
     let asked = std::mem::take(&mut window.state_mut().commands);
-    let [Command::Export(wish)] = &asked[..] else {
+    let [Command::Export(request)] = &asked[..] else {
         panic!("{asked:?}");
     };
-    assert_eq!(wish.folder, crate::typed_path::home().unwrap().join("maps"));
-    assert!(!wish.opens_folder);
+    assert_eq!(
+        request.folder,
+        crate::typed_path::home().unwrap().join("maps")
+    );
+    assert!(!request.opens_folder);
     let mut settings = Settings::default();
     window.state().screen.keep(&mut settings);
     assert!(!settings.opens_exports);
@@ -305,17 +308,17 @@ fn an_export_says_what_it_lacks_how_far_it_is_and_how_it_ended() {
     window.key_press(Key::Enter);
     window.run_steps(2);
     let asked = std::mem::take(&mut window.state_mut().commands);
-    let [Command::Export(wish)] = &asked[..] else {
+    let [Command::Export(request)] = &asked[..] else {
         panic!("{asked:?}");
     };
     let folder = std::env::current_dir().unwrap().join("maps");
-    assert_eq!(wish.folder, folder);
+    assert_eq!(request.folder, folder);
 
     let mut progress = ExportProgress {
         folder,
         parts: [0, 3],
         current: Some(ExportPart::Voxels),
-        fetching: Some(Fetching::Asked),
+        fetching: Some(Fetching::Requested),
         ..ExportProgress::default()
     };
     window.state_mut().export = Some(progress.clone());

@@ -5,7 +5,10 @@ use super::*;
 #[test]
 fn buttons_keys_and_hands_move_the_map() {
     let mut window = Rig::live().window();
-    assert_eq!(window.state().screen.map_view().sight(), Sight::Whole);
+    assert_eq!(
+        window.state().screen.map_view().camera_mode(),
+        CameraMode::FitMap
+    );
     window.get_by_label("Follow").click();
     window.run_steps(2);
     let asked = std::mem::take(&mut window.state_mut().commands);
@@ -29,7 +32,10 @@ fn buttons_keys_and_hands_move_the_map() {
     window.run_steps(1);
     window.drop_at(beside);
     window.run_steps(1);
-    assert_eq!(window.state().screen.map_view().sight(), Sight::Free);
+    assert_eq!(
+        window.state().screen.map_view().camera_mode(),
+        CameraMode::Free
+    );
     assert!(seen(&window)[0] < low_x - 0.5, "{:?}", seen(&window));
 
     for (key, look) in [
@@ -42,7 +48,7 @@ fn buttons_keys_and_hands_move_the_map() {
         (Key::L, Look::Draw(Overlay::Legend, false)),
         (Key::M, Look::Measure(true)),
         (Key::C, Look::Point),
-        (Key::Backspace, Look::TakeBack),
+        (Key::Backspace, Look::UndoPoint),
     ] {
         window.key_press(key);
         window.run_steps(1);
@@ -129,7 +135,7 @@ fn shores_are_listed_and_a_click_shows_where_they_are() {
     window.run_steps(1);
     let map_view = window.state().screen.map_view();
     let [low_x, low_y, high_x, high_y] = map_view.visible_m();
-    assert_eq!(map_view.sight(), Sight::Free);
+    assert_eq!(map_view.camera_mode(), CameraMode::Free);
     assert!((0.5 * (low_x + high_x) + 19.0).abs() < 1e-3);
     assert!((0.5 * (low_y + high_y) + 2.5).abs() < 1e-3);
 }
@@ -144,13 +150,13 @@ fn shores_that_are_not_known_yet_are_said_not_to_be() {
     };
     check(
         &shores(None),
-        &["Nothing was heard of shores yet."],
-        &["No shore in sight."],
+        &["No shore data yet."],
+        &["No shore detected."],
     );
     check(
         &shores(Some(Shores::default())),
-        &["No shore in sight."],
-        &["Nothing was heard of shores yet."],
+        &["No shore detected."],
+        &["No shore data yet."],
     );
     check(&Rig::live().window(), &["Live"], &["Shores"]);
 }
@@ -159,11 +165,11 @@ fn shores_that_are_not_known_yet_are_said_not_to_be() {
 fn the_map_has_near_half_of_a_small_window_while_somebody_drives() {
     for width in [640.0, 700.0, 900.0] {
         let mut rig = Rig::live();
-        let mut helm = crate::pretend::helm_of_anna();
-        helm.lease = crate::helm::Lease::Held(4);
-        rig.helm = Some(helm);
+        let mut teleop_client = crate::test_support::idle_teleop_client();
+        teleop_client.lease = crate::teleop_client::Lease::Held(4);
+        rig.teleop_client = Some(teleop_client);
         let status = Status {
-            teleop: Some(crate::pretend::standing()),
+            teleop: Some(crate::test_support::idle_teleop_status()),
             ..Status::default()
         };
         rig.say(Topic::Status, &status);
@@ -180,7 +186,7 @@ fn the_map_has_near_half_of_a_small_window_while_somebody_drives() {
 fn a_notice_is_on_the_map_where_there_is_one_and_covers_nothing_that_stands_on_it() {
     const SAVED: &str = "Saved as /home/anna/pictures/foreshore-2024-05-01.png";
     let news = |mut rig: Rig, size: [f32; 2]| {
-        let note = crate::event_log::Severity::Note;
+        let note = crate::event_log::Severity::Info;
         rig.log.note(note, "screenshot", SAVED, rig.now, 1);
         rig.window_of(size)
     };
@@ -210,7 +216,7 @@ fn a_notice_is_on_the_map_where_there_is_one_and_covers_nothing_that_stands_on_i
 #[test]
 fn no_figure_of_driving_is_under_the_scroll_bar() {
     let mut rig = Rig::drivable();
-    rig.helm.as_mut().unwrap().lease = crate::helm::Lease::Held(4);
+    rig.teleop_client.as_mut().unwrap().lease = crate::teleop_client::Lease::Held(4);
     let window = rig.window_of([640.0, 420.0]);
     let map = window.state().screen.map_view().place();
     let stop = window.get_by_label("EMERGENCY STOP").rect();
@@ -232,18 +238,18 @@ fn no_figure_of_driving_is_under_the_scroll_bar() {
 fn no_hint_stays_over_the_panel_while_somebody_drives() {
     let mut window = Rig::drivable().window();
     let drive = window
-        .get_by_role_and_label(Role::Button, "Drive")
+        .get_by_role_and_label(Role::Button, "Request control")
         .rect()
         .center();
     window.hover_at(drive);
     window.run_steps(8);
-    check(&window, &["Ask the robot for its lease (Ctrl+G)"], &[]);
+    check(&window, &["Request the control lease (Ctrl+G)"], &[]);
     // By key or by click, the pointer rests where it is.
-    let helm = window.state_mut().helm.as_mut();
-    helm.unwrap().lease = crate::helm::Lease::Held(4);
+    let teleop_client = window.state_mut().teleop_client.as_mut();
+    teleop_client.unwrap().lease = crate::teleop_client::Lease::Held(4);
     window.run_steps(8);
     check(&window, &["Ctrl+G"], &["(Ctrl+G)"]);
-    let back = window.get_by_label("Give back").rect().center();
+    let back = window.get_by_label("Release control").rect().center();
     window.hover_at(back);
     window.run_steps(8);
     check(&window, &["Ctrl+G"], &["(Ctrl+G)", "others may drive"]);

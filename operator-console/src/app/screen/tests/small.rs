@@ -34,7 +34,7 @@ fn who_drives_keeps_the_panels_below_a_map_that_is_large_enough() {
     // 1280 × 800 at 120 %, and at 150 %.
     for (size, has_room) in [([1067.0, 667.0], true), ([853.0, 533.0], false)] {
         let mut rig = Rig::drivable();
-        rig.helm.as_mut().unwrap().lease = crate::helm::Lease::Held(4);
+        rig.teleop_client.as_mut().unwrap().lease = crate::teleop_client::Lease::Held(4);
         let window = rig.window_of(size);
         let link = window.query_by_label("Receiving").is_some();
         assert_eq!(link, has_room, "{size:?}");
@@ -61,9 +61,9 @@ fn shores_and_legends_can_be_used_in_a_small_window_with_large_type() {
     for is_drivable in [false, true] {
         let mut rig = Rig::on_water(Some(shores.clone()));
         if is_drivable {
-            rig.helm = Some(crate::pretend::helm_of_anna());
+            rig.teleop_client = Some(crate::test_support::idle_teleop_client());
             let status = Status {
-                teleop: Some(crate::pretend::standing()),
+                teleop: Some(crate::test_support::idle_teleop_status()),
                 ..Status::default()
             };
             rig.say(Topic::Status, &status);
@@ -80,7 +80,7 @@ fn shores_and_legends_can_be_used_in_a_small_window_with_large_type() {
         }
         let legend = window.get_by_label("Legend: Shore").rect();
         assert!(map.contains_rect(legend), "{legend} {map}");
-        for label in ["Compass: y up", "+", "Look"] {
+        for label in ["Compass: y up", "+", "Tools"] {
             let other = window.get_by_label(label).rect();
             assert!(!other.intersects(legend), "{label}: {other} {legend}");
         }

@@ -15,12 +15,16 @@ fn a_robot_that_has_not_spoken_is_waited_for() {
     rig.link.is_connected = true;
     check(
         &rig.window(),
-        &["Connected. Waiting for scout-1 to speak."],
+        &["Connected. Waiting for data of scout-1."],
         &["Live"],
     );
     rig = Rig::with_robot();
-    rig.link.problem = Some("nobody listens at tcp/10.0.0.5:7447".to_owned());
-    check(&rig.window(), &["nobody listens at tcp/10.0.0.5:7447"], &[]);
+    rig.link.problem = Some("nothing listens at tcp/10.0.0.5:7447".to_owned());
+    check(
+        &rig.window(),
+        &["nothing listens at tcp/10.0.0.5:7447"],
+        &[],
+    );
 }
 
 #[test]
@@ -33,7 +37,7 @@ fn a_live_robot_in_step_is_shown_with_its_figures() {
     let status = Status {
         scans_in: 1_200,
         scans_mapped: 1_190,
-        drops: vec![Reason {
+        drops: vec![DropCount {
             name: "no_pose".to_owned(),
             count: 10,
         }],
@@ -51,7 +55,7 @@ fn a_live_robot_in_step_is_shown_with_its_figures() {
         &window,
         &[
             "Live",
-            "In step",
+            "Synchronized",
             "< 0.2 s ago",
             "rover",
             "world rooms",
@@ -120,7 +124,11 @@ fn a_map_that_is_behind_says_how_many_tiles_are_missing() {
             break;
         }
     }
-    check(&rig.window(), &["Live", "3 tiles missing"], &["In step"]);
+    check(
+        &rig.window(),
+        &["Live", "3 tiles missing"],
+        &["Synchronized"],
+    );
 }
 
 #[test]
@@ -135,9 +143,9 @@ fn a_silent_robot_is_never_taken_for_a_live_one() {
         &rig.window(),
         &[
             "Silent",
-            "Link lost: nothing heard for 12 s",
+            "Link lost: no data for 12 s",
             "What is shown is old.",
-            "Was in step when last heard",
+            "Was synchronized at last contact",
             "As of 12 s ago",
             "newest 12 s old",
             "scout-1 does not answer.",
@@ -149,8 +157,8 @@ fn a_silent_robot_is_never_taken_for_a_live_one() {
 #[test]
 fn a_map_that_counted_as_in_step_did_so_when_the_link_was_lost() {
     for (heard_ms, says) in [
-        (2_000, "Was in step 1.0 s before it fell silent"),
-        (7_000, "Was not in step when last heard"),
+        (2_000, "Was synchronized 1.0 s before the link was lost"),
+        (7_000, "Was not synchronized at last contact"),
     ] {
         let mut rig = Rig::live();
         let key = rig.put(0, 0, 251);
@@ -162,7 +170,7 @@ fn a_map_that_counted_as_in_step_did_so_when_the_link_was_lost() {
         rig.announce();
         rig.outgoing();
         rig.now = at(heard_ms + 9_000);
-        check(&rig.window(), &["Silent", says], &["Was in step when"]);
+        check(&rig.window(), &["Silent", says], &["Was synchronized at"]);
     }
 }
 
@@ -194,9 +202,9 @@ fn the_banner_of_a_lost_link_moves_no_ground_and_hides_no_button() {
             panic!("{size:?}: {words:?}");
         };
         assert!(banner.top() < map.top() + 80.0, "{banner}");
-        let has_menu = window.query_by_label("Look").is_some();
+        let has_menu = window.query_by_label("Tools").is_some();
         let entries: &[&str] = if has_menu {
-            &["Look"]
+            &["Tools"]
         } else {
             &["Whole map", "Follow", "Robot up", "Grid", "Measure"]
         };
@@ -245,7 +253,7 @@ fn a_recording_has_keys_a_name_and_no_link() {
     check(
         &window,
         &["rooms.mcap", "a recording has no link"],
-        &["scout-1", "Round trip", "Last heard"],
+        &["scout-1", "Round trip", "Last message"],
     );
     let step = |s: i64| PlaybackCommand::Step(RobotDuration::from_millis(1000 * s));
     for (modifiers, key, asked) in [

@@ -66,13 +66,13 @@ fn labels_are_where_shores_are_and_never_on_one_another() {
     assert_eq!((letter.as_str(), *at), ("B", pos2(160.0, 280.0)));
     assert!((*towards - vec2(0.0, -1.0)).length() < 1e-6, "up is north");
     // 3 m wide, across the way in, which is up: the water is below.
-    let berths = marks.berths.iter().flatten().map(|at| at.round());
-    let berth: Vec<_> = berths.collect();
+    let brackets = marks.brackets.iter().flatten().map(|at| at.round());
+    let bracket_line: Vec<_> = brackets.collect();
     let [left, right] = [pos2(100.0, 280.0), pos2(220.0, 280.0)];
     let end = vec2(0.0, END);
-    assert_eq!(berth, [left + end, left, right, right + end]);
+    assert_eq!(bracket_line, [left + end, left, right, right + end]);
     assert!(marks.outlines.is_empty(), "it is no shore");
-    let of_gone = marks_of(gone).berths;
+    let of_gone = marks_of(gone).brackets;
     assert!(of_gone.is_empty(), "it is not where another is now");
     // What stands out stays where it is, and the larger one moves.
     let mark = ShoreMark::Shore(1);
@@ -175,8 +175,8 @@ fn what_is_marked_stands_out_whatever_its_rank() {
     // What stands out is placed before the others.
     let covered: Vec<_> = marks.labels.iter().map(Rect::center).collect();
     assert_eq!(covered, [left, right]);
-    let berth = &marks.berths[0];
-    let middle = berth[1] + 0.5 * (berth[2] - berth[1]);
+    let bracket_line = &marks.brackets[0];
+    let middle = bracket_line[1] + 0.5 * (bracket_line[2] - bracket_line[1]);
     assert!((middle - left).length() < 1e-3, "{middle:?}");
 }
 

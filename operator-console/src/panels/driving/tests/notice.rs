@@ -7,7 +7,7 @@ use super::*;
 /// What is said of a lease that was lost, where these events were heard: kinds and words, the oldest first.
 fn told(events: &[(&str, &str)]) -> Option<String> {
     let mut rig = Rig::new();
-    rig.helm.notice = Some(Note::LeaseLost);
+    rig.teleop_client.notice = Some(TeleopNotification::LeaseLost);
     let mut model = rig.model();
     for (kind, message) in events {
         let event = Event {
@@ -15,9 +15,11 @@ fn told(events: &[(&str, &str)]) -> Option<String> {
             severity: Severity::Info,
             message: (*message).to_owned(),
         };
-        says(&mut model, Topic::Event, &event, at(1_000));
+        inject(&mut model, Topic::Event, &event, at(1_000));
     }
-    DrivingData::new(&model, &rig.helm, rig.now).unwrap().notice
+    DrivingData::new(&model, &rig.teleop_client, rig.now)
+        .unwrap()
+        .notice
 }
 
 #[test]

@@ -168,13 +168,13 @@ fn what_is_marked_is_what_a_click_showed_and_not_what_the_hand_is_over() {
         layers: vec![layer],
         ..Info::default()
     };
-    answers(&mut model, RequestId(900), Topic::Info, &info, at(0));
+    inject_reply(&mut model, RequestId(900), Topic::Info, &info, at(0));
     let clusters = vec![cluster(1, 40, [3.0, 0.0]), cluster(2, 40, [6.0, 0.0])];
-    let news = ShoresNews {
+    let news = ShoresReply {
         revision: 1,
         shores: Some(Shores::gather(0.3, None, clusters, Vec::new())),
     };
-    says(&mut model, Topic::Shores, &news, at(0));
+    inject(&mut model, Topic::Shores, &news, at(0));
     let [one, two] = [1, 2].map(ShoreMark::Shore);
     let mut view = MapView::default();
     let marks = |view: &MapView| {

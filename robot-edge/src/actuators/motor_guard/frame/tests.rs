@@ -1,11 +1,11 @@
 use proptest::prelude::*;
 
-use super::super::told::{Told, every_fault};
+use super::super::motor_report::{MotorReport, every_fault};
 use super::*;
 use crate::actuators::report::{ControllerWatchdog, Counters, Hold, Readiness, Report};
 
-fn asked(sequence: u64, linear_mps: f64) -> Asked {
-    Asked {
+fn motor_command(sequence: u64, linear_mps: f64) -> MotorCommand {
+    MotorCommand {
         sequence,
         decided_at: Monotonic::from_nanos(123_456_789_012),
         velocity: Velocity {
@@ -15,7 +15,7 @@ fn asked(sequence: u64, linear_mps: f64) -> Asked {
     }
 }
 
-fn find(bytes: &[u8]) -> (Vec<Asked>, usize) {
+fn find(bytes: &[u8]) -> (Vec<MotorCommand>, usize) {
     let (mut frames, mut garbage) = (Vec::new(), 0);
     Decoder::new().push(bytes, |found| match found {
         Found::Frame(frame) => frames.push(frame),
@@ -26,7 +26,7 @@ fn find(bytes: &[u8]) -> (Vec<Asked>, usize) {
 
 #[test]
 fn the_bytes_are_those_of_the_table() {
-    let bytes = asked(0x0102, 1.5).encode();
+    let bytes = motor_command(0x0102, 1.5).encode();
     assert_eq!(&bytes[..12], [0xF5, 0x4D, 1, 1, 2, 1, 0, 0, 0, 0, 0, 0]);
     assert_eq!(bytes[12..20], 123_456_789_012_u64.to_le_bytes());
     assert_eq!(bytes[20..28], 1.5_f64.to_le_bytes());
@@ -42,20 +42,23 @@ fn frames_fill_their_length() {
         frame.write(&mut body);
         assert!(body.is_full());
     }
-    fills(&asked(1, 0.0));
-    fills(&told(Readiness::Starting, None));
+    fills(&motor_command(1, 0.0));
+    fills(&motor_report(Readiness::Starting, None));
 }
 
-fn told(readiness: Readiness, fault: Option<crate::actuators::report::ControllerFault>) -> Told {
-    Told {
+fn motor_report(
+    readiness: Readiness,
+    fault: Option<crate::actuators::report::ControllerFault>,
+) -> MotorReport {
+    MotorReport {
         sequence: 77,
         report: Report {
             readiness,
-            measured: Some(asked(0, 0.5).velocity),
+            measured: Some(motor_command(0, 0.5).velocity),
             battery_v: Some(24.5),
             watchdog: ControllerWatchdog::Proven,
             counters: Counters {
-                lapses: 1,
+                dropouts: 1,
                 stale: 2,
                 garbage: 3,
                 reconnects: u32::MAX,
@@ -72,11 +75,14 @@ fn what_is_told_comes_back() {
     let readiness = holds
         .map(Readiness::Holding)
         .into_iter()
-        .chain([Readiness::Starting, Readiness::Obeying]);
+        .chain([Readiness::Starting, Readiness::Active]);
     for readiness in readiness {
         for fault in every_fault(0x3F_12C5) {
-            let told = told(readiness, fault);
-            assert_eq!(Told::decode(&told.encode()), Some(told));
+            let motor_report = motor_report(readiness, fault);
+            assert_eq!(
+                MotorReport::decode(&motor_report.encode()),
+                Some(motor_report)
+            );
         }
     }
     assert_eq!(every_fault(0).count(), 9);
@@ -85,20 +91,20 @@ fn what_is_told_comes_back() {
 #[test]
 fn a_code_that_means_nothing_is_no_frame() {
     for at in [61, 62, 65] {
-        let mut bytes = told(Readiness::Starting, None).encode();
+        let mut bytes = motor_report(Readiness::Starting, None).encode();
         bytes[at] = 200;
         let crc = crc32fast::hash(&bytes[..84]).to_le_bytes();
         bytes[84..].copy_from_slice(&crc);
-        assert_eq!(Told::decode(&bytes), None, "{at}");
+        assert_eq!(MotorReport::decode(&bytes), None, "{at}");
     }
 }
 
 #[test]
 fn a_frame_that_was_cut_off_does_not_take_the_next_one_with_it() {
-    let whole = asked(2, 0.0).encode();
-    for cut in 1..ASKED_BYTES {
-        let bytes = [&asked(1, 0.0).encode()[..cut], &whole].concat();
-        assert_eq!(find(&bytes), (vec![asked(2, 0.0)], cut));
+    let whole = motor_command(2, 0.0).encode();
+    for cut in 1..COMMAND_BYTES {
+        let bytes = [&motor_command(1, 0.0).encode()[..cut], &whole].concat();
+        assert_eq!(find(&bytes), (vec![motor_command(2, 0.0)], cut));
     }
 }
 
@@ -108,36 +114,36 @@ proptest! {
         garbage in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..120), 4),
         split in 1..100usize,
     ) {
-        let frames: Vec<Asked> = (1..=3).map(|n| asked(n, n as f64)).collect();
+        let frames: Vec<MotorCommand> = (1..=3).map(|n| motor_command(n, n as f64)).collect();
         let mut stream = garbage[0].clone();
         for (frame, after) in frames.iter().zip(&garbage[1..]) {
             stream.extend(frame.encode());
             stream.extend(after);
         }
         // Garbage could begin like a frame: the rest of one settles it.
-        stream.extend([0; ASKED_BYTES]);
-        let (mut found, mut decoder) = (Vec::new(), Decoder::<ASKED_BYTES>::new());
+        stream.extend([0; COMMAND_BYTES]);
+        let (mut found, mut decoder) = (Vec::new(), Decoder::<COMMAND_BYTES>::new());
         for part in stream.chunks(split) {
-            decoder.push(part, |one: Found<Asked>| if let Found::Frame(frame) = one { found.push(frame) });
+            decoder.push(part, |one: Found<MotorCommand>| if let Found::Frame(frame) = one { found.push(frame) });
         }
         prop_assert_eq!(found, frames);
     }
 
     #[test]
-    fn no_flipped_bits_make_another_frame(flips in prop::collection::vec(0..ASKED_BYTES * 8, 1..4)) {
-        let good = asked(7, 1.0).encode();
+    fn no_flipped_bits_make_another_frame(flips in prop::collection::vec(0..COMMAND_BYTES * 8, 1..4)) {
+        let good = motor_command(7, 1.0).encode();
         let mut bad = good;
         for &bit in &flips {
             bad[bit / 8] ^= 1 << (bit % 8);
         }
-        prop_assert_eq!(Asked::decode(&bad).is_some(), bad == good);
+        prop_assert_eq!(MotorCommand::decode(&bad).is_some(), bad == good);
     }
 
     #[test]
     fn any_velocity_and_moment_survive(
         sequence in any::<u64>(), at in any::<u64>(), linear in any::<u64>(), angular in any::<u64>(),
     ) {
-        let asked = Asked {
+        let motor_command = MotorCommand {
             sequence,
             decided_at: Monotonic::from_nanos(at),
             velocity: Velocity {
@@ -145,8 +151,8 @@ proptest! {
                 angular_radps: f64::from_bits(angular),
             },
         };
-        let bytes = asked.encode();
-        let back = Asked::decode(&bytes).unwrap();
+        let bytes = motor_command.encode();
+        let back = MotorCommand::decode(&bytes).unwrap();
         prop_assert_eq!(back.encode(), bytes, "bit by bit, also what is not a number");
     }
 }

@@ -1,6 +1,6 @@
 use proptest::prelude::*;
 
-use super::super::emulator::{Emulator, Output, Trouble};
+use super::super::emulator::{EmulatedFault, Emulator, Output};
 use super::*;
 
 /// Time that bytes take to the other end.
@@ -45,7 +45,7 @@ impl Bench {
 
     fn command(&mut self, one: i8, two: i8) {
         self.driver
-            .command([one, two].map(|steps| Power::of_bits(steps.cast_unsigned())));
+            .command([one, two].map(|steps| Power::from_bits(steps.cast_unsigned())));
     }
 
     fn run_ms(&mut self, ms: u64) {
@@ -67,11 +67,12 @@ impl Bench {
                 self.to_emulator
                     .push((now + ON_THE_WAY, on_the_line(bytes)));
             }
-            let says = self
+            let response = self
                 .emulator
-                .hear(&arrived(&mut self.to_emulator, now), now);
-            if !says.is_empty() {
-                self.to_driver.push((now + ON_THE_WAY, on_the_line(&says)));
+                .receive(&arrived(&mut self.to_emulator, now), now);
+            if !response.is_empty() {
+                self.to_driver
+                    .push((now + ON_THE_WAY, on_the_line(&response)));
             }
             let bytes = arrived(&mut self.to_driver, now);
             self.driver.receive(&bytes, now);
@@ -118,7 +119,7 @@ fn it_is_found_stopped_checked_and_ready_also_from_rc_mode() {
 #[test]
 fn motors_that_run_at_the_start_are_stopped_at_once() {
     let mut bench = Bench::new(false, |emulator| {
-        emulator.hear(b"!A40\r!b40\r!A1", Monotonic::from_nanos(1_000_000_000));
+        emulator.receive(b"!A40\r!b40\r!A1", Monotonic::from_nanos(1_000_000_000));
     });
     assert_eq!(bench.emulator.motors(), [64, -64]);
     bench.run_ms(10);
@@ -133,7 +134,7 @@ fn commands_are_done_and_a_stop_is_quick() {
     assert_eq!(bench.emulator.motors(), [64, -10]);
     assert_eq!(
         bench.status().acknowledged,
-        Some([Power::of_bits(64), Power::of_bits(0xF6)])
+        Some([Power::from_bits(64), Power::from_bits(0xF6)])
     );
     for _ in 0..50 {
         bench.command(100, 100);
@@ -176,11 +177,11 @@ fn a_controller_that_takes_one_command_at_a_time_is_told_zero_one_by_one() {
     for (is_from_the_start, ms) in [(true, 60), (false, 180)] {
         let mut bench = Bench::new(false, |emulator| {
             if is_from_the_start {
-                emulator.trouble = Trouble::OneAtATime;
+                emulator.fault = EmulatedFault::SingleCommand;
             }
         });
         bench.run_ms(4000);
-        bench.emulator.trouble = Trouble::OneAtATime;
+        bench.emulator.fault = EmulatedFault::SingleCommand;
         for _ in 0..10 {
             bench.command(100, 100);
             bench.run_ms(200);
@@ -201,10 +202,10 @@ fn speeds_are_repeated_and_never_more_than_one_command_is_on_its_way() {
     let mut bench = Bench::ready();
     bench.command(30, 30);
     bench.run_ms(100);
-    let (obeyed, sent) = (bench.emulator.obeyed, bench.sent.len());
+    let (executed, sent) = (bench.emulator.executed, bench.sent.len());
     bench.run_ms(1000);
     assert!(
-        bench.emulator.obeyed - obeyed >= 20,
+        bench.emulator.executed - executed >= 20,
         "ten pairs a second at least"
     );
     let gaps = bench.sent[sent..]
@@ -222,7 +223,7 @@ fn encoders_and_faults_are_told() {
     bench.run_ms(4500);
     assert_eq!(
         bench.status().encoders,
-        Some([Power::of_bits(20), Power::of_bits(0xFD)])
+        Some([Power::from_bits(20), Power::from_bits(0xFD)])
     );
     bench.emulator.status = 0x84;
     bench.run_ms(600);
@@ -286,7 +287,7 @@ fn a_cut_cable_is_told_and_what_was_asked_before_it_is_forgotten() {
     let mut bench = Bench::ready();
     bench.command(80, 80);
     bench.run_ms(100);
-    bench.emulator.trouble = Trouble::Deaf;
+    bench.emulator.fault = EmulatedFault::RxCut;
     bench.run_ms(400);
     assert_eq!(bench.status().state, State::Faulty(ControllerFault::Silent));
     assert_eq!(bench.status().acknowledged, None);
@@ -297,7 +298,7 @@ fn a_cut_cable_is_told_and_what_was_asked_before_it_is_forgotten() {
         "by the controller's own watchdog"
     );
     bench.command(80, 80);
-    bench.emulator.trouble = Trouble::None;
+    bench.emulator.fault = EmulatedFault::None;
     bench.run_ms(5000);
     assert_eq!(
         (bench.status().state, bench.status().reconnects),
@@ -314,7 +315,7 @@ fn a_mute_controller_is_told_to_stand() {
     let mut bench = Bench::ready();
     bench.command(80, 80);
     bench.run_ms(100);
-    bench.emulator.trouble = Trouble::Mute;
+    bench.emulator.fault = EmulatedFault::TxCut;
     bench.run_ms(420);
     assert_eq!(
         bench.emulator.motors(),
@@ -356,8 +357,8 @@ fn a_reset_is_noticed() {
     let mut bench = Bench::ready();
     bench.command(80, 80);
     bench.run_ms(100);
-    let says = bench.emulator.reset(bench.now);
-    bench.to_driver.push((bench.now, says));
+    let response = bench.emulator.reset(bench.now);
+    bench.to_driver.push((bench.now, response));
     bench.run_ms(3000);
     assert!(
         bench
@@ -375,7 +376,7 @@ fn a_reset_is_noticed() {
 fn a_line_that_garbles_is_not_driven_on() {
     let mut bench = Bench::ready();
     // 0x41, 65 steps, is taken for 0x71, 113 steps.
-    bench.emulator.trouble = Trouble::Mishears(b'4', b'7');
+    bench.emulator.fault = EmulatedFault::GarblesByte(b'4', b'7');
     bench.command(0x41, 0x41);
     bench.run_ms(200);
     assert_eq!(
@@ -388,7 +389,7 @@ fn a_line_that_garbles_is_not_driven_on() {
 #[test]
 fn a_controller_that_refuses_is_told() {
     let mut bench = Bench::ready();
-    bench.emulator.trouble = Trouble::Refuses;
+    bench.emulator.fault = EmulatedFault::RejectsCommands;
     bench.command(20, 20);
     bench.run_ms(300);
     assert_eq!(

@@ -66,11 +66,11 @@ impl LineTiming {
             if ends_command {
                 self.done = at;
             }
-            let says = emulator.hear(&[byte], at);
-            self.answer(&says, at);
+            let response = emulator.receive(&[byte], at);
+            self.answer(&response, at);
         }
-        let says = emulator.pass_time(now);
-        self.answer(&says, now);
+        let response = emulator.pass_time(now);
+        self.answer(&response, now);
         let later = self.from_controller.partition_point(|&(at, _)| at <= now);
         let arrived = self.from_controller.drain(..later);
         arrived.map(|(_, byte)| byte).collect()

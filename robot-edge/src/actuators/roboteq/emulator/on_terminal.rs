@@ -131,16 +131,16 @@ fn serve(mut far_end: File, emulator: &Mutex<Emulator>, is_over: &AtomicBool) {
         } else {
             0
         };
-        let says = {
+        let response = {
             let (now, mut emulator) = (Monotonic::now(), emulator.lock().unwrap());
             match &mut timing {
                 Some(timing) => {
                     timing.write(&buffer[..count], now);
                     timing.run(&mut emulator, now)
                 }
-                None => emulator.hear(&buffer[..count], now),
+                None => emulator.receive(&buffer[..count], now),
             }
         };
-        far_end.write_all(&says).unwrap();
+        far_end.write_all(&response).unwrap();
     }
 }

@@ -33,7 +33,7 @@ fn commands_are_those_of_the_manual() {
         assert_eq!(command.bytes().as_bytes(), bytes.as_bytes());
     }
     assert_eq!(wake().as_bytes(), [b'\r'; 10]);
-    assert_eq!(stop_blindly().as_bytes().len(), 15, "it fits");
+    assert_eq!(stop_without_reply().as_bytes().len(), 15, "it fits");
 }
 
 #[test]
@@ -51,7 +51,7 @@ fn fractions_are_rounded_and_saturate() {
         (f64::NEG_INFINITY, -127),
         (f64::NAN, 0),
     ] {
-        assert_eq!(Power::of_fraction(fraction).get(), steps, "{fraction}");
+        assert_eq!(Power::from_fraction(fraction).get(), steps, "{fraction}");
     }
     for (bits, steps) in [
         (0x00, 0),
@@ -60,7 +60,7 @@ fn fractions_are_rounded_and_saturate() {
         (0x81, -127),
         (0x80, -127),
     ] {
-        assert_eq!(Power::of_bits(bits).get(), steps);
+        assert_eq!(Power::from_bits(bits).get(), steps);
     }
 }
 

@@ -51,7 +51,7 @@ fn a_boat_is_mapped_with_all_that_it_has() {
             "laser: tilted as /joint_states says of joint laser_tilt_joint",
         ]
     );
-    let planned = &plan.placing.sensors;
+    let planned = &plan.localization_plan.sensors;
     let routes: Vec<_> = planned.iter().map(|s| (s.stream, s.tilt_stream)).collect();
     assert_eq!(
         routes,
@@ -60,7 +60,7 @@ fn a_boat_is_mapped_with_all_that_it_has() {
             (Some(StreamId(1)), None)
         ]
     );
-    assert_eq!(plan.placing.pose_streams.fixes, Some(StreamId(0)));
+    assert_eq!(plan.localization_plan.pose_streams.fixes, Some(StreamId(0)));
     // Where the sonar was not recorded, the rest is mapped, and it is said.
     let mut without: Vec<_> = topics.to_vec();
     without.remove(1);
@@ -88,10 +88,10 @@ fn auto_takes_fixes_last() {
     let mut topics = topics.to_vec();
     topics.push(joints("/a/joint_states", &["laser_tilt_joint"]));
     let plan = of_boat(&topics, &auto).unwrap();
-    assert_eq!(plan.placing.origin, PoseOrigin::Odometry);
+    assert_eq!(plan.localization_plan.origin, PoseOrigin::Odometry);
     topics.remove(3);
     let plan = of_boat(&topics, &auto).unwrap();
-    assert!(matches!(plan.placing.origin, PoseOrigin::Gps(_)));
+    assert!(matches!(plan.localization_plan.origin, PoseOrigin::Gps(_)));
     topics.push(joints("/b/joint_states", &["laser_tilt_joint"]));
     let error = of_boat(&topics, &auto).unwrap_err();
     assert!(
@@ -142,7 +142,7 @@ fn transforms_say_where_a_tilting_laser_is_only_where_they_move_it() {
         joints("/joint_states", &["laser_tilt_joint"]),
     ];
     let plan = of_boat(&topics, &["localization.source=tf"]).unwrap();
-    let sensor = plan.placing.sensors[0];
+    let sensor = plan.localization_plan.sensors[0];
     assert_eq!(sensor.mount, MountOrigin::Configured);
     assert_eq!(sensor.tilt_stream, Some(StreamId(2)));
 }

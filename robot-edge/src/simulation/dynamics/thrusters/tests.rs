@@ -13,23 +13,24 @@ fn riverwatch() -> TwinThrusters {
     }
 }
 
-fn told(linear_mps: f64, angular_radps: f64) -> CommandedVelocity {
+fn command(linear_mps: f64, angular_radps: f64) -> CommandedVelocity {
     CommandedVelocity {
         linear_mps,
         angular_radps,
     }
 }
 
-fn after(momentum: Momentum, told: CommandedVelocity, duration_s: f64) -> Momentum {
+fn after(momentum: Momentum, command: CommandedVelocity, duration_s: f64) -> Momentum {
     let boat = riverwatch();
-    (0..(duration_s / STEP_S) as u32)
-        .fold(momentum, |momentum, _| boat.after(momentum, told, STEP_S))
+    (0..(duration_s / STEP_S) as u32).fold(momentum, |momentum, _| {
+        boat.after(momentum, command, STEP_S)
+    })
 }
 
 #[test]
 fn it_comes_to_the_speed_that_it_is_told_and_no_further() {
     for speed_mps in [0.3, 1.5, 3.0, 9.0] {
-        let run = after(Momentum::default(), told(speed_mps, 0.0), 60.0);
+        let run = after(Momentum::default(), command(speed_mps, 0.0), 60.0);
         let expected_mps = f64::min(speed_mps, 3.0);
         assert!(
             (run.velocity.forward_mps - expected_mps).abs() < 1e-3,
@@ -38,7 +39,7 @@ fn it_comes_to_the_speed_that_it_is_told_and_no_further() {
         assert_eq!(run.velocity.turn_rate_radps, 0.0);
     }
     // Half of the thrust is there astern: 1.99 m/s where the drag is half of that at 3 m/s.
-    let astern = after(Momentum::default(), told(-3.0, 0.0), 60.0)
+    let astern = after(Momentum::default(), command(-3.0, 0.0), 60.0)
         .velocity
         .forward_mps;
     let drag = riverwatch().surge_drag;
@@ -50,11 +51,11 @@ fn it_comes_to_the_speed_that_it_is_told_and_no_further() {
 
 #[test]
 fn it_turns_on_the_spot_and_underway() {
-    let spot = after(Momentum::default(), told(0.0, 0.2), 60.0).velocity;
+    let spot = after(Momentum::default(), command(0.0, 0.2), 60.0).velocity;
     assert!((spot.turn_rate_radps - 0.2).abs() < 1e-3, "{spot:?}");
     assert!(spot.forward_mps.abs() < 1e-3, "{spot:?}");
     // At full thrust the outer thruster has nothing to add: the inner one gives way.
-    let bend = after(Momentum::default(), told(3.0, -0.2), 60.0).velocity;
+    let bend = after(Momentum::default(), command(3.0, -0.2), 60.0).velocity;
     assert!((bend.turn_rate_radps + 0.2).abs() < 1e-3, "{bend:?}");
     assert!((2.5..2.99).contains(&bend.forward_mps), "{bend:?}");
     // To the outside, which in a bend to the right is the left.

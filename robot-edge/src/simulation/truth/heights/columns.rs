@@ -78,30 +78,30 @@ impl Columns {
             .take_while(|(place, _)| *place == self.place)
             .filter_map(|&(_, line)| Piece::new(*self.plan.lines.get(line)?, &cell))
             .collect();
-        let mut looks = cell.corners();
-        looks.extend(looks_beside(&pieces).filter(|&at| cell.contains(at)));
+        let mut sample_points = cell.corners();
+        sample_points.extend(sample_points_beside(&pieces).filter(|&at| cell.contains(at)));
         let tops: Vec<_> = self
             .plan
             .domes
             .iter()
             .filter_map(|d| cell.top_of(d))
             .collect();
-        looks.extend(&tops);
+        sample_points.extend(&tops);
         let is_plain = pieces.is_empty() && tops.is_empty();
         let parts = if is_plain { PARTS_PLAIN } else { PARTS_CROSSED };
-        self.look(&looks, cell.min, parts)
+        self.sample(&sample_points, cell.min, parts)
     }
 
-    fn look(
+    fn sample(
         &self,
-        looks: &[Point2<f64>],
+        sample_points: &[Point2<f64>],
         min_corner_m: Point2<f64>,
         parts: usize,
     ) -> Option<CellHeights> {
         let cell_m = self.grid.cell_m();
         // All that moved has been put in its place.
         let height_m = |at: Point2<f64>| self.scene.height_m(at, 0.0);
-        let corners_m: Vec<_> = looks
+        let corners_m: Vec<_> = sample_points
             .iter()
             .filter_map(|&at| Some(Point3::new(at.x, at.y, height_m(at)?)))
             .collect();
@@ -213,7 +213,7 @@ impl Piece {
 
 /// Points either side of every piece, near both ends of each part that the others cut it into, and in its
 /// middle.
-fn looks_beside(pieces: &[Piece]) -> impl Iterator<Item = Point2<f64>> + '_ {
+fn sample_points_beside(pieces: &[Piece]) -> impl Iterator<Item = Point2<f64>> + '_ {
     let cutting = if pieces.len() > MAX_CUT_LINES {
         &[]
     } else {

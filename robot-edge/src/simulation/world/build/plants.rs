@@ -13,7 +13,7 @@ use crate::simulation::noise::NoiseStream;
 use crate::simulation::scene::{Growth as SceneGrowth, Receiver, Scene};
 use crate::simulation::vegetation::area::Area;
 use crate::simulation::vegetation::growth::{
-    Between, Crowns, Gardener, Growth, Shoots, Stand, Tufts,
+    Between, Crowns, Growth, PlantGenerator, Shoots, Stand, Tufts,
 };
 use crate::simulation::vegetation::wind::Wind;
 use crate::simulation::vegetation::{Patch, Rigidity, Vegetation};
@@ -45,7 +45,7 @@ pub(super) fn build(
         Some(water_m.map_or(height_m, |water_m| water_m.max(height_m)))
     };
     let bed_m = |at: Point2<f64>| ground.height_m(at, 0.0);
-    let mut gardener = Gardener::new(&bed_m, &ground_m);
+    let mut generator = PlantGenerator::new(&bed_m, &ground_m);
     let mut patches = Vec::with_capacity(entries.len());
     for entry in entries {
         let span = entry.span();
@@ -66,7 +66,7 @@ pub(super) fn build(
             GrowthEntry::Crowns(entry) => Growth::Crowns(crowns(entry)),
         };
         let noise = NoiseStream::new(any.seed, "world/plants");
-        let stems = gardener
+        let stems = generator
             .grow(&growth, reach, noise)
             .map_err(|error| Fault::new(span, error.to_string()))?;
         patches.push(Patch {
@@ -77,9 +77,9 @@ pub(super) fn build(
     }
     let wind = header.wind.as_ref().map_or(Wind::CALM, wind);
     Ok(Some(SceneGrowth {
-        vegetation: Vegetation::new(gardener.into_stems(), patches, wind),
+        vegetation: Vegetation::new(generator.into_stems(), patches, wind),
         receiver: Receiver {
-            least_share: header.receiver.least_share.0,
+            min_share: header.receiver.min_share.0,
             separation_m: header.receiver.separation_m.0,
         },
     }))

@@ -3,7 +3,7 @@
 use nalgebra::{Point2, Point3};
 
 use super::*;
-use crate::simulation::truth::{ShoreClass, Standing};
+use crate::simulation::truth::{ShoreClass, TerrainTruth};
 use crate::simulation::vegetation::Rigidity;
 
 const HEADER: &str = r#"name = "shore"
@@ -134,9 +134,9 @@ fn receivers_are_the_files() {
         world.scene().growth().unwrap().receiver
     };
     let default = receiver("");
-    assert_eq!((default.least_share, default.separation_m), (0.05, 0.75));
+    assert_eq!((default.min_share, default.separation_m), (0.05, 0.75));
     let own = receiver("[receiver]\nleast_share = 0.1");
-    assert_eq!((own.least_share, own.separation_m), (0.1, 0.75));
+    assert_eq!((own.min_share, own.separation_m), (0.1, 0.75));
 }
 
 #[test]
@@ -154,7 +154,7 @@ fn truth_knows_shores_docks_and_what_stands_where() {
     assert!(dock.contains(Point2::new(11.5, 0.5)) && !dock.contains(Point2::new(10.5, 1.5)));
     assert_eq!(world.water_m(), Some(0.0));
 
-    let standing = Standing::of(&world);
+    let standing = TerrainTruth::of(&world);
     assert_eq!(standing.ground_m(Point2::new(0.0, 8.0)), Some(-1.0));
     let class = |x: f64, y: f64, from_m, to_m| standing.class(Point2::new(x, y), 0.3, from_m..to_m);
     assert_eq!(class(2.0, 1.0, 0.3, 1.5), Some(Rigidity::Flexible));
@@ -180,7 +180,7 @@ fn truth_knows_shores_docks_and_what_stands_where() {
     // A box that is ground is driven on.
     let paved = SHORE.replace("name = \"stone\"", "name = \"stone\"\nground = true");
     let world = parse(&paved).unwrap();
-    let standing = Standing::of(&world);
+    let standing = TerrainTruth::of(&world);
     assert_eq!(
         standing.ground_m(Point2::new(0.0, 8.0)).map(f64::round),
         Some(0.0)

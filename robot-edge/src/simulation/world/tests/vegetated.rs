@@ -3,7 +3,7 @@
 use nalgebra::{Point2, Point3, Vector3};
 
 use super::*;
-use crate::simulation::truth::{ShoreClass, Standing};
+use crate::simulation::truth::{ShoreClass, TerrainTruth};
 use crate::simulation::vegetation::Rigidity;
 use crate::simulation::vegetation::stem::Stem;
 
@@ -64,7 +64,7 @@ fn stems_of<'a>(world: &'a World, name: &str) -> &'a [Stem] {
 fn paths_are_clear_and_as_long_as_they_should_be() {
     for (name, vehicle, _) in WORLDS {
         let world = load(name);
-        let standing = Standing::of(&world);
+        let standing = TerrainTruth::of(&world);
         let [half_m, height_m] = size_m(vehicle);
         let mut length_m = 0.0;
         for pair in path_m(&world).windows(2) {
@@ -87,7 +87,7 @@ fn paths_are_clear_and_as_long_as_they_should_be() {
 #[test]
 fn the_yard_has_its_slopes_canopy_branch_and_pit() {
     let world = load("yard");
-    let standing = Standing::of(&world);
+    let standing = TerrainTruth::of(&world);
     let ground_m = |x: f64, y: f64| standing.ground_m(Point2::new(x, y)).unwrap();
     let slope_deg = |from: [f64; 2], to: [f64; 2]| {
         let run_m = libm::hypot(to[0] - from[0], to[1] - from[1]);
@@ -158,7 +158,7 @@ fn the_meadow_keeps_its_distances_and_its_grass_is_tall() {
             assert!(heights().all(|m| (0.5..=0.9).contains(&m)));
         }
     }
-    let things = world.ground_and_things()[1].clone();
+    let things = world.ground_and_objects()[1].clone();
     assert_eq!(things.len(), 8);
     for thing in things {
         let at = thing.world_from_solid.translation.vector.xy();
@@ -217,7 +217,7 @@ fn the_lake_has_four_stretches_of_each_class_apart_from_each_other() {
         assert!((least..=most).contains(&density), "{name}: {density}");
     }
     // What rises out of the water is farther than the metrics reach.
-    let standing = Standing::of(&world);
+    let standing = TerrainTruth::of(&world);
     for at in &path {
         for aside_m in [-20.0, -14.0, 14.0, 20.0] {
             assert!(
@@ -262,7 +262,7 @@ fn the_boats_sonar_sees_the_hills_of_the_bed_and_its_laser_sees_none() {
 #[test]
 fn the_dock_is_a_clear_ramp_of_twelve_degrees_between_overgrown_shores() {
     let world = load("dock");
-    let standing = Standing::of(&world);
+    let standing = TerrainTruth::of(&world);
     let [dock] = world.docks() else {
         panic!("{:?}", world.docks())
     };

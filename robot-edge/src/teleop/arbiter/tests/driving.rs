@@ -141,7 +141,7 @@ fn a_stall_s_commands_move_nothing_when_they_arrive() {
     assert_eq!(vehicle.state.mode, Mode::Idle, "the lease has expired");
     for command in stalled {
         vehicle.send(command);
-        vehicle.event(Event::Tick);
+        vehicle.input(ArbiterInput::Tick);
         assert_eq!(vehicle.output(), Velocity::ZERO);
     }
     // Tokens of more than 2 s ago are not even known, and those of the last 0.4 s are young, but nobody's.
@@ -172,10 +172,10 @@ fn what_is_no_number_stops_the_vehicle() {
 fn commands_are_checked_in_the_order_of_their_cost() {
     let mut vehicle = Vehicle::driving();
     let right = vehicle.command(ALICE, FORWARD);
-    let screen = |role, command: DriveCommand| {
+    let precheck = |role, command: DriveCommand| {
         vehicle
             .state
-            .screen(&vehicle.rules, vehicle.now, role, &command)
+            .precheck(&vehicle.rules, vehicle.now, role, &command)
     };
     let token = |n| AgeToken { n, ..right.token };
     let wrong = DriveCommand {
@@ -190,37 +190,37 @@ fn commands_are_checked_in_the_order_of_their_cost() {
         ..right
     };
     let operator = Role::Operator;
-    assert_eq!(screen(operator, right), Ok(Duration::ZERO));
-    assert_eq!(screen(Role::Observer, wrong), Err(Refusal::Role));
-    assert_eq!(screen(operator, wrong), Err(Refusal::OtherBoot));
+    assert_eq!(precheck(operator, right), Ok(Duration::ZERO));
+    assert_eq!(precheck(Role::Observer, wrong), Err(Refusal::Role));
+    assert_eq!(precheck(operator, wrong), Err(Refusal::OtherBoot));
     let wrong = DriveCommand {
         token: token(0),
         ..wrong
     };
-    assert_eq!(screen(operator, wrong), Err(Refusal::TooOld));
+    assert_eq!(precheck(operator, wrong), Err(Refusal::TooOld));
     let wrong = DriveCommand {
         token: right.token,
         ..wrong
     };
-    assert_eq!(screen(operator, wrong), Err(Refusal::NotHolder));
+    assert_eq!(precheck(operator, wrong), Err(Refusal::NotHolder));
     let wrong = DriveCommand {
         operator: ALICE,
         ..wrong
     };
-    assert_eq!(screen(operator, wrong), Err(Refusal::OtherEpoch));
+    assert_eq!(precheck(operator, wrong), Err(Refusal::OtherEpoch));
     let wrong = DriveCommand { epoch: 1, ..wrong };
-    assert_eq!(screen(operator, wrong), Err(Refusal::OldSequence));
+    assert_eq!(precheck(operator, wrong), Err(Refusal::OldSequence));
     let same = DriveCommand {
         seq: right.seq - 1,
         ..right
     };
-    assert_eq!(screen(operator, same), Err(Refusal::OldSequence));
+    assert_eq!(precheck(operator, same), Err(Refusal::OldSequence));
 }
 
 #[test]
 fn what_was_refused_outside_is_counted() {
     let mut vehicle = Vehicle::idle();
-    vehicle.event(Event::Rejected(Refusal::Signature));
+    vehicle.input(ArbiterInput::Rejected(Refusal::Signature));
     assert_eq!(vehicle.refused(Refusal::Signature), 1);
 }
 
@@ -238,16 +238,16 @@ fn time_does_not_go_back() {
 #[test]
 fn a_stop_that_is_over_within_one_step_says_why_it_was() {
     let mut vehicle = Vehicle::driving();
-    vehicle.happenings.clear();
+    vehicle.events.clear();
     // The process stood still for longer than the lease holds.
     vehicle.pass(5000);
-    vehicle.event(Event::Tick);
+    vehicle.input(ArbiterInput::Tick);
     assert_eq!(vehicle.state.mode, Mode::Idle);
     let modes: Vec<_> = vehicle
-        .happenings
+        .events
         .iter()
-        .filter_map(|happening| {
-            let Happening::Mode { from, to } = happening else {
+        .filter_map(|event| {
+            let ArbiterEvent::ModeChanged { from, to } = event else {
                 return None;
             };
             Some((*from, *to))

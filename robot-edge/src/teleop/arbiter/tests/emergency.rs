@@ -3,14 +3,14 @@ use super::*;
 const FIRST: EStopId = EStopId(1);
 
 fn stored(vehicle: &mut Vehicle) {
-    vehicle.event(Event::EStopStored(FIRST));
+    vehicle.input(ArbiterInput::EStopStored(FIRST));
     vehicle.round();
 }
 
 #[test]
 fn any_operator_stops_the_vehicle_at_once() {
     let mut vehicle = Vehicle::driving();
-    vehicle.event(Event::EStop(caller(BOB)));
+    vehicle.input(ArbiterInput::EStop(caller(BOB)));
     assert_eq!(
         (vehicle.state.mode, vehicle.output()),
         (Mode::EStop, Velocity::ZERO)
@@ -23,11 +23,11 @@ fn any_operator_stops_the_vehicle_at_once() {
         (Mode::EStop, Velocity::ZERO)
     );
 
-    vehicle.event(Event::EStopStored(FIRST));
+    vehicle.input(ArbiterInput::EStopStored(FIRST));
     assert!(vehicle.actions.contains(&Action::AcknowledgeEStop(FIRST)));
-    vehicle.event(Event::EStop(caller(BOB)));
+    vehicle.input(ArbiterInput::EStop(caller(BOB)));
     assert_eq!(vehicle.answer(), Some(Answer::EStopped(FIRST)));
-    vehicle.event(Event::EStopStored(FIRST));
+    vehicle.input(ArbiterInput::EStopStored(FIRST));
     assert_eq!(vehicle.actions, []);
 }
 
@@ -46,7 +46,7 @@ fn a_command_stops_it_whatever_else_is_wrong_with_it() {
         estop: true,
         ..vehicle.command(BOB, FORWARD)
     };
-    vehicle.event(Event::Command {
+    vehicle.input(ArbiterInput::Command {
         role: Role::Observer,
         command,
     });
@@ -65,11 +65,11 @@ fn onlookers_do_not_stop_it() {
         role: Role::Observer,
         ..caller(BOB)
     };
-    vehicle.event(Event::EStop(onlooker));
+    vehicle.input(ArbiterInput::EStop(onlooker));
     assert_eq!(vehicle.state.mode, Mode::Driving);
     assert_eq!(vehicle.answer(), Some(Answer::Refused(Refusal::Role)));
-    assert!(vehicle.happenings.contains(&Happening::Refused {
-        wish: Wish::EStop,
+    assert!(vehicle.events.contains(&ArbiterEvent::Refused {
+        request_kind: RequestKind::EStop,
         caller: onlooker,
         refusal: Refusal::Role,
     }));
@@ -78,7 +78,7 @@ fn onlookers_do_not_stop_it() {
 #[test]
 fn it_is_given_to_be_stored_until_it_is() {
     let mut vehicle = Vehicle::idle();
-    vehicle.event(Event::LocalEStop);
+    vehicle.input(ArbiterInput::LocalEStop);
     assert!(vehicle.actions.contains(&Action::StoreEStop(FIRST)));
     let mut retries = 0;
     for _ in 0..150 {
@@ -100,22 +100,22 @@ fn a_reset_must_be_right_in_everything() {
         vehicle.reset(CAROL, FIRST),
         Answer::Refused(Refusal::NoEStop)
     );
-    vehicle.event(Event::EStop(caller(BOB)));
+    vehicle.input(ArbiterInput::EStop(caller(BOB)));
     let before = vehicle.token;
     vehicle.round();
     assert_eq!(
         vehicle.reset(CAROL, FIRST),
         Answer::Refused(Refusal::EStopNotStored)
     );
-    vehicle.event(Event::EStopStored(FIRST));
+    vehicle.input(ArbiterInput::EStopStored(FIRST));
     assert_eq!(
         vehicle.reset(BOB, FIRST),
         Answer::Refused(Refusal::NotHolder)
     );
     assert!(matches!(
-        vehicle.happenings.last(),
-        Some(Happening::Refused {
-            wish: Wish::Reset,
+        vehicle.events.last(),
+        Some(ArbiterEvent::Refused {
+            request_kind: RequestKind::Reset,
             refusal: Refusal::NotHolder,
             ..
         })
@@ -130,7 +130,7 @@ fn a_reset_must_be_right_in_everything() {
         Answer::Refused(Refusal::EStopSince)
     );
     vehicle.token = young;
-    vehicle.event(Event::EStop(caller(BOB)));
+    vehicle.input(ArbiterInput::EStop(caller(BOB)));
     assert_eq!(
         vehicle.reset(CAROL, FIRST),
         Answer::Refused(Refusal::EStopSince),
@@ -156,7 +156,7 @@ fn a_reset_must_be_right_in_everything() {
 #[test]
 fn after_a_reset_the_holder_asks_lets_go_and_presses() {
     let mut vehicle = Vehicle::driving();
-    vehicle.event(Event::EStop(caller(ALICE)));
+    vehicle.input(ArbiterInput::EStop(caller(ALICE)));
     stored(&mut vehicle);
     vehicle.hold(FORWARD, 5);
     assert_eq!(vehicle.reset(ALICE, FIRST), Answer::Done);
@@ -174,7 +174,7 @@ fn after_a_reset_the_holder_asks_lets_go_and_presses() {
     vehicle.hold(Velocity::ZERO, 11);
     vehicle.hold(FORWARD, 1);
     assert_eq!(vehicle.state.mode, Mode::Driving);
-    vehicle.event(Event::LocalEStop);
+    vehicle.input(ArbiterInput::LocalEStop);
     assert_eq!(
         vehicle.report().estop.unwrap().id,
         EStopId(2),
@@ -200,7 +200,7 @@ fn an_operator_alone_can_reset_what_was_found_at_the_start() {
     );
     assert_eq!(vehicle.state.mode, Mode::EStop);
     assert_eq!(vehicle.reset(ALICE, found), Answer::Done);
-    vehicle.event(Event::LocalEStop);
+    vehicle.input(ArbiterInput::LocalEStop);
     assert_eq!(vehicle.report().estop.unwrap().id, EStopId(42));
 }
 
@@ -215,7 +215,7 @@ fn what_cannot_be_read_at_the_start_counts_as_a_stop() {
 #[test]
 fn a_stop_during_the_self_test_is_in_force_after_it() {
     let mut vehicle = Vehicle::at_boot();
-    vehicle.event(Event::EStop(caller(BOB)));
+    vehicle.input(ArbiterInput::EStop(caller(BOB)));
     assert_eq!(vehicle.state.mode, Mode::SafeBoot);
     stored(&mut vehicle);
     assert_eq!(
@@ -230,7 +230,7 @@ fn a_stop_during_the_self_test_is_in_force_after_it() {
 fn a_take_over_under_way_ends_with_the_supervisor_able_to_reset() {
     let mut vehicle = Vehicle::driving();
     vehicle.lease(CAROL, LeaseVerb::TakeOver);
-    vehicle.event(Event::EStop(caller(ALICE)));
+    vehicle.input(ArbiterInput::EStop(caller(ALICE)));
     assert_eq!(
         (vehicle.state.mode, vehicle.holder()),
         (Mode::EStop, Some(CAROL))
@@ -240,7 +240,7 @@ fn a_take_over_under_way_ends_with_the_supervisor_able_to_reset() {
 #[test]
 fn a_fault_is_ended_at_the_vehicle_alone_and_by_a_self_test() {
     let mut vehicle = Vehicle::driving();
-    vehicle.event(Event::ActuatorFault);
+    vehicle.input(ArbiterInput::ActuatorFault);
     let fault = Mode::Fault(FaultReason::Actuator);
     assert_eq!(
         (vehicle.state.mode, vehicle.output()),
@@ -253,10 +253,10 @@ fn a_fault_is_ended_at_the_vehicle_alone_and_by_a_self_test() {
     );
     vehicle.self_test(true, StoredEStop::None);
     assert_eq!(vehicle.state.mode, fault);
-    vehicle.event(Event::EStop(caller(BOB)));
+    vehicle.input(ArbiterInput::EStop(caller(BOB)));
     stored(&mut vehicle);
     assert_eq!(vehicle.state.mode, fault);
-    vehicle.event(Event::LocalReset);
+    vehicle.input(ArbiterInput::LocalReset);
     assert_eq!(vehicle.state.mode, Mode::SafeBoot);
     vehicle.self_test(true, StoredEStop::None);
     assert_eq!(
@@ -264,7 +264,7 @@ fn a_fault_is_ended_at_the_vehicle_alone_and_by_a_self_test() {
         Mode::EStop,
         "the fault did not end the stop"
     );
-    vehicle.event(Event::LocalReset);
+    vehicle.input(ArbiterInput::LocalReset);
     assert_eq!(vehicle.state.mode, Mode::Idle);
 }
 

@@ -1,5 +1,5 @@
 use super::*;
-use crate::teleop::lease::How;
+use crate::teleop::lease::GrantReason;
 
 #[test]
 fn nothing_is_granted_before_the_self_test() {
@@ -16,7 +16,7 @@ fn old_requests_and_onlookers_are_refused() {
     let token = vehicle.token;
     vehicle.pass(401);
     let verb = LeaseVerb::Request;
-    vehicle.event(Event::Lease {
+    vehicle.input(ArbiterInput::Lease {
         caller: caller(ALICE),
         token,
         verb,
@@ -28,7 +28,7 @@ fn old_requests_and_onlookers_are_refused() {
     };
     vehicle.round();
     let token = vehicle.token;
-    vehicle.event(Event::Lease {
+    vehicle.input(ArbiterInput::Lease {
         caller: onlooker,
         token,
         verb,
@@ -36,8 +36,8 @@ fn old_requests_and_onlookers_are_refused() {
     assert_eq!(vehicle.answer(), Some(Answer::Refused(Refusal::Role)));
     assert_eq!(vehicle.state.mode, Mode::Idle);
     let refusal = Refusal::Role;
-    assert!(vehicle.happenings.contains(&Happening::Refused {
-        wish: Wish::Lease,
+    assert!(vehicle.events.contains(&ArbiterEvent::Refused {
+        request_kind: RequestKind::Lease,
         caller: onlooker,
         refusal
     }));
@@ -49,25 +49,25 @@ fn the_holder_consents_and_the_vehicle_stops_before_the_other_drives() {
     assert_eq!(vehicle.lease(BOB, LeaseVerb::Request), Answer::Waiting);
     assert!(
         vehicle
-            .happenings
-            .contains(&Happening::LeaseRequested { by: BOB })
+            .events
+            .contains(&ArbiterEvent::LeaseRequested { by: BOB })
     );
     assert_eq!(
         vehicle.lease(CAROL, LeaseVerb::Request),
         Answer::Refused(Refusal::Busy)
     );
     assert_eq!(
-        vehicle.lease(ALICE, LeaseVerb::Consent { to: CAROL }),
+        vehicle.lease(ALICE, LeaseVerb::HandOver { to: CAROL }),
         Answer::Refused(Refusal::NotWaiting)
     );
     assert_eq!(
-        vehicle.lease(BOB, LeaseVerb::Consent { to: BOB }),
+        vehicle.lease(BOB, LeaseVerb::HandOver { to: BOB }),
         Answer::Refused(Refusal::NotHolder)
     );
     assert_eq!(vehicle.holder(), Some(ALICE));
 
     assert_eq!(
-        vehicle.lease(ALICE, LeaseVerb::Consent { to: BOB }),
+        vehicle.lease(ALICE, LeaseVerb::HandOver { to: BOB }),
         Answer::Done
     );
     assert_eq!(
@@ -86,8 +86,8 @@ fn the_holder_consents_and_the_vehicle_stops_before_the_other_drives() {
         (Some(BOB), Velocity::ZERO)
     );
     assert_eq!(vehicle.state.mode, Mode::Held);
-    let how = How::HandOver;
-    assert!(vehicle.happenings.contains(&Happening::LeaseGranted {
+    let how = GrantReason::HandOver;
+    assert!(vehicle.events.contains(&ArbiterEvent::LeaseGranted {
         to: BOB,
         epoch: 2,
         how
@@ -125,11 +125,11 @@ fn a_supervisor_takes_over_a_standing_vehicle_at_once() {
         vehicle.lease(CAROL, LeaseVerb::TakeOver),
         Answer::Granted { epoch: 2 }
     );
-    let ended = Happening::LeaseEnded {
+    let ended = ArbiterEvent::LeaseEnded {
         operator: ALICE,
         why: LeaseEnd::TakenOver,
     };
-    assert!(vehicle.happenings.contains(&ended));
+    assert!(vehicle.events.contains(&ended));
     // Alice's neutral was hers alone.
     let command = DriveCommand {
         operator: CAROL,
@@ -225,10 +225,10 @@ fn a_lease_that_expires_while_driving_ends_idle_through_a_stop() {
     let mut vehicle = Vehicle::driving();
     // The loop stood still: one tick sees all limits passed at once.
     vehicle.pass(2001);
-    vehicle.event(Event::Tick);
+    vehicle.input(ArbiterInput::Tick);
     assert_eq!(vehicle.output(), Velocity::ZERO, "the ramp is long over");
     assert_eq!(vehicle.state.mode, Mode::Idle);
-    assert!(vehicle.happenings.contains(&Happening::LeaseEnded {
+    assert!(vehicle.events.contains(&ArbiterEvent::LeaseEnded {
         operator: ALICE,
         why: LeaseEnd::Expired
     }));
@@ -261,9 +261,9 @@ fn a_console_that_was_restarted_begins_anew() {
 #[test]
 fn who_is_no_longer_an_operator_loses_the_lease() {
     let mut vehicle = Vehicle::driving();
-    vehicle.event(Event::Revoked(BOB));
+    vehicle.input(ArbiterInput::Revoked(BOB));
     assert_eq!(vehicle.state.mode, Mode::Driving);
-    vehicle.event(Event::Revoked(ALICE));
+    vehicle.input(ArbiterInput::Revoked(ALICE));
     assert_eq!(
         vehicle.stopping(),
         Some(StopReason::LeaseEnded(LeaseEnd::Revoked))
@@ -277,7 +277,7 @@ fn who_is_revoked_before_the_vehicle_stands_is_not_granted_it() {
     let mut vehicle = Vehicle::driving();
     vehicle.lease(BOB, LeaseVerb::Request);
     vehicle.lease(ALICE, LeaseVerb::Release);
-    vehicle.event(Event::Revoked(BOB));
+    vehicle.input(ArbiterInput::Revoked(BOB));
     vehicle.silence(300);
     assert_eq!((vehicle.holder(), vehicle.state.mode), (None, Mode::Idle));
 }

@@ -1,14 +1,14 @@
 use super::*;
 use crate::teleop::report::Clamp;
-use crate::teleop::verdict::GuardLimits;
+use crate::teleop::speed_limits::SpeedLimits;
 
-const OPEN: GuardLimits = GuardLimits {
+const OPEN: SpeedLimits = SpeedLimits {
     forward_mps: 1.0,
     reverse_mps: 1.0,
     left_radps: 1.0,
     right_radps: 1.0,
-    is_blind: false,
-    excess: Velocity::ZERO,
+    in_unknown_space: false,
+    overspeed: Velocity::ZERO,
 };
 
 fn near(is: f64, expected: f64) {
@@ -39,7 +39,7 @@ fn old_commands_allow_less_speed() {
     delayed(&mut vehicle, 120);
     // Ten rounds on the way and one until the next: 220 ms.
     let report = vehicle.report();
-    assert_eq!(report.greatest_age, Some(Duration::from_millis(220)));
+    assert_eq!(report.peak_age, Some(Duration::from_millis(220)));
     near(report.speed_allowed_mps, 0.15 / 0.22);
     near(report.applied.linear_mps, 0.15 / 0.22);
     near(report.applied.angular_radps, 0.5 * 0.15 / 0.22);
@@ -59,15 +59,15 @@ fn the_guard_slows_an_arc_without_bending_it() {
         linear_mps: 0.8,
         angular_radps: -0.4,
     };
-    vehicle.guard = GuardVerdict::Limits(GuardLimits {
+    vehicle.collision_monitor = CollisionMonitorOutput::Limits(SpeedLimits {
         forward_mps: 0.2,
         ..OPEN
     });
     vehicle.hold(arc, 100);
     near(vehicle.output().linear_mps, 0.2);
     near(vehicle.output().angular_radps, -0.1);
-    assert_eq!(vehicle.report().clamp, Some(Clamp::Guard));
-    vehicle.guard = GuardVerdict::Limits(GuardLimits {
+    assert_eq!(vehicle.report().clamp, Some(Clamp::CollisionMonitor));
+    vehicle.collision_monitor = CollisionMonitorOutput::Limits(SpeedLimits {
         right_radps: 0.2,
         ..OPEN
     });
@@ -79,7 +79,7 @@ fn the_guard_slows_an_arc_without_bending_it() {
 #[test]
 fn the_guard_brakes_without_regard_to_jerk() {
     let mut vehicle = Vehicle::driving();
-    vehicle.guard = GuardVerdict::Limits(GuardLimits {
+    vehicle.collision_monitor = CollisionMonitorOutput::Limits(SpeedLimits {
         forward_mps: 0.1,
         ..OPEN
     });
@@ -95,7 +95,7 @@ fn the_guard_brakes_without_regard_to_jerk() {
 #[test]
 fn before_a_wall_it_still_backs_off_and_turns() {
     let mut vehicle = Vehicle::driving();
-    vehicle.guard = GuardVerdict::Limits(GuardLimits {
+    vehicle.collision_monitor = CollisionMonitorOutput::Limits(SpeedLimits {
         forward_mps: 0.0,
         ..OPEN
     });
@@ -118,7 +118,7 @@ fn before_a_wall_it_still_backs_off_and_turns() {
 #[test]
 fn before_a_wall_a_stop_is_over_at_once_and_the_next_press_needs_neutral() {
     let mut vehicle = Vehicle::driving();
-    vehicle.guard = GuardVerdict::Limits(GuardLimits {
+    vehicle.collision_monitor = CollisionMonitorOutput::Limits(SpeedLimits {
         forward_mps: 0.0,
         ..OPEN
     });
@@ -138,10 +138,10 @@ fn before_a_wall_a_stop_is_over_at_once_and_the_next_press_needs_neutral() {
 #[test]
 fn a_guard_that_knows_too_little_stops_the_vehicle_for_good() {
     let mut vehicle = Vehicle::driving();
-    vehicle.guard = GuardVerdict::Stale;
+    vehicle.collision_monitor = CollisionMonitorOutput::Stale;
     vehicle.hold(FORWARD, 1);
-    assert_eq!(vehicle.stopping(), Some(StopReason::GuardStale));
-    vehicle.guard = GuardVerdict::Off;
+    assert_eq!(vehicle.stopping(), Some(StopReason::CollisionMonitorStale));
+    vehicle.collision_monitor = CollisionMonitorOutput::Off;
     vehicle.hold(FORWARD, 50);
     assert_eq!(vehicle.state.mode, Mode::Held);
 }
@@ -151,23 +151,23 @@ fn a_guard_that_says_nothing_stops_the_vehicle() {
     let mut vehicle = Vehicle::driving();
     for _ in 0..16 {
         vehicle.pass(20);
-        vehicle.event(Event::Token { nonce: 1 });
+        vehicle.input(ArbiterInput::Token { nonce: 1 });
         let command = vehicle.command(ALICE, FORWARD);
         vehicle.send(command);
-        vehicle.event(Event::Tick);
+        vehicle.input(ArbiterInput::Tick);
     }
-    assert_eq!(vehicle.stopping(), Some(StopReason::GuardStale));
-    assert_eq!(vehicle.report().guard, None);
+    assert_eq!(vehicle.stopping(), Some(StopReason::CollisionMonitorStale));
+    assert_eq!(vehicle.report().collision_monitor, None);
 }
 
 #[test]
 fn a_press_that_the_guard_did_not_see_does_not_count_later() {
     let mut vehicle = Vehicle::held();
     vehicle.hold(Velocity::ZERO, 11);
-    vehicle.guard = GuardVerdict::Stale;
+    vehicle.collision_monitor = CollisionMonitorOutput::Stale;
     vehicle.round();
     vehicle.hold(FORWARD, 2);
-    vehicle.guard = GuardVerdict::Off;
+    vehicle.collision_monitor = CollisionMonitorOutput::Off;
     vehicle.hold(FORWARD, 20);
     assert_eq!(vehicle.state.mode, Mode::Held);
 }
@@ -216,29 +216,36 @@ fn on_its_way_to_a_limit_it_is_held_back_by_its_acceleration() {
 #[test]
 fn the_guard_is_named_while_it_brakes_and_where_it_holds() {
     let mut vehicle = Vehicle::driving();
-    vehicle.guard = GuardVerdict::Limits(GuardLimits {
+    vehicle.collision_monitor = CollisionMonitorOutput::Limits(SpeedLimits {
         forward_mps: 0.1,
         ..OPEN
     });
     for (rounds, mps) in [(1, 0.28), (60, 0.1)] {
         vehicle.hold(FORWARD, rounds);
         near(vehicle.output().linear_mps, mps);
-        assert_eq!(vehicle.report().clamp, Some(Clamp::Guard), "{rounds}");
+        assert_eq!(
+            vehicle.report().clamp,
+            Some(Clamp::CollisionMonitor),
+            "{rounds}"
+        );
     }
 }
 
 #[test]
 fn a_boat_that_is_too_fast_is_shown_the_limit_and_gets_no_thrust() {
     let mut boat = Vehicle::driving();
-    let limits = GuardLimits {
+    let limits = SpeedLimits {
         forward_mps: 0.2,
-        excess: FORWARD.scaled(1.0 / 3.0),
+        overspeed: FORWARD.scaled(1.0 / 3.0),
         ..OPEN
     };
-    boat.guard = GuardVerdict::Limits(limits);
+    boat.collision_monitor = CollisionMonitorOutput::Limits(limits);
     boat.hold(FORWARD, 60);
     near(boat.output().linear_mps, 0.0);
-    assert_eq!(boat.report().guard, Some(GuardVerdict::Limits(limits)));
+    assert_eq!(
+        boat.report().collision_monitor,
+        Some(CollisionMonitorOutput::Limits(limits))
+    );
     // Thrust the other way slows it down.
     boat.hold(FORWARD.scaled(-1.0), 100);
     near(boat.output().linear_mps, -0.3);
@@ -265,8 +272,8 @@ fn a_boat_without_thrust_drifts() {
 #[test]
 fn measured_speed_is_passed_on_unless_it_is_none() {
     let mut vehicle = Vehicle::idle();
-    vehicle.event(Event::Measured(FORWARD));
+    vehicle.input(ArbiterInput::Measured(FORWARD));
     assert_eq!(vehicle.report().measured, Some(FORWARD));
-    vehicle.event(Event::Measured(FORWARD.scaled(f64::NAN)));
+    vehicle.input(ArbiterInput::Measured(FORWARD.scaled(f64::NAN)));
     assert_eq!(vehicle.report().measured, None);
 }

@@ -4,7 +4,7 @@ use super::Scope;
 use super::small::{self, Pressed, Small, TOKENS};
 use crate::teleop::command::DriveCommand;
 use crate::teleop::emergency_stop::{EStopId, StoredEStop};
-use crate::teleop::event::{Event, LeaseVerb};
+use crate::teleop::input::{ArbiterInput, LeaseVerb};
 use crate::teleop::operator::{OperatorId, Role};
 use crate::teleop::proofs::world::caller;
 use crate::teleop::velocity::Velocity;
@@ -13,7 +13,7 @@ use crate::teleop::velocity::Velocity;
 pub(super) enum Act {
     /// A step of time passes.
     Tick {
-        guard_sees: bool,
+        monitor_is_available: bool,
     },
     /// A console sends a command.
     Send {
@@ -40,7 +40,7 @@ pub(super) enum Act {
         token: u8,
     },
     /// Anything that is one event by itself.
-    Other(Event),
+    Other(ArbiterInput),
 }
 
 impl Scope {
@@ -48,9 +48,13 @@ impl Scope {
         if state.violation.is_some() {
             return;
         }
-        actions.push(Act::Tick { guard_sees: true });
+        actions.push(Act::Tick {
+            monitor_is_available: true,
+        });
         if self.has_faults {
-            actions.push(Act::Tick { guard_sees: false });
+            actions.push(Act::Tick {
+                monitor_is_available: false,
+            });
         }
         let others = state.network.len();
         for index in 0..others {
@@ -103,7 +107,7 @@ impl Scope {
                 LeaseVerb::Request,
                 LeaseVerb::Release,
                 LeaseVerb::TakeOver,
-                LeaseVerb::Consent { to: other },
+                LeaseVerb::HandOver { to: other },
                 LeaseVerb::Refuse { whom: other },
             ] {
                 actions.push(Act::Lease { who, verb, token });
@@ -112,7 +116,7 @@ impl Scope {
         if self.has_estop {
             // One with a command of no worth otherwise, one with a request.
             actions.push(Act::Other(if who == 0 {
-                Event::Command {
+                ArbiterInput::Command {
                     role: Role::Operator,
                     command: DriveCommand {
                         operator: OperatorId(0),
@@ -124,7 +128,7 @@ impl Scope {
                     },
                 }
             } else {
-                Event::EStop(caller(who))
+                ArbiterInput::EStop(caller(who))
             }));
             for (id, token) in [(0, 0), (1, 0), (1, 1), (1, TOKENS - 1)] {
                 let id = EStopId(id);
@@ -134,28 +138,28 @@ impl Scope {
     }
 
     fn push_others(&self, actions: &mut Vec<Act>) {
-        let tested = |has_passed, stored| Act::Other(Event::SelfTest { has_passed, stored });
+        let tested = |has_passed, stored| Act::Other(ArbiterInput::SelfTest { has_passed, stored });
         actions.push(tested(true, StoredEStop::None));
         if self.has_estop {
             actions.push(tested(true, StoredEStop::Latched(small::ESTOP)));
             actions.push(tested(true, StoredEStop::Unreadable));
-            for event in [
-                Event::EStopStored(small::ESTOP),
-                Event::EStopStored(EStopId(0)),
-                Event::LocalReset,
+            for input in [
+                ArbiterInput::EStopStored(small::ESTOP),
+                ArbiterInput::EStopStored(EStopId(0)),
+                ArbiterInput::LocalReset,
             ] {
-                actions.push(Act::Other(event));
+                actions.push(Act::Other(input));
             }
         }
         if self.has_faults {
             actions.push(tested(false, StoredEStop::None));
-            for event in [
-                Event::ActuatorFault,
-                Event::LocalReset,
-                Event::Revoked(OperatorId(0)),
-                Event::Revoked(OperatorId(1)),
+            for input in [
+                ArbiterInput::ActuatorFault,
+                ArbiterInput::LocalReset,
+                ArbiterInput::Revoked(OperatorId(0)),
+                ArbiterInput::Revoked(OperatorId(1)),
             ] {
-                actions.push(Act::Other(event));
+                actions.push(Act::Other(input));
             }
         }
     }

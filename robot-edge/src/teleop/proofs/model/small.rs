@@ -6,14 +6,14 @@ use crate::clock::Monotonic;
 use crate::teleop::arbiter::{ArbiterState, Mode, StopReason};
 use crate::teleop::arming::Arming;
 use crate::teleop::emergency_stop::{EStop, EStopId};
-use crate::teleop::lease::{Holder, Lease, Waiting};
+use crate::teleop::lease::{Lease, LeaseHolder, Waiting};
 use crate::teleop::operator::OperatorId;
 use crate::teleop::proofs::licence::Licence;
 use crate::teleop::proofs::millis;
 use crate::teleop::proofs::monitor::{InForce, Latched, Monitor, Violation};
+use crate::teleop::speed_limits::CollisionMonitorOutput;
 use crate::teleop::token::{AgeToken, TokenRing};
 use crate::teleop::velocity::Velocity;
-use crate::teleop::verdict::GuardVerdict;
 
 /// A step of time.
 pub(super) const UNIT: Duration = millis(100);
@@ -75,7 +75,7 @@ pub(super) struct Small {
     pub(super) arming: Arming,
     /// Micrometres per second.
     pub(super) speed_um: i64,
-    guard_sees: bool,
+    monitor_is_available: bool,
     pub(super) estop: Option<EStop>,
     watched: Watched,
     pub(super) network: Vec<Message>,
@@ -90,7 +90,7 @@ struct Watched {
     last_seq: Option<u64>,
     in_force: Option<InForce>,
     licence: Licence,
-    asked: u32,
+    requested_at: u32,
     estop: Option<Latched>,
     is_booted: bool,
     has_fault: bool,
@@ -124,7 +124,7 @@ impl Small {
             is_pressed: false,
             arming: Arming::Locked,
             speed_um: 0,
-            guard_sees: false,
+            monitor_is_available: false,
             estop: None,
             watched: Watched {
                 holder: None,
@@ -132,7 +132,7 @@ impl Small {
                 last_seq: None,
                 in_force: None,
                 licence: Licence::default(),
-                asked: 0,
+                requested_at: 0,
                 estop: None,
                 is_booted: false,
                 has_fault: false,
@@ -163,10 +163,10 @@ impl Small {
             tokens.issue(ago(steps.into()), 0);
         }
         let mut state = ArbiterState::new(BOOT);
-        let guard = if self.guard_sees {
-            GuardVerdict::Off
+        let collision_monitor = if self.monitor_is_available {
+            CollisionMonitorOutput::Off
         } else {
-            GuardVerdict::Stale
+            CollisionMonitorOutput::Stale
         };
         state.mode = self.mode;
         state.now = present();
@@ -180,7 +180,7 @@ impl Small {
             state.stream.requested = Pressed::Key.velocity();
         }
         state.motion.linear.speed = self.speed_um as f64 / 1e6;
-        state.guard = Some((guard, present()));
+        state.collision_monitor = Some((collision_monitor, present()));
         state.estop = self.estop;
         state.last_estop = ESTOP;
         let watched = &self.watched;
@@ -191,11 +191,11 @@ impl Small {
             last_seq: watched.last_seq,
             in_force: watched.in_force,
             licence: watched.licence,
-            asked: watched.asked,
+            requested_at: watched.requested_at,
             estop: watched.estop,
             is_booted: watched.is_booted,
             has_fault: watched.has_fault,
-            guard: state.guard,
+            collision_monitor: state.collision_monitor,
             last_tick: state.last_tick,
             accel: Velocity::ZERO,
         };
@@ -212,9 +212,9 @@ impl Small {
         let relative_estop = |estop: EStop| EStop {
             id: ESTOP,
             is_stored: estop.is_stored,
-            last_asked: at(estop.last_asked),
+            last_requested: at(estop.last_requested),
             // When it is given to be stored again changes nothing.
-            store_asked: present(),
+            store_requested: present(),
         };
         let last_seq = state.stream.last_seq.map(|_| 0);
         if monitor.last_seq != state.stream.last_seq || monitor.epoch != state.lease.epoch {
@@ -235,13 +235,13 @@ impl Small {
         };
         self.lease = Lease {
             epoch: EPOCH,
-            holder: state.lease.holder.map(|holder| Holder {
+            holder: state.lease.holder.map(|holder| LeaseHolder {
                 renewed: at(holder.renewed),
                 ..holder
             }),
             next: state.lease.next,
             waiting: state.lease.waiting.map(|waiting| Waiting {
-                asked: at(waiting.asked),
+                requested_at: at(waiting.requested_at),
                 ..waiting
             }),
         };
@@ -254,7 +254,10 @@ impl Small {
             arming @ (Arming::Locked | Arming::Pressed) => arming,
         };
         self.speed_um = (state.motion.linear.speed * 1e6).round() as i64;
-        self.guard_sees = matches!(state.guard, Some((GuardVerdict::Off, _)));
+        self.monitor_is_available = matches!(
+            state.collision_monitor,
+            Some((CollisionMonitorOutput::Off, _))
+        );
         self.estop = state.estop.map(relative_estop);
         let mut licence = monitor.licence;
         licence.lost = licence.lost.map(at);
@@ -269,10 +272,10 @@ impl Small {
                 ..last
             }),
             licence,
-            asked: monitor.asked,
+            requested_at: monitor.requested_at,
             estop: monitor.estop.map(|estop| Latched {
                 id: ESTOP,
-                asked: at(estop.asked),
+                requested_at: at(estop.requested_at),
                 ..estop
             }),
             is_booted: monitor.is_booted,

@@ -2,7 +2,7 @@
 
 use super::{Monitor, Violation, bit, ensure};
 use crate::clock::Monotonic;
-use crate::teleop::action::{Action, Actions, Answer, Happening};
+use crate::teleop::action::{Action, Actions, Answer, ArbiterEvent};
 use crate::teleop::config::Rules;
 use crate::teleop::lease::LeaseEnd;
 use crate::teleop::velocity::Velocity;
@@ -16,7 +16,7 @@ impl Monitor {
     ) -> Result<(), Violation> {
         for action in actions.iter() {
             match action {
-                Action::Tell(Happening::LeaseEnded { operator, why }) => {
+                Action::Notify(ArbiterEvent::LeaseEnded { operator, why }) => {
                     ensure(
                         self.holder == Some(operator),
                         "P2: a lease ends that nobody has",
@@ -29,17 +29,20 @@ impl Monitor {
                     self.holder = None;
                     self.forget_commands();
                 }
-                Action::Tell(Happening::LeaseGranted { to, epoch, .. }) => {
+                Action::Notify(ArbiterEvent::LeaseGranted { to, epoch, .. }) => {
                     ensure(self.holder.is_none(), "P2: a second holder")?;
                     ensure(epoch > self.epoch, "P3: the epoch does not grow")?;
-                    ensure(self.asked & bit(to) != 0, "P2: a lease for who did not ask")?;
+                    ensure(
+                        self.requested_at & bit(to) != 0,
+                        "P2: a lease for who did not ask",
+                    )?;
                     ensure(
                         actions.output == Velocity::ZERO,
                         "P2: the lease changes hands on a moving vehicle",
                     )?;
                     (self.holder, self.epoch) = (Some(to), epoch);
                     self.renewed = now;
-                    self.asked &= !bit(to);
+                    self.requested_at &= !bit(to);
                     self.forget_commands();
                 }
                 Action::AcknowledgeEStop(id)
@@ -55,11 +58,11 @@ impl Monitor {
                         "P5: an emergency stop is acknowledged before it is stored",
                     )?;
                 }
-                Action::Publish(_)
+                Action::PublishToken(_)
                 | Action::Answer { .. }
                 | Action::StoreEStop(_)
                 | Action::ClearEStop(_)
-                | Action::Tell(_) => {}
+                | Action::Notify(_) => {}
             }
         }
         Ok(())

@@ -6,13 +6,13 @@ use super::{Monitor, Violation, ensure};
 use crate::clock::Monotonic;
 use crate::teleop::arbiter::{ArbiterState, Mode, step};
 use crate::teleop::config::Rules;
-use crate::teleop::event::Event;
+use crate::teleop::input::ArbiterInput;
 use crate::teleop::motion::{AxisLimits, Caps};
 use crate::teleop::proofs::millis;
+use crate::teleop::speed_limits::CollisionMonitorOutput;
 use crate::teleop::velocity::Velocity;
-use crate::teleop::verdict::GuardVerdict;
 
-const LONGEST_STEP: Duration = millis(40);
+const MAX_STEP: Duration = millis(40);
 const ROUNDING: f64 = 1e-9;
 /// Of an acceleration that is found by dividing what ended at a target by a small `dt`.
 const ACCEL_ROUNDING: f64 = 1e-3;
@@ -42,23 +42,23 @@ impl Monitor {
         if self.in_force.is_some() && !is_young {
             self.licence.too_old(now);
         }
-        if !self.guard_sees(now) {
-            self.licence.blind();
+        if !self.monitor_is_available(now) {
+            self.licence.monitor_unavailable();
         }
         let may_grow = is_young
             && self.holder.is_some()
             && self.in_force.is_some_and(|last| last.is_pressed)
             && self.licence.is_given()
-            && self.guard_sees(now)
+            && self.monitor_is_available(now)
             && self.estop.is_none()
             && !self.has_fault
             // On the way to a stop a press that counts must wait until the vehicle stands.
             && after.mode() == Mode::Driving;
 
-        let verdict = self
-            .guard
-            .map_or(GuardVerdict::Stale, |(verdict, _)| verdict);
-        let caps = verdict.caps();
+        let output = self
+            .collision_monitor
+            .map_or(CollisionMonitorOutput::Stale, |(output, _)| output);
+        let caps = output.caps();
         let caps = (caps.0.at_most(after.speed_allowed_mps(rules, now)), caps.1);
         let linear = AxisTick::new(was.linear_mps, is.linear_mps, caps.0);
         let angular = AxisTick::new(was.angular_radps, is.angular_radps, caps.1);
@@ -81,8 +81,8 @@ fn compare_without_guard(
     is: Velocity,
 ) -> Result<(), Violation> {
     let mut unguarded = *before;
-    unguarded.guard = Some((GuardVerdict::Off, now));
-    let (_, actions) = step(rules, unguarded, now, Event::Tick);
+    unguarded.collision_monitor = Some((CollisionMonitorOutput::Off, now));
+    let (_, actions) = step(rules, unguarded, now, ArbiterInput::Tick);
     let free = actions.output;
     let is_slower = |is: f64, free: f64, was: f64| is.abs() <= free.abs().max(was.abs()) + ROUNDING;
     ensure(
@@ -160,7 +160,7 @@ impl AxisTick {
             )?;
             return Ok(0.0);
         }
-        let dt_s = dt.min(LONGEST_STEP).as_secs_f64();
+        let dt_s = dt.min(MAX_STEP).as_secs_f64();
         let next = (is - was) / dt_s;
         ensure(
             next.abs() <= limits.accel + ACCEL_ROUNDING,

@@ -1,6 +1,6 @@
 //! A day with the console, from the first window to the last, with real keys and a real pointer, and a picture of each step.
 
-mod desk;
+mod desktop;
 mod probe;
 mod raster;
 
@@ -15,12 +15,12 @@ use robot_edge::clock::Monotonic;
 use tempfile::tempdir;
 
 use super::controls::Control;
-use super::driver::{holds, take_lease};
+use super::driver::{hold_until, take_lease};
 use super::processes::{Running, free_port, program};
 use super::screen::Key;
-use super::witness::{PATIENCE, Witness};
-use desk::{Desk, rest};
-use probe::{Reading, place_m, readings};
+use super::telemetry::{TIMEOUT, Telemetry};
+use desktop::{Desktop, settle};
+use probe::{Reading, position_m, readings};
 use raster::Raster;
 
 const ROBOT: &str = "barge";
@@ -41,7 +41,7 @@ fn a_day_with_the_console() {
     // Whoever names an address is shown nobody whom other tests have on this network.
     let yesterdays = format!("tcp/127.0.0.1:{}", free_port());
     let arguments = ["--operator", "anna", "--robot", ROBOT, "--connect"];
-    let Some(mut desk) = Desk::new(&arguments, &yesterdays) else {
+    let Some(mut desktop) = Desktop::new(&arguments, &yesterdays) else {
         return;
     };
     let recordings = tempdir().unwrap();
@@ -50,39 +50,46 @@ fn a_day_with_the_console() {
     let endpoint = format!("tcp/127.0.0.1:{port}");
     let mut command = program("robot-edge");
     command.args([
-        "simulate", "yard", "--rate", "1", "--stay", "--quiet", "--robot", ROBOT,
+        "simulate",
+        "yard",
+        "--rate",
+        "1",
+        "--keep-serving",
+        "--quiet",
+        "--robot",
+        ROBOT,
     ]);
     command.args(["--listen", &endpoint, "--recordings"]);
     let _edge = Running::start(command.arg(recordings.path()), "edge");
-    let witness = Witness::of(ROBOT, &endpoint);
+    let telemetry = Telemetry::of(ROBOT, &endpoint);
 
-    finds_the_robot(&desk, &relay);
-    starts_recording(&desk);
-    switches_layers(&desk);
-    saves_pictures(&desk);
-    drives(&desk, &witness);
-    measures(&desk);
-    loses_the_link(&desk, &relay);
-    let recording = stops_recording(&desk, recordings.path());
-    scrubs(&desk, &recording);
-    let read = probes(&desk);
-    exports(&desk, &read);
-    comes_back(&mut desk, &relay);
+    finds_the_robot(&desktop, &relay);
+    starts_recording(&desktop);
+    switches_layers(&desktop);
+    saves_pictures(&desktop);
+    drives(&desktop, &telemetry);
+    measures(&desktop);
+    loses_the_link(&desktop, &relay);
+    let recording = stops_recording(&desktop, recordings.path());
+    scrubs(&desktop, &recording);
+    let read = probes(&desktop);
+    exports(&desktop, &read);
+    comes_back(&mut desktop, &relay);
 }
 
-fn finds_the_robot(desk: &Desk, relay: &Relay) {
-    desk.controls.beginning("Looking for robots");
-    desk.controls.beginning(&format!("Looking for {ROBOT}"));
-    desk.picture("01_open");
-    desk.until_seen("Remembered addresses", || {
+fn finds_the_robot(desktop: &Desktop, relay: &Relay) {
+    desktop.controls.beginning("Looking for robots");
+    desktop.controls.beginning(&format!("Looking for {ROBOT}"));
+    desktop.picture("01_open");
+    desktop.retry_until_shown("Remembered addresses", || {
         // What is typed before the field is there waits for it.
-        desk.screen.tap_with(Key::Control, Key::L);
-        desk.screen.write(&relay.endpoint());
-        desk.screen.tap(Key::Enter);
+        desktop.screen.tap_with(Key::Control, Key::L);
+        desktop.screen.write(&relay.endpoint());
+        desktop.screen.tap(Key::Enter);
     });
-    desk.controls.beginning("Live");
-    desk.controls.beginning("In step");
-    desk.picture("02_found");
+    desktop.controls.beginning("Live");
+    desktop.controls.beginning("Synchronized");
+    desktop.picture("02_found");
 }
 
 /// What stands below the name of a layer in its panel.
@@ -101,58 +108,62 @@ fn state_of<'a>(all: &'a [Control], layer: &str) -> Option<&'a str> {
     Some(&next.words)
 }
 
-fn switches_layers(desk: &Desk) {
+fn switches_layers(desktop: &Desktop) {
     let is_hidden = |layer: &'static str, is_hidden: bool| {
-        desk.controls
+        desktop
+            .controls
             .wait_for(&format!("{layer} hidden: {is_hidden}"), |all| {
                 let state = state_of(all, layer)?;
                 (state.starts_with("hidden") == is_hidden).then_some(())
             });
     };
     is_hidden("Rigidity", true);
-    desk.controls
-        .beginning("Slope cost: 0 flat or clear, 1 fatal");
-    desk.screen.tap_with(Key::Alt, Key::Digit5);
+    desktop
+        .controls
+        .beginning("Slope cost: 0 flat or clear, 1 lethal");
+    desktop.screen.tap_with(Key::Alt, Key::Digit5);
     is_hidden("Rigidity", false);
-    desk.controls.beginning("Rigidity");
-    desk.controls.wait_for("rigidity in step", |all| {
+    desktop.controls.beginning("Rigidity");
+    desktop.controls.wait_for("rigidity synchronized", |all| {
         let state = state_of(all, "Rigidity")?;
-        state.contains("in step").then_some(())
+        state.contains("synchronized").then_some(())
     });
-    desk.picture("03_layers");
-    desk.screen.tap_with(Key::Alt, Key::Digit5);
+    desktop.picture("03_layers");
+    desktop.screen.tap_with(Key::Alt, Key::Digit5);
     is_hidden("Rigidity", true);
 }
 
 /// Hands let go of Ctrl before the letter as often as after it; S is a key that drives as well.
-fn saves_pictures(desk: &Desk) {
-    let folder = desk.home.path().join("pictures");
+fn saves_pictures(desktop: &Desktop) {
+    let folder = desktop.home.path().join("pictures");
     let saved = || fs::read_dir(&folder).map_or(0, Iterator::count);
     for count in 1..=3 {
-        desk.screen.press(Key::Control);
-        desk.screen.press(Key::S);
-        desk.screen.release(Key::Control);
-        desk.screen.release(Key::S);
+        desktop.screen.press(Key::Control);
+        desktop.screen.press(Key::S);
+        desktop.screen.release(Key::Control);
+        desktop.screen.release(Key::S);
         let started = Monotonic::now();
         while saved() < count {
-            assert!(started.elapsed() < PATIENCE, "{count} pictures");
-            rest();
+            assert!(started.elapsed() < TIMEOUT, "{count} pictures");
+            settle();
         }
     }
     assert_eq!(saved(), 3);
 }
 
-fn starts_recording(desk: &Desk) {
-    desk.until_seen("Start recording", || desk.click("Button", "Recording"));
-    desk.until_seen("Stop recording", || desk.click("Button", "Start recording"));
+fn starts_recording(desktop: &Desktop) {
+    desktop.retry_until_shown("Start recording", || desktop.click("Button", "Recording"));
+    desktop.retry_until_shown("Stop recording", || {
+        desktop.click("Button", "Start recording")
+    });
 }
 
-fn drives(desk: &Desk, witness: &Witness) {
-    take_lease(&desk.screen, witness);
-    witness.sees("held", |status| status.state == TeleopState::Held);
-    let (from, _) = witness.place();
+fn drives(desktop: &Desktop, telemetry: &Telemetry) {
+    take_lease(&desktop.screen, telemetry);
+    telemetry.wait_for_status("held", |status| status.state == TeleopState::Held);
+    let (from, _) = telemetry.pose();
     let way_m = || {
-        let ([x, y], _) = witness.place();
+        let ([x, y], _) = telemetry.pose();
         nalgebra::distance(&from.into(), &[x, y].into())
     };
     let mut presses = 0;
@@ -161,45 +172,49 @@ fn drives(desk: &Desk, witness: &Witness) {
         assert!(presses < 10, "{} m", way_m());
         presses += 1;
         let forward = |status: &TeleopStatus| status.applied.linear_mps > 0.1;
-        holds(&desk.screen, witness, Key::W, forward);
+        hold_until(&desktop.screen, telemetry, Key::W, forward);
         if presses == 1 {
-            desk.picture("04_driving");
+            desktop.picture("04_driving");
         }
         sleep(Duration::from_secs(1));
-        desk.screen.release(Key::W);
-        witness.sees("standing", |status| status.state == TeleopState::Held);
+        desktop.screen.release(Key::W);
+        telemetry.wait_for_status("standing", |status| status.state == TeleopState::Held);
     }
     // A machine that is busy with other tests may be behind with telling where it is.
-    witness.hears_that_it_stands();
+    telemetry.wait_until_stopped();
     let stood = way_m();
     sleep(Duration::from_secs(1));
     assert!((way_m() - stood).abs() < 0.02, "it stands");
     println!("driven {stood:.2} m with {presses} presses");
     // Given back.
-    desk.screen.tap_with(Key::Control, Key::G);
-    witness.sees("nobody's", |status| status.lease.holder.is_none());
+    desktop.screen.tap_with(Key::Control, Key::G);
+    telemetry.wait_for_status("nobody's", |status| status.lease.holder.is_none());
 }
 
 /// Where the pointer reads on the map, metres in `odom`, once it points there: elsewhere than before.
-fn reads_at(desk: &Desk, at: [i16; 2]) -> [f64; 2] {
-    let before = place_m(&desk.controls.all());
-    desk.screen.point(at);
-    let first = desk.controls.wait_for("another place", |all| {
-        place_m(all).filter(|place_m| Some(*place_m) != before)
+fn reads_at(desktop: &Desktop, at: [i16; 2]) -> [f64; 2] {
+    let before = position_m(&desktop.controls.all());
+    desktop.screen.point(at);
+    let first = desktop.controls.wait_for("another place", |all| {
+        position_m(all).filter(|position_m| Some(*position_m) != before)
     });
-    rest();
-    assert_eq!(place_m(&desk.controls.all()), Some(first), "the map moves");
+    settle();
+    assert_eq!(
+        position_m(&desktop.controls.all()),
+        Some(first),
+        "the map moves"
+    );
     first
 }
 
-fn measures(desk: &Desk) {
+fn measures(desktop: &Desktop) {
     // The whole map grows while one looks; the vehicle stands.
-    desk.screen.tap(Key::V);
-    rest();
-    let [left, top, right, bottom] = desk.map().edges;
+    desktop.screen.tap(Key::V);
+    settle();
+    let [left, top, right, bottom] = desktop.map().edges;
     let corner = [left + (right - left) / 4, top + (bottom - top) / 3];
     let other = [right - (right - left) / 4, bottom - (bottom - top) / 3];
-    let (from_m, to_m) = (reads_at(desk, corner), reads_at(desk, other));
+    let (from_m, to_m) = (reads_at(desktop, corner), reads_at(desktop, other));
     // North is up: the two are all there is to know of the view.
     let pixels_per_m = f64::from(other[0] - corner[0]) / (to_m[0] - from_m[0]);
     assert!(
@@ -211,14 +226,14 @@ fn measures(desk: &Desk) {
             [x_m - from_m[0], from_m[1] - y_m].map(|m| (m * pixels_per_m).round() as i16);
         [corner[0] + dx, corner[1] + dy]
     };
-    desk.screen.tap(Key::M);
+    desktop.screen.tap(Key::M);
     for y_m in WALLS_M {
-        desk.screen.click(place([12.0, y_m]));
-        rest();
+        desktop.screen.click(place([12.0, y_m]));
+        settle();
     }
-    let label = desk.controls.beginning("Map, measured: ").words;
-    desk.picture("05_measured");
-    desk.screen.tap(Key::Escape);
+    let label = desktop.controls.beginning("Map, measured: ").words;
+    desktop.picture("05_measured");
+    desktop.screen.tap(Key::Escape);
     let words = label.trim_start_matches("Map, measured: ");
     let length_m: f64 = words.split(' ').next().unwrap().parse().unwrap();
     println!(
@@ -232,8 +247,8 @@ fn measures(desk: &Desk) {
 }
 
 /// How far from grey a part of the screen is on average: the greatest less the least of red, green and blue.
-fn colourfulness(desk: &Desk, edges: [i16; 4]) -> f64 {
-    let ([width, _], pixels) = desk.screen.pixels();
+fn colourfulness(desktop: &Desktop, edges: [i16; 4]) -> f64 {
+    let ([width, _], pixels) = desktop.screen.pixels();
     let [left, top, right, bottom] = edges.map(|edge| usize::try_from(edge).unwrap());
     let mut sum = 0.0;
     for y in top..bottom {
@@ -245,8 +260,8 @@ fn colourfulness(desk: &Desk, edges: [i16; 4]) -> f64 {
     sum / ((right - left) * (bottom - top)) as f64
 }
 
-fn loses_the_link(desk: &Desk, relay: &Relay) {
-    let [left, top, right, bottom] = desk.map().edges;
+fn loses_the_link(desktop: &Desktop, relay: &Relay) {
+    let [left, top, right, bottom] = desktop.map().edges;
     // Without what stands at the edges of the map.
     let middle = [
         left + (right - left) / 4,
@@ -254,30 +269,32 @@ fn loses_the_link(desk: &Desk, relay: &Relay) {
         right - (right - left) / 4,
         bottom - (bottom - top) / 4,
     ];
-    let live = colourfulness(desk, middle);
+    let live = colourfulness(desktop, middle);
     let cut = Monotonic::now();
     relay.cut().unwrap();
-    let banner = desk.controls.beginning("Link lost: nothing heard for");
+    let banner = desktop.controls.beginning("Link lost: no data for");
     println!(
         "from the cut to the banner in the window: {:?}; {}",
         cut.elapsed(),
         banner.words
     );
-    desk.controls.beginning("Silent");
+    desktop.controls.beginning("Silent");
     sleep(Duration::from_secs(3));
-    let old = colourfulness(desk, middle);
+    let old = colourfulness(desktop, middle);
     println!("colours of the map: {live:.1} live, {old:.1} without a link");
     assert!(old < 0.6 * live, "{old} of {live}");
-    desk.picture("06_link_lost");
+    desktop.picture("06_link_lost");
     relay.pass().unwrap();
-    desk.controls.without("Link lost");
-    desk.controls.beginning("Live");
-    desk.controls.beginning("In step");
-    desk.picture("07_back");
+    desktop.controls.without("Link lost");
+    desktop.controls.beginning("Live");
+    desktop.controls.beginning("Synchronized");
+    desktop.picture("07_back");
 }
 
-fn stops_recording(desk: &Desk, folder: &Path) -> PathBuf {
-    desk.until_seen("Start recording", || desk.click("Button", "Stop recording"));
+fn stops_recording(desktop: &Desktop, folder: &Path) -> PathBuf {
+    desktop.retry_until_shown("Start recording", || {
+        desktop.click("Button", "Stop recording")
+    });
     let mut files: Vec<_> = fs::read_dir(folder)
         .unwrap()
         .map(|entry| entry.unwrap().path())
@@ -301,85 +318,87 @@ fn position_s(all: &[Control]) -> Option<[f64; 2]> {
 }
 
 /// Opens the recording and winds it: paused, the last time forward.
-fn scrubs(desk: &Desk, recording: &Path) {
-    desk.screen.tap_with(Key::Control, Key::O);
-    desk.controls.beginning("MCAP, ROS 1 bag");
-    rest();
-    desk.screen.write(recording.to_str().unwrap());
-    desk.screen.tap(Key::Enter);
-    let [_, length_s] = desk.controls.wait_for("a time line", position_s);
-    desk.screen.tap(Key::P);
-    desk.controls.named("Button", "Play");
-    let slider = desk.controls.beginning("Position in the recording");
+fn scrubs(desktop: &Desktop, recording: &Path) {
+    desktop.screen.tap_with(Key::Control, Key::O);
+    desktop.controls.beginning("MCAP, ROS 1 bag");
+    settle();
+    desktop.screen.write(recording.to_str().unwrap());
+    desktop.screen.tap(Key::Enter);
+    let [_, length_s] = desktop.controls.wait_for("a time line", position_s);
+    desktop.screen.tap(Key::P);
+    desktop.controls.named("Button", "Play");
+    let slider = desktop.controls.beginning("Position in the recording");
     let [left, top, right, _] = slider.edges;
     for share in [0.9, 0.3, 0.8] {
         let x = f64::from(left) + share * f64::from(right - left);
-        desk.screen.click([x as i16, top + 11]);
+        desktop.screen.click([x as i16, top + 11]);
         let (wanted_s, clicked) = (share * length_s, Monotonic::now());
-        desk.controls.wait_for(&format!("{wanted_s:.1} s"), |all| {
-            let [position_s, _] = position_s(all)?;
-            ((position_s - wanted_s).abs() < 0.02 * length_s + 0.2).then_some(())
-        });
+        desktop
+            .controls
+            .wait_for(&format!("{wanted_s:.1} s"), |all| {
+                let [position_s, _] = position_s(all)?;
+                ((position_s - wanted_s).abs() < 0.02 * length_s + 0.2).then_some(())
+            });
         println!(
             "wound to {wanted_s:.1} s of {length_s:.1} s in {:?}",
             clicked.elapsed()
         );
     }
-    desk.controls.beginning("In step");
+    desktop.controls.beginning("Synchronized");
 }
 
 /// Reads the map in many places, the last of which stays pinned.
-fn probes(desk: &Desk) -> Vec<([f64; 2], Vec<Reading>)> {
-    desk.screen.tap_with(Key::Alt, Key::Digit5);
-    desk.controls.beginning("Trespassable");
-    desk.screen.tap(Key::V);
-    desk.screen.tap(Key::Equals);
-    rest();
-    let [_, top, _, bottom] = desk.map().edges;
-    let [middle, _] = desk.map().middle();
+fn probes(desktop: &Desktop) -> Vec<([f64; 2], Vec<Reading>)> {
+    desktop.screen.tap_with(Key::Alt, Key::Digit5);
+    desktop.controls.beginning("Traversable");
+    desktop.screen.tap(Key::V);
+    desktop.screen.tap(Key::Equals);
+    settle();
+    let [_, top, _, bottom] = desktop.map().edges;
+    let [middle, _] = desktop.map().middle();
     let places = (1..PROBES).flat_map(|row| (0..PROBES).map(move |column| (column, row)));
     let mut read = Vec::new();
     for (column, row) in places {
-        // Around the vehicle and ahead of it; not in step with cells.
+        // Around the vehicle and ahead of it; not synchronized with cells.
         let at = [
             middle + 23 * column + 3 * row - 40,
             top + (bottom - top) * row / PROBES + 5 * column,
         ];
-        let point_m = reads_at(desk, at);
+        let point_m = reads_at(desktop, at);
         // The card rounds: a point at the edge of a cell could be in the next.
         let is_within = point_m.iter().all(|m| {
             let share = (m / CELL_M).rem_euclid(1.0);
             (0.1..0.9).contains(&share)
         });
         if is_within {
-            read.push((point_m, readings(&desk.controls.all())));
+            read.push((point_m, readings(&desktop.controls.all())));
         }
     }
-    let [x, y] = desk.map().middle();
-    desk.screen.click([x + 60, y]);
-    desk.controls.named("Button", "Unpin");
-    desk.picture("08_recording");
-    desk.screen.tap(Key::Escape);
+    let [x, y] = desktop.map().middle();
+    desktop.screen.click([x + 60, y]);
+    desktop.controls.named("Button", "Unpin");
+    desktop.picture("08_recording");
+    desktop.screen.tap(Key::Escape);
     read
 }
 
 /// Exports what is shown, and holds it to what was read.
-fn exports(desk: &Desk, read: &[([f64; 2], Vec<Reading>)]) {
-    desk.screen.tap_with(Key::Control, Key::E);
-    desk.controls.named("Button", "Export");
-    rest();
+fn exports(desktop: &Desktop, read: &[([f64; 2], Vec<Reading>)]) {
+    desktop.screen.tap_with(Key::Control, Key::E);
+    desktop.controls.named("Button", "Export");
+    settle();
     // The keyboard is where the folder is.
-    desk.screen.tap(Key::Enter);
-    desk.controls.named("Button", "Open folder");
-    desk.picture("09_exported");
+    desktop.screen.tap(Key::Enter);
+    desktop.controls.named("Button", "Open folder");
+    desktop.picture("09_exported");
     let mut known = 0;
     for (point_m, readings) in read {
         assert_eq!(readings.len(), 2, "{point_m:?}: {readings:?}");
         for reading in readings {
-            let raster = Raster::read(&desk.find(&format!("/{}.tif", reading.layer.name())));
+            let raster = Raster::read(&desktop.find(&format!("/{}.tif", reading.layer.name())));
             let exported = raster.at(*point_m);
             assert!(
-                reading.says(exported),
+                reading.agrees_with(exported),
                 "{point_m:?}: {reading:?}, exported {exported}"
             );
             known += usize::from(reading.value != "unknown");
@@ -390,37 +409,37 @@ fn exports(desk: &Desk, read: &[([f64; 2], Vec<Reading>)]) {
         read.len()
     );
     assert!(known >= MIN_KNOWN, "{read:?}");
-    desk.screen.tap(Key::Escape);
+    desktop.screen.tap(Key::Escape);
 }
 
 /// Puts the window in another order, ends the day, and finds it so the next morning.
-fn comes_back(desk: &mut Desk, relay: &Relay) {
-    desk.until_seen("Live", || desk.click("Button", "Close recording"));
-    desk.controls.beginning("In step");
-    desk.screen.tap_with(Key::Control, Key::Equals);
-    desk.until_seen("Reset layout", || desk.click("Button", "View"));
-    desk.click("CheckBox", "Events");
-    desk.controls.without("Reset layout");
-    desk.controls.without("Events");
-    rest();
-    desk.picture("10_another_layout");
-    let evening = desk.map().edges;
-    desk.screen.tap_with(Key::Control, Key::Q);
-    desk.ends();
+fn comes_back(desktop: &mut Desktop, relay: &Relay) {
+    desktop.retry_until_shown("Live", || desktop.click("Button", "Close recording"));
+    desktop.controls.beginning("Synchronized");
+    desktop.screen.tap_with(Key::Control, Key::Equals);
+    desktop.retry_until_shown("Reset layout", || desktop.click("Button", "View"));
+    desktop.click("CheckBox", "Events");
+    desktop.controls.without("Reset layout");
+    desktop.controls.without("Events");
+    settle();
+    desktop.picture("10_another_layout");
+    let evening = desktop.map().edges;
+    desktop.screen.tap_with(Key::Control, Key::Q);
+    desktop.wait_for_exit();
 
-    assert!(desk.start(&relay.endpoint()));
-    desk.controls.beginning("Live");
-    desk.controls.beginning("In step");
+    assert!(desktop.start(&relay.endpoint()));
+    desktop.controls.beginning("Live");
+    desktop.controls.beginning("Synchronized");
     // The layer that was shown last, too.
-    desk.controls.beginning("Trespassable");
-    desk.controls.without("Events");
-    rest();
-    desk.picture("11_the_next_day");
-    assert_eq!(desk.map().edges, evening);
-    desk.until_seen("Scale: ", || desk.click("Button", "View"));
-    desk.controls.beginning("Scale: 110 %");
-    desk.screen.tap(Key::Escape);
-    rest();
-    desk.screen.tap_with(Key::Control, Key::Q);
-    desk.ends();
+    desktop.controls.beginning("Traversable");
+    desktop.controls.without("Events");
+    settle();
+    desktop.picture("11_the_next_day");
+    assert_eq!(desktop.map().edges, evening);
+    desktop.retry_until_shown("Scale: ", || desktop.click("Button", "View"));
+    desktop.controls.beginning("Scale: 110 %");
+    desktop.screen.tap(Key::Escape);
+    settle();
+    desktop.screen.tap_with(Key::Control, Key::Q);
+    desktop.wait_for_exit();
 }

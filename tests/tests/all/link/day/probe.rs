@@ -12,13 +12,16 @@ pub(super) struct Reading {
 }
 
 /// Where the card says that it reads: x and y in `odom`, metres.
-pub(super) fn place_m(all: &[Control]) -> Option<[f64; 2]> {
-    all.iter().find_map(|control| place(&control.words))
+pub(super) fn position_m(all: &[Control]) -> Option<[f64; 2]> {
+    all.iter().find_map(|control| position(&control.words))
 }
 
 /// What it says of each layer.
 pub(super) fn readings(all: &[Control]) -> Vec<Reading> {
-    let Some(card) = all.iter().find(|control| place(&control.words).is_some()) else {
+    let Some(card) = all
+        .iter()
+        .find(|control| position(&control.words).is_some())
+    else {
         return Vec::new();
     };
     let [left, _, _, below] = card.edges;
@@ -47,7 +50,7 @@ pub(super) fn readings(all: &[Control]) -> Vec<Reading> {
 impl Reading {
     /// Whether an exported value (NaN, or 0 of a class, where nothing is known) is what the card says, to the digits that
     /// it shows.
-    pub(super) fn says(&self, exported: f32) -> bool {
+    pub(super) fn agrees_with(&self, exported: f32) -> bool {
         if self.value == "unknown" {
             let is_class = !self.layer.classes().is_empty();
             return exported.is_nan() || (is_class && exported.to_bits() == 0);
@@ -68,7 +71,7 @@ impl Reading {
 }
 
 /// `x 1.20 m  y −3.40 m`
-fn place(words: &str) -> Option<[f64; 2]> {
+fn position(words: &str) -> Option<[f64; 2]> {
     // The spaces between them are of those that no line is broken at.
     let mut words = words.split_whitespace();
     words.next().filter(|name| *name == "x")?;
@@ -88,11 +91,15 @@ fn a_reading_is_held_to_the_digits_that_it_shows() {
         value: value.to_owned(),
     };
     let height = reading(LayerId::Elevation, "−0.125 m");
-    assert!(height.says(-0.1254) && !height.says(-0.1256) && !height.says(f32::NAN));
+    assert!(
+        height.agrees_with(-0.1254)
+            && !height.agrees_with(-0.1256)
+            && !height.agrees_with(f32::NAN)
+    );
     let obstacle = reading(LayerId::Obstacle, "free");
-    assert!(obstacle.says(-1.0) && !obstacle.says(1.0) && !obstacle.says(0.0));
+    assert!(obstacle.agrees_with(-1.0) && !obstacle.agrees_with(1.0) && !obstacle.agrees_with(0.0));
     let nothing = reading(LayerId::Elevation, "unknown");
-    assert!(nothing.says(f32::NAN) && !nothing.says(0.0));
-    assert_eq!(place("x −1.20 m  y 3.40 m"), Some([-1.2, 3.4]));
-    assert_eq!(place("x marks the spot"), None);
+    assert!(nothing.agrees_with(f32::NAN) && !nothing.agrees_with(0.0));
+    assert_eq!(position("x −1.20 m  y 3.40 m"), Some([-1.2, 3.4]));
+    assert_eq!(position("x marks the spot"), None);
 }

@@ -1,0 +1,230 @@
+//! What of the news somebody who looks would see at once. The rest is on the screen with the next frame that ages ask for,
+//! a second later at most: a robot that stands still costs no frames.
+
+use protocol::message::{
+    CollisionMonitorState, CommandCounters, Pose, RecordingStatus, SensorStatus, SpeedLimits,
+    Status, TeleopStatus,
+};
+
+/// Less than a pixel at the closest look, metres.
+const STEP_M: f64 = 2e-3;
+/// A step at the end of a vehicle of 3 m, as a change of a quaternion: half of the angle, radians.
+const TURN: f32 = 1e-3;
+/// What a speed is rounded to where it is written, m/s or rad/s.
+const SPEED: f32 = 0.01;
+
+/// Whether a vehicle at `now` looks otherwise than at `before`.
+pub(super) fn pose_changed(before: &Pose, now: &Pose) -> bool {
+    let differ = |a: f32, b: f32, step: f32| (a - b).abs() >= step;
+    let is_moved = before
+        .position_m
+        .into_iter()
+        .zip(now.position_m)
+        .any(|(a, b)| (a - b).abs() >= STEP_M);
+    let is_turned = before
+        .quaternion_xyzw
+        .into_iter()
+        .zip(now.quaternion_xyzw)
+        .any(|(a, b)| differ(a, b, TURN));
+    is_moved
+        || is_turned
+        || differ(before.speed_mps, now.speed_mps, SPEED)
+        || differ(before.turn_rate_radps, now.turn_rate_radps, SPEED)
+}
+
+/// Whether a status says more than that time went by.
+pub(super) fn status_changed(before: &Status, now: &Status) -> bool {
+    without_counters(before) != without_counters(now)
+}
+
+/// A status without what changes all the time while nothing happens: counts, rates and ages.
+fn without_counters(status: &Status) -> Status {
+    Status {
+        has_ended: status.has_ended,
+        consoles: status.consoles,
+        info_revision: status.info_revision,
+        sensors: status.sensors.iter().map(sensor).collect(),
+        recording: status.recording.as_ref().map(recording),
+        teleop: status.teleop.as_ref().map(teleop),
+        ..Status::default()
+    }
+}
+
+fn sensor(sensor: &SensorStatus) -> SensorStatus {
+    SensorStatus {
+        name: sensor.name.clone(),
+        messages: 0,
+        rate_hz: 0.0,
+        age_ms: None,
+        dropped: 0,
+        fault: sensor.fault,
+    }
+}
+
+fn recording(recording: &RecordingStatus) -> RecordingStatus {
+    RecordingStatus {
+        state: recording.state,
+        file: recording.file.clone(),
+        files: recording.files,
+        duration_s: 0,
+        bytes: 0,
+        free_bytes: None,
+        lost: 0,
+    }
+}
+
+fn teleop(teleop: &TeleopStatus) -> TeleopStatus {
+    let no_limits = SpeedLimits {
+        forward_mps: 0.0,
+        reverse_mps: 0.0,
+        left_radps: 0.0,
+        right_radps: 0.0,
+    };
+    TeleopStatus {
+        age_ms: None,
+        peak_age_ms: None,
+        speed_allowed_mps: 0.0,
+        ground_age_ms: [None; 4],
+        collision_monitor: match teleop.collision_monitor {
+            CollisionMonitorState::On(_) => CollisionMonitorState::On(no_limits),
+            CollisionMonitorState::UnknownSpace(_) => {
+                CollisionMonitorState::UnknownSpace(no_limits)
+            }
+            collision_monitor @ (CollisionMonitorState::Silent
+            | CollisionMonitorState::Off
+            | CollisionMonitorState::Stale) => collision_monitor,
+        },
+        counters: CommandCounters {
+            accepted: 0,
+            ..teleop.counters.clone()
+        },
+        ..teleop.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::message::{AgeToken, RecordingState, SensorFault, TeleopState};
+
+    use super::*;
+    use crate::test_support::idle_teleop_status;
+
+    fn pose() -> Pose {
+        Pose {
+            position_m: [1.0, 2.0, 0.0],
+            quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
+            speed_mps: 0.0,
+            turn_rate_radps: 0.0,
+            token: Some(AgeToken { n: 1, nonce: 2 }),
+        }
+    }
+
+    fn status() -> Status {
+        Status {
+            sensors: vec![SensorStatus {
+                name: "laser".to_owned(),
+                messages: 10,
+                rate_hz: 9.9,
+                age_ms: Some(40),
+                dropped: 0,
+                fault: None,
+            }],
+            recording: Some(RecordingStatus {
+                state: RecordingState::Recording,
+                file: "a.mcap".to_owned(),
+                files: 1,
+                duration_s: 5,
+                bytes: 1000,
+                free_bytes: Some(9000),
+                lost: 0,
+            }),
+            teleop: Some(TeleopStatus {
+                age_ms: Some(30),
+                peak_age_ms: Some(50),
+                collision_monitor: CollisionMonitorState::On(SpeedLimits {
+                    forward_mps: 1.0,
+                    reverse_mps: 1.0,
+                    left_radps: 1.0,
+                    right_radps: 1.0,
+                }),
+                ..idle_teleop_status()
+            }),
+            ..Status::default()
+        }
+    }
+
+    fn changed(change: impl Fn(&mut Status)) -> bool {
+        let mut now = status();
+        change(&mut now);
+        assert_ne!(now, status(), "nothing was changed");
+        status_changed(&status(), &now)
+    }
+
+    #[test]
+    fn a_vehicle_that_stands_is_seen_no_more_often() {
+        let seen = |change: fn(&mut Pose)| {
+            let mut now = pose();
+            change(&mut now);
+            pose_changed(&pose(), &now)
+        };
+        assert!(!seen(|now| now.token = None));
+        assert!(!seen(|now| now.position_m[1] += 0.001));
+        assert!(!seen(|now| now.quaternion_xyzw[0] = 0.0009));
+        assert!(seen(|now| now.position_m[1] += 0.003));
+        assert!(seen(|now| now.position_m[0] -= 0.003));
+        assert!(seen(|now| now.quaternion_xyzw[2] = -0.002));
+        assert!(seen(|now| now.speed_mps = 0.02));
+        assert!(seen(|now| now.turn_rate_radps = -0.02));
+    }
+
+    #[test]
+    fn figures_that_only_count_on_are_no_news() {
+        assert!(!changed(|now| now.data_time_ns = 1));
+        assert!(!changed(|now| now.scans_mapped = 7));
+        assert!(!changed(|now| now.tiles = [3, 9000]));
+        assert!(!changed(|now| {
+            now.sensors[0].age_ms = Some(60);
+            now.sensors[0].messages += 1;
+        }));
+        assert!(!changed(|now| now.recording.as_mut().unwrap().bytes += 1));
+        assert!(!changed(|now| {
+            let teleop = now.teleop.as_mut().unwrap();
+            teleop.age_ms = None;
+            teleop.counters.accepted += 50;
+            teleop.collision_monitor = CollisionMonitorState::On(SpeedLimits {
+                forward_mps: 0.5,
+                reverse_mps: 0.5,
+                left_radps: 0.5,
+                right_radps: 0.5,
+            });
+        }));
+    }
+
+    #[test]
+    fn what_happens_is_news() {
+        assert!(changed(|now| now.has_ended = true));
+        assert!(changed(|now| now.info_revision = 2));
+        assert!(changed(
+            |now| now.sensors[0].fault = Some(SensorFault::Silent)
+        ));
+        assert!(changed(|now| {
+            now.recording.as_mut().unwrap().state = RecordingState::Failed;
+        }));
+        assert!(changed(|now| now.recording = None));
+        assert!(changed(
+            |now| now.teleop.as_mut().unwrap().state = TeleopState::EStop
+        ));
+        assert!(changed(|now| now
+            .teleop
+            .as_mut()
+            .unwrap()
+            .collision_monitor =
+            CollisionMonitorState::Stale));
+        assert!(changed(|now| {
+            now.teleop.as_mut().unwrap().applied.linear_mps = 0.2;
+        }));
+        assert!(changed(|now| {
+            now.teleop.as_mut().unwrap().counters.involuntary_stops = 1;
+        }));
+    }
+}

@@ -1,0 +1,160 @@
+//! Neutral before a press: what is pressed too early waits here, lest the robot take it for a key that was held.
+//!
+//! The robot's rule ("Teleop", States) is that nothing moves but by a press after 200 ms of neutral. Earlier than that,
+//! a press takes back a stop by release, while the motors are not at zero yet: a key that slips is no stop. A press
+//! that is too late for the one and too early for the other counts for nothing until everything was let go. A vehicle
+//! that the collision monitor holds has nothing to take back: its motors are at zero, however fast a boat coasts. Whoever
+//! backs off from there changes keys within 200 ms and knows no such rule, so their press is sent once it counts. The
+//! hands are asked anew in each iteration: what was let go meanwhile is never sent.
+
+use std::time::Duration;
+
+use protocol::message::{StopReason, TeleopState, TeleopStatus, Velocity};
+use robot_edge::clock::Monotonic;
+
+use super::{DriveInput, TeleopClient};
+
+/// What the robot wants of neutral before a press counts (200 ms), and what a link may shift it by.
+const NEUTRAL: Duration = Duration::from_millis(250);
+/// Slower than this the vehicle stands, m/s and rad/s.
+const STANDING: f32 = 0.02;
+
+impl TeleopClient {
+    /// What the hands ask for, as far as the robot would take it now.
+    pub(super) fn drive_input(&self, now: Monotonic) -> DriveInput {
+        let drive_input = self.input.drive_input();
+        if drive_input.is_neutral() || !self.sent.is_neutral() || self.is_press_taken(now) {
+            drive_input
+        } else {
+            DriveInput::NEUTRAL
+        }
+    }
+
+    /// Whether a press after what was sent until now would count.
+    fn is_press_taken(&self, now: Monotonic) -> bool {
+        let Some(since) = self.neutral_since else {
+            return false;
+        };
+        let goes_on = self.moving_until.is_some_and(|until| now < until);
+        now.since(since) >= NEUTRAL || goes_on && self.moves()
+    }
+
+    fn moves(&self) -> bool {
+        self.newest
+            .is_some_and(|newest| newest.velocity.iter().any(|speed| speed.abs() >= STANDING))
+    }
+}
+
+/// Until when what is sent surely finds the motors of a vehicle going that is driven or let go: it says `status`, which
+/// was heard at `now`. The output falls no faster than `stop_decel`, m/s² and rad/s², whoever lowers it: P7 of the
+/// design, and the guard brakes by the same. `None` where they stand, may stand by then, or stop for another reason than release.
+pub(super) fn moving_until(
+    status: &TeleopStatus,
+    stop_decel: Velocity,
+    now: Monotonic,
+) -> Option<Monotonic> {
+    let is_driven = match status.state {
+        TeleopState::Driving | TeleopState::Stopping(StopReason::Released) => true,
+        TeleopState::SafeBoot
+        | TeleopState::Idle
+        | TeleopState::Held
+        | TeleopState::Stopping(
+            StopReason::Age
+            | StopReason::NotFinite
+            | StopReason::CollisionMonitorStale
+            | StopReason::LeaseEnded(_),
+        )
+        | TeleopState::EStop
+        | TeleopState::Fault(_) => false,
+    };
+    let Velocity {
+        linear_mps,
+        angular_radps,
+    } = status.applied;
+    // Either keeps a stop from being over.
+    let braking_s = f32::max(
+        linear_mps.abs() / stop_decel.linear_mps,
+        angular_radps.abs() / stop_decel.angular_radps,
+    );
+    let braking = Duration::try_from_secs_f32(braking_s).ok()?;
+    // A command is as old as its token's way here and its own way back: what this status and the press to come take.
+    let ways = Duration::from_millis(status.peak_age_ms?.into());
+    let left = braking.checked_sub(ways)?;
+    is_driven.then(|| now + left)
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::message::LeaseEnd;
+
+    use super::*;
+    use crate::test_support::{at, idle_teleop_status};
+
+    const STOP_DECEL: Velocity = Velocity {
+        linear_mps: 1.0,
+        angular_radps: 4.0,
+    };
+
+    fn after(change: impl FnOnce(&mut TeleopStatus)) -> Option<Monotonic> {
+        let mut status = TeleopStatus {
+            state: TeleopState::Driving,
+            applied: Velocity {
+                linear_mps: -0.5,
+                angular_radps: 0.0,
+            },
+            peak_age_ms: Some(60),
+            ..idle_teleop_status()
+        };
+        change(&mut status);
+        moving_until(&status, STOP_DECEL, at(1_000))
+    }
+
+    #[test]
+    fn motors_go_on_for_as_long_as_a_stop_takes_less_both_ways() {
+        assert_eq!(after(|_| {}), Some(at(1_440)));
+        assert_eq!(after(|status| status.applied.linear_mps = 0.05), None);
+        // 3 rad/s at 4 rad/s² are 0.75 s: the longer of the two counts.
+        let turning = after(|status| status.applied.angular_radps = 3.0);
+        assert_eq!(turning, Some(at(1_690)));
+        assert_eq!(after(|status| status.peak_age_ms = Some(600)), None);
+        assert_eq!(after(|status| status.peak_age_ms = None), None);
+        for nonsense in [f32::INFINITY, f32::NAN] {
+            let actual = after(|status| {
+                status.applied = Velocity {
+                    linear_mps: nonsense,
+                    angular_radps: nonsense,
+                };
+            });
+            assert_eq!(actual, None, "{nonsense}");
+        }
+        let unknown = Velocity::default();
+        let driving = TeleopStatus {
+            state: TeleopState::Driving,
+            applied: STOP_DECEL,
+            peak_age_ms: Some(60),
+            ..idle_teleop_status()
+        };
+        assert_eq!(moving_until(&driving, unknown, at(1_000)), None);
+    }
+
+    #[test]
+    fn only_a_stop_by_release_is_taken_back() {
+        for (state, is_taken_back) in [
+            (TeleopState::Stopping(StopReason::Released), true),
+            (TeleopState::Stopping(StopReason::Age), false),
+            (
+                TeleopState::Stopping(StopReason::CollisionMonitorStale),
+                false,
+            ),
+            (
+                TeleopState::Stopping(StopReason::LeaseEnded(LeaseEnd::TakenOver)),
+                false,
+            ),
+            (TeleopState::Held, false),
+            (TeleopState::EStop, false),
+        ] {
+            let until = after(|status| status.state = state);
+            assert_eq!(until.is_some(), is_taken_back, "{state:?}");
+        }
+    }
+}

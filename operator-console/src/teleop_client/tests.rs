@@ -1,0 +1,742 @@
+#![expect(clippy::float_cmp, reason = "shares of whole presses are exact")]
+
+use protocol::keys::OperatorTopic;
+use protocol::message::{
+    Answer, Arming, Drive, EStop, EStopStatus, LeaseStatus, Refusal, StopReason, TeleopState,
+};
+use protocol::signed::{CommandHeader, Envelope, Route};
+
+use super::*;
+use crate::teleop_input::{DriveKey, SpeedStep};
+use crate::test_support::{BOOT, at, idle_teleop_status};
+
+mod ended_lease;
+mod key_changes;
+mod refused_estop;
+
+/// What a robot reads of a message.
+#[derive(Clone, Debug, PartialEq)]
+enum Read {
+    Drive(Drive),
+    EStop(EStop),
+    Lease(LeaseRequest),
+    Other(OperatorTopic),
+}
+
+/// A robot that brakes as presets do.
+fn able(limits: [f32; 2]) -> Info {
+    Info {
+        limits,
+        stop_decel_mps2: 1.0,
+        stop_decel_radps2: 4.0,
+        ..Info::default()
+    }
+}
+
+/// A helm, and a robot that hears every word.
+struct Rig {
+    teleop_client: TeleopClient,
+    ms: u64,
+    boot: BootId,
+    speaks: bool,
+    velocity: [f32; 2],
+    last_seq: u64,
+    /// Everything that was sent, with its stamp and when.
+    sent: Vec<(u64, CommandHeader, Read)>,
+}
+
+impl Rig {
+    fn new() -> Self {
+        let identity = Identity::without_keys("anna".parse().unwrap());
+        let mut teleop_client = TeleopClient::new("scout".parse().unwrap(), identity, 77);
+        teleop_client.set_robot_info(&able([1.0, 2.0]));
+        teleop_client.apply(InputEvent::Focus(true));
+        teleop_client.apply(InputEvent::Step(SpeedStep::new(5).unwrap()));
+        Self {
+            teleop_client,
+            ms: 1000,
+            boot: BOOT,
+            speaks: true,
+            velocity: [0.0; 2],
+            last_seq: 0,
+            sent: Vec::new(),
+        }
+    }
+
+    /// A helm that has the lease by grant 4, and has been neutral for long enough.
+    fn held() -> Self {
+        let mut rig = Self::new();
+        rig.ask(LeaseRequest::Request);
+        rig.run(20);
+        rig.answer(Answer::Granted(4));
+        rig.run(400);
+        rig
+    }
+
+    fn newest(&self) -> Option<LatestPose> {
+        let n = self.ms / 20;
+        self.speaks.then_some(LatestPose {
+            boot: self.boot,
+            token: Some(AgeToken { n, nonce: n ^ 9 }),
+            velocity: self.velocity,
+            at: at(n * 20),
+        })
+    }
+
+    /// One iteration, with these events in its queue.
+    fn turn(&mut self, events: &[InputEvent]) {
+        let newest = self.newest();
+        self.teleop_client.begin(newest, at(self.ms));
+        for event in events {
+            self.teleop_client.apply(*event);
+        }
+        for message in self.teleop_client.end(at(self.ms)) {
+            let envelope = Envelope::parse(&message.payload).unwrap();
+            let stamp = envelope.unverified_header();
+            assert!(stamp.seq > self.last_seq, "the number grows");
+            self.last_seq = stamp.seq;
+            let key = self.teleop_client.identity.key.public();
+            let (robot, operator) = (
+                &self.teleop_client.robot,
+                &self.teleop_client.identity.operator,
+            );
+            let route = Route { robot, operator };
+            let read = match message.topic {
+                OperatorTopic::Drive => Read::Drive(envelope.open(route, &key).unwrap()),
+                OperatorTopic::EStop => Read::EStop(envelope.open(route, &key).unwrap()),
+                OperatorTopic::Lease => Read::Lease(envelope.open(route, &key).unwrap()),
+                OperatorTopic::Reset | OperatorTopic::Set => Read::Other(message.topic),
+            };
+            assert_eq!(
+                message.request.is_none(),
+                message.topic == OperatorTopic::Drive
+            );
+            self.sent.push((self.ms, stamp, read));
+        }
+    }
+
+    /// Iterations of a loop that sleeps until the helm is due, for this long.
+    fn run(&mut self, ms: u64) {
+        let until = self.ms + ms;
+        while self.ms < until {
+            self.turn(&[]);
+            self.ms += 1;
+            while self.ms < until
+                && self
+                    .teleop_client
+                    .due(at(self.ms))
+                    .is_none_or(|due| due > at(self.ms))
+            {
+                self.ms += 1;
+            }
+        }
+    }
+
+    fn ask(&mut self, request: LeaseRequest) {
+        self.teleop_client
+            .submit(Intent::Lease(request), at(self.ms));
+    }
+
+    fn answer(&mut self, answer: Answer) {
+        let request = RequestNumber(self.teleop_client.numbers);
+        let boot = self.boot;
+        let message = TeleopMessage::Answer {
+            request,
+            boot,
+            answer,
+        };
+        self.teleop_client.receive(message, at(self.ms));
+    }
+
+    fn status(&mut self, change: impl FnOnce(&mut TeleopStatus)) {
+        let mut status = status();
+        change(&mut status);
+        let message = TeleopMessage::Status {
+            boot: self.boot,
+            teleop: Some(Box::new(status)),
+        };
+        self.teleop_client.receive(message, at(self.ms));
+    }
+
+    /// What was sent since, and when.
+    fn since(&mut self) -> Vec<(u64, CommandHeader, Read)> {
+        std::mem::take(&mut self.sent)
+    }
+
+    fn speeds(&mut self) -> Vec<(u64, f32)> {
+        let sent = self.since().into_iter();
+        sent.filter_map(|(ms, _, read)| match read {
+            Read::Drive(drive) => Some((ms, drive.linear_mps)),
+            Read::EStop(_) | Read::Lease(_) | Read::Other(_) => None,
+        })
+        .collect()
+    }
+
+    fn moves(&mut self) -> bool {
+        self.speeds().iter().any(|(_, speed)| *speed != 0.0)
+    }
+}
+
+fn status() -> TeleopStatus {
+    TeleopStatus {
+        state: TeleopState::Held,
+        lease: LeaseStatus {
+            epoch: 4,
+            holder: Some("anna".parse().unwrap()),
+            next: None,
+            waiting: None,
+        },
+        arming: Arming::Neutral,
+        speed_allowed_mps: 1.0,
+        ..idle_teleop_status()
+    }
+}
+
+const W: InputEvent = InputEvent::Press(DriveKey::W);
+const NO_W: InputEvent = InputEvent::Release(DriveKey::W);
+
+#[test]
+fn nothing_is_sent_before_it_is_asked_for() {
+    let mut rig = Rig::new();
+    rig.run(500);
+    rig.turn(&[W]);
+    rig.run(500);
+    assert_eq!(rig.since(), []);
+    assert_eq!(
+        rig.teleop_client.due(at(rig.ms)),
+        None,
+        "nor does the loop wake for it"
+    );
+}
+
+#[test]
+fn the_lease_is_asked_for_and_then_neutral_is_sent_at_50_hz() {
+    let mut rig = Rig::new();
+    rig.ask(LeaseRequest::Request);
+    rig.run(100);
+    let sent = rig.since();
+    assert_eq!(sent.len(), 1);
+    assert_eq!(sent[0].2, Read::Lease(LeaseRequest::Request));
+    rig.answer(Answer::Granted(4));
+    rig.run(1000);
+    let sent = rig.since();
+    assert_eq!(sent.len(), 50);
+    for (ms, stamp, read) in sent {
+        let neutral = Drive {
+            linear_mps: 0.0,
+            angular_radps: 0.0,
+            estop: None,
+        };
+        assert_eq!(read, Read::Drive(neutral));
+        assert_eq!((stamp.boot, stamp.epoch), (BOOT, 4));
+        assert_eq!(stamp.token.n, ms / 20, "the newest token");
+    }
+}
+
+#[test]
+fn a_press_and_a_release_are_sent_at_once_and_three_times() {
+    let mut rig = Rig::held();
+    rig.since();
+    let pressed = rig.ms;
+    rig.turn(&[W]);
+    rig.run(60);
+    let sent = rig.speeds();
+    let expected = [0, 7, 14, 34, 54].map(|ms| (pressed + ms, 1.0));
+    assert_eq!(sent, expected);
+    let released = rig.ms;
+    rig.turn(&[NO_W]);
+    rig.run(20);
+    assert_eq!(rig.speeds(), [0, 7, 14].map(|ms| (released + ms, 0.0)));
+}
+
+#[test]
+fn a_key_that_was_down_before_the_grant_moves_nothing() {
+    let mut rig = Rig::new();
+    rig.turn(&[W]);
+    rig.ask(LeaseRequest::Request);
+    rig.run(20);
+    rig.answer(Answer::Granted(4));
+    rig.run(500);
+    assert!(!rig.moves());
+    let state = rig.teleop_client.state(at(rig.ms));
+    assert_eq!(
+        (state.ignored, state.keys),
+        (Some(InputLockReason::Lease), Vec::new())
+    );
+    rig.turn(&[NO_W]);
+    rig.turn(&[W]);
+    assert!(rig.moves());
+    assert_eq!(rig.teleop_client.state(at(rig.ms)).keys, [DriveKey::W]);
+}
+
+#[test]
+fn a_new_grant_locks_what_is_down_although_this_console_drove_before() {
+    let mut rig = Rig::held();
+    rig.turn(&[W]);
+    rig.run(100);
+    rig.ask(LeaseRequest::Request);
+    rig.run(20);
+    assert!(rig.moves());
+    rig.answer(Answer::Granted(5));
+    rig.run(500);
+    assert!(!rig.moves());
+    rig.turn(&[NO_W]);
+    rig.run(300);
+    rig.turn(&[W]);
+    assert!(rig.moves());
+}
+
+#[test]
+fn a_press_that_comes_before_the_robot_takes_it_is_held_back_and_not_lost() {
+    let mut rig = Rig::held();
+    rig.turn(&[W]);
+    rig.run(40);
+    rig.turn(&[NO_W]);
+    rig.run(40);
+    rig.since();
+    let again = rig.ms;
+    rig.turn(&[W]);
+    rig.run(400);
+    let first = rig.speeds().into_iter().find(|(_, speed)| *speed > 0.0);
+    let held_back = first.unwrap().0 - again;
+    assert!((200..=250).contains(&held_back), "{held_back}");
+    // While its motors go, the robot takes it at once. A boat that the guard holds coasts with motors that stand.
+    for (applied_mps, is_taken) in [(0.5, true), (0.0, false)] {
+        rig.turn(&[NO_W]);
+        rig.velocity = [0.5, 0.0];
+        rig.status(|status| {
+            status.state = TeleopState::Driving;
+            status.applied.linear_mps = applied_mps;
+            status.peak_age_ms = Some(40);
+        });
+        rig.run(40);
+        rig.since();
+        rig.turn(&[W]);
+        assert_eq!(rig.moves(), is_taken, "{applied_mps}");
+        rig.run(400);
+    }
+}
+
+#[test]
+fn without_tokens_nothing_is_sent_and_a_held_key_is_to_be_pressed_anew() {
+    let mut rig = Rig::held();
+    rig.turn(&[W]);
+    rig.run(100);
+    assert!(rig.moves());
+    rig.speaks = false;
+    let cut = rig.ms;
+    rig.run(3000);
+    let sent = rig.speeds();
+    assert!(sent.iter().all(|(ms, _)| *ms <= cut + 1020), "{sent:?}");
+    let moving = sent.iter().filter(|(_, speed)| *speed != 0.0);
+    assert!(moving.clone().all(|(ms, _)| *ms <= cut + 620));
+    rig.speaks = true;
+    rig.run(1000);
+    assert!(!rig.moves(), "W is still down");
+    rig.turn(&[NO_W]);
+    rig.run(300);
+    rig.turn(&[W]);
+    assert!(rig.moves());
+}
+
+#[test]
+fn a_loop_that_stood_still_sends_nothing_of_what_came_meanwhile() {
+    let mut rig = Rig::held();
+    rig.turn(&[W]);
+    rig.run(100);
+    rig.since();
+    rig.ms += 2000;
+    // Even a fresh press that waited in the queue.
+    rig.turn(&[NO_W, W]);
+    rig.run(500);
+    assert!(!rig.moves());
+    rig.turn(&[NO_W]);
+    rig.run(300);
+    rig.turn(&[W]);
+    assert!(rig.moves());
+}
+
+/// The token is taken before the queue is drained: where painting hangs in between, the command is as old as it looks.
+#[test]
+fn a_command_has_the_token_from_before_its_events() {
+    let mut rig = Rig::held();
+    rig.since();
+    let newest = rig.newest();
+    rig.teleop_client.begin(newest, at(rig.ms));
+    let n = rig.ms / 20;
+    rig.ms += 200;
+    rig.teleop_client.apply(W);
+    let messages = rig.teleop_client.end(at(rig.ms));
+    let envelope = Envelope::parse(&messages[0].payload).unwrap();
+    assert_eq!(envelope.unverified_header().token.n, n);
+}
+
+#[test]
+fn losing_the_lease_or_the_robot_silences_the_helm() {
+    for change in [
+        |rig: &mut Rig| rig.status(|status| status.lease.holder = None),
+        |rig: &mut Rig| rig.status(|status| status.lease.epoch = 5),
+        |rig: &mut Rig| rig.boot = BootId([8; 16]),
+    ] {
+        let mut rig = Rig::held();
+        rig.turn(&[W]);
+        rig.run(100);
+        change(&mut rig);
+        rig.since();
+        rig.run(1000);
+        assert_eq!(rig.since(), []);
+        assert_eq!(rig.teleop_client.state(at(rig.ms)).lease, Lease::None);
+        let notifications: Vec<_> = rig
+            .teleop_client
+            .take_notifications()
+            .into_iter()
+            .map(|(_, note)| note)
+            .collect();
+        assert!(
+            notifications.contains(&TeleopNotification::LeaseLost),
+            "{notifications:?}"
+        );
+    }
+}
+
+#[test]
+fn a_robot_that_stopped_by_itself_wants_a_new_press() {
+    let mut rig = Rig::held();
+    rig.turn(&[W]);
+    rig.status(|status| status.state = TeleopState::Driving);
+    rig.run(100);
+    assert!(rig.moves());
+    rig.status(|status| status.last_stop = Some(StopReason::Age));
+    rig.run(300);
+    rig.since();
+    rig.run(500);
+    assert!(!rig.moves());
+    assert_eq!(
+        rig.teleop_client.state(at(rig.ms)).ignored,
+        Some(InputLockReason::Stopped)
+    );
+}
+
+#[test]
+fn a_press_right_after_a_release_is_not_taken_for_a_stop() {
+    let mut rig = Rig::held();
+    rig.turn(&[W]);
+    rig.status(|status| status.state = TeleopState::Driving);
+    rig.run(100);
+    rig.turn(&[NO_W]);
+    rig.run(300);
+    rig.turn(&[W]);
+    rig.status(|status| status.last_stop = Some(StopReason::Released));
+    rig.since();
+    rig.run(100);
+    assert!(rig.moves());
+}
+
+#[test]
+fn an_emergency_stop_is_sent_by_both_ways_until_it_is_acknowledged() {
+    for holds in [true, false] {
+        let mut rig = if holds { Rig::held() } else { Rig::new() };
+        rig.run(20);
+        rig.since();
+        rig.turn(&[W]);
+        let pressed = rig.ms;
+        rig.turn(&[InputEvent::EStop]);
+        rig.run(1000);
+        let sent = rig.since();
+        let mut queries = Vec::new();
+        for (ms, _, read) in &sent {
+            match read {
+                Read::EStop(estop) => queries.push((*ms, estop.press)),
+                Read::Drive(drive) if *ms > pressed => {
+                    assert_eq!(drive.estop, Some(EStop { press: 77 }));
+                    assert_eq!(drive.linear_mps, 0.0);
+                }
+                Read::Drive(_) | Read::Lease(_) | Read::Other(_) => {}
+            }
+        }
+        let expected: Vec<_> = (0..10).map(|n| (pressed + 100 * n, 77)).collect();
+        assert_eq!(queries, expected);
+        let drives = sent.len() - queries.len();
+        assert!(if holds { drives >= 50 } else { drives == 10 }, "{drives}");
+
+        rig.status(|status| {
+            status.estop = Some(EStopStatus {
+                number: 1,
+                is_stored: false,
+            });
+        });
+        assert!(matches!(
+            rig.teleop_client.state(at(rig.ms)).estop,
+            EStopState::Sending(_)
+        ));
+        rig.answer(Answer::EStopped(1));
+        assert_eq!(rig.teleop_client.state(at(rig.ms)).estop, EStopState::Quiet);
+        rig.since();
+        rig.run(500);
+        let sent = rig.since();
+        let is_estop = |(_, _, read): &(u64, CommandHeader, Read)| matches!(read, Read::EStop(_));
+        assert!(!sent.iter().any(is_estop));
+    }
+}
+
+#[test]
+fn an_emergency_stop_outlives_the_robots_restart_and_a_robot_that_is_not_heard_yet() {
+    let mut rig = Rig::new();
+    rig.speaks = false;
+    rig.turn(&[InputEvent::EStop]);
+    rig.run(1000);
+    assert_eq!(rig.since(), []);
+    assert!(matches!(
+        rig.teleop_client.state(at(rig.ms)).estop,
+        EStopState::Unsendable(_)
+    ));
+    rig.speaks = true;
+    for boot in [7, 8] {
+        rig.boot = BootId([boot; 16]);
+        rig.run(100);
+        let sent = rig.since();
+        assert!(
+            sent.iter().any(|(_, stamp, read)| stamp.boot == rig.boot
+                && *read == Read::EStop(EStop { press: 77 })),
+            "{sent:?}"
+        );
+    }
+    rig.answer(Answer::Refused(Refusal::Role));
+    let refused = EStopState::Refused(Refusal::Role);
+    assert_eq!(rig.teleop_client.state(at(rig.ms)).estop, refused);
+}
+
+#[test]
+fn requests_go_one_after_another_and_are_given_up() {
+    let mut rig = Rig::new();
+    rig.ask(LeaseRequest::Request);
+    rig.teleop_client.submit(Intent::Reset(3), at(rig.ms));
+    rig.run(100);
+    assert_eq!(rig.since().len(), 1);
+    rig.answer(Answer::Refused(Refusal::Busy));
+    rig.run(100);
+    assert_eq!(rig.since()[0].2, Read::Other(OperatorTopic::Reset));
+    rig.run(5000);
+    let notifications: Vec<_> = rig
+        .teleop_client
+        .take_notifications()
+        .into_iter()
+        .map(|(_, note)| note)
+        .collect();
+    let busy = Answer::Refused(Refusal::Busy);
+    let expected = [
+        TeleopNotification::Answered(RequestKind::Lease(LeaseRequest::Request), busy),
+        TeleopNotification::RequestTimedOut(RequestKind::Reset(3)),
+    ];
+    assert_eq!(notifications, expected);
+    rig.speaks = false;
+    rig.run(2000);
+    rig.ask(LeaseRequest::Request);
+    rig.run(100);
+    let notifications = rig.teleop_client.take_notifications();
+    let not_sent = TeleopNotification::NotSent(
+        RequestKind::Lease(LeaseRequest::Request),
+        NotSentReason::NoToken,
+    );
+    assert_eq!(notifications[0].1, not_sent);
+    assert_eq!(rig.since(), []);
+}
+
+#[test]
+fn who_waits_drives_when_the_status_says_so() {
+    let mut rig = Rig::new();
+    rig.status(|status| status.lease.holder = Some("bert".parse().unwrap()));
+    rig.ask(LeaseRequest::Request);
+    rig.run(20);
+    rig.answer(Answer::Waiting);
+    rig.run(100);
+    rig.status(|status| {
+        status.lease.epoch = 5;
+    });
+    rig.since();
+    rig.run(100);
+    let (_, stamp, _) = rig.since()[0];
+    assert_eq!(stamp.epoch, 5);
+}
+
+#[test]
+fn a_console_that_closes_says_zero_and_gives_the_lease_back() {
+    let mut rig = Rig::held();
+    rig.turn(&[W]);
+    let messages = rig.teleop_client.shutdown_messages();
+    let topics: Vec<_> = messages.iter().map(|message| message.topic).collect();
+    assert_eq!(topics, [OperatorTopic::Drive, OperatorTopic::Lease]);
+    let drive: Drive = Envelope::parse(&messages[0].payload)
+        .unwrap()
+        .unverified_command()
+        .unwrap();
+    assert!(drive.is_neutral());
+}
+
+#[test]
+fn a_console_that_closes_waits_for_the_lease_no_longer() {
+    let said = |rig: &mut Rig| -> Vec<LeaseRequest> {
+        let messages = rig.teleop_client.shutdown_messages();
+        let requests = messages.iter().map(|message| {
+            assert_eq!(message.topic, OperatorTopic::Lease);
+            let envelope = Envelope::parse(&message.payload).unwrap();
+            envelope.unverified_command().unwrap()
+        });
+        requests.collect()
+    };
+    let mut rig = Rig::new();
+    assert_eq!(said(&mut rig), [], "it wanted nothing");
+    rig.ask(LeaseRequest::Request);
+    rig.run(20);
+    assert_eq!(said(&mut rig), [LeaseRequest::Release], "asked for");
+    let mut rig = Rig::new();
+    rig.status(|status| status.lease.holder = Some("bert".parse().unwrap()));
+    rig.ask(LeaseRequest::Request);
+    rig.run(20);
+    rig.answer(Answer::Waiting);
+    rig.run(20);
+    assert_eq!(said(&mut rig), [LeaseRequest::Release], "waited for");
+    let mut rig = Rig::new();
+    rig.teleop_client.submit(Intent::Reset(3), at(rig.ms));
+    rig.run(20);
+    assert_eq!(said(&mut rig), [], "something else was asked");
+}
+
+#[test]
+fn what_the_operator_did_not_expect_is_shown_for_a_while() {
+    let mut rig = Rig::held();
+    assert_eq!(rig.teleop_client.state(at(rig.ms)).notice, None);
+    rig.teleop_client.submit(Intent::Reset(3), at(rig.ms));
+    rig.run(20);
+    let refused = Answer::Refused(Refusal::NoEStop);
+    rig.answer(refused);
+    let notice = TeleopNotification::Answered(RequestKind::Reset(3), refused);
+    assert_eq!(rig.teleop_client.state(at(rig.ms)).notice, Some(notice));
+    rig.run(10_000);
+    assert_eq!(rig.teleop_client.state(at(rig.ms)).notice, None);
+    // Who gives the lease back knows that.
+    rig.ask(LeaseRequest::Release);
+    assert_eq!(rig.teleop_client.state(at(rig.ms)).notice, None);
+    let mut rig = Rig::held();
+    rig.status(|status| status.lease.holder = None);
+    assert_eq!(
+        rig.teleop_client.state(at(rig.ms)).notice,
+        Some(TeleopNotification::LeaseLost)
+    );
+}
+
+#[test]
+fn who_is_let_go_by_a_reset_hears_why() {
+    let stopped = |status: &mut TeleopStatus| {
+        status.state = TeleopState::EStop;
+        status.estop = Some(EStopStatus {
+            number: 3,
+            is_stored: true,
+        });
+    };
+    let idle = |status: &mut TeleopStatus| {
+        status.state = TeleopState::Idle;
+        status.lease.holder = None;
+    };
+    for answer_is_first in [true, false] {
+        let mut rig = Rig::held();
+        rig.status(stopped);
+        rig.teleop_client.submit(Intent::Reset(3), at(rig.ms));
+        rig.run(20);
+        if answer_is_first {
+            rig.answer(Answer::Done);
+            rig.status(idle);
+        } else {
+            rig.status(idle);
+            rig.answer(Answer::Done);
+        }
+        let state = rig.teleop_client.state(at(rig.ms));
+        assert_eq!(state.lease, Lease::None);
+        assert_eq!(state.notice, Some(TeleopNotification::LeaseEndedByReset));
+        rig.ask(LeaseRequest::Request);
+        rig.run(20);
+        rig.answer(Answer::Granted(5));
+        assert_eq!(rig.teleop_client.state(at(rig.ms)).notice, None);
+    }
+    // Somebody else drives by now: that is another loss.
+    let mut rig = Rig::held();
+    rig.status(stopped);
+    rig.status(|status| {
+        status.lease.epoch = 5;
+        status.lease.holder = Some("bert".parse().unwrap());
+    });
+    assert_eq!(
+        rig.teleop_client.state(at(rig.ms)).notice,
+        Some(TeleopNotification::LeaseLost)
+    );
+}
+
+#[test]
+fn a_grant_is_known_to_have_been_ours_until_the_robot_begins_anew() {
+    let last = |rig: &Rig| rig.teleop_client.state(at(rig.ms)).last_grant;
+    assert_eq!(last(&Rig::new()), None);
+    let mut rig = Rig::held();
+    rig.ask(LeaseRequest::Release);
+    // A status that is older than that.
+    rig.status(|_| {});
+    assert_eq!(rig.teleop_client.state(at(rig.ms)).lease, Lease::None);
+    assert_eq!(last(&rig), Some(4));
+    rig.boot = BootId([9; 16]);
+    rig.status(|_| {});
+    assert_eq!(last(&rig), None);
+}
+
+/// Whoever owns the loop owns the clock, the network and the window; so a script's commands are a window's.
+#[test]
+fn teleop_client_and_input_are_pure() {
+    let impure = [
+        "Monotonic::now",
+        "std::thread",
+        "std::fs",
+        "mpsc",
+        "zenoh",
+        "egui",
+        "winit",
+        "crate::link",
+    ];
+    for folder in ["teleop_client", "teleop_input"] {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("src")
+            .join(folder);
+        let files = std::fs::read_dir(path)
+            .unwrap()
+            .map(|file| file.unwrap().path());
+        let mut seen = 0;
+        for file in files.filter(|file| file.is_file() && !file.ends_with("tests.rs")) {
+            seen += 1;
+            for line in std::fs::read_to_string(&file).unwrap().lines() {
+                let code = line.split("//").next().unwrap_or_default();
+                let word = impure.into_iter().find(|word| code.contains(word));
+                assert_eq!(word, None, "{}: {line}", file.display());
+            }
+        }
+        assert!(seen >= 4, "{folder} has moved");
+    }
+}
+
+#[test]
+fn a_stop_for_a_robot_that_nobody_can_drive_is_not_repeated_for_ever() {
+    let mut rig = Rig::new();
+    rig.teleop_client.submit(Intent::EStop, at(rig.ms));
+    rig.run(300);
+    assert!(
+        !rig.since().is_empty(),
+        "it is tried as long as nothing is known"
+    );
+    let message = TeleopMessage::Status {
+        boot: rig.boot,
+        teleop: None,
+    };
+    rig.teleop_client.receive(message, at(rig.ms));
+    rig.since();
+    rig.run(1_000);
+    assert_eq!(rig.since(), []);
+    let state = rig.teleop_client.state(at(rig.ms));
+    assert_eq!(state.estop, EStopState::Quiet);
+    assert_eq!(state.notice, Some(TeleopNotification::NotDrivable));
+}

@@ -1,0 +1,385 @@
+//! A change of keys at a boat before reeds: the helm on one end of a link, on the other the vehicle's own rules.
+
+use robot_edge::config::VehicleConfig;
+use robot_edge::teleop::arbiter::StopReason as Reason;
+use robot_edge::teleop::arming::Arming as VehicleArming;
+use robot_edge::teleop::emergency_stop::StoredEStop;
+use robot_edge::teleop::{
+    self, Action, ArbiterInput, ArbiterState, CollisionMonitorOutput, Mode, SpeedLimits,
+};
+use robot_edge::teleop::{ArbiterEvent, LeaseVerb, Rules, TeleopConfig, step};
+
+use super::*;
+
+const S: InputEvent = InputEvent::Press(DriveKey::S);
+const NO_S: InputEvent = InputEvent::Release(DriveKey::S);
+/// How fast the boat is, whatever its motors do, m/s: it coasts, and wind and current move it.
+const COASTS_MPS: f32 = 0.2;
+const ROUND_MS: u64 = 20;
+const STATUS_MS: u64 = 500;
+const BOOT_ID: u128 = 7;
+const ANNA: teleop::OperatorId = teleop::OperatorId(0);
+
+/// What the vehicle publishes.
+enum Published {
+    Pose(AgeToken),
+    Status(Box<TeleopStatus>),
+}
+
+/// A boat, a console, and a link between them that loses nothing.
+struct Shore {
+    teleop_client: TeleopClient,
+    rules: Rules,
+    boat: ArbiterState,
+    guard: CollisionMonitorOutput,
+    /// What the link takes one way, ms.
+    way_ms: u64,
+    ms: u64,
+    newest: Option<LatestPose>,
+    to_boat: VecDeque<(u64, ArbiterInput)>,
+    to_console: VecDeque<(u64, Published)>,
+    /// The state of the last status.
+    published: Option<TeleopState>,
+    last_stop: Option<StopReason>,
+    /// What the motors were told since, m/s, and when.
+    outputs: Vec<(u64, f64)>,
+    /// Whether anything but neutral was sent since.
+    has_asked: bool,
+}
+
+impl Shore {
+    /// Anna has the lease, and has pressed nothing for long enough.
+    fn held(way_ms: u64, guard: CollisionMonitorOutput) -> Self {
+        let identity = Identity::without_keys("anna".parse().unwrap());
+        let mut teleop_client = TeleopClient::new("scout".parse().unwrap(), identity, 77);
+        teleop_client.set_robot_info(&Info {
+            stop_decel_mps2: 0.5,
+            ..able([1.0, 1.0])
+        });
+        teleop_client.apply(InputEvent::Focus(true));
+        teleop_client.apply(InputEvent::Step(SpeedStep::new(5).unwrap()));
+        let teleop = TeleopConfig {
+            is_boat: true,
+            max_latency_travel_m: 0.6,
+            stop_decel_mps2: 0.5,
+            ..TeleopConfig::default()
+        };
+        let mut shore = Self {
+            teleop_client,
+            rules: Rules::new(&teleop, &VehicleConfig::default()).unwrap(),
+            boat: ArbiterState::new(BOOT_ID),
+            guard,
+            way_ms,
+            ms: 1000,
+            newest: None,
+            to_boat: VecDeque::new(),
+            to_console: VecDeque::new(),
+            published: None,
+            last_stop: None,
+            outputs: Vec::new(),
+            has_asked: false,
+        };
+        let stored = StoredEStop::None;
+        let has_passed = true;
+        shore.happen(ArbiterInput::SelfTest { has_passed, stored });
+        shore.run(300);
+        shore
+            .teleop_client
+            .submit(Intent::Lease(LeaseRequest::Request), at(shore.ms));
+        shore.run(700);
+        shore
+    }
+
+    /// W has been held for three seconds.
+    fn driven(way_ms: u64, guard: CollisionMonitorOutput) -> Self {
+        let mut shore = Self::held(way_ms, guard);
+        shore.turn(&[W]);
+        shore.run(3000);
+        assert_eq!(shore.boat.mode(), Mode::Driving);
+        shore.forget();
+        shore
+    }
+
+    fn forget(&mut self) {
+        self.outputs.clear();
+        self.has_asked = false;
+    }
+
+    fn happen(&mut self, event: ArbiterInput) {
+        let (boat, actions) = step(&self.rules, self.boat, at(self.ms), event);
+        self.boat = boat;
+        if event == ArbiterInput::Tick {
+            self.outputs.push((self.ms, actions.output.linear_mps));
+        }
+        let arrives = self.ms + self.way_ms;
+        for action in actions.iter() {
+            match action {
+                Action::PublishToken(token) => {
+                    let (n, nonce) = (token.n, token.nonce);
+                    let pose = Published::Pose(AgeToken { n, nonce });
+                    self.to_console.push_back((arrives, pose));
+                }
+                Action::Notify(ArbiterEvent::ModeChanged {
+                    to: Mode::Stopping { reason, .. },
+                    ..
+                }) => self.last_stop = Some(stop_reason(reason)),
+                Action::Answer { .. }
+                | Action::AcknowledgeEStop(_)
+                | Action::StoreEStop(_)
+                | Action::ClearEStop(_)
+                | Action::Notify(_) => {}
+            }
+        }
+    }
+
+    fn status(&self) -> TeleopStatus {
+        let report = self.boat.report(&self.rules, at(self.ms));
+        TeleopStatus {
+            state: match report.mode {
+                Mode::SafeBoot => TeleopState::SafeBoot,
+                Mode::Idle => TeleopState::Idle,
+                Mode::Held => TeleopState::Held,
+                Mode::Driving => TeleopState::Driving,
+                Mode::Stopping { reason, .. } => TeleopState::Stopping(stop_reason(reason)),
+                Mode::EStop | Mode::Fault(_) => panic!("nobody stopped it for good"),
+            },
+            last_stop: self.last_stop,
+            lease: LeaseStatus {
+                epoch: report.lease.epoch,
+                holder: report.lease.holder.map(|_| "anna".parse().unwrap()),
+                ..LeaseStatus::default()
+            },
+            arming: match report.arming {
+                VehicleArming::Locked => Arming::Locked,
+                VehicleArming::Neutral { .. } => Arming::Neutral,
+                VehicleArming::Pressed => Arming::Pressed,
+            },
+            peak_age_ms: report.peak_age.map(|age| age.as_millis() as u32),
+            applied: Velocity {
+                linear_mps: report.applied.linear_mps as f32,
+                angular_radps: report.applied.angular_radps as f32,
+            },
+            ..idle_teleop_status()
+        }
+    }
+
+    /// A round of the vehicle's loop; its status goes out where its state is another, and twice a second.
+    fn round(&mut self) {
+        self.happen(ArbiterInput::Token { nonce: self.ms });
+        self.happen(ArbiterInput::CollisionMonitor(self.guard));
+        self.happen(ArbiterInput::Tick);
+        let status = self.status();
+        if self.published != Some(status.state) || self.ms.is_multiple_of(STATUS_MS) {
+            self.published = Some(status.state);
+            let arrives = self.ms + self.way_ms;
+            let published = Published::Status(Box::new(status));
+            self.to_console.push_back((arrives, published));
+        }
+    }
+
+    /// One iteration of the console's loop, with these events in its queue.
+    fn turn(&mut self, events: &[InputEvent]) {
+        let now = at(self.ms);
+        self.teleop_client.begin(self.newest, now);
+        for event in events {
+            self.teleop_client.apply(*event);
+        }
+        for message in self.teleop_client.end(now) {
+            let envelope = Envelope::parse(&message.payload).unwrap();
+            let stamp = envelope.unverified_header();
+            let token = teleop::AgeToken {
+                boot_id: BOOT_ID,
+                n: stamp.token.n,
+                nonce: stamp.token.nonce,
+            };
+            if let Some(request) = message.request {
+                self.grant(request, token);
+                continue;
+            }
+            let drive: Drive = envelope.unverified_command().unwrap();
+            self.has_asked |= !drive.is_neutral();
+            let command = teleop::DriveCommand {
+                operator: ANNA,
+                epoch: stamp.epoch,
+                seq: stamp.seq,
+                token,
+                requested: teleop::Velocity {
+                    linear_mps: drive.linear_mps.into(),
+                    angular_radps: drive.angular_radps.into(),
+                },
+                estop: false,
+            };
+            let role = teleop::Role::Operator;
+            let arrives = self.ms + self.way_ms;
+            let event = ArbiterInput::Command { role, command };
+            self.to_boat.push_back((arrives, event));
+        }
+    }
+
+    /// The lease is granted at once: it is not what this is about.
+    fn grant(&mut self, request: RequestNumber, token: teleop::AgeToken) {
+        self.happen(ArbiterInput::Lease {
+            caller: teleop::Caller {
+                operator: ANNA,
+                role: teleop::Role::Operator,
+                request: teleop::RequestId(request.0),
+            },
+            token,
+            verb: LeaseVerb::Request,
+        });
+        let message = TeleopMessage::Answer {
+            request,
+            boot: BOOT,
+            answer: Answer::Granted(1),
+        };
+        self.teleop_client.receive(message, at(self.ms));
+    }
+
+    fn run(&mut self, ms: u64) {
+        for _ in 0..ms {
+            self.ms += 1;
+            let now = self.ms;
+            while let Some((_, event)) = self.to_boat.pop_front_if(|(ms, _)| *ms <= now) {
+                self.happen(event);
+            }
+            if now.is_multiple_of(ROUND_MS) {
+                self.round();
+            }
+            while let Some((_, published)) = self.to_console.pop_front_if(|(ms, _)| *ms <= now) {
+                self.receive(published);
+            }
+            let due = self.teleop_client.due(at(now));
+            if due.is_none_or(|due| due <= at(now)) {
+                self.turn(&[]);
+            }
+        }
+    }
+
+    fn receive(&mut self, published: Published) {
+        let now = at(self.ms);
+        match published {
+            Published::Pose(token) => {
+                self.newest = Some(LatestPose {
+                    boot: BOOT,
+                    token: Some(token),
+                    velocity: [COASTS_MPS, 0.0],
+                    at: now,
+                });
+            }
+            Published::Status(status) => {
+                let (boot, teleop) = (BOOT, Some(status));
+                self.teleop_client
+                    .receive(TeleopMessage::Status { boot, teleop }, now);
+            }
+        }
+    }
+
+    /// When the boat began to back off.
+    fn backed_off(&self) -> Option<u64> {
+        let first = self.outputs.iter().find(|(_, mps)| *mps < 0.0);
+        first.map(|(ms, _)| *ms)
+    }
+
+    fn stands(&self) -> bool {
+        self.outputs.iter().all(|(_, mps)| *mps == 0.0)
+    }
+}
+
+fn stop_reason(reason: Reason) -> StopReason {
+    match reason {
+        Reason::Released => StopReason::Released,
+        Reason::Age => StopReason::Age,
+        Reason::NotFinite => StopReason::NotFinite,
+        Reason::CollisionMonitorStale => StopReason::CollisionMonitorStale,
+        Reason::LeaseEnded(_) => panic!("nobody takes the lease"),
+    }
+}
+
+/// Reeds ahead: no faster than this that way, m/s.
+fn reeds(forward_mps: f64) -> CollisionMonitorOutput {
+    CollisionMonitorOutput::Limits(SpeedLimits {
+        forward_mps,
+        reverse_mps: 1.0,
+        left_radps: 1.0,
+        right_radps: 1.0,
+        in_unknown_space: false,
+        overspeed: teleop::Velocity::ZERO,
+    })
+}
+
+#[test]
+fn whoever_backs_off_from_reeds_need_not_let_go_of_all_keys_however_fast_they_change() {
+    for (way_ms, forward_mps) in [(2, 0.0), (2, 0.1), (75, 0.0), (75, 0.1)] {
+        for gap_ms in [1, 20, 50, 100, 150, 190, 230, 300] {
+            let mut shore = Shore::driven(way_ms, reeds(forward_mps));
+            shore.turn(&[NO_W]);
+            shore.run(gap_ms);
+            let pressed = shore.ms;
+            shore.turn(&[S]);
+            shore.run(1000);
+            let case = format!("{way_ms} ms away, {forward_mps} m/s ahead, {gap_ms} ms between");
+            let backed_off = shore.backed_off().expect(&case);
+            let later = backed_off - pressed;
+            assert!(later <= 400 + way_ms, "{case}: {later} ms later");
+        }
+    }
+}
+
+#[test]
+fn keys_that_overlap_back_off_too() {
+    let mut shore = Shore::driven(2, reeds(0.0));
+    shore.turn(&[S]);
+    shore.run(60);
+    shore.turn(&[NO_W]);
+    shore.run(400);
+    assert!(shore.backed_off().is_some());
+}
+
+#[test]
+fn a_key_that_is_let_go_while_it_waits_moves_nothing_later() {
+    let mut shore = Shore::driven(2, reeds(0.0));
+    shore.turn(&[NO_W]);
+    shore.forget();
+    shore.run(50);
+    shore.turn(&[S]);
+    shore.run(100);
+    shore.turn(&[NO_S]);
+    shore.run(1000);
+    assert!(shore.stands() && !shore.has_asked);
+}
+
+#[test]
+fn what_was_held_before_the_vehicle_stopped_by_itself_moves_nothing() {
+    let mut shore = Shore::driven(2, CollisionMonitorOutput::Off);
+    shore.guard = CollisionMonitorOutput::Stale;
+    shore.run(2500);
+    assert_eq!(shore.last_stop, Some(StopReason::CollisionMonitorStale));
+    shore.guard = reeds(1.0);
+    shore.forget();
+    shore.run(2000);
+    // Nor does what is pressed beside it.
+    shore.turn(&[S]);
+    shore.run(1000);
+    assert!(shore.stands() && !shore.has_asked);
+    shore.turn(&[NO_W, NO_S]);
+    shore.run(50);
+    shore.turn(&[S]);
+    shore.run(400);
+    assert!(shore.backed_off().is_some());
+}
+
+#[test]
+fn in_free_water_a_key_that_slips_is_no_stop() {
+    for way_ms in [2, 75] {
+        let mut shore = Shore::driven(way_ms, CollisionMonitorOutput::Off);
+        shore.turn(&[NO_W]);
+        shore.run(60);
+        shore.turn(&[W]);
+        shore.run(1000);
+        let slowest = shore
+            .outputs
+            .iter()
+            .fold(1.0, |least, (_, mps)| f64::min(least, *mps));
+        assert!(slowest > 0.9, "{way_ms} ms away: {slowest} m/s");
+    }
+}

@@ -1,0 +1,118 @@
+//! An operator whose leave was taken away while their console watches, and who presses the emergency stop.
+
+use super::*;
+
+const REFUSED: EStopState = EStopState::Refused(Refusal::Role);
+
+fn estop(rig: &Rig) -> EStopState {
+    rig.teleop_client.state(at(rig.ms)).estop
+}
+
+/// Presses once, and the robot answers so; the presses that were sent, and what was noted.
+fn press(rig: &mut Rig, answer: Answer) -> (Vec<u64>, Vec<TeleopNotification>) {
+    rig.since();
+    rig.turn(&[InputEvent::EStop]);
+    assert!(matches!(estop(rig), EStopState::Sending(_)));
+    rig.answer(answer);
+    rig.run(300);
+    let sent = rig.since().into_iter().filter_map(|(_, _, read)| {
+        if let Read::EStop(estop) = read {
+            Some(estop.press)
+        } else {
+            None
+        }
+    });
+    let notifications = rig
+        .teleop_client
+        .take_notifications()
+        .into_iter()
+        .map(|(_, note)| note);
+    (sent.collect(), notifications.collect())
+}
+
+#[test]
+fn every_press_is_sent_and_answered_and_the_refusal_stays() {
+    let mut rig = Rig::new();
+    let mut presses = Vec::new();
+    for (answer, says) in [
+        (
+            Refusal::Role,
+            TeleopNotification::EStopRefused(Refusal::Role),
+        ),
+        // Its copy in a drive command has overtaken the question: to the robot that is a repetition.
+        (Refusal::NoEStop, TeleopNotification::EStopNotInForce),
+        (
+            Refusal::Role,
+            TeleopNotification::EStopRefused(Refusal::Role),
+        ),
+    ] {
+        let (sent, notifications) = press(&mut rig, Answer::Refused(answer));
+        assert_eq!(notifications, [TeleopNotification::EStopPressed, says]);
+        assert_eq!(sent.len(), 1, "{answer:?}");
+        presses.extend(sent);
+        assert_eq!(estop(&rig), REFUSED, "{answer:?}");
+        rig.run(60_000);
+        assert_eq!(estop(&rig), REFUSED, "a minute later");
+    }
+    presses.dedup();
+    assert_eq!(presses.len(), 3, "each is another: {presses:?}");
+}
+
+#[test]
+fn a_stop_that_is_not_in_force_is_said_to_be_none() {
+    let mut rig = Rig::new();
+    press(&mut rig, Answer::Refused(Refusal::NoEStop));
+    let state = rig.teleop_client.state(at(rig.ms));
+    assert_eq!(state.estop, EStopState::Quiet);
+    assert_eq!(state.notice, Some(TeleopNotification::EStopNotInForce));
+}
+
+#[test]
+fn that_no_stop_is_in_force_is_not_said_of_one_that_is_on_its_way_or_in_force() {
+    let says_none = |rig: &Rig| {
+        let state = rig.teleop_client.state(at(rig.ms));
+        state.notice == Some(TeleopNotification::EStopNotInForce)
+    };
+    let mut rig = Rig::new();
+    press(&mut rig, Answer::Refused(Refusal::NoEStop));
+    assert!(says_none(&rig));
+    rig.turn(&[InputEvent::EStop]);
+    assert!(!says_none(&rig), "another is on its way");
+    // Somebody else stops the robot.
+    let mut rig = Rig::new();
+    press(&mut rig, Answer::Refused(Refusal::NoEStop));
+    rig.status(|status| status.estop = None);
+    assert!(says_none(&rig), "there is none");
+    rig.status(|status| {
+        status.state = TeleopState::EStop;
+        status.estop = Some(EStopStatus {
+            number: 3,
+            is_stored: true,
+        });
+    });
+    assert!(!says_none(&rig), "there is one");
+}
+
+#[test]
+fn a_refusal_is_over_where_something_shows_that_the_robot_would_stop() {
+    for change in [
+        |rig: &mut Rig| {
+            rig.ask(LeaseRequest::Request);
+            rig.run(20);
+            rig.answer(Answer::Granted(4));
+        },
+        |rig: &mut Rig| {
+            press(rig, Answer::EStopped(1));
+        },
+        |rig: &mut Rig| {
+            rig.boot = BootId([8; 16]);
+            rig.run(100);
+        },
+    ] {
+        let mut rig = Rig::new();
+        press(&mut rig, Answer::Refused(Refusal::Role));
+        assert_eq!(estop(&rig), REFUSED);
+        change(&mut rig);
+        assert_eq!(estop(&rig), EStopState::Quiet);
+    }
+}

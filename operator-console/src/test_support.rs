@@ -1,0 +1,197 @@
+//! The robot, the operator and the console that most unit tests pretend to have. A test that is about one of their
+//! values sets it itself.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use protocol::keys::Topic;
+use protocol::layer::LayerId;
+use protocol::message::{
+    Arming, CollisionMonitorState, CommandCounters, LayerHead, LeaseStatus, MapHead, Pose,
+    Settings, TeleopState, TeleopStatus, TileBand, Velocity,
+};
+use protocol::tile::codec::Encoder;
+use protocol::tile::{BootId, TileKey};
+use protocol::tile_store::{LayerGrid, TileStore};
+use protocol::wire::{self, Header};
+use robot_edge::clock::Monotonic;
+use serde::Serialize;
+
+use crate::model::{ConsoleModel, Incoming, ModelSettings, RequestId};
+use crate::teleop_client::{EStopState, Lease, TeleopClientState};
+use crate::teleop_input::{DriveInput, SpeedStep};
+
+/// The run of the robot.
+pub(crate) const BOOT: BootId = BootId([7; 16]);
+
+/// So many milliseconds after the clock began.
+pub(crate) const fn at(ms: u64) -> Monotonic {
+    Monotonic::from_nanos(ms * 1_000_000)
+}
+
+/// A console that has heard nothing of the robot of this name, and wants these layers.
+pub(crate) fn console(robot: &str, layers: &[LayerId]) -> ConsoleModel {
+    ConsoleModel::new(ModelSettings {
+        robot: robot.parse().unwrap(),
+        session: BootId([1; 16]),
+        tile_store_mb: 10,
+        layers: layers.iter().copied().collect(),
+    })
+    .unwrap()
+}
+
+/// A console that has heard nothing of `scout`, and wants no map of it.
+pub(crate) fn scout() -> ConsoleModel {
+    console("scout", &[])
+}
+
+/// The robot publishes this, and the console hears it at `now`.
+pub(crate) fn inject<T: Serialize>(
+    model: &mut ConsoleModel,
+    topic: Topic,
+    body: &T,
+    now: Monotonic,
+) {
+    inject_at(model, 0, topic, body, now);
+}
+
+/// The same of data with this stamp, nanoseconds.
+pub(crate) fn inject_at<T: Serialize>(
+    model: &mut ConsoleModel,
+    stamp_ns: i64,
+    topic: Topic,
+    body: &T,
+    now: Monotonic,
+) {
+    let sample = Incoming::Sample {
+        key: topic.key(model.robot()),
+        payload: payload(stamp_ns, body),
+    };
+    model.apply(sample, now);
+}
+
+/// The robot announces what its map is.
+pub(crate) fn announce_map(model: &mut ConsoleModel, store: &TileStore, now: Monotonic) {
+    let layers = store.grids().map(|LayerGrid { layer, .. }| LayerHead {
+        layer,
+        epoch: store.epoch(layer),
+        head_revision: store.head_revision(layer),
+        tiles: store.tile_count(layer) as u32,
+        root: store.root_digest(layer).unwrap(),
+    });
+    let layers = layers.collect();
+    inject(model, Topic::MapHead, &MapHead { layers }, now);
+}
+
+/// A run of the robot announces its map, of which there is nothing yet.
+pub(crate) fn announce_boot(model: &mut ConsoleModel, run: BootId, now: Monotonic) {
+    let sample = Incoming::Sample {
+        key: Topic::MapHead.key(model.robot()),
+        payload: payload_of(run, 0, &MapHead { layers: Vec::new() }),
+    };
+    model.apply(sample, now);
+}
+
+/// The robot pushes a tile.
+pub(crate) fn push_tile(model: &mut ConsoleModel, store: &TileStore, key: TileKey, now: Monotonic) {
+    let tile = store.tile(key).unwrap();
+    for rows in Encoder::new().unwrap().encode(&tile.cells) {
+        let band = TileBand {
+            epoch: tile.epoch,
+            revision: tile.revision,
+            digest: tile.digest,
+            rows,
+        };
+        inject_at(model, tile.stamp_ns, Topic::Tile(key), &band, now);
+    }
+}
+
+/// The robot answers a question with this, and the console hears it at `now`.
+pub(crate) fn inject_reply<T: Serialize>(
+    model: &mut ConsoleModel,
+    request: RequestId,
+    topic: Topic,
+    body: &T,
+    now: Monotonic,
+) {
+    let reply = Incoming::Reply {
+        request,
+        key: topic.key(model.robot()),
+        payload: payload(0, body),
+    };
+    model.apply(reply, now);
+}
+
+fn payload<T: Serialize>(stamp_ns: i64, body: &T) -> Vec<u8> {
+    payload_of(BOOT, stamp_ns, body)
+}
+
+/// Every message is behind all others.
+fn payload_of<T: Serialize>(boot: BootId, stamp_ns: i64, body: &T) -> Vec<u8> {
+    static SENT: AtomicU64 = AtomicU64::new(0);
+    let seq = SENT.fetch_add(1, Ordering::Relaxed);
+    let header = Header {
+        boot,
+        seq,
+        robot_time_ns: stamp_ns,
+    };
+    wire::encode(&header, body).unwrap()
+}
+
+/// A vehicle that stands where `odom` begins, heads along its x, and gives no token.
+pub(crate) fn pose_at_rest() -> Pose {
+    Pose {
+        position_m: [0.0; 3],
+        quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
+        speed_mps: 0.0,
+        turn_rate_radps: 0.0,
+        token: None,
+    }
+}
+
+/// A robot that stands, and that nobody drives.
+pub(crate) fn idle_teleop_status() -> TeleopStatus {
+    TeleopStatus {
+        state: TeleopState::Idle,
+        last_stop: None,
+        is_drifting: false,
+        lease: LeaseStatus::default(),
+        arming: Arming::Locked,
+        age_ms: None,
+        peak_age_ms: None,
+        speed_allowed_mps: 0.38,
+        requested: Velocity::default(),
+        applied: Velocity::default(),
+        clamp: None,
+        collision_monitor: CollisionMonitorState::Off,
+        estop: None,
+        counters: CommandCounters::default(),
+        settings: Settings {
+            budget_kbps: 256,
+            collision_monitor: false,
+            recording: false,
+        },
+        barrier: None,
+        ground_age_ms: [None; 4],
+    }
+}
+
+/// The helm of `anna`, who could drive and does nothing.
+pub(crate) fn idle_teleop_client() -> TeleopClientState {
+    TeleopClientState {
+        operator: "anna".parse().unwrap(),
+        role: None,
+        lease: Lease::None,
+        last_grant: None,
+        step: SpeedStep::default(),
+        limits: [1.0, 1.5],
+        drive_input: DriveInput::NEUTRAL,
+        keys: Vec::new(),
+        ignored: None,
+        is_ready: true,
+        token_age: Some(Duration::from_millis(20)),
+        is_asking: false,
+        notice: None,
+        estop: EStopState::Quiet,
+    }
+}

@@ -1,0 +1,144 @@
+//! A recording as the pipeline sees it: measurements in stamp order, and posed scans.
+
+use std::path::Path;
+
+use anyhow::Context as _;
+use robot_edge::config::{self, Config};
+use robot_edge::localization::beam_projection::{BodyBox, SensorSettings};
+use robot_edge::localization::beam_range::ZeroRange;
+use robot_edge::localization::pose_buffer::InterpolationLimits;
+use robot_edge::localization::pose_jump::JumpLimit;
+use robot_edge::localization::registration::{
+    MountOrigin, PoseOrigin, PoseStreams, RangeSensorSettings, RegistrationOutput,
+    RegistrationSettings, ScanRegistration,
+};
+use robot_edge::mapping::registered_scan::{BeamOutcome, RegisteredScan, SensorId};
+use robot_edge::measurement::Measurement;
+use robot_edge::pose::Pose;
+use robot_edge::recording::survey::Survey;
+use robot_edge::recording::time_sequencer::{Ordered, TimeSequencer};
+use robot_edge::recording::{self, Selection};
+use robot_edge::robot_time::RobotDuration;
+
+/// What `replay` would hand to its placer, in memory.
+pub(crate) struct Prepared {
+    measurements: Vec<Measurement>,
+    settings: RegistrationSettings,
+}
+
+/// The configuration that `replay` takes where a recording names no vehicle, with cells of `cell_m`.
+pub(crate) fn generic2d(cell_m: f64) -> anyhow::Result<Config> {
+    let mut config = config::load("generic2d", &[])?;
+    config.mapping.occupancy.cell_m = cell_m;
+    Ok(config)
+}
+
+impl Prepared {
+    /// Reads the only laser of the recording at `path` and the poses for it.
+    pub(crate) fn read(path: &Path) -> anyhow::Result<Self> {
+        let survey = Survey::of(path)?;
+        let scans = survey.scans.first().context("no scans")?;
+        let laser = &survey
+            .stream(scans.stream)
+            .context("no stream")?
+            .stream
+            .name;
+        let (origin, selection) = if scans.has_own_poses {
+            (PoseOrigin::Log, Selection::Named(vec![laser.clone()]))
+        } else {
+            let fixed_frame = "odom".into();
+            (PoseOrigin::Tf { fixed_frame }, Selection::All)
+        };
+        let mut reader = recording::open(path, selection)?;
+        let mut order = TimeSequencer::default();
+        let mut measurements = Vec::new();
+        while let Some(item) = order.next_from(|| reader.next_measurement())? {
+            match item {
+                Ordered::Measurement(measurement) => measurements.push(measurement),
+                Ordered::ClockReset { .. } => anyhow::bail!("its clock goes back"),
+            }
+        }
+        let config = generic2d(0.1)?;
+        let (seconds, from) = (RobotDuration::from_secs_f64, &config.localization);
+        let settings = RegistrationSettings {
+            origin,
+            base_frame: from.base_frame.as_str().into(),
+            limits: InterpolationLimits {
+                max_gap: seconds(from.max_gap_s),
+                max_extrapolation: seconds(from.max_extrapolation_s),
+                jump: JumpLimit {
+                    slack_m: from.jump_m,
+                    speed_mps: 3.0 * config.vehicle.max_speed_mps,
+                },
+            },
+            pose_history: seconds(from.buffer_s),
+            max_pose_wait: seconds(from.max_pose_wait_s),
+            max_queued: from.max_waiting_scans,
+            pose_streams: PoseStreams::default(),
+            sensors: vec![RangeSensorSettings {
+                stream: None,
+                beams: SensorSettings {
+                    id: SensorId(0),
+                    range_min_m: None,
+                    range_max_m: scans.inferred_miss_range_m(),
+                    zero_range: ZeroRange::Invalid,
+                    time_offset: RobotDuration::ZERO,
+                    base_from_sensor: Pose::identity(),
+                },
+                mount: MountOrigin::Tree,
+                tilt: None,
+            }],
+            body: BodyBox {
+                length_m: config.vehicle.length_m,
+                width_m: config.vehicle.width_m,
+                offset_m: config.vehicle.footprint_offset_m,
+                lowest_m: config.vehicle.bottom_z_m,
+                highest_m: config.vehicle.bottom_z_m + config.vehicle.height_m,
+            },
+        };
+        Ok(Self {
+            measurements,
+            settings,
+        })
+    }
+
+    /// The measurements, to be consumed by [`register`].
+    pub(crate) fn measurements(&self) -> Vec<Measurement> {
+        self.measurements.clone()
+    }
+
+    /// A placer that has seen nothing.
+    pub(crate) fn registration(&self) -> ScanRegistration {
+        ScanRegistration::new(self.settings.clone())
+    }
+
+    /// All scans, placed.
+    pub(crate) fn registered_scans(&self) -> Vec<RegisteredScan> {
+        register(self.registration(), self.measurements())
+    }
+}
+
+/// Places every scan.
+pub(crate) fn register(
+    mut registration: ScanRegistration,
+    measurements: Vec<Measurement>,
+) -> Vec<RegisteredScan> {
+    let mut registered = Vec::new();
+    for measurement in measurements {
+        registration.push(measurement, &mut registered);
+    }
+    registration.finish(&mut registered);
+    let scan = |registered| match registered {
+        RegistrationOutput::Scan(scan) => Some(scan),
+        RegistrationOutput::Jump(_) => None,
+    };
+    registered.into_iter().filter_map(scan).collect()
+}
+
+/// The beams of `scans` that mark cells: hits, as the preset lets a miss say nothing.
+pub(crate) fn hits(scans: &[RegisteredScan]) -> usize {
+    let beams = scans.iter().flat_map(|scan| &scan.beams);
+    beams
+        .filter(|beam| beam.outcome == BeamOutcome::Hit)
+        .count()
+}

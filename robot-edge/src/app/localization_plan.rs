@@ -1,0 +1,191 @@
+//! From the configuration to what placing beams needs.
+
+use crate::config::sensors::MAIN_LASER;
+use crate::config::{
+    Config, FixesAndAttitude, ImuConfig, RangeSensor, RangeSensorConfig, TiltConfig,
+    WheelsAndAttitude,
+};
+use crate::exit::UsageError;
+use crate::localization::attitude_filter::AttitudeSettings;
+use crate::localization::beam_projection::{BodyBox, SensorSettings};
+use crate::localization::dead_reckoning::DeadReckoningSettings;
+use crate::localization::gnss_positioning::GnssSettings;
+use crate::localization::pose_buffer::InterpolationLimits;
+use crate::localization::pose_jump::JumpLimit;
+use crate::localization::registration::{
+    MountOrigin, PoseOrigin, PoseStreams, RangeSensorSettings, RegistrationSettings,
+};
+use crate::localization::tilt::TiltSettings;
+use crate::localization::wheel_odometer::WheelSettings;
+use crate::mapping::registered_scan::SensorId;
+use crate::measurement::StreamId;
+use crate::recording::survey::range_sensors::WantedSensor;
+use crate::robot_time::RobotDuration;
+
+/// What was decided before the first measurement.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LocalizationPlan {
+    /// Where poses come from.
+    pub origin: PoseOrigin,
+    /// The streams of the sensors that they are made of.
+    pub pose_streams: PoseStreams,
+    /// The range sensors that are mapped, in the order of their ids.
+    pub sensors: Vec<PlannedSensor>,
+}
+
+/// A range sensor whose scans are mapped.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlannedSensor {
+    /// Which of the vehicle's it is.
+    pub id: SensorId,
+    /// The stream of its scans; where `None`, every scan is its own.
+    pub stream: Option<StreamId>,
+    /// Who says where it sits.
+    pub mount: MountOrigin,
+    /// The stream of the angles of its tilt, where it is tilted and no transform says how far.
+    pub tilt_stream: Option<StreamId>,
+    /// The range from which on it sees nothing where neither its messages nor the configuration say so, metres.
+    pub range_max_m: Option<f32>,
+}
+
+/// The vehicle's range sensors, in the order of their names.
+///
+/// # Errors
+/// Where it has none.
+pub fn range_sensors(config: &Config) -> Result<Vec<RangeSensor<'_>>, UsageError> {
+    let sensors = config.range_sensors();
+    if sensors.is_empty() {
+        return Err(UsageError(format!(
+            "vehicle {:?} has no range sensor, so there is nothing to map: name one of kind \"laser_scan\" or \
+             \"sonar\", for example in [sensors.{MAIN_LASER}]",
+            config.vehicle.name
+        )));
+    }
+    Ok(sensors)
+}
+
+/// The same for choosing the streams of their scans.
+pub(super) fn wanted_sensors<'a>(sensors: &[RangeSensor<'a>]) -> Vec<WantedSensor<'a>> {
+    let wanted_sensors = sensors.iter().map(|sensor| WantedSensor {
+        name: sensor.name,
+        topic: sensor.config.topic.as_deref(),
+    });
+    wanted_sensors.collect()
+}
+
+/// By how much poses may be faster than the vehicle's greatest speed before they are a jump or a wheel's
+/// counter is broken: stamps jitter, wheels slip, and a wheel in a curve is faster than the vehicle.
+const SPEED_MARGIN: f64 = 3.0;
+
+/// Poses from the configured wheel encoders and attitude sensor.
+pub fn poses_from_wheels(config: &Config, sensors: &WheelsAndAttitude<'_>) -> PoseOrigin {
+    let seconds = RobotDuration::from_secs_f64;
+    let ((_, encoders), (_, imu)) = (sensors.encoders, sensors.imu);
+    PoseOrigin::Wheels(DeadReckoningSettings {
+        wheels: WheelSettings {
+            left_joint: encoders.left_joint.clone(),
+            right_joint: encoders.right_joint.clone(),
+            radius_m: encoders.wheel_radius_m,
+            max_speed_mps: SPEED_MARGIN * config.vehicle.max_speed_mps,
+        },
+        wheels_time_offset: seconds(encoders.time_offset_s),
+        attitude: attitude(config, imu),
+        max_gap: seconds(config.localization.max_gap_s),
+    })
+}
+
+/// Poses from the configured satellite receiver and attitude sensor.
+pub fn poses_from_fixes(config: &Config, sensors: &FixesAndAttitude<'_>) -> PoseOrigin {
+    let seconds = RobotDuration::from_secs_f64;
+    let ((_, gps), (_, imu)) = (sensors.gps, sensors.imu);
+    PoseOrigin::Gps(GnssSettings {
+        fix_time_offset: seconds(gps.time_offset_s),
+        antenna_in_base: gps.mount.base_from_sensor().translation.vector,
+        attitude: attitude(config, imu),
+        outlier_limit: jump_limit(config),
+        max_gap: seconds(config.localization.max_gap_s),
+    })
+}
+
+fn attitude(config: &Config, imu: &ImuConfig) -> AttitudeSettings {
+    let seconds = RobotDuration::from_secs_f64;
+    AttitudeSettings {
+        time_offset: seconds(imu.time_offset_s),
+        base_from_imu: imu.mount.base_from_sensor().rotation,
+        smoothing: seconds(config.localization.attitude_smoothing_s),
+    }
+}
+
+fn jump_limit(config: &Config) -> JumpLimit {
+    JumpLimit {
+        slack_m: config.localization.jump_m,
+        speed_mps: SPEED_MARGIN * config.vehicle.max_speed_mps,
+    }
+}
+
+/// How the beams of the vehicle's range sensors are placed.
+pub fn registration_settings(
+    config: &Config,
+    localization_plan: &LocalizationPlan,
+) -> RegistrationSettings {
+    let localization = &config.localization;
+    let seconds = RobotDuration::from_secs_f64;
+    let of_vehicle = config.range_sensors();
+    let sensors = localization_plan.sensors.iter().filter_map(|planned| {
+        let sensor = of_vehicle.get(usize::from(planned.id.0))?;
+        Some(range_sensor(planned, sensor.config))
+    });
+    let vehicle = &config.vehicle;
+    RegistrationSettings {
+        origin: localization_plan.origin.clone(),
+        pose_streams: localization_plan.pose_streams,
+        base_frame: localization.base_frame.as_str().into(),
+        limits: InterpolationLimits {
+            max_gap: seconds(localization.max_gap_s),
+            max_extrapolation: seconds(localization.max_extrapolation_s),
+            jump: jump_limit(config),
+        },
+        pose_history: seconds(localization.buffer_s),
+        max_pose_wait: seconds(localization.max_pose_wait_s),
+        max_queued: localization.max_waiting_scans,
+        sensors: sensors.collect(),
+        body: BodyBox {
+            length_m: vehicle.length_m,
+            width_m: vehicle.width_m,
+            offset_m: vehicle.footprint_offset_m,
+            lowest_m: vehicle.bottom_z_m,
+            highest_m: vehicle.bottom_z_m + vehicle.height_m,
+        },
+    }
+}
+
+fn range_sensor(planned: &PlannedSensor, config: &RangeSensorConfig) -> RangeSensorSettings {
+    let range_m = |range_m: Option<f64>| range_m.map(|range_m| range_m as f32);
+    let tilt = |stream| {
+        let tilt = config.tilt.as_ref()?;
+        Some(tilt_settings(tilt, stream))
+    };
+    RangeSensorSettings {
+        stream: planned.stream,
+        beams: SensorSettings {
+            id: planned.id,
+            range_min_m: range_m(config.range_min_m),
+            range_max_m: range_m(config.range_max_m).or(planned.range_max_m),
+            zero_range: config.zero_range,
+            time_offset: RobotDuration::from_secs_f64(config.time_offset_s),
+            base_from_sensor: config.mount.base_from_sensor(),
+        },
+        mount: planned.mount,
+        tilt: planned.tilt_stream.and_then(tilt),
+    }
+}
+
+fn tilt_settings(tilt: &TiltConfig, stream: StreamId) -> TiltSettings {
+    TiltSettings {
+        joint: tilt.joint.clone(),
+        stream: Some(stream),
+        scale: tilt.scale,
+        offset_rad: tilt.offset_deg.to_radians(),
+        time_offset: RobotDuration::from_secs_f64(tilt.time_offset_s),
+    }
+}

@@ -1,0 +1,159 @@
+//! The source's side of a run: reads, paces and hands over in batches.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use super::is_set;
+use super::source::{Source, SourceItem, SourceLosses};
+use crate::clock::{self, Monotonic};
+use crate::measurement::Stream;
+use crate::pacer::{Pacer, Rate, Skipped};
+use crate::recording::time_sequencer::Ordered;
+use crate::recording::{Position, RecordingError};
+
+/// Items in a batch: a channel's locks cost more than an item does.
+const MAX_BATCH_ITEMS: usize = 64;
+
+/// Without anything that came, a batch goes over this often: who takes them also tells how it is going.
+const MAX_BATCH_INTERVAL: Duration = Duration::from_millis(250);
+
+/// Items on their way from the source to the pipeline.
+pub(super) struct Batch {
+    pub(super) items: Vec<SourceItem>,
+    /// When the first of them was due.
+    pub(super) received_at: Monotonic,
+    /// How late the source was by then; `None` where nothing says when data is due, or how late it is does not matter.
+    pub(super) lag: Option<Duration>,
+    /// The streams met since the last batch, whose numbers the items carry.
+    pub(super) new_streams: Vec<Stream>,
+    /// How far reading has come.
+    pub(super) position: Option<Position>,
+    /// How much the source has lost so far.
+    pub(super) lost: u64,
+}
+
+/// How a source ended.
+pub(super) struct SourceEnd {
+    pub(super) lost: SourceLosses,
+    pub(super) skipped: Skipped,
+    /// Whether the source was read to its end, and not interrupted.
+    pub(super) is_complete: bool,
+    pub(super) result: Result<(), RecordingError>,
+}
+
+/// Reads `source` to its end, at `rate`, until interrupted or until `hand_over` says that nobody takes any
+/// more.
+pub(super) fn read_source(
+    source: &mut dyn Source,
+    rate: Rate,
+    interrupt: &AtomicBool,
+    hand_over: impl FnMut(Batch) -> bool,
+) -> SourceEnd {
+    let mut pacer = Pacer::new(rate);
+    let mut builder = BatchBuilder {
+        items: Vec::with_capacity(MAX_BATCH_ITEMS),
+        received_at: Monotonic::now(),
+        lag: None,
+        sent_at: Monotonic::now(),
+        streams: 0,
+        take: hand_over,
+    };
+    let result = read_all(source, rate, &mut pacer, interrupt, &mut builder);
+    // Whoever took items up to now takes the last ones too, or has its own reason not to.
+    builder.flush(source);
+    SourceEnd {
+        is_complete: result.is_ok() && !is_set(interrupt),
+        lost: source.lost(),
+        skipped: pacer.skipped(),
+        result,
+    }
+}
+
+fn read_all(
+    source: &mut dyn Source,
+    rate: Rate,
+    pacer: &mut Pacer,
+    interrupt: &AtomicBool,
+    builder: &mut BatchBuilder<impl FnMut(Batch) -> bool>,
+) -> Result<(), RecordingError> {
+    while !is_set(interrupt) {
+        let Some(item) = source.next()? else {
+            return Ok(());
+        };
+        match &item {
+            SourceItem::Timed(Ordered::Measurement(measurement)) => {
+                let now = Monotonic::now();
+                let wait = pacer.wait(measurement.stamp, now);
+                if matches!(rate, Rate::Times(_)) {
+                    builder.lag = builder.lag.max(Some(pacer.lag()));
+                }
+                // What is due already must not wait for what is not.
+                if !wait.is_zero() && !builder.flush(source) {
+                    return Ok(());
+                }
+                if !clock::sleep_until(now + wait, || is_set(interrupt)) {
+                    return Ok(());
+                }
+            }
+            SourceItem::Timed(Ordered::ClockReset { .. }) => pacer.reset(),
+            SourceItem::Idle => {
+                if builder.flush_if_due(source) {
+                    continue;
+                }
+                return Ok(());
+            }
+            SourceItem::Immediate(_) | SourceItem::Unmapped(_) | SourceItem::Live { .. } => {}
+        }
+        if builder.items.is_empty() {
+            builder.received_at = Monotonic::now();
+        }
+        builder.items.push(item);
+        if builder.items.len() >= MAX_BATCH_ITEMS && !builder.flush(source) {
+            return Ok(());
+        }
+    }
+    Ok(())
+}
+
+struct BatchBuilder<F> {
+    items: Vec<SourceItem>,
+    received_at: Monotonic,
+    lag: Option<Duration>,
+    /// When the last batch went.
+    sent_at: Monotonic,
+    /// Streams that were handed over.
+    streams: usize,
+    take: F,
+}
+
+impl<F: FnMut(Batch) -> bool> BatchBuilder<F> {
+    /// Hands over what there is; whether more is wanted.
+    fn flush(&mut self, source: &dyn Source) -> bool {
+        self.items.is_empty() || self.send(source)
+    }
+
+    /// The same where there is no more at present: now and then an empty batch goes.
+    fn flush_if_due(&mut self, source: &dyn Source) -> bool {
+        if self.items.is_empty() && self.sent_at.elapsed() < MAX_BATCH_INTERVAL {
+            return true;
+        }
+        if self.items.is_empty() {
+            self.received_at = Monotonic::now();
+        }
+        self.send(source)
+    }
+
+    fn send(&mut self, source: &dyn Source) -> bool {
+        self.sent_at = Monotonic::now();
+        let new_streams = source.streams_from(self.streams);
+        self.streams += new_streams.len();
+        (self.take)(Batch {
+            items: std::mem::replace(&mut self.items, Vec::with_capacity(MAX_BATCH_ITEMS)),
+            received_at: self.received_at,
+            lag: self.lag.take(),
+            new_streams,
+            position: source.position(),
+            lost: source.lost_total(),
+        })
+    }
+}

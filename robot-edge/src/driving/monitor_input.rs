@@ -1,0 +1,302 @@
+//! What the collision monitor is told, and the loop's end of it.
+//!
+//! Two ends tell it: whoever places scans, at once, of poses and sweeps; whoever maps, later, of the map. Each has buffers of
+//! its own and nobody waits: the loop sees the newest of what was handed over (triple buffers).
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use nalgebra::{Point2, UnitQuaternion};
+use triple_buffer::{Input, Output, triple_buffer};
+
+use super::receive_times::ReceiveTimes;
+use crate::clock::Monotonic;
+use crate::mapping::Mapper;
+use crate::mapping::ground_plane::{GroundPlane, GroundTracker};
+use crate::mapping::registered_scan::{RegisteredScan, SensorId};
+use crate::pose::{self, Pose};
+use crate::robot_time::{RobotDuration, RobotTime};
+use crate::teleop::collision_monitor::{
+    Barrier, BlockageDetector, CollisionMonitor, CollisionMonitorInput, CollisionMonitorRules,
+    CopyRequest, LocalMap, ObstacleScan, OdometrySample, UnavailableReason,
+};
+use crate::teleop::{CollisionMonitorOutput, Velocity};
+
+/// The map is copied after so much time of the data, with the next scan of any sensor: between the sweeps of a slow one with
+/// those of others.
+const MAP_COPY_PERIOD: RobotDuration = RobotDuration::from_millis(100);
+/// What the guard takes for the time from copy to copy: after two and a half of it, a copy is stale. It is more than
+/// [`MAP_COPY_PERIOD`], for a sweep of 200 ms waits for the poses behind it and then for mapping, and all that is age of the copy.
+const MAP_ASSUMED_PERIOD: Duration = Duration::from_millis(200);
+/// Time from sweep to sweep until two have come.
+const UNKNOWN_PERIOD: Duration = Duration::from_millis(100);
+/// Of so many times from sweep to sweep the one in the middle counts.
+const PERIOD_SAMPLES: usize = 9;
+
+/// The end of whoever places scans: what cannot wait for the map.
+#[derive(Debug)]
+pub struct MonitorSensorInput {
+    rules: CollisionMonitorRules,
+    sensors: Vec<Sensor>,
+    odometry: Input<Option<OdometrySample>>,
+    /// What mapping makes of the ground, where it maps heights, but of every scan that was placed: those in the map may be
+    /// seconds behind.
+    ground: Option<GroundTracker>,
+    receive_times: ReceiveTimes,
+}
+
+/// The end of whoever maps.
+#[derive(Debug)]
+pub struct MonitorMapInput {
+    rules: CollisionMonitorRules,
+    map: Input<LocalMap>,
+    copied: Option<RobotTime>,
+}
+
+#[derive(Debug)]
+struct Sensor {
+    obstacle_scans: Input<ObstacleScan>,
+    blockage: BlockageDetector,
+    last: Option<RobotTime>,
+    /// The newest times from sweep to sweep.
+    gaps: VecDeque<Duration>,
+}
+
+/// The loop's end: the guard, and the newest of all that it was told.
+#[derive(Debug)]
+pub struct MonitorRunner {
+    monitor: CollisionMonitor,
+    obstacle_scans: Vec<ObstacleScan>,
+    newest_scans: Vec<Output<ObstacleScan>>,
+    map: Output<LocalMap>,
+    odometry: Output<Option<OdometrySample>>,
+}
+
+/// A guard that keeps to `rules` and the ways to tell it what so many range sensors see, and the map. `ground` is one like
+/// that of the mapper, where heights are mapped; else each scan's ground is the plane under the vehicle.
+pub fn monitor_input(
+    rules: CollisionMonitorRules,
+    sensors: usize,
+    ground: Option<GroundTracker>,
+) -> (MonitorSensorInput, MonitorMapInput, MonitorRunner) {
+    let (inputs, newest_scans): (Vec<_>, _) = (0..sensors)
+        .map(|_sensor| triple_buffer(&ObstacleScan::default()))
+        .unzip();
+    let (map_input, map) = triple_buffer(&LocalMap::default());
+    let (odometry_input, odometry) = triple_buffer(&None);
+    let sensor = |obstacle_scans| Sensor {
+        obstacle_scans,
+        blockage: BlockageDetector::default(),
+        last: None,
+        gaps: VecDeque::new(),
+    };
+    let monitor_input = MonitorSensorInput {
+        rules,
+        sensors: inputs.into_iter().map(sensor).collect(),
+        odometry: odometry_input,
+        ground,
+        receive_times: ReceiveTimes::default(),
+    };
+    let monitor_map_input = MonitorMapInput {
+        rules,
+        map: map_input,
+        copied: None,
+    };
+    let monitor_runner = MonitorRunner {
+        monitor: CollisionMonitor::new(rules),
+        obstacle_scans: vec![ObstacleScan::default(); sensors],
+        newest_scans,
+        map,
+        odometry,
+    };
+    (monitor_input, monitor_map_input, monitor_runner)
+}
+
+impl MonitorSensorInput {
+    /// Something stamped `stamp` came.
+    pub fn record_received(&mut self, stamp: RobotTime, received: Monotonic) {
+        self.receive_times.record(stamp, received);
+    }
+
+    /// The clock of the data starts anew.
+    pub fn reset_clock(&mut self) {
+        self.receive_times.clear();
+        for sensor in &mut self.sensors {
+            sensor.last = None;
+            sensor.blockage.clear();
+        }
+    }
+
+    /// The next scan gives a new ground: where the vehicle was before says nothing of where it is.
+    pub fn reset_ground(&mut self) {
+        if let Some(ground) = &mut self.ground {
+            ground.reset();
+        }
+    }
+
+    /// The vehicle is here, and so fast.
+    pub fn update_odometry(
+        &mut self,
+        stamp: RobotTime,
+        pose: &Pose,
+        measured: Velocity,
+        now: Monotonic,
+    ) {
+        self.odometry.write(Some(OdometrySample {
+            odom_from_base: *pose,
+            measured,
+            measured_at: self.receive_times.received_at(stamp, now),
+        }));
+    }
+
+    /// A scan was placed; it is not in the map yet. When it was measured, on this machine's clock: what came then, at the
+    /// latest.
+    pub fn add_scan(&mut self, scan: &RegisteredScan, now: Monotonic) -> Monotonic {
+        let measured_at = self.receive_times.received_at(scan.stamp, now);
+        let plane = self.plane_below(scan);
+        if let Some(sensor) = self.sensors.get_mut(usize::from(scan.sensor.0)) {
+            let period = sensor.period_at(scan.stamp);
+            sensor.blockage.update(scan, measured_at);
+            let obstacle_scan = sensor.obstacle_scans.input_buffer_mut();
+            let times = (measured_at, period);
+            obstacle_scan.read(scan, &plane, &self.rules, &sensor.blockage, times);
+            sensor.obstacle_scans.publish();
+        }
+        measured_at
+    }
+
+    /// Whether the window of a sensor seems to be blocked.
+    pub fn is_blocked(&self, sensor: SensorId) -> bool {
+        let sensor = self.sensors.get(usize::from(sensor.0));
+        sensor.is_some_and(|sensor| sensor.blockage.is_blocked())
+    }
+
+    /// The poses jumped: what was seen before cannot be compared with what is seen now.
+    pub fn on_pose_jump(&mut self) {
+        for sensor in &mut self.sensors {
+            sensor.blockage.clear();
+        }
+    }
+
+    /// The plane that the heights of the next scan refer to; `None` before the first one, and where heights are not mapped.
+    pub fn ground_plane(&self) -> Option<GroundPlane> {
+        self.ground.as_ref().and_then(GroundTracker::plane)
+    }
+
+    /// The plane that a scan's heights refer to, which is that of the scans before it.
+    fn plane_below(&mut self, scan: &RegisteredScan) -> GroundPlane {
+        let pose = &scan.odom_from_base;
+        if self.rules.is_boat() {
+            // It floats: its own attitude is that of the waves.
+            return GroundPlane::under(&upright(pose));
+        }
+        let before = self.ground_plane();
+        if let Some(ground) = &mut self.ground {
+            ground.update(scan.stamp, pose);
+        }
+        before.unwrap_or_else(|| GroundPlane::under(pose))
+    }
+}
+
+impl MonitorMapInput {
+    /// A scan is in the map, which was measured at `measured_at`, at the latest.
+    pub fn update_map(&mut self, scan: &RegisteredScan, mapper: &Mapper, measured_at: Monotonic) {
+        let is_due = self.copied.is_none_or(|copied| {
+            scan.stamp < copied || scan.stamp.since(copied) >= MAP_COPY_PERIOD
+        });
+        if !is_due {
+            return;
+        }
+        self.copied = Some(scan.stamp);
+        let at = scan.odom_from_base.translation.vector;
+        let request = CopyRequest {
+            measured_at,
+            period: MAP_ASSUMED_PERIOD,
+            centre: Point2::new(at.x, at.y),
+            reach_m: self.rules.window_m(),
+        };
+        let map = self.map.input_buffer_mut();
+        let costs = mapper
+            .voxels()
+            .and_then(|voxels| Some((voxels.cost()?, voxels.octree().cell_m())));
+        if let Some(terrain) = mapper.terrain() {
+            map.copy_obstacles(terrain.obstacle(), terrain.elevation().cell_m(), request);
+        } else if let Some((costs, cell_m)) = costs {
+            map.copy_costs(costs, cell_m, request);
+        } else if let Some(occupancy) = mapper.occupancy() {
+            map.copy_occupancy(occupancy, request);
+        } else {
+            return;
+        }
+        self.map.publish();
+    }
+}
+
+impl Sensor {
+    /// Time from sweep to sweep: the median of the newest, so that neither a sweep that came late nor two that came at once
+    /// change it.
+    fn period_at(&mut self, stamp: RobotTime) -> Duration {
+        let last = self.last.replace(stamp);
+        if let Some(last) = last.filter(|&last| last < stamp) {
+            let gap = Duration::from_secs_f64(stamp.since(last).as_secs_f64());
+            self.gaps.push_back(gap);
+            if self.gaps.len() > PERIOD_SAMPLES {
+                self.gaps.pop_front();
+            }
+        }
+        let mut gaps: Vec<_> = self.gaps.iter().copied().collect();
+        gaps.sort_unstable();
+        gaps.get(gaps.len() / 2).copied().unwrap_or(UNKNOWN_PERIOD)
+    }
+}
+
+impl MonitorRunner {
+    /// What the guard lacked in the last round, where it could not judge then.
+    pub(super) const fn unavailable_reason(&self) -> Option<UnavailableReason> {
+        self.monitor.unavailable_reason()
+    }
+
+    /// What bounded the motion that was asked for in the last round.
+    pub(super) const fn barrier(&self) -> Option<Barrier> {
+        self.monitor.barrier()
+    }
+
+    /// How long ago the ground on each side of the vehicle was looked at last.
+    pub(super) const fn side_ground_ages(&self) -> [Option<Duration>; 4] {
+        self.monitor.side_ground_ages()
+    }
+
+    /// The guard's word of this round.
+    pub(super) fn output(
+        &mut self,
+        (commanded, requested): (Velocity, Velocity),
+        now: Monotonic,
+    ) -> CollisionMonitorOutput {
+        for (obstacle_scan, newest) in self.obstacle_scans.iter_mut().zip(&mut self.newest_scans) {
+            if newest.update() {
+                // What is given back keeps its memory for a sweep to come.
+                std::mem::swap(obstacle_scan, newest.output_buffer_mut());
+            }
+        }
+        let input = CollisionMonitorInput {
+            obstacle_scans: &self.obstacle_scans,
+            map: Some(self.map.read()),
+            odometry: *self.odometry.read(),
+            commanded,
+            requested,
+        };
+        self.monitor.output(&input, now)
+    }
+}
+
+/// The same place and heading, without pitch and roll.
+fn upright(pose: &Pose) -> Pose {
+    let yaw_rad = pose::yaw_rad(pose);
+    Pose::from_parts(
+        pose.translation,
+        UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad),
+    )
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,190 @@
+//! What the loop shows to the rest of the program: the newest token, how driving is going, what happened.
+
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
+
+use protocol::keys::OperatorId as OperatorName;
+use protocol::message::TeleopStatus;
+
+use super::loop_watchdog::LoopFailure;
+use super::status_message::{self, MonitorDetail};
+use crate::actuators::Fault;
+use crate::teleop::collision_monitor::UnavailableReason;
+use crate::teleop::{AgeToken, ArbiterEvent, OperatorId, TeleopReport};
+
+/// Notices that wait to be told at most; the oldest goes.
+const MAX_EVENTS: usize = 256;
+
+/// Something that people should know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum DriveEvent {
+    /// Of the arbiter.
+    Arbiter(ArbiterEvent),
+    /// The guard could not judge, and the vehicle stops.
+    MonitorUnavailable {
+        /// What it lacked, where that is known.
+        unavailable_reason: Option<UnavailableReason>,
+    },
+    /// Motors that cannot be driven any more.
+    Motors(Fault),
+    /// The loop does not drive any more.
+    LoopFailed(LoopFailure),
+    /// Somebody started or stopped a recording.
+    Recording {
+        /// Started.
+        is_on: bool,
+        /// Who.
+        by: OperatorId,
+    },
+    /// Somebody switched the collision monitor.
+    MonitorSwitched {
+        /// To on.
+        is_on: bool,
+        /// Who.
+        by: OperatorId,
+    },
+    /// The collision monitor was off, and is on again.
+    MonitorReenabled(MonitorReenabled),
+}
+
+/// What switches the collision monitor on again: it was off for one driver and one drive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum MonitorReenabled {
+    /// This operator has been granted the lease.
+    Granted(OperatorId),
+    /// An emergency stop.
+    EStopped,
+    /// A reset of an emergency stop or of a fault.
+    Reset,
+}
+
+/// The latest of everything. The loop writes without ever waiting: where a reader holds a part, it keeps it for the
+/// next round, 20 ms later.
+#[derive(Debug, Default)]
+pub struct SharedDriveState {
+    token: Mutex<Option<AgeToken>>,
+    /// With what the guard knows beside its limits.
+    report: Mutex<Option<(TeleopReport, MonitorDetail)>>,
+    drive_events: Mutex<VecDeque<DriveEvent>>,
+    names: Mutex<Vec<OperatorName>>,
+    runtime_settings: Mutex<status_message::RuntimeSettings>,
+    /// Somebody wants a recording to run, or not to.
+    recording_request: Mutex<Option<bool>>,
+    is_recording: AtomicBool,
+    is_closing: AtomicBool,
+}
+
+impl SharedDriveState {
+    /// The newest token, for the next pose.
+    pub fn token(&self) -> Option<AgeToken> {
+        *read(&self.token)
+    }
+
+    /// Whether somebody holds the lease, or is about to: then tokens go out with every round.
+    pub fn is_held(&self) -> bool {
+        let report = *read(&self.report);
+        report
+            .is_some_and(|(report, _)| report.lease.holder.is_some() || report.lease.next.is_some())
+    }
+
+    /// How driving is going, for the next status; `None` before the loop's first round.
+    pub fn status(&self) -> Option<TeleopStatus> {
+        let (report, detail) = (*read(&self.report))?;
+        let mut runtime_settings = *read(&self.runtime_settings);
+        runtime_settings.recording = self.is_recording.load(Ordering::Relaxed);
+        let report = (&report, detail);
+        Some(status_message::status(
+            report,
+            &read(&self.names),
+            runtime_settings,
+        ))
+    }
+
+    /// What happened since the last call, in words: kind and message.
+    pub fn take_events(&self) -> Vec<(&'static str, String)> {
+        let drive_events: Vec<_> = read(&self.drive_events).drain(..).collect();
+        let names = read(&self.names);
+        let drive_events = drive_events.iter();
+        drive_events
+            .map(|drive_event| status_message::event_text(drive_event, &names))
+            .collect()
+    }
+
+    /// Bytes for tiles that somebody set, kbit/s.
+    pub fn budget_kbps(&self) -> u32 {
+        read(&self.runtime_settings).budget_kbps
+    }
+
+    /// Whether somebody wants a recording to run, since the last call.
+    pub fn take_recording_request(&self) -> Option<bool> {
+        read(&self.recording_request).take()
+    }
+
+    /// Whether a recording runs.
+    pub fn set_recording(&self, is_running: bool) {
+        self.is_recording.store(is_running, Ordering::Relaxed);
+    }
+
+    /// Says whether it could be noted; it could not where somebody reads.
+    pub(super) fn request_recording(&self, is_on: bool) -> bool {
+        write(&self.recording_request, |request| *request = Some(is_on))
+    }
+
+    /// Asks the loop to end.
+    pub(super) fn close(&self) {
+        self.is_closing.store(true, Ordering::Relaxed);
+    }
+
+    pub(super) fn is_closing(&self) -> bool {
+        self.is_closing.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn publish_token(&self, token: AgeToken) {
+        write(&self.token, |shown| *shown = Some(token));
+    }
+
+    pub(super) fn publish_report(&self, report: &TeleopReport, detail: MonitorDetail) {
+        write(&self.report, |shown| *shown = Some((*report, detail)));
+    }
+
+    pub(super) fn publish_settings(&self, runtime_settings: status_message::RuntimeSettings) {
+        write(&self.runtime_settings, |shown| *shown = runtime_settings);
+    }
+
+    /// Tells what happened; gives it back where it has to wait.
+    pub(super) fn publish_events(&self, waiting: &mut VecDeque<DriveEvent>) {
+        write(&self.drive_events, |published| {
+            published.extend(waiting.drain(..));
+            while published.len() > MAX_EVENTS {
+                published.pop_front();
+            }
+        });
+        // Nobody reads: what is kept must not grow.
+        while waiting.len() > MAX_EVENTS {
+            waiting.pop_front();
+        }
+    }
+
+    /// Names of operators, by number.
+    pub(super) fn publish_names<'a>(&self, names: impl Iterator<Item = &'a OperatorName>) {
+        write(&self.names, |shown| {
+            shown.clear();
+            shown.extend(names.cloned());
+        });
+    }
+}
+
+fn read<T>(part: &Mutex<T>) -> MutexGuard<'_, T> {
+    part.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Says whether it was written; it is not where somebody reads.
+fn write<T>(part: &Mutex<T>, change: impl FnOnce(&mut T)) -> bool {
+    match part.try_lock() {
+        Ok(mut shown) => change(&mut shown),
+        Err(TryLockError::Poisoned(poisoned)) => change(&mut poisoned.into_inner()),
+        Err(TryLockError::WouldBlock) => return false,
+    }
+    true
+}

@@ -1,0 +1,301 @@
+//! Where the marks of one scan are kept: a page of bits for each block of voxels that the scan meets.
+
+use std::collections::HashMap;
+
+use rustc_hash::FxBuildHasher;
+
+use super::shard::SHARDS;
+use super::voxel_address::{BLOCK_BRICKS, BlockIndex, Window};
+
+/// Bits of a slot for each axis, at most.
+const MAX_SLOT_BITS: u32 = 7;
+const NO_PAGE: u32 = u32::MAX;
+
+/// The pages of one scan.
+#[derive(Clone, Debug, Default)]
+pub(super) struct ScratchPages {
+    index: PageIndex,
+    page_lists: [PageList; SHARDS],
+}
+
+/// Where the page of a block is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct PageRef {
+    shard: usize,
+    at: usize,
+}
+
+/// Finds pages.
+#[derive(Clone, Debug, Default)]
+struct PageIndex {
+    /// The page of a block, by the lowest bits of its coordinates.
+    slots: Vec<u32>,
+    /// The page of a block whose slot another one has.
+    overflow: HashMap<u64, u32, FxBuildHasher>,
+    block_bits: u32,
+}
+
+/// The pages of the blocks of one shard of the map.
+#[derive(Clone, Debug, Default)]
+struct PageList {
+    heads: Vec<PageHead>,
+    /// One for each head, and more.
+    scratch_pages: Vec<Page>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct PageHead {
+    block: u64,
+    has_hits: bool,
+}
+
+/// A bit for each voxel of a block, a word for each brick.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Page {
+    pub(super) free: [u64; BLOCK_BRICKS],
+    hit: [u64; BLOCK_BRICKS],
+}
+
+const BLANK: Page = Page {
+    free: [0; BLOCK_BRICKS],
+    hit: [0; BLOCK_BRICKS],
+};
+
+/// Voxels of a brick that a scan saw through and that it hit, a bit for each; none is both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct BrickMarks {
+    pub(super) free: u64,
+    pub(super) hit: u64,
+}
+
+/// The marks of one shard of the map.
+#[derive(Debug)]
+pub(super) struct ShardMarks<'a> {
+    window: Window,
+    index: &'a PageIndex,
+    page_list: &'a mut PageList,
+}
+
+/// A block that a scan marked.
+#[derive(Debug)]
+pub(super) struct MarkedBlock<'a> {
+    pub(super) block: BlockIndex,
+    /// Bricks that hold a mark, a bit for each.
+    pub(super) touched: u64,
+    has_hits: bool,
+    page: &'a mut Page,
+}
+
+impl ScratchPages {
+    /// Prepares for a scan in a window of that many bits of a block's coordinate.
+    pub(super) fn open(&mut self, block_bits: u32) {
+        let index = &mut self.index;
+        if block_bits != index.block_bits || index.slots.is_empty() {
+            index.block_bits = block_bits;
+            index.slots = vec![NO_PAGE; 1 << (3 * block_bits.min(MAX_SLOT_BITS))];
+        }
+    }
+
+    /// The page of a block of the window, which it gets if it has none.
+    pub(super) fn place(&mut self, window: &Window, block: u64) -> PageRef {
+        let Self { index, page_lists } = self;
+        let slot = index.slot(block);
+        let number = index.slots[slot];
+        if number == NO_PAGE {
+            let place = PageRef::new(window, page_lists, block);
+            index.slots[slot] = place.number();
+            return place;
+        }
+        let place = PageRef::of(number);
+        if page_lists[place.shard].heads[place.at].block == block {
+            return place;
+        }
+        if let Some(&number) = index.overflow.get(&block) {
+            return PageRef::of(number);
+        }
+        let place = PageRef::new(window, page_lists, block);
+        index.overflow.insert(block, place.number());
+        place
+    }
+
+    /// The page at a place.
+    #[inline]
+    pub(super) fn page_mut(&mut self, place: PageRef) -> Option<&mut Page> {
+        self.page_lists[place.shard].scratch_pages.get_mut(place.at)
+    }
+
+    /// Marks the hit voxel of a bit in a brick of the page at a place.
+    pub(super) fn mark_hit(&mut self, place: PageRef, brick: usize, bit: u64) {
+        let page_list = &mut self.page_lists[place.shard];
+        page_list.scratch_pages[place.at].hit[brick] |= bit;
+        page_list.heads[place.at].has_hits = true;
+    }
+
+    /// The marks, by shard of the map.
+    pub(super) fn shards(&mut self, window: Window) -> [ShardMarks<'_>; SHARDS] {
+        let index = &self.index;
+        self.page_lists.each_mut().map(|page_list| ShardMarks {
+            window,
+            index,
+            page_list,
+        })
+    }
+
+    /// Ends a scan, whose marks have been taken.
+    pub(super) fn close(&mut self) {
+        for page_list in &mut self.page_lists {
+            for head in page_list.heads.drain(..) {
+                let slot = self.index.slot(head.block);
+                self.index.slots[slot] = NO_PAGE;
+            }
+        }
+        self.index.overflow.clear();
+    }
+
+    /// Their memory, bytes.
+    pub(super) fn bytes(&self) -> usize {
+        let scratch_pages = self
+            .page_lists
+            .iter()
+            .map(|page_list| page_list.scratch_pages.capacity());
+        self.index.slots.capacity() * size_of::<u32>()
+            + scratch_pages.sum::<usize>() * size_of::<Page>()
+    }
+}
+
+impl PageRef {
+    /// Of no page.
+    pub(super) const NONE: Self = Self {
+        shard: 0,
+        at: usize::MAX,
+    };
+
+    const fn of(number: u32) -> Self {
+        Self {
+            shard: number as usize % SHARDS,
+            at: number as usize / SHARDS,
+        }
+    }
+
+    const fn number(self) -> u32 {
+        (self.at * SHARDS + self.shard) as u32
+    }
+
+    /// Of a new page.
+    fn new(window: &Window, page_lists: &mut [PageList; SHARDS], block: u64) -> Self {
+        let shard = window.block(block).shard();
+        let page_list = &mut page_lists[shard];
+        let at = page_list.heads.len();
+        page_list.heads.push(PageHead {
+            block,
+            has_hits: false,
+        });
+        if page_list.scratch_pages.len() < page_list.heads.len() {
+            page_list.scratch_pages.push(BLANK);
+        }
+        Self { shard, at }
+    }
+}
+
+impl PageIndex {
+    fn slot(&self, block: u64) -> usize {
+        if self.block_bits <= MAX_SLOT_BITS {
+            return block as usize;
+        }
+        let part = |axis: u32| {
+            let coordinate = block >> (axis * self.block_bits);
+            (coordinate & ((1 << MAX_SLOT_BITS) - 1)) << (axis * MAX_SLOT_BITS)
+        };
+        (part(0) | part(1) | part(2)) as usize
+    }
+
+    /// Where the page of a block of this shard is, if it has one.
+    fn find(&self, page_list: &PageList, block: u64) -> Option<usize> {
+        let number = self.slots[self.slot(block)];
+        let at = PageRef::of(number).at;
+        let is_here = |head: &PageHead| head.block == block;
+        if number == NO_PAGE {
+            None
+        } else if page_list.heads.get(at).is_some_and(is_here) {
+            Some(at)
+        } else {
+            let number = self.overflow.get(&block);
+            number.map(|&number| PageRef::of(number).at)
+        }
+    }
+}
+
+impl ShardMarks<'_> {
+    /// The blocks that hold marks, in the order of their first ones.
+    pub(super) fn blocks(&self) -> impl Iterator<Item = BlockIndex> + '_ {
+        let heads = self.page_list.heads.iter();
+        heads.map(|head| self.window.block(head.block))
+    }
+
+    /// Takes from another part of the same scan its marks of the blocks that are marked here too.
+    pub(super) fn take_common(&mut self, other: &mut Self) {
+        let page_list = &mut *self.page_list;
+        for (head, page) in other
+            .page_list
+            .heads
+            .iter()
+            .zip(&mut other.page_list.scratch_pages)
+        {
+            if let Some(at) = self.index.find(page_list, head.block) {
+                page_list.heads[at].has_hits |= head.has_hits;
+                page_list.scratch_pages[at].take_from(page);
+            }
+        }
+    }
+
+    /// The blocks that hold marks, in the same order. Whoever takes them clears the marks.
+    pub(super) fn marked(&mut self) -> impl Iterator<Item = MarkedBlock<'_>> {
+        let window = self.window;
+        let PageList {
+            heads,
+            scratch_pages,
+        } = &mut *self.page_list;
+        heads
+            .iter()
+            .zip(scratch_pages)
+            .map(move |(head, page)| MarkedBlock {
+                block: window.block(head.block),
+                touched: page.touched(),
+                has_hits: head.has_hits,
+                page,
+            })
+    }
+}
+
+impl MarkedBlock<'_> {
+    /// Takes the marks of a brick, which loses them.
+    pub(super) fn take(&mut self, brick: usize) -> BrickMarks {
+        let hit = if self.has_hits {
+            std::mem::take(&mut self.page.hit[brick])
+        } else {
+            0
+        };
+        // A hit wins.
+        let free = std::mem::take(&mut self.page.free[brick]) & !hit;
+        BrickMarks { free, hit }
+    }
+}
+
+impl Page {
+    /// Bricks that hold a mark, a bit for each. Looked for afterwards: that costs less than to note it at each mark.
+    fn touched(&self) -> u64 {
+        let bricks = self.free.iter().zip(&self.hit).enumerate();
+        bricks.fold(0, |touched, (brick, (free, hit))| {
+            touched | u64::from(free | hit != 0) << brick
+        })
+    }
+
+    fn take_from(&mut self, other: &mut Self) {
+        for (own, other) in self.free.iter_mut().zip(&mut other.free) {
+            *own |= std::mem::take(other);
+        }
+        for (own, other) in self.hit.iter_mut().zip(&mut other.hit) {
+            *own |= std::mem::take(other);
+        }
+    }
+}

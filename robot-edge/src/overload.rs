@@ -1,0 +1,87 @@
+//! Whether a machine keeps up with what its sensors measure.
+
+use std::time::Duration;
+
+use crate::clock::Monotonic;
+
+/// Data that is mapped so much later than it could be is late.
+const MAX_DELAY: Duration = Duration::from_millis(300);
+/// A machine that is late in every look for so long does not keep up: a moment's work is no reason to say so.
+const OVERLOAD_AFTER: Duration = Duration::from_secs(2);
+/// One that is never late for so long keeps up again.
+const CLEAR_AFTER: Duration = Duration::from_secs(5);
+
+/// What has changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OverloadChange {
+    /// It does not keep up: what is mapped now could have been mapped so long ago.
+    Started(Duration),
+    /// It keeps up again.
+    Cleared,
+}
+
+/// Looks at how late data is. Pure: the present is a parameter.
+#[derive(Clone, Debug, Default)]
+pub struct OverloadMonitor {
+    is_overloaded: bool,
+    /// Since when every look has said the contrary.
+    change_pending_since: Option<Monotonic>,
+}
+
+impl OverloadMonitor {
+    /// Data is `delay` at `now`; what that changes.
+    pub fn update(&mut self, delay: Duration, now: Monotonic) -> Option<OverloadChange> {
+        if (delay > MAX_DELAY) == self.is_overloaded {
+            self.change_pending_since = None;
+            return None;
+        }
+        let since = *self.change_pending_since.get_or_insert(now);
+        let required = if self.is_overloaded {
+            CLEAR_AFTER
+        } else {
+            OVERLOAD_AFTER
+        };
+        if now.since(since) < required {
+            return None;
+        }
+        self.change_pending_since = None;
+        self.is_overloaded = !self.is_overloaded;
+        Some(if self.is_overloaded {
+            OverloadChange::Started(delay)
+        } else {
+            OverloadChange::Cleared
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is told of these latenesses in a row, milliseconds, looked at every 0.5 s.
+    fn changes(late_ms: impl IntoIterator<Item = u64>) -> Vec<(u64, OverloadChange)> {
+        let mut monitor = OverloadMonitor::default();
+        let updates = (0..).step_by(500).zip(late_ms);
+        let change = |(at_ms, late_ms)| {
+            let now = Monotonic::from_nanos(at_ms * 1_000_000);
+            let change = monitor.update(Duration::from_millis(late_ms), now)?;
+            Some((at_ms, change))
+        };
+        updates.filter_map(change).collect()
+    }
+
+    #[test]
+    fn only_what_lasts_is_told_and_once() {
+        assert_eq!(changes([0, 900, 0, 900, 900, 900, 900, 10, 900, 900]), []);
+        let behind = OverloadChange::Started(Duration::from_millis(800));
+        let delay = std::iter::repeat_n(800, 20);
+        assert_eq!(changes(delay.clone()), [(2_000, behind)]);
+        // A moment without delay is no recovery.
+        let moment = std::iter::repeat_n(20, 9).chain([800]);
+        let well = std::iter::repeat_n(20, 11);
+        assert_eq!(
+            changes(delay.chain(moment).chain(well)),
+            [(2_000, behind), (20_000, OverloadChange::Cleared)]
+        );
+    }
+}

@@ -1,8 +1,0 @@
-//! The guard in worlds of flat walls and pillars, in a loop with the arbiter's motion.
-
-mod barrier;
-mod closed_loop;
-mod cost;
-mod not_seen;
-mod situations;
-mod world;

@@ -1,0 +1,349 @@
+//! The list of operators changes while the vehicle runs: who is taken off it sees nothing any more, and whoever stays goes on.
+
+use std::fs;
+use std::net::UdpSocket;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::{scope, sleep};
+use std::time::Duration;
+
+use foreshore_tests::operator::NEUTRAL;
+use protocol::message::{Answer, LeaseRequest, Refusal, StopReason, TeleopState};
+use robot_edge::clock::Monotonic;
+use robot_edge::credentials::Credentials;
+use robot_edge::link::endpoints::Channel;
+use robot_edge::link::sessions::{self, Endpoints, Side};
+use zenoh::{Session, Wait as _};
+
+use super::commands::{TURN, audit, operator, robot};
+use super::{matrix, router};
+use crate::fleet::{Fleet, text};
+use crate::link::processes::{Running, free_port, program};
+
+/// A connection that was being set up when the links were closed holds the port for 30 s, and clients try again ever more rarely.
+const TIMEOUT: Duration = Duration::from_secs(90);
+/// Who is taken off the list sees nothing of the vehicle after this.
+const REVOKED: Duration = Duration::from_secs(2);
+
+/// Writes the vehicle's list without somebody.
+fn take_off(fleet: &Fleet, name: &str) {
+    let path = fleet.vehicle().join("operators.toml");
+    let whole = text(&path);
+    let entry = whole
+        .find(&format!("\n[[person]]\nname = \"{name}\""))
+        .unwrap();
+    let rest = &whole[entry + 1..];
+    let next = rest.find("\n[[person]]").unwrap_or(rest.len());
+    let draft = fleet.scratch("operators.new");
+    fs::write(&draft, whole[..entry].to_owned() + &rest[next..]).unwrap();
+    fs::rename(&draft, &path).unwrap();
+}
+
+/// When each pose came that a session is told of.
+#[derive(Clone, Default)]
+struct Poses(Arc<Mutex<Vec<Monotonic>>>);
+
+impl Poses {
+    fn of(session: &Session) -> Self {
+        let poses = Self::default();
+        let taken = poses.clone();
+        session
+            .declare_subscriber("foreshore/scout/pose")
+            .callback(move |_| taken.0.lock().unwrap().push(Monotonic::now()))
+            .background()
+            .wait()
+            .unwrap();
+        let started = Monotonic::now();
+        while poses.0.lock().unwrap().is_empty() {
+            assert!(started.elapsed() < TIMEOUT, "no pose comes");
+            sleep(Duration::from_millis(5));
+        }
+        poses
+    }
+
+    /// The last one, after `since`.
+    fn last_after(&self, since: Monotonic) -> Duration {
+        self.0.lock().unwrap().last().unwrap().since(since)
+    }
+
+    /// The longest time between two, the second of which came after `since`.
+    fn longest_gap(&self, since: Monotonic) -> Duration {
+        let poses = self.0.lock().unwrap();
+        let pairs = poses.windows(2).filter(|pair| pair[1] > since);
+        pairs
+            .map(|pair| pair[1].since(pair[0]))
+            .max()
+            .unwrap_or_default()
+    }
+}
+
+/// A session for tiles.
+fn tiles(fleet: &Fleet, name: &str, port: u16) -> Session {
+    let endpoints = Endpoints {
+        connect: vec![format!("quic/127.0.0.1:{port}")],
+        credentials: Some(Credentials::open(&fleet.person(name)).unwrap()),
+        ..Endpoints::default()
+    };
+    sessions::open(Side::Console, Channel::Bulk, &endpoints).unwrap()
+}
+
+/// Whether the vehicle answers a question for tiles.
+fn answers(tiles: &Session) -> bool {
+    let question = protocol::wire::encode(
+        &protocol::wire::Header {
+            boot: protocol::tile::BootId([1; 16]),
+            seq: 1,
+            robot_time_ns: 0,
+        },
+        &protocol::message::ShoresRequest { newer_than: 0 },
+    );
+    let replies = tiles
+        .get("foreshore/scout/shores")
+        .payload(question.unwrap())
+        .timeout(Duration::from_secs(1))
+        .wait();
+    let replies = replies.map(|replies| replies.iter().any(|reply| reply.result().is_ok()));
+    replies.unwrap_or(false)
+}
+
+#[test]
+fn who_is_taken_off_the_list_sees_nothing_any_more_and_the_driver_drives_again() {
+    let (fleet, port) = (Fleet::new(), free_port());
+    let edge = robot(&fleet, "--listen", port);
+    let mut anna = operator(&fleet, "anna", port);
+    let bert = matrix::person(&fleet, "bert", port);
+    let (of_anna, of_bert) = (Poses::of(anna.session()), Poses::of(&bert));
+    let (tiles_of_bert, tiles_of_anna) = (tiles(&fleet, "bert", port), tiles(&fleet, "anna", port));
+    assert!(answers(&tiles_of_bert) && answers(&tiles_of_anna));
+    // Somebody who takes nothing any more does not hold up the others.
+    let mut console = program("operator-console");
+    console.args(["--headless", "--for", "100", "--connect"]);
+    console.arg(format!("quic/127.0.0.1:{port}"));
+    console.arg("--keys").arg(fleet.person("tv"));
+    console.arg("--export").arg(fleet.scratch("console"));
+    let frozen = Running::start(&mut console, "console");
+    sleep(Duration::from_secs(2));
+    frozen.signal("STOP");
+
+    anna.start_driving(TURN);
+    take_off(&fleet, "bert");
+    let written = Monotonic::now();
+    // She holds the key all the time, until she is told of the vehicle again.
+    anna.hold(TURN, REVOKED);
+    let (last, resumed) = (of_bert.last_after(written), Monotonic::now());
+    anna.hold_until(TURN, || {
+        assert!(resumed.elapsed() < TIMEOUT, "no pose for Anna");
+        of_anna.last_after(resumed) > Duration::ZERO
+    });
+    let gap = of_anna.longest_gap(written);
+    println!("bert's last pose came after {last:.2?}; anna's link was interrupted for {gap:.2?}");
+    assert!(last < REVOKED, "{last:?}");
+    assert!(!answers(&tiles_of_bert), "Bert is told of tiles");
+    let status = anna.wait_for_new_status();
+    assert_ne!(status.state, TeleopState::Driving, "without a new press");
+    let why = status.last_stop.unwrap();
+    assert!(
+        matches!(why, StopReason::Age | StopReason::LeaseEnded(_)),
+        "{why:?}"
+    );
+    // Her session and her tiles have come back by themselves.
+    anna.start_driving(TURN);
+    let started = Monotonic::now();
+    while !answers(&tiles_of_anna) {
+        assert!(started.elapsed() < TIMEOUT, "no tiles for Anna");
+    }
+    assert_eq!(of_bert.last_after(written), last, "he is told nothing anew");
+    drop(frozen);
+    anna.session().close().wait().unwrap();
+    edge.signal("INT");
+    edge.ends_well();
+
+    let log = audit(&fleet);
+    let at = |kind: &str, says: &str| {
+        let is_it = |(of, message): &(String, String)| of == kind && message.contains(says);
+        let at = log.iter().position(is_it);
+        at.unwrap_or_else(|| panic!("no {kind}, {says}: {log:#?}"))
+    };
+    let order = [
+        at("operators", "off it operator:bert"),
+        at("access", "all links are closed, and opened anew"),
+        at("disconnect", "operator:bert is gone, control"),
+        at("access", "links are open by the newer list"),
+    ];
+    assert!(order.is_sorted(), "{order:?} {log:#?}");
+}
+
+#[test]
+fn a_list_that_says_the_same_in_another_order_interrupts_nobody() {
+    let (fleet, port) = (Fleet::new(), free_port());
+    let _edge = robot(&fleet, "--listen", port);
+    let anna = operator(&fleet, "anna", port);
+    let poses = Poses::of(anna.session());
+    let path = fleet.vehicle().join("operators.toml");
+    let whole = text(&path);
+    let (head, people) = whole.split_once("\n[[person]]").unwrap();
+    let mut people: Vec<_> = people.trim_end().split("\n[[person]]").collect();
+    people.reverse();
+    let written = Monotonic::now();
+    fs::write(
+        &path,
+        format!("{head}\n[[person]]{}\n", people.join("\n[[person]]")),
+    )
+    .unwrap();
+    let started = Monotonic::now();
+    while !audit(&fleet).iter().any(|(kind, _)| kind == "operators") {
+        assert!(started.elapsed() < TIMEOUT, "the list is not read again");
+        sleep(Duration::from_millis(20));
+    }
+    sleep(Duration::from_secs(1));
+    let gap = poses.longest_gap(written);
+    assert!(gap < Duration::from_millis(500), "{gap:?}");
+    assert!(!audit(&fleet).iter().any(|(kind, _)| kind == "access"));
+    anna.session().close().wait().unwrap();
+}
+
+/// A router has rules of its own, made by `robot-edge keys`: it goes on telling of the vehicle until it has new ones. That he
+/// drives no more does not rest on them.
+#[test]
+fn behind_a_router_who_is_taken_off_drives_no_more_and_sees_until_the_router_has_new_rules() {
+    let (fleet, port) = (Fleet::new(), free_port());
+    let old_rules = router::start(&fleet, port);
+    let _edge = robot(&fleet, "--connect", port);
+    let anna = operator(&fleet, "anna", port);
+    let mut bert = operator(&fleet, "bert", port);
+    let (of_anna, of_bert) = (Poses::of(anna.session()), Poses::of(bert.session()));
+    let written = Monotonic::now();
+    take_off(&fleet, "bert");
+    let started = Monotonic::now();
+    while bert.ask(&LeaseRequest::Request) != Answer::Refused(Refusal::Signature) {
+        assert!(started.elapsed() < REVOKED, "he may drive");
+    }
+    let gap = of_anna.longest_gap(written);
+    assert!(
+        gap < Duration::from_secs(1),
+        "nobody is interrupted: {gap:?}"
+    );
+    assert!(of_bert.last_after(written) > Duration::ZERO, "he sees it");
+
+    // The file follows from the lists, and is written anew with them.
+    old_rules.close().wait().unwrap();
+    let _new_rules = router::start(&fleet, port);
+    let restarted = Monotonic::now();
+    while of_anna.last_after(written) < restarted.since(written) {
+        assert!(restarted.elapsed() < TIMEOUT, "Anna is told nothing");
+        sleep(Duration::from_millis(20));
+    }
+    sleep(Duration::from_secs(1));
+    assert!(of_bert.last_after(written) < restarted.since(written));
+}
+
+/// Whoever is quick takes the port while the links are closed.
+#[test]
+fn a_port_that_is_taken_meanwhile_is_waited_for() {
+    let (fleet, port) = (Fleet::new(), free_port());
+    let edge = robot(&fleet, "--listen", port);
+    let anna = operator(&fleet, "anna", port);
+    let list = fleet.vehicle().join("operators.toml");
+    let whole = text(&list);
+    take_off(&fleet, "bert");
+    let without = text(&list);
+    let failed = || {
+        audit(&fleet)
+            .iter()
+            .any(|(kind, _)| kind == "access_failed")
+    };
+    let is_over = AtomicBool::new(false);
+    scope(|scope| {
+        scope.spawn(|| {
+            let mut socket = None;
+            while !is_over.load(Ordering::Relaxed) && socket.is_none() {
+                socket = UdpSocket::bind(("127.0.0.1", port)).ok();
+            }
+            while !is_over.load(Ordering::Relaxed) {
+                sleep(Duration::from_millis(10));
+            }
+        });
+        // Where the vehicle was quicker, again.
+        for change in 0..10 {
+            fs::write(&list, if change % 2 == 0 { &whole } else { &without }).unwrap();
+            let changed = Monotonic::now();
+            while !failed() && changed.elapsed() < Duration::from_secs(4) {
+                sleep(Duration::from_millis(20));
+            }
+            if failed() {
+                break;
+            }
+        }
+        is_over.store(true, Ordering::Relaxed);
+    });
+    assert!(failed(), "nobody was quicker than the vehicle");
+    let freed = Monotonic::now();
+    anna.wait_for_new_status();
+    println!(
+        "told of again {:.2?} after the port was free",
+        freed.elapsed()
+    );
+    anna.session().close().wait().unwrap();
+    edge.signal("INT");
+    edge.ends_well();
+    let log = audit(&fleet);
+    let failed = log.iter().position(|(kind, _)| kind == "access_failed");
+    let (_, why) = &log[failed.unwrap()];
+    assert!(
+        why.contains("another program has the port already"),
+        "{why}"
+    );
+    let opened = "links are open by the newer list";
+    let opened = log
+        .iter()
+        .rposition(|(_, message)| message.contains(opened));
+    assert!(opened > failed, "{log:#?}");
+}
+
+#[test]
+fn a_deleted_list_lets_nobody_drive_or_watch_after_ten_seconds_and_gives_leave_when_it_is_back() {
+    let (fleet, port) = (Fleet::new(), free_port());
+    let edge = robot(&fleet, "--listen", port);
+    let mut anna = operator(&fleet, "anna", port);
+    let poses = Poses::of(anna.session());
+    let list = fleet.vehicle().join("operators.toml");
+    let whole = text(&list);
+    anna.start_driving(TURN);
+    fs::remove_file(&list).unwrap();
+    let removed = Monotonic::now();
+    // Nothing changes for as long as it says.
+    anna.hold(TURN, Duration::from_secs(9));
+    let is_hers = anna.wait_for_new_status().lease.holder == Some(anna.name.clone());
+    assert!(is_hers, "she may drive for 10 s");
+    anna.hold(TURN, Duration::from_secs(5));
+    let last = poses.last_after(removed);
+    println!("the last pose came {last:.2?} after the list was gone");
+    assert!(last > Duration::from_secs(9) && last < Duration::from_secs(13));
+    fs::write(&list, whole).unwrap();
+    let back = Monotonic::now();
+    while poses.last_after(removed) < back.since(removed) {
+        assert!(back.elapsed() < TIMEOUT, "she is told nothing");
+        sleep(Duration::from_millis(20));
+    }
+    anna.hold(TURN, NEUTRAL);
+    assert_ne!(anna.wait_for_new_status().state, TeleopState::Driving);
+    anna.start_driving(TURN);
+    anna.session().close().wait().unwrap();
+    edge.signal("INT");
+    edge.ends_well();
+    let log = audit(&fleet);
+    let said: Vec<_> = log
+        .iter()
+        .filter(|(kind, _)| kind == "operators_missing")
+        .map(|(_, message)| message.split(" (").next().unwrap())
+        .collect();
+    assert_eq!(
+        said,
+        [
+            "the list of operators is missing: nobody may drive in 10 s unless it comes back",
+            "the list of operators is missing: nobody may watch or drive",
+        ]
+    );
+    let why = "anna no longer drives: the leave to drive was taken away";
+    assert!(log.iter().any(|(_, message)| message == why), "{log:#?}");
+}

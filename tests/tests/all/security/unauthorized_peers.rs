@@ -1,0 +1,232 @@
+//! Who may not even connect.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::thread::sleep;
+use std::time::Duration;
+
+use rcgen::{
+    CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair,
+    date_time_ymd,
+};
+use robot_edge::clock::{self, Monotonic};
+use robot_edge::credentials::Credentials;
+use robot_edge::link::LinkError;
+use robot_edge::link::endpoints::Channel;
+use robot_edge::link::sessions::{self, Endpoints, Side};
+use zenoh::{Config, Session, Wait as _};
+
+use super::matrix;
+use crate::fleet::{Fleet, text};
+use crate::link::processes::free_port;
+
+const TIMEOUT: Duration = Duration::from_secs(20);
+/// Seconds.
+const DAY: i64 = 86_400;
+
+fn vehicle(fleet: &Fleet, port: u16) -> Session {
+    let (credentials, _, people) = Credentials::of_vehicle(&fleet.vehicle(), None).unwrap();
+    let endpoints = Endpoints {
+        listen: vec![format!("quic/127.0.0.1:{port}")],
+        credentials: Some(credentials),
+        operators: people,
+        ..Endpoints::default()
+    };
+    sessions::open(Side::Edge, Channel::Control, &endpoints).unwrap()
+}
+
+/// What a stranger's own program would try with these files.
+fn try_to_connect(endpoint: &str, authority: &Path, own: Option<&Path>) -> bool {
+    let mut config = Config::default();
+    let mut set = |key: &str, value: serde_json::Value| {
+        config.insert_json5(key, &value.to_string()).unwrap();
+    };
+    set("mode", "client".into());
+    set("connect/endpoints", vec![endpoint].into());
+    set("connect/timeout_ms", 1500.into());
+    set("scouting/multicast/enabled", false.into());
+    set(
+        "transport/link/tls/root_ca_certificate",
+        authority.to_str().into(),
+    );
+    if let Some(own) = own {
+        set("transport/link/tls/enable_mtls", true.into());
+        for (key, file) in [
+            ("connect_certificate", "link.pem"),
+            ("connect_private_key", "link.key.pem"),
+        ] {
+            let path = own.join(file);
+            set(&format!("transport/link/tls/{key}"), path.to_str().into());
+        }
+    }
+    let Ok(session) = zenoh::open(config).wait() else {
+        return false;
+    };
+    // TLS 1.3 tells a client that it is refused only after the client has gone on.
+    let is_connected = session.info().peers_zid().wait().count() > 0;
+    session.close().wait().unwrap();
+    is_connected
+}
+
+/// A folder like a person's, with a certificate of the fleet's authority that is good from and until some seconds from
+/// now.
+fn certificate(fleet: &Fleet, name: &str, [from_s, until_s]: [i64; 2]) -> PathBuf {
+    let authority = fleet.root().join("authority");
+    let key = KeyPair::from_pem(&text(authority.join("ca.key.pem"))).unwrap();
+    let issuer = Issuer::from_ca_cert_pem(&text(authority.join("ca.pem")), key).unwrap();
+    let mut params = CertificateParams::default();
+    params.distinguished_name = DistinguishedName::new();
+    params.distinguished_name.push(DnType::CommonName, name);
+    params.extended_key_usages = vec![ExtendedKeyUsagePurpose::ClientAuth];
+    let at = |seconds: i64| {
+        let now = clock::seconds_since_1970();
+        date_time_ymd(1970, 1, 1) + Duration::from_secs(now.checked_add_signed(seconds).unwrap())
+    };
+    (params.not_before, params.not_after) = (at(from_s), at(until_s));
+    let own = KeyPair::generate().unwrap();
+    let folder = fleet.scratch(&format!("{name}{from_s}{until_s}"));
+    fs::create_dir(&folder).unwrap();
+    fs::write(
+        folder.join("link.pem"),
+        params.signed_by(&own, &issuer).unwrap().pem(),
+    )
+    .unwrap();
+    fs::write(folder.join("link.key.pem"), own.serialize_pem()).unwrap();
+    folder
+}
+
+#[test]
+fn only_certificates_of_the_fleet_that_are_good_now_get_in() {
+    let (fleet, others, port) = (Fleet::new(), Fleet::new(), free_port());
+    let vehicle = vehicle(&fleet, port);
+    let ca = fleet.vehicle().join("ca.pem");
+    let expired = certificate(&fleet, "operator:anna", [-2 * DAY, -DAY]);
+    let early = certificate(&fleet, "operator:anna", [DAY, 2 * DAY]);
+    let current = certificate(&fleet, "operator:anna", [-DAY, DAY]);
+    let (anna, other_anna) = (fleet.person("anna"), others.person("anna"));
+    for protocol in ["quic", "tls"] {
+        let to = |what: &str| format!("{protocol}/127.0.0.1:{port}{what}");
+        let datagrams = if protocol == "quic" {
+            "?mixed_rel=1"
+        } else {
+            ""
+        };
+        let endpoint = to(datagrams);
+        for (who, own, gets_in) in [
+            ("anna", Some(&anna), true),
+            ("a certificate made here", Some(&current), true),
+            ("nobody", None, false),
+            ("another fleet's", Some(&other_anna), false),
+            ("expired", Some(&expired), false),
+            ("not yet good", Some(&early), false),
+        ] {
+            let is_in = try_to_connect(&endpoint, &ca, own.map(PathBuf::as_path));
+            assert_eq!(is_in, gets_in, "{who} by {protocol}");
+        }
+        // She does not take another fleet's vehicle for hers.
+        let other_ca = other_anna.join("ca.pem");
+        assert!(!try_to_connect(&endpoint, &other_ca, Some(&anna)));
+    }
+    let plain = format!("tcp/127.0.0.1:{port}");
+    assert!(!try_to_connect(&plain, &ca, Some(&anna)));
+    matrix::person(&fleet, "anna", port).close().wait().unwrap();
+    vehicle.close().wait().unwrap();
+}
+
+#[test]
+fn a_link_ends_when_its_certificate_does() {
+    let (fleet, port) = (Fleet::new(), free_port());
+    let vehicle = vehicle(&fleet, port);
+    let folder = certificate(&fleet, "operator:anna", [-60, 4]);
+    fs::copy(fleet.vehicle().join("ca.pem"), folder.join("ca.pem")).unwrap();
+    fs::set_permissions(
+        folder.join("link.key.pem"),
+        std::os::unix::fs::PermissionsExt::from_mode(0o600),
+    )
+    .unwrap();
+    let endpoints = Endpoints {
+        connect: vec![format!("quic/127.0.0.1:{port}")],
+        credentials: Some(Credentials::open(&folder).unwrap()),
+        ..Endpoints::default()
+    };
+    let session = sessions::open(Side::Console, Channel::Control, &endpoints).unwrap();
+    let links = || vehicle.info().links().wait().count();
+    assert!(links() > 0);
+    let started = Monotonic::now();
+    while links() > 0 {
+        assert!(
+            started.elapsed() < TIMEOUT,
+            "the link outlives its certificate"
+        );
+        sleep(Duration::from_millis(50));
+    }
+    session.close().wait().unwrap();
+    vehicle.close().wait().unwrap();
+}
+
+#[test]
+fn somebody_with_a_persons_certificate_is_no_vehicle() {
+    let (fleet, port) = (Fleet::new(), free_port());
+    // A client's certificate cannot listen; one for listening can be had of the authority, and has the wrong name.
+    let impostor = Endpoints {
+        listen: vec![format!("quic/127.0.0.1:{port}")],
+        credentials: Some(Credentials::open(&fleet.person("sam")).unwrap()),
+        ..Endpoints::default()
+    };
+    let impostor = sessions::open(Side::Edge, Channel::Control, &impostor).unwrap();
+    let endpoints = Endpoints {
+        connect: vec![format!("quic/127.0.0.1:{port}")],
+        credentials: Some(Credentials::open(&fleet.person("anna")).unwrap()),
+        ..Endpoints::default()
+    };
+    let refused = sessions::open(Side::Console, Channel::Control, &endpoints).unwrap_err();
+    assert!(matches!(refused, LinkError::Open { .. }), "{refused}");
+    impostor.close().wait().unwrap();
+}
+
+#[test]
+fn a_name_that_is_no_vehicles_is_refused_though_its_certificate_is_good() {
+    let (fleet, port) = (Fleet::new(), free_port());
+    let authority = fleet.root().join("authority");
+    let key = KeyPair::from_pem(&text(authority.join("ca.key.pem"))).unwrap();
+    let issuer = Issuer::from_ca_cert_pem(&text(authority.join("ca.pem")), key).unwrap();
+    // As a public authority would sign one, which Zenoh believes beside our own.
+    let params = CertificateParams::new(vec!["127.0.0.1".to_owned()]).unwrap();
+    let own = KeyPair::generate().unwrap();
+    let folder = fleet.scratch("public");
+    fs::create_dir(&folder).unwrap();
+    let certificate = params.signed_by(&own, &issuer).unwrap().pem();
+    fs::write(folder.join("link.pem"), certificate).unwrap();
+    fs::write(folder.join("link.key.pem"), own.serialize_pem()).unwrap();
+    let mut config = Config::default();
+    for (key, value) in [
+        ("mode", serde_json::json!("peer")),
+        (
+            "listen/endpoints",
+            serde_json::json!([format!("tls/127.0.0.1:{port}")]),
+        ),
+        ("scouting/multicast/enabled", serde_json::json!(false)),
+        (
+            "transport/link/tls/listen_certificate",
+            serde_json::json!(folder.join("link.pem")),
+        ),
+        (
+            "transport/link/tls/listen_private_key",
+            serde_json::json!(folder.join("link.key.pem")),
+        ),
+    ] {
+        config.insert_json5(key, &value.to_string()).unwrap();
+    }
+    let impostor = zenoh::open(config).wait().unwrap();
+    let endpoints = Endpoints {
+        connect: vec![format!("tls/127.0.0.1:{port}")],
+        credentials: Some(Credentials::open(&fleet.person("anna")).unwrap()),
+        ..Endpoints::default()
+    };
+    let refused = sessions::open(Side::Console, Channel::Control, &endpoints).unwrap_err();
+    assert!(
+        matches!(refused, LinkError::UnexpectedPeer { .. }),
+        "{refused}"
+    );
+    impostor.close().wait().unwrap();
+}
