@@ -12,7 +12,7 @@ use clap::Parser as _;
 use etcetera::{BaseStrategy as _, choose_base_strategy};
 use protocol::keys::RobotId;
 use robot_edge::cli::Cli;
-use robot_edge::simulation::World;
+use simulation::World;
 
 use crate::locks::lock;
 use crate::playback::in_words;

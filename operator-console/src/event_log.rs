@@ -2,8 +2,9 @@
 
 use std::collections::VecDeque;
 
+use measurement::time::Monotonic;
 use protocol::message::{self, Event};
-use robot_edge::clock::{Monotonic, utc_label};
+use robot_edge::clock::utc_label;
 
 use crate::model::ConsoleModel;
 

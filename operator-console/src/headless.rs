@@ -7,10 +7,11 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::{Context as _, Error, anyhow};
+use measurement::time::Monotonic;
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
-use robot_edge::clock::{self, Monotonic};
+use robot_edge::clock;
 use robot_edge::credentials::Credentials;
 use robot_edge::exit::{Exit, Interrupted};
 use robot_edge::link::sessions::Endpoints;
@@ -80,11 +81,11 @@ pub fn run(
     is_interrupted: impl Fn() -> bool,
     out: &mut dyn Write,
 ) -> anyhow::Result<Exit> {
-    let started = Monotonic::now();
+    let started = clock::now();
     let target = settings.target();
     settings.say(&target.looking());
     let robot = target.find(&is_interrupted)?;
-    let discovered = Monotonic::now();
+    let discovered = clock::now();
     let answers = format!("robot {} answers at {}", robot.robot, robot.endpoint);
     let mut wait_for_robot = target.wait_for_robot(&robot);
     let model = ModelSettings {
@@ -107,7 +108,7 @@ pub fn run(
     let watched = watch(settings, &is_interrupted, started, || {
         let mut model = session.model();
         view_around_vehicle(&mut model);
-        let now = Monotonic::now();
+        let now = clock::now();
         if model.connection().state(now) == LinkState::Waiting {
             wait_for_robot.report_progress(now);
         } else if !mem::replace(&mut was_connected, true) {
@@ -170,7 +171,7 @@ pub fn run(
         Watched::Interrupted => Err(Interrupted.into()),
         Watched::TimedOut => Err(anyhow!(
             "{}; what came is in {}",
-            not_synchronized(&model, session.problem(), started.elapsed()),
+            not_synchronized(&model, session.problem(), clock::elapsed(started)),
             settings.export.display()
         )),
     }
@@ -219,14 +220,14 @@ fn watch(
     let watch_for = settings.watch_for.unwrap_or(Duration::ZERO);
     loop {
         let (is_synchronized, has_ended) = look();
-        let elapsed = started.elapsed();
+        let elapsed = clock::elapsed(started);
         if is_synchronized && (elapsed >= watch_for || has_ended) {
             return Watched::Synchronized;
         }
         if elapsed >= watch_for.saturating_add(settings.timeout) {
             return Watched::TimedOut;
         }
-        if !clock::sleep_until(Monotonic::now() + POLL_PERIOD, is_interrupted) {
+        if !clock::sleep_until(clock::now() + POLL_PERIOD, is_interrupted) {
             return Watched::Interrupted;
         }
     }

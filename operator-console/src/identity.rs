@@ -4,7 +4,7 @@ use protocol::keys::OperatorId;
 use protocol::signed::SecretKey;
 use robot_edge::credentials::{self, Credentials};
 use robot_edge::exit::UsageError;
-use robot_edge::teleop::Role;
+use teleop::Role;
 
 /// Without a name from the command line or the system.
 const NOBODY: &str = "console";

@@ -1,11 +1,12 @@
 //! How long after discovery what was there: the figures by which a join is judged.
 
+use robot_edge::clock;
 use std::io::{self, Write};
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::layer::LayerId;
 use protocol::tile::TileKey;
-use robot_edge::clock::Monotonic;
 
 use crate::model::ConsoleModel;
 
@@ -33,7 +34,7 @@ impl JoinTiming {
 
     /// Looks at the model as it is now.
     pub(crate) fn update(&mut self, model: &ConsoleModel, is_synchronized: bool) {
-        let after = self.discovered.elapsed();
+        let after = clock::elapsed(self.discovered);
         let note = |milestone: &mut Option<Duration>, is_there: bool| {
             if is_there {
                 milestone.get_or_insert(after);

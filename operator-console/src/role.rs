@@ -1,6 +1,6 @@
 //! What the keys of a person let them do, as far as a console knows it.
 
-use robot_edge::teleop::Role;
+use teleop::Role;
 
 /// What is said to who may only watch.
 pub const OBSERVER_HINT: &str = "Observers neither drive nor stop the vehicle";

@@ -4,12 +4,12 @@ use std::io::{self, Write};
 use std::sync::atomic::Ordering;
 
 use clap::CommandFactory as _;
+use recording::Format;
 use robot_edge::app::interrupt_flag;
 use robot_edge::credentials::Credentials;
 use robot_edge::exit::{Exit, UsageError};
 use robot_edge::link::endpoints;
 use robot_edge::link::zenoh_config_file;
-use robot_edge::recording::Format;
 
 use crate::cli::{Cli, Task};
 use crate::demo::Demo;

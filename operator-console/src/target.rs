@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use anyhow::anyhow;
 use protocol::keys::RobotId;
-use robot_edge::clock::{self, Monotonic};
+use robot_edge::clock;
 use robot_edge::credentials::Credentials;
 use robot_edge::exit::{Interrupted, UsageError};
 use robot_edge::link::zenoh_config_file;
@@ -88,7 +88,7 @@ impl Target {
             });
         }
         let discovery = self.start_discovery();
-        let started = Monotonic::now();
+        let started = clock::now();
         let deadline = started + self.timeout;
         let mut notice = DelayedNotice::new(self.timeout, self.quiet, started);
         let mut found = Vec::new();
@@ -97,7 +97,7 @@ impl Target {
             None => !found.is_empty(),
         };
         while !is_found(&found) {
-            let now = Monotonic::now();
+            let now = clock::now();
             if deadline.since(now).is_zero() {
                 return Err(anyhow!(DiscoveryReport::of(&discovery).conclusion(self)));
             }

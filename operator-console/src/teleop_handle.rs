@@ -4,8 +4,8 @@
 
 use std::cell::RefCell;
 
+use measurement::time::Monotonic;
 use protocol::message::Info;
-use robot_edge::clock::Monotonic;
 
 use crate::teleop_client::{Intent, TeleopClientState, TeleopNotification};
 use crate::teleop_input::{InputEvent, PadReading};

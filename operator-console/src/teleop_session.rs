@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 use robot_edge::link::random_id;
 
 use crate::identity::Identity;

@@ -4,6 +4,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
@@ -14,7 +15,6 @@ use protocol::tile::codec::Encoder;
 use protocol::tile::{BootId, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 use protocol::wire::{self, Header};
-use robot_edge::clock::Monotonic;
 use serde::Serialize;
 
 use crate::model::{ConsoleModel, Incoming, ModelSettings, RequestId};

@@ -12,6 +12,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use clap::Parser as _;
+use measurement::time::RobotDuration;
 use operator_console::export::{ExportPart, Fetcher, export_parts};
 use operator_console::link::RobotSession;
 use operator_console::map_view::{LayerStack, ProbeData};
@@ -20,11 +21,10 @@ use operator_console::playback::{Playback, PlaybackCommand};
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
 use robot_edge::cli::VehicleOptions;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use robot_edge::link::sessions::Endpoints;
 use robot_edge::pacer::Rate;
 use robot_edge::replay_control::{ReplayState, ReplayStatus};
-use robot_edge::robot_time::RobotDuration;
 
 /// Nothing that these tests wait for takes longer.
 const TIMEOUT: Duration = Duration::from_mins(2);
@@ -71,7 +71,7 @@ impl Rig {
         what: &str,
         is_so: impl Fn(&ReplayStatus, &ConsoleModel) -> bool,
     ) -> ReplayStatus {
-        let started = Monotonic::now();
+        let started = clock::now();
         loop {
             if let Some(why) = self.playback.failure() {
                 panic!("{what}: {why}");
@@ -82,7 +82,7 @@ impl Rig {
             if is_so(&status, &model) {
                 return status;
             }
-            assert!(started.elapsed() < TIMEOUT, "{what}: {status:?}");
+            assert!(clock::elapsed(started) < TIMEOUT, "{what}: {status:?}");
             drop(model);
             sleep(Duration::from_millis(20));
         }
@@ -194,7 +194,7 @@ fn a_scrubbed_recording_shows_the_map_of_a_replay_up_to_there() {
     for (index, &grey) in pixels.iter().enumerate().step_by(7) {
         let (column, row) = ((index % width) as f64, (index / width) as f64);
         let point_m = [left + 0.1 * (column + 0.5), top - 0.1 * (row + 0.5)];
-        let probe = ProbeData::new(&model, &LayerStack::default(), point_m, Monotonic::now());
+        let probe = ProbeData::new(&model, &LayerStack::default(), point_m, clock::now());
         let mut cells = probe.cells.iter();
         let occupancy = cells.find(|cell| cell.layer == LayerId::Occupancy);
         let p = occupancy.and_then(|cell| cell.value);
@@ -281,12 +281,12 @@ fn a_damaged_recording_is_refused_in_words() {
     bytes[8..].fill(0x5a);
     fs::write(&path, &bytes[..50_000]).unwrap();
     let mut playback = Playback::open(&path, &VehicleOptions::default(), Rate::Max).unwrap();
-    let started = Monotonic::now();
+    let started = clock::now();
     let why = loop {
         if let Some(why) = playback.failure() {
             break why.to_owned();
         }
-        assert!(started.elapsed() < TIMEOUT);
+        assert!(clock::elapsed(started) < TIMEOUT);
         sleep(Duration::from_millis(10));
     };
     assert!(
@@ -307,12 +307,12 @@ fn winding_takes_so_long() {
     let mut at_s = 0;
     for step in 1..=40 {
         let to_s = step * 47 % 110;
-        let (to, clicked) = (seconds(to_s), Monotonic::now());
+        let (to, clicked) = (seconds(to_s), clock::now());
         rig.ask(PlaybackCommand::Seek(to));
         rig.wait("wound", |status, model| {
             status.is_settled && status.position == to && model.matches_last_head()
         });
-        took.push((to_s > at_s, clicked.elapsed()));
+        took.push((to_s > at_s, clock::elapsed(clicked)));
         at_s = to_s;
     }
     for is_forward in [true, false] {

@@ -8,6 +8,7 @@
 use std::path::Path;
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use operator_console::model::{ConsoleModel, Incoming, ModelSettings};
 use operator_console::panels::recording::RecordingData;
 use operator_console::teleop_client::{EStopState, Lease, TeleopClientState};
@@ -17,7 +18,6 @@ use protocol::keys::Topic;
 use protocol::message::{RecordingState, RecordingStatus, Status};
 use protocol::tile::BootId;
 use protocol::wire::{self, Header};
-use robot_edge::clock::Monotonic;
 
 const fn at(ms: u64) -> Monotonic {
     Monotonic::from_nanos(ms * 1_000_000)

@@ -7,6 +7,8 @@
 //! wants is [`signed`]. [`shores`] are what a class layer cannot say: which cells are one shore, and where one
 //! could dock; [`geodesy`] puts them on Earth.
 
+#![warn(missing_docs)]
+
 pub mod export;
 pub mod geodesy;
 pub mod keys;

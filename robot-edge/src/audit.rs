@@ -19,8 +19,8 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use crate::clock::{self, Monotonic};
-use crate::new_file::sync_folder_of;
+use crate::clock;
+use recording::new_file::sync_folder_of;
 
 use connections::ConnectionSummary;
 
@@ -201,7 +201,7 @@ impl Writer {
                     return;
                 }
             }
-            lines.extend(self.connections.due(Monotonic::now()));
+            lines.extend(self.connections.due(clock::now()));
             self.write(lines);
         }
     }
@@ -214,7 +214,7 @@ impl Writer {
                 lines.push(line);
             }
             AuditEntry::Link(link, at_s) => {
-                lines.extend(self.connections.record(link, at_s, Monotonic::now()));
+                lines.extend(self.connections.record(link, at_s, clock::now()));
             }
         }
     }
@@ -455,11 +455,11 @@ mod tests {
     fn a_full_disk_loses_lines_and_nobody_waits() {
         let log = AuditLog::open(Path::new("/dev/full"), "run".to_owned()).unwrap();
         let audit = log.audit();
-        let started = clock::Monotonic::now();
+        let started = clock::now();
         for _ in 0..100_000 {
             audit.write("refused", "x");
         }
-        assert!(started.elapsed() < Duration::from_secs(5));
+        assert!(clock::elapsed(started) < Duration::from_secs(5));
         drop(log);
         assert_eq!(audit.lost.load(Ordering::Relaxed), 100_000);
     }

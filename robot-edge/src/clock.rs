@@ -1,64 +1,38 @@
 //! The only file that reads clocks.
 //!
 //! Deadlines and ages use [`Monotonic`]; wall-clock time only labels. Data is ordered by its own stamps,
-//! [`crate::robot_time::RobotTime`], which no clock here is ever compared with.
+//! [`measurement::time::RobotTime`], which no clock here is ever compared with.
 
-use std::ops::Add;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// A moment on this machine's steady clock: nanoseconds since it started.
-///
-/// On Linux it is `CLOCK_BOOTTIME`, which runs on while the machine is suspended
-/// ([`std::time::Instant`] stands still there, so that a command could look young after a night asleep).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
-pub struct Monotonic(u64);
+use measurement::time::Monotonic;
 
 /// Longest time that [`sleep_until`] sleeps without asking whether it is still wanted.
 const MAX_SLEEP: Duration = Duration::from_millis(50);
 
-impl Monotonic {
-    /// The present.
-    #[cfg(target_os = "linux")]
-    pub fn now() -> Self {
-        let now = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
-        let nanos = now
-            .tv_sec
-            .saturating_mul(1_000_000_000)
-            .saturating_add(now.tv_nsec);
-        Self(u64::try_from(nanos).unwrap_or(0))
-    }
-
-    /// The present.
-    #[cfg(not(target_os = "linux"))]
-    #[expect(clippy::disallowed_methods, reason = "this file is the clock")]
-    pub fn now() -> Self {
-        static START: std::sync::OnceLock<std::time::Instant> = std::sync::OnceLock::new();
-        let start = START.get_or_init(std::time::Instant::now);
-        Self(u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX))
-    }
-
-    /// A moment from nanoseconds since the clock's start.
-    pub const fn from_nanos(nanos: u64) -> Self {
-        Self(nanos)
-    }
-
-    /// The time from `earlier` to `self`; zero if `earlier` is later.
-    pub const fn since(self, earlier: Self) -> Duration {
-        Duration::from_nanos(self.0.saturating_sub(earlier.0))
-    }
-
-    /// The time from this moment to the present.
-    pub fn elapsed(self) -> Duration {
-        Self::now().since(self)
-    }
+/// The present.
+#[cfg(target_os = "linux")]
+pub fn now() -> Monotonic {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
+    let nanos = now
+        .tv_sec
+        .saturating_mul(1_000_000_000)
+        .saturating_add(now.tv_nsec);
+    Monotonic::from_nanos(u64::try_from(nanos).unwrap_or(0))
 }
 
-impl Add<Duration> for Monotonic {
-    type Output = Self;
-    fn add(self, rhs: Duration) -> Self {
-        let nanos = u64::try_from(rhs.as_nanos()).unwrap_or(u64::MAX);
-        Self(self.0.saturating_add(nanos))
-    }
+/// The present.
+#[cfg(not(target_os = "linux"))]
+#[expect(clippy::disallowed_methods, reason = "this file is the clock")]
+pub fn now() -> Monotonic {
+    static START: std::sync::OnceLock<std::time::Instant> = std::sync::OnceLock::new();
+    let start = START.get_or_init(std::time::Instant::now);
+    Monotonic::from_nanos(u64::try_from(elapsed(start).as_nanos()).unwrap_or(u64::MAX))
+}
+
+/// The time since `moment`.
+pub fn elapsed(moment: Monotonic) -> Duration {
+    now().since(moment)
 }
 
 /// Sleeps until `deadline`, or until `is_cancelled`, which is asked at least every 50 ms.
@@ -69,7 +43,7 @@ pub fn sleep_until(deadline: Monotonic, is_cancelled: impl Fn() -> bool) -> bool
         if is_cancelled() {
             return false;
         }
-        let rest = deadline.since(Monotonic::now());
+        let rest = deadline.since(now());
         if rest.is_zero() {
             return true;
         }
@@ -133,9 +107,9 @@ mod tests {
 
     #[test]
     fn the_clock_runs_and_sleep_reaches_its_deadline() {
-        let start = Monotonic::now();
+        let start = now();
         assert!(sleep_until(start + Duration::from_millis(20), || false));
-        assert!(start.elapsed() >= Duration::from_millis(20));
+        assert!(elapsed(start) >= Duration::from_millis(20));
         assert!(
             sleep_until(start, || false),
             "a deadline in the past is reached"

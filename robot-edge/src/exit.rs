@@ -6,8 +6,8 @@ use std::process::ExitCode;
 use crate::config::ConfigError;
 use crate::credentials::CredentialsError;
 use crate::link::LinkError;
-use crate::recording::RecordingError;
-use crate::simulation::WorldError;
+use recording::RecordingError;
+use simulation::WorldError;
 
 /// How a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

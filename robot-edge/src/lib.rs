@@ -8,12 +8,7 @@
 //! [`experiments`] holds the maps of simulated worlds against their truth.
 
 pub mod clock;
-pub mod drops;
-pub mod measurement;
 pub mod pacer;
-pub mod pose;
-pub mod robot_time;
-pub mod scan;
 
 pub mod actuators;
 pub mod app;
@@ -26,25 +21,22 @@ pub mod events;
 pub mod exit;
 pub mod experiments;
 pub mod export;
-pub mod free_space;
 pub mod link;
-pub mod localization;
-pub mod mapping;
-pub mod new_file;
 pub mod overload;
 pub mod pipeline;
 pub mod progress;
-pub mod recording;
 pub mod replay_control;
-pub mod ros;
 pub mod sensor_monitor;
 pub mod service_manager;
-pub mod simulation;
 pub mod streaming;
 pub mod summary;
-pub mod teleop;
+pub mod survey;
 pub mod vehicle_commands;
 
 #[cfg(test)]
 #[path = "../../tests/tests/all/skip.rs"]
 mod skip;
+
+#[cfg(test)]
+#[path = "../recording/src/shared_data.rs"]
+mod shared_data;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::clock::Monotonic;
+use measurement::time::Monotonic;
 
 /// Data that is mapped so much later than it could be is late.
 const MAX_DELAY: Duration = Duration::from_millis(300);

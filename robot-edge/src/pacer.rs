@@ -4,8 +4,8 @@ use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
-use crate::clock::Monotonic;
-use crate::robot_time::{RobotDuration, RobotTime};
+use measurement::time::Monotonic;
+use measurement::time::{RobotDuration, RobotTime};
 
 /// Steps of the data's stamps longer than this, forward or back, are not waited for: they are pauses in
 /// the recording or junk stamps.

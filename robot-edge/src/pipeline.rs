@@ -6,14 +6,12 @@
 use protocol::tile::BootId;
 
 use crate::config::Config;
-use crate::localization::registration::{
-    RegistrationOutput, RegistrationSettings, ScanRegistration,
-};
-use crate::mapping::Mapper;
-use crate::mapping::registered_scan::RegisteredScan;
-use crate::measurement::Measurement;
-use crate::robot_time::RobotTime;
 use crate::streaming::publisher::{PublishError, Publisher};
+use localization::registration::{RegistrationOutput, RegistrationSettings, ScanRegistration};
+use mapping::Mapper;
+use mapping::registered_scan::RegisteredScan;
+use measurement::Measurement;
+use measurement::time::RobotTime;
 
 mod checkpoint;
 mod maps;

@@ -4,7 +4,7 @@ use std::io::IsTerminal as _;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::recording::Position;
+use recording::Position;
 
 /// Draws at most this often, per second.
 const DRAWS_HZ: u8 = 5;

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::drops::DropCounts;
+use measurement::drops::DropCounts;
 
 mod stage_timer;
 
@@ -187,7 +187,7 @@ fn by_reason<S: serde::Serializer>(drops: &DropCounts, serializer: S) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::drops::DropReason;
+    use measurement::drops::DropReason;
     use serde_json::json;
 
     fn summary() -> Summary {

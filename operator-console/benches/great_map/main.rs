@@ -15,12 +15,13 @@ mod steps;
 use std::time::Duration;
 
 use eframe::egui::{CentralPanel, Context, Panel, RawInput, ScrollArea, Ui, ViewportCommand};
+use measurement::time::Monotonic;
 use operator_console::map_view::MapView;
 use operator_console::model::ConsoleModel;
 use operator_console::panels::connection::LinkStatus;
 use operator_console::panels::layers::{LayersData, layers_ui};
 use operator_console::theme;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 
 use map::Robot;
 use steps::{Step, Steps};
@@ -43,7 +44,7 @@ impl eframe::App for Bench {
     }
 
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
-        let now = Monotonic::now();
+        let now = clock::now();
         if let Some(command) = self.steps.take_command() {
             self.view.look(command);
         }
@@ -51,7 +52,7 @@ impl eframe::App for Bench {
             self.robot
                 .change_elevation(&mut self.model, self.steps.index(), now);
         }
-        let started = Monotonic::now();
+        let started = clock::now();
         self.view.update(&mut self.model);
         Panel::left("side").default_size(290.0).show(ui, |ui| {
             ScrollArea::vertical().show(ui, |ui| {
@@ -60,9 +61,9 @@ impl eframe::App for Bench {
             });
         });
         CentralPanel::no_frame().show(ui, |ui| self.view.show(ui, &self.model, now));
-        self.steps.worked(started.elapsed());
+        self.steps.worked(clock::elapsed(started));
         if self.complete_after.is_none() && self.view.is_up_to_date() {
-            self.complete_after = Some(self.opened.elapsed());
+            self.complete_after = Some(clock::elapsed(self.opened));
         }
         if self.steps.is_over() && !self.is_reported {
             self.is_reported = true;
@@ -92,14 +93,14 @@ impl Bench {
 }
 
 fn main() {
-    let started = Monotonic::now();
+    let started = clock::now();
     let has = |option: &str| std::env::args().any(|argument| argument == option);
     let (robot, model) = map::great_map(has("--two-layers"));
     println!(
         "{} tiles a layer received, {} MB in the store, in {} ms",
         model.map().store().tile_count(map::LAYER),
         model.map().store().bytes_held() / 1_000_000,
-        started.elapsed().as_millis()
+        clock::elapsed(started).as_millis()
     );
     let options = eframe::NativeOptions {
         viewport: eframe::egui::ViewportBuilder::default().with_inner_size([1280.0, 800.0]),
@@ -117,7 +118,7 @@ fn main() {
             robot,
             model,
             view: MapView::default(),
-            opened: Monotonic::now(),
+            opened: clock::now(),
             complete_after: None,
             steps: Steps::default(),
             is_reported: false,

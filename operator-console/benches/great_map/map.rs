@@ -1,5 +1,6 @@
 //! A robot that has mapped a great deal, and the console that has received it, message by message.
 
+use measurement::time::Monotonic;
 use operator_console::model::{ConsoleModel, Incoming, ModelSettings, RequestId};
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
@@ -8,7 +9,7 @@ use protocol::tile::codec::Encoder;
 use protocol::tile::{BootId, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 use protocol::wire::{self, Header};
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use serde::Serialize;
 
 /// Heights have the most codes of all layers, so the most colours.
@@ -86,7 +87,7 @@ pub(crate) fn great_map(has_two_layers: bool) -> (Robot, ConsoleModel) {
         key: Topic::Info.key(model.robot()),
         payload: wire::encode(&robot.header(), &info).unwrap(),
     };
-    model.apply(reply, Monotonic::now());
+    model.apply(reply, clock::now());
     for &layer in layers {
         for index in 0..SIDE_TILES * SIDE_TILES {
             let tile = (index % SIDE_TILES, index / SIDE_TILES);
@@ -102,7 +103,7 @@ pub(crate) fn great_map(has_two_layers: bool) -> (Robot, ConsoleModel) {
         turn_rate_radps: 0.0,
         token: None,
     };
-    robot.push(&mut model, Topic::Pose, &pose, Monotonic::now());
+    robot.push(&mut model, Topic::Pose, &pose, clock::now());
     (robot, model)
 }
 
@@ -141,7 +142,7 @@ impl Robot {
         let head = MapHead {
             layers: layers.iter().map(head_of).collect(),
         };
-        self.push(model, Topic::MapHead, &head, Monotonic::now());
+        self.push(model, Topic::MapHead, &head, clock::now());
     }
 
     fn push_tile(
@@ -158,7 +159,7 @@ impl Robot {
             ty: tile.1,
         };
         let digest = cells.digest();
-        let now = Monotonic::now();
+        let now = clock::now();
         for rows in self.encoder.encode(&cells) {
             let band = TileBand {
                 epoch: 0,

@@ -5,9 +5,10 @@ use std::time::Duration;
 use eframe::egui::{
     Event, Modifiers, MouseWheelSource, MouseWheelUnit, PointerButton, Pos2, TouchPhase, pos2, vec2,
 };
+use measurement::time::Monotonic;
 use operator_console::command::Look;
 use operator_console::map_view::{MapView, Orientation};
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 
 const FRAMES: usize = 300;
 /// A hand that is in a hurry: 40 points a frame are a screen in half a second.
@@ -70,7 +71,7 @@ impl Steps {
 
     /// Counts the frame that is over, and says what the hand does in the next.
     pub(crate) fn next_frame(&mut self, view: &MapView, events: &mut Vec<Event>) {
-        let now = Monotonic::now();
+        let now = clock::now();
         let Some(step) = self.current() else { return };
         if self.frames.len() <= self.step {
             self.frames.push(Vec::new());

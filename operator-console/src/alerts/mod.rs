@@ -6,8 +6,8 @@
 mod fleet;
 mod reasons;
 
+use measurement::time::Monotonic;
 use protocol::message::Event;
-use robot_edge::clock::Monotonic;
 
 use crate::link::FleetState;
 use crate::model::ConsoleModel;

@@ -1,7 +1,7 @@
 //! What there is to be alarmed about.
 
+use measurement::time::Monotonic;
 use protocol::message::{FaultReason, RecordingState, SensorFault, SensorKind, TeleopState};
-use robot_edge::clock::Monotonic;
 
 use super::{Alarm, AlertSource};
 use crate::link::FleetState;

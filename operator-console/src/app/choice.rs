@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::keys::RobotId;
-use robot_edge::clock::Monotonic;
 
 use crate::demo::DemoFailure;
 use crate::link::{DiscoveredRobot, FoundRobot};

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use eframe::egui::ViewportCommand;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use robot_edge::link::sessions::Endpoints;
 use robot_edge::pacer::Rate;
 
@@ -57,9 +57,9 @@ impl ConsoleApp {
         self.log_session_change(&found, source_kind);
         self.update_discovery();
         let before = self
-            .last_contact(&found.robot, Monotonic::now())
+            .last_contact(&found.robot, clock::now())
             .filter(|_| source_kind == SourceKind::Robot);
-        self.alerts.change_to(&found.robot, Monotonic::now());
+        self.alerts.change_to(&found.robot, clock::now());
         self.log.forget_robot();
         self.session_monitor = SessionMonitor::default();
         let ctx = self.ctx.clone();
@@ -87,7 +87,7 @@ impl ConsoleApp {
                     session.model().restore_site_names(names);
                 }
                 self.shown = Some((found, session));
-                self.joined = Monotonic::now();
+                self.joined = clock::now();
                 self.teleop_handle.take(teleop_session);
                 if stop_is_underway {
                     self.teleop_handle.apply(InputEvent::EStop);
@@ -124,10 +124,7 @@ impl ConsoleApp {
             .shown
             .as_ref()
             .is_some_and(|(shown, _)| shown.robot == found.robot);
-        let teleop_client = self
-            .teleop_handle
-            .state(Monotonic::now())
-            .filter(|_| is_same);
+        let teleop_client = self.teleop_handle.state(clock::now()).filter(|_| is_same);
         teleop_client.is_some_and(|teleop_client| match teleop_client.estop {
             EStopState::Sending(_) | EStopState::Unsendable(_) => true,
             EStopState::Quiet | EStopState::Refused(_) => false,
@@ -168,7 +165,7 @@ impl ConsoleApp {
                 self.site_names.remove(&robot);
             }
             Command::Look(look) => self.screen.map_view_mut().look(look),
-            Command::Drive(intent) => self.teleop_handle.submit(intent, Monotonic::now()),
+            Command::Drive(intent) => self.teleop_handle.submit(intent, clock::now()),
             Command::Layer(command) => {
                 if let Some((_, session)) = &self.shown {
                     let map_view = self.screen.map_view_mut();
@@ -238,7 +235,7 @@ impl ConsoleApp {
     pub(super) fn close_recording(&mut self) {
         if self.playback.take().is_some() {
             self.shown = None;
-            self.alerts.leave(Monotonic::now());
+            self.alerts.leave(clock::now());
             self.screen.forget_robot();
         }
     }

@@ -23,9 +23,10 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use eframe::egui::{Context, Ui, Visuals};
+use measurement::time::Monotonic;
 use protocol::keys::RobotId;
 use protocol::tile::BootId;
-use robot_edge::clock::{Monotonic, seconds_since_1970};
+use robot_edge::clock::{self, seconds_since_1970};
 use robot_edge::credentials::Credentials;
 use robot_edge::link::endpoints::check_console;
 
@@ -165,7 +166,7 @@ impl ConsoleApp {
         );
         let mut log = EventLog::default();
         if let Some(complaint) = settings.complaint {
-            let (now, unix_s) = (Monotonic::now(), seconds_since_1970());
+            let (now, unix_s) = (clock::now(), seconds_since_1970());
             log.note(Severity::Warning, "settings", complaint, now, unix_s);
         }
         let mut app = Self {
@@ -206,7 +207,7 @@ impl ConsoleApp {
 
 impl eframe::App for ConsoleApp {
     fn logic(&mut self, ctx: &Context, _frame: &mut eframe::Frame) {
-        let now = Monotonic::now();
+        let now = clock::now();
         if self.shown.is_none() {
             let mut found = self.discovery.found();
             found.retain(|found| !is_recording(&found.robot));
@@ -242,7 +243,7 @@ impl eframe::App for ConsoleApp {
     }
 
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
-        let now = Monotonic::now();
+        let now = clock::now();
         let has_late_space = ui.input(|input| has_space_after_text(&input.events));
         self.screen.begin_frame(ui.ctx());
         drop_hint_ui(ui.ctx());

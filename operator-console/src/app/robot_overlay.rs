@@ -4,8 +4,8 @@ use std::f64::consts::TAU;
 use std::time::Duration;
 
 use eframe::egui::Color32;
+use measurement::time::Monotonic;
 use protocol::message::SensorInfo;
-use robot_edge::clock::Monotonic;
 
 use crate::map_view::{LastScan, RobotOverlay, SensorField, Stopping};
 use crate::model::{self, ConsoleModel};

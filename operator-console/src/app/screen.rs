@@ -6,7 +6,7 @@ mod contents;
 use std::time::Duration;
 
 use eframe::egui::{CentralPanel, Color32, Context, Frame, Margin, MenuBar, Panel, Ui};
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 use super::dialogs::Dialogs;
 use super::export_job::ExportProgress;

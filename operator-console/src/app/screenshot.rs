@@ -9,7 +9,8 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use eframe::egui::{ColorImage, Context, ScreenshotCallback, ViewportCommand};
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
+use robot_edge::clock;
 
 use crate::locks::lock;
 
@@ -33,7 +34,7 @@ impl Screenshot {
     pub fn new(path: PathBuf, after: Duration, outcome: ScreenshotOutcome) -> Self {
         Self {
             path,
-            due: Monotonic::now() + after,
+            due: clock::now() + after,
             frames: 0,
             asked: None,
             outcome,

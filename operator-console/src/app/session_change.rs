@@ -1,7 +1,7 @@
 //! What ends where another robot, or a recording, is shown.
 
 use protocol::keys::RobotId;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 
 use super::ConsoleApp;
 use super::commands::SourceKind;
@@ -17,7 +17,7 @@ impl ConsoleApp {
             return;
         };
         let mut notes: Vec<_> = self.teleop_notes().collect();
-        if let Some(teleop_client) = self.teleop_handle.state(Monotonic::now()) {
+        if let Some(teleop_client) = self.teleop_handle.state(clock::now()) {
             notes.extend(ended(
                 &shown.robot,
                 &teleop_client,

@@ -3,9 +3,9 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::message::Status;
 use protocol::tile::BootId;
-use robot_edge::clock::Monotonic;
 
 use crate::event_log::Severity;
 use crate::link::Transport;

@@ -1,8 +1,9 @@
 //! What goes on beside the frames: happenings are noted, alerts raised, settings kept.
 
 use eframe::egui::Context;
+use measurement::time::Monotonic;
 use protocol::keys::RobotId;
-use robot_edge::clock::{Monotonic, seconds_since_1970};
+use robot_edge::clock::{self, seconds_since_1970};
 use robot_edge::link::endpoints::check_console;
 
 use crate::alerts::AlertSource;
@@ -22,7 +23,7 @@ use super::{ConsoleApp, desktop};
 
 impl ConsoleApp {
     pub(super) fn note(&mut self, severity: Severity, kind: &str, text: impl Into<String>) {
-        let (now, unix_s) = (Monotonic::now(), seconds_since_1970());
+        let (now, unix_s) = (clock::now(), seconds_since_1970());
         self.log.note(severity, kind, text, now, unix_s);
     }
 
@@ -166,7 +167,7 @@ impl ConsoleApp {
         self.update_discovery();
         let shown = self.shown.as_ref().filter(|_| self.playback.is_none());
         let moved = shown.and_then(|(found, session)| {
-            let uncommanded_motion = session.model().uncommanded_motion(Monotonic::now())?;
+            let uncommanded_motion = session.model().uncommanded_motion(clock::now())?;
             Some((found.robot.clone(), uncommanded_motion))
         });
         let uncommanded_motion = |robot: &RobotId| {

@@ -7,8 +7,9 @@ use std::thread;
 use std::time::Duration;
 
 use anyhow::Error;
+use measurement::time::Monotonic;
 use protocol::message::VoxelFile;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 
 use super::{ExportPart, Snapshot};
 use crate::link::ModelHandle;
@@ -103,13 +104,13 @@ impl<'a> Fetcher<'a> {
         part: ExportPart,
         mut watch: impl FnMut(Fetching) -> ControlFlow<()>,
     ) -> ControlFlow<(), anyhow::Result<Snapshot>> {
-        let began = Monotonic::now();
+        let began = clock::now();
         want(&mut self.model.lock(), part);
         let (mut most, mut since) = (None, began);
         loop {
             // The model is free while this waits.
             let mut guard = self.model.lock();
-            let now = Monotonic::now();
+            let now = clock::now();
             let age = guard.connection().age(now);
             let came = match state(&guard, part, began, now) {
                 Ok(Some(_)) if self.model.is_left() => Err("something else is shown by now"),

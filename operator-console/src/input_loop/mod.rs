@@ -12,7 +12,8 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use eframe::{EframeWinitApplication, UserEvent};
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
+use robot_edge::clock;
 use winit::application::ApplicationHandler;
 use winit::event::{DeviceEvent, DeviceId, ElementState, KeyEvent, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow};
@@ -52,7 +53,7 @@ impl<'a> InputLoop<'a> {
             teleop_handle,
             gamepads: Gamepads::open(),
             modifiers: ModifiersState::empty(),
-            began: Monotonic::now(),
+            began: clock::now(),
             is_sent: false,
             postponed: None,
             paint_from: Monotonic::default(),
@@ -61,7 +62,7 @@ impl<'a> InputLoop<'a> {
 
     /// Sends what the events so far mean, then paints: nobody's command waits for a frame.
     fn paint(&mut self, event_loop: &ActiveEventLoop, id: WindowId) {
-        let now = Monotonic::now();
+        let now = clock::now();
         if self.teleop_handle.is_driving() && now < self.paint_from {
             self.postponed = Some(id);
             return;
@@ -71,7 +72,7 @@ impl<'a> InputLoop<'a> {
         self.is_sent = true;
         self.window
             .window_event(event_loop, id, WindowEvent::RedrawRequested);
-        let painted = Monotonic::now();
+        let painted = clock::now();
         self.paint_from = painted + painted.since(now);
     }
 
@@ -151,7 +152,7 @@ impl<'a> InputLoop<'a> {
 
 impl ApplicationHandler<UserEvent> for InputLoop<'_> {
     fn new_events(&mut self, event_loop: &ActiveEventLoop, cause: StartCause) {
-        self.began = Monotonic::now();
+        self.began = clock::now();
         self.teleop_handle.begin(self.began);
         self.window.new_events(event_loop, cause);
     }
@@ -169,7 +170,7 @@ impl ApplicationHandler<UserEvent> for InputLoop<'_> {
         if let Some(id) = self.postponed {
             self.paint(event_loop, id);
         }
-        let now = Monotonic::now();
+        let now = clock::now();
         let took = now.since(self.began);
         if took > SLOW {
             tracing::debug!(ms = took.as_millis(), "a slow iteration");

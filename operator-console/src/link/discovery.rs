@@ -11,10 +11,11 @@ use std::sync::{Arc, Mutex};
 use std::thread::{self, ScopedJoinHandle};
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::keys::{RobotId, Topic, every_robot_alive};
 use protocol::message::Status;
 use protocol::wire::{self, MAX_MESSAGE_BYTES};
-use robot_edge::clock::{self, Monotonic};
+use robot_edge::clock;
 use robot_edge::credentials::Credentials;
 use robot_edge::link::LinkError;
 use robot_edge::link::endpoints::{Channel, bulk_endpoint};
@@ -213,7 +214,7 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
         }
         let is_found = lock(&state.found).present().next().is_some();
         let pause = if is_found { LONG_PAUSE } else { PAUSE };
-        clock::sleep_until(Monotonic::now() + pause, || {
+        clock::sleep_until(clock::now() + pause, || {
             is_closing() || state.is_hurried.swap(false, Ordering::Relaxed)
         });
     }
@@ -326,7 +327,7 @@ fn robots_at(session: &Session, address: &str) -> Result<Round, AddressState> {
         };
         if let Some((robot, Topic::Alive)) = Topic::parse(sample.key_expr().as_str()) {
             let endpoint = address.to_owned();
-            let at = Monotonic::now();
+            let at = clock::now();
             robots.insert(FoundRobot { robot, endpoint }, Answer { at, state: None });
         }
     }
@@ -337,9 +338,9 @@ fn robots_at(session: &Session, address: &str) -> Result<Round, AddressState> {
             AddressState::of_no_robot(session)
         });
     }
-    let deadline = Monotonic::now() + STATUS_TIME;
+    let deadline = clock::now() + STATUS_TIME;
     while robots.values().any(|answer| answer.state.is_none())
-        && let Ok((robot, said)) = heard.recv_timeout(deadline.since(Monotonic::now()))
+        && let Ok((robot, said)) = heard.recv_timeout(deadline.since(clock::now()))
     {
         let mut robots = robots.iter_mut();
         if let Some((_, answer)) = robots.find(|(found, _)| found.robot == robot) {
@@ -376,7 +377,7 @@ fn scout(problem: &mut Option<String>) -> BTreeSet<String> {
             return BTreeSet::new();
         }
     };
-    clock::sleep_until(Monotonic::now() + SCOUT_TIME, || false);
+    clock::sleep_until(clock::now() + SCOUT_TIME, || false);
     scouting.stop();
     let plain = |locator: String| {
         let address = locator

@@ -10,7 +10,7 @@ use std::time::Duration;
 use protocol::keys::OperatorTopic;
 use protocol::message::{Answer, Pose, Status};
 use protocol::wire;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use zenoh::handlers::CallbackDrop;
 use zenoh::key_expr::KeyExpr;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
@@ -70,7 +70,7 @@ impl Tap {
             boot: header.boot,
             token: pose.token,
             velocity: [pose.speed_mps, pose.turn_rate_radps],
-            at: Monotonic::now(),
+            at: clock::now(),
         };
         let mut slot = lock(&self.newest);
         let is_overtaken = slot.is_some_and(|before| {
@@ -168,8 +168,8 @@ impl DrivingLink {
 
     /// Waits until Zenoh has what was sent, at most for `longest`.
     pub fn flush(&self, longest: Duration) {
-        let started = Monotonic::now();
-        while self.unsent.load(Ordering::Acquire) > 0 && started.elapsed() < longest {
+        let started = clock::now();
+        while self.unsent.load(Ordering::Acquire) > 0 && clock::elapsed(started) < longest {
             thread::sleep(Duration::from_millis(1));
         }
     }

@@ -3,8 +3,8 @@
 
 use std::collections::BTreeMap;
 
+use measurement::time::Monotonic;
 use protocol::keys::RobotId;
-use robot_edge::clock::Monotonic;
 
 use super::fleet_state::FleetState;
 

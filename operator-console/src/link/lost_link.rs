@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 /// Zenoh reconnects by itself, but only by the way by which the session was opened: where a network swallows UDP from now on,
 /// that way never comes back. What is gone for so long is opened anew, by whatever way answers.

@@ -21,7 +21,8 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 use std::{io, mem};
 
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
+use robot_edge::clock;
 use robot_edge::link::sessions::Endpoints;
 
 use crate::locks::lock;
@@ -189,15 +190,15 @@ fn run(
 ) {
     let (mut seen, mut seen_sensor_updates) = (None, 0);
     let (mut woken, mut stirred) = (Monotonic::default(), Monotonic::default());
-    let mut next_tick = Monotonic::now();
+    let mut next_tick = clock::now();
     let mut looked_at_links = Monotonic::default();
     while !is_closing.load(Ordering::Relaxed) {
-        let first = match received.recv_timeout(next_tick.since(Monotonic::now())) {
+        let first = match received.recv_timeout(next_tick.since(clock::now())) {
             Ok(first) => Some(first),
             Err(RecvTimeoutError::Timeout) => None,
             Err(RecvTimeoutError::Disconnected) => return,
         };
-        let now = Monotonic::now();
+        let now = clock::now();
         let mut guard = lock(model);
         for incoming in first.into_iter().chain(received.try_iter().take(BATCH)) {
             guard.apply(incoming, now);

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
-use robot_edge::clock::{self, Monotonic};
+use robot_edge::clock;
 use robot_edge::link::LinkError;
 use robot_edge::link::endpoints::{Channel, attempts};
 use robot_edge::link::sessions::{self, Endpoints, RETRY_PERIOD, Side};
@@ -40,10 +40,10 @@ fn wait_until_lost(state: &State, session: &Session) -> bool {
     let mut lost = LostLink::default();
     while !state.is_closing() {
         let has_link = session.info().links().wait().next().is_some();
-        if lost.update(has_link, Monotonic::now()) {
+        if lost.update(has_link, clock::now()) {
             return true;
         }
-        clock::sleep_until(Monotonic::now() + RETRY_PERIOD, || state.is_closing());
+        clock::sleep_until(clock::now() + RETRY_PERIOD, || state.is_closing());
     }
     false
 }
@@ -78,7 +78,7 @@ fn open_with_retries(
             }
         }
         is_first = false;
-        clock::sleep_until(Monotonic::now() + RETRY_PERIOD, || state.is_closing());
+        clock::sleep_until(clock::now() + RETRY_PERIOD, || state.is_closing());
     }
     None
 }

@@ -2,8 +2,8 @@
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{Color32, Context, Painter, Pos2, Rect, Sense, Ui, WidgetInfo, vec2};
+use measurement::time::Monotonic;
 use protocol::layer::LayerId;
-use robot_edge::clock::Monotonic;
 
 use super::frame_time::FrameTime;
 use super::map_controls::knows_north;

@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
+use robot_edge::clock;
 
 /// Of a frame, for turning tiles into colours.
 const TIME: Duration = Duration::from_millis(4);
@@ -27,7 +28,7 @@ impl FrameTime {
     /// A new frame.
     pub(super) fn new() -> Self {
         Self {
-            left: Left::Until(Monotonic::now() + TIME),
+            left: Left::Until(clock::now() + TIME),
             uploads: UPLOADS,
         }
     }
@@ -44,7 +45,7 @@ impl FrameTime {
     /// Whether another tile may be begun; it is taken off.
     pub(super) fn take_tile(&mut self) -> bool {
         match &mut self.left {
-            Left::Until(end) => Monotonic::now() < *end,
+            Left::Until(end) => clock::now() < *end,
             #[cfg(test)]
             Left::Tiles(left) => {
                 let has_some = *left > 0;

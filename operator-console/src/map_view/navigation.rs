@@ -93,7 +93,7 @@ impl MapView {
         match self.settings.camera_mode {
             CameraMode::FollowVehicle => {
                 self.camera
-                    .zoom_about(self.screen, self.screen.center(), factor)
+                    .zoom_about(self.screen, self.screen.center(), factor);
             }
             CameraMode::FitMap | CameraMode::Free => {
                 self.settings.camera_mode = CameraMode::Free;

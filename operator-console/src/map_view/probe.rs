@@ -2,9 +2,9 @@
 //!
 //! A robot stamps tiles, not cells: a cell that was seen long ago has the age of whatever changed last beside it.
 
+use measurement::time::Monotonic;
 use protocol::layer::{LayerId, Quantisation};
 use protocol::tile::TileKey;
-use robot_edge::clock::Monotonic;
 
 use super::chunks::TILE_CELLS;
 use super::layer_stack::LayerStack;

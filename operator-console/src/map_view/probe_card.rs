@@ -3,7 +3,7 @@
 use eframe::egui::{
     Area, Color32, Frame, Grid, Id, Label, Order, Painter, Pos2, RichText, Stroke, Ui,
 };
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 use super::card_place::{CardPlace, Others};
 use super::chunks::TILE_CELLS;

@@ -5,9 +5,9 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::layer::LayerId;
 use protocol::message::{SensorFault, SensorInfo, SensorKind, SensorStatus};
-use robot_edge::clock::Monotonic;
 
 use crate::model::ConsoleModel;
 use crate::panels::formatting::age;

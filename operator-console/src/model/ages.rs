@@ -10,9 +10,9 @@ mod clock_stall;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::layer::LayerId;
 use protocol::tile::TileKey;
-use robot_edge::clock::Monotonic;
 
 use clock_stall::{ClockStall, ClockStallDetector};
 

@@ -1,6 +1,6 @@
 //! That nothing new will come of a robot: its data has ended.
 
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 use super::{ConsoleModel, LinkState};
 

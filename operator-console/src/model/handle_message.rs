@@ -1,5 +1,6 @@
 //! What becomes of each message.
 
+use measurement::time::Monotonic;
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
@@ -7,7 +8,6 @@ use protocol::message::{
     TileBand, TilesReply, TrajectoryPart, VoxelsReply,
 };
 use protocol::wire::{self, Header, WireError};
-use robot_edge::clock::Monotonic;
 use serde::de::DeserializeOwned;
 
 use super::trail_sync::{GAP, TrailSync};

@@ -6,7 +6,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 /// Over which rates are measured.
 const WINDOW: Duration = Duration::from_secs(2);

@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::layer::LayerId;
 use protocol::message::{DigestsRequest, LayerHead, TilesRequest};
 use protocol::tile::TileKey;
-use robot_edge::clock::Monotonic;
 
 use super::incoming::RequestId;
 use super::layer_sync::Query;

@@ -5,13 +5,13 @@ mod listing;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 
+use measurement::time::Monotonic;
 use protocol::layer::LayerId;
 use protocol::message::{DigestsRequest, Info, MapHead, TileBand, TilesReply, TilesRequest};
 use protocol::tile::codec::DecodeError;
 use protocol::tile::{BootId, TileCells, TileDigest, TileKey};
 use protocol::tile_store::{Applied, LayerGrid, RootDigest, StoreError, TileStore};
 use protocol::wire::Header;
-use robot_edge::clock::Monotonic;
 
 use super::ages::Ages;
 use super::incoming::RequestId;

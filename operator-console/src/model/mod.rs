@@ -40,13 +40,13 @@ use std::collections::{BTreeSet, VecDeque};
 use std::io;
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
 use protocol::message::{
     Event, Info, RecordingStatus, SensorInfo, SensorStatus, Status, StopReason,
 };
 use protocol::tile::BootId;
-use robot_edge::clock::Monotonic;
 
 pub use ages::{AgeOrder, Ages};
 pub use connection::{Connection, LastContact, LinkState, SILENT_AFTER, SILENT_AFTER_UNSTEADY};

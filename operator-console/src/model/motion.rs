@@ -3,8 +3,8 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::message::{Info, Pose, Status, TeleopState};
-use robot_edge::clock::Monotonic;
 
 use super::standstill_detector::StandstillDetector;
 use super::stuck_detector::StuckDetector;

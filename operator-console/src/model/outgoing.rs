@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::keys::{self, RobotId, Topic};
 use protocol::message::View;
 use protocol::wire::{self, Header};
-use robot_edge::clock::Monotonic;
 use serde::Serialize;
 
 use super::ConsoleModel;

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 use super::incoming::RequestId;
 

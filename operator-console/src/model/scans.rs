@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use measurement::time::Monotonic;
 use protocol::message::{MAX_SENSORS, Scan};
-use robot_edge::clock::Monotonic;
 
 use super::reject_reason::RejectReason;
 

@@ -8,8 +8,8 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::message::{Shores, ShoresReply, ShoresRequest};
-use robot_edge::clock::Monotonic;
 
 use super::ConsoleModel;
 use super::incoming::RequestId;

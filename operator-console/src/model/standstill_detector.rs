@@ -3,8 +3,8 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::message::Pose;
-use robot_edge::clock::Monotonic;
 
 use super::ConsoleModel;
 use super::motion::MOVING;

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::message::{Pose, Status, TeleopState};
-use robot_edge::clock::Monotonic;
 
 use super::ConsoleModel;
 use super::time_window::TimeWindow;

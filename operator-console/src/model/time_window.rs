@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 /// Whoever tells more often than twenty times a second is heard for a shorter while.
 const MAX_ENTRIES: usize = 64;

@@ -3,8 +3,8 @@
 use std::num::NonZeroU32;
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::message::{TrajectoryPart, TrajectoryRequest};
-use robot_edge::clock::Monotonic;
 
 use super::incoming::RequestId;
 use super::retry::RetryTimer;

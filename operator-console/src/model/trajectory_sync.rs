@@ -3,9 +3,9 @@
 use std::num::NonZeroU32;
 use std::sync::Arc;
 
+use measurement::time::Monotonic;
 use protocol::export::StampedPose;
 use protocol::message::{TrajectoryPart, TrajectoryRequest};
-use robot_edge::clock::Monotonic;
 
 use super::incoming::RequestId;
 use super::reject_reason::RejectReason;

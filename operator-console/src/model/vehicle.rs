@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
+use measurement::time::Monotonic;
 use protocol::export::StampedPose;
 use protocol::message::Pose;
-use robot_edge::clock::Monotonic;
 
 use super::trail::Trail;
 use super::visible_change::pose_changed;

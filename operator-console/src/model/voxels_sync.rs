@@ -4,9 +4,9 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::message::{MAX_PART_BYTES, VoxelFile, VoxelsPart, VoxelsReply, VoxelsRequest};
 use protocol::packed_file::PackedFile;
-use robot_edge::clock::Monotonic;
 
 use super::incoming::RequestId;
 use super::reject_reason::RejectReason;

@@ -1,8 +1,8 @@
 //! What wants somebody's attention, and the buttons that say it was seen.
 
 use eframe::egui::{Align, Button, Layout, RichText, Ui};
+use measurement::time::Monotonic;
 use protocol::keys::RobotId;
-use robot_edge::clock::Monotonic;
 
 use super::formatting::age;
 use crate::alerts::{Alarm, FleetAlerts};

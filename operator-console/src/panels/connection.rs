@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use eframe::egui::{TextStyle, Ui};
+use measurement::time::Monotonic;
 use protocol::keys::RobotId;
-use robot_edge::clock::Monotonic;
 
 use super::command_line::with_monospace_options;
 use super::formatting::{age, count};
@@ -199,7 +199,11 @@ fn map_state(
         }
         return (Tone::Waiting, format!("{NO_MAP} yet"), NO_MAP);
     };
-    let equal_at = map.layer_states().map(|step| step.last_equal).min().flatten();
+    let equal_at = map
+        .layer_states()
+        .map(|step| step.last_equal)
+        .min()
+        .flatten();
     if state == LinkState::Silent {
         // What counted as equal while the link lived, counts so now.
         let before = equal_at.map(|at| now.since(at).saturating_sub(heard));

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::tile::TileKey;
-use robot_edge::clock::Monotonic;
 
 use super::formatting::age;
 use crate::model::ConsoleModel;

@@ -7,8 +7,8 @@ use eframe::egui::{
     Button, Color32, ComboBox, RichText, Sense, Shape, Slider, Stroke, TextStyle, Ui, WidgetInfo,
     vec2,
 };
+use measurement::time::Monotonic;
 use protocol::layer::{LayerId, Scheme};
-use robot_edge::clock::Monotonic;
 
 use dragging::{drop_ui, grip_ui};
 

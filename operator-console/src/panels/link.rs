@@ -5,7 +5,7 @@ mod key;
 mod plots;
 
 use eframe::egui::{RichText, Ui};
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 use super::connection::{ConnectionData, LinkStatus, connection_ui};
 use super::formatting::age;

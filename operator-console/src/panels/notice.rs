@@ -6,7 +6,7 @@ use eframe::egui::{
     Align2, Area, Frame, Id, Order, Rect, RichText, TextStyle, TextWrapMode, Ui, Vec2, WidgetText,
     vec2,
 };
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 use crate::event_log::{EventLog, Severity, Source};
 use crate::theme::Tone;

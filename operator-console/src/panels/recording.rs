@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use eframe::egui::{Button, Label, RichText, TextStyle, Ui, vec2};
+use measurement::time::Monotonic;
 use protocol::message::{Answer, RecordingState, RecordingStatus, Setting};
-use robot_edge::clock::Monotonic;
 
 use super::command_line::with_monospace_options;
 use super::driving::labels;

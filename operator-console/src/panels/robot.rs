@@ -1,7 +1,8 @@
 //! The robot: who it is, where it is, how far it has got.
 
 use eframe::egui::Ui;
-use robot_edge::clock::{Monotonic, utc_label};
+use measurement::time::Monotonic;
+use robot_edge::clock::utc_label;
 
 use super::connection::is_synchronized;
 use super::formatting::{age, capitalised, count, direction, signed, turn};

@@ -8,8 +8,8 @@ use eframe::egui::{
     Align, Button, Color32, Galley, Layout, RichText, Sense, TextStyle, Ui, Vec2, WidgetInfo,
     accesskit::Role, vec2,
 };
+use measurement::time::Monotonic;
 use protocol::keys::RobotId;
-use robot_edge::clock::Monotonic;
 
 use super::address_list::{ListedAddress, remembered_ui, unanswered_ui};
 use super::addresses::{AddressEntry, address_ui};
@@ -114,7 +114,8 @@ impl RobotsData {
                 let link = current
                     .filter(|(robot, _)| **robot == discovered.found.robot)
                     .map(|(_, link)| link);
-                let (tone, state) = robot_state_text(discovered, link, seen.uncommanded_motion, now);
+                let (tone, state) =
+                    robot_state_text(discovered, link, seen.uncommanded_motion, now);
                 let (tone, state) = match seen.alerts {
                     0 => (tone, state),
                     n => (Tone::Warning, format!("{state}, {}", alerts(n))),

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use eframe::egui::{Grid, Label, RichText, ScrollArea, Ui};
+use measurement::time::Monotonic;
 use protocol::message::{SensorFault, SensorInfo, SensorKind, SensorStatus};
-use robot_edge::clock::Monotonic;
 
 use super::data_age::DataAge;
 use super::formatting::{age, count};

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use eframe::egui::{Color32, RichText, Ui, Visuals};
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 use super::formatting::age;
 use crate::model::{ConsoleModel, LinkState};

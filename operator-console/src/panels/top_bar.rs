@@ -7,7 +7,7 @@ use eframe::egui::{
     Align, Button, Color32, Label, Layout, RichText, Separator, Stroke, TextStyle, Ui, WidgetInfo,
     vec2,
 };
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 use super::connection::{
     ConnectionData, FAILED, LinkStatus, SHORT_MAP_STATES, SHORT_RECORDING_MAP_STATES,

@@ -1,8 +1,8 @@
 //! What can be asked of a recording.
 
+use measurement::time::RobotDuration;
 use robot_edge::pacer::Rate;
 use robot_edge::replay_control::{ReplayControl, ReplayState, ReplayStatus};
-use robot_edge::robot_time::RobotDuration;
 
 /// Speeds to choose from, slowest first.
 pub const RATES: [Rate; 7] = [

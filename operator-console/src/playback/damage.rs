@@ -40,7 +40,7 @@ impl Damage {
 
 #[cfg(test)]
 mod tests {
-    use robot_edge::robot_time::RobotDuration;
+    use measurement::time::RobotDuration;
 
     use super::*;
 

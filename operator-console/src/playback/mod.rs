@@ -17,10 +17,10 @@ use std::thread;
 use anyhow::Context as _;
 use clap::Parser as _;
 use protocol::keys::RobotId;
+use recording::Format;
 use robot_edge::cli::{Cli, Command, Replay, VehicleOptions};
 use robot_edge::link::random_id;
 use robot_edge::pacer::Rate;
-use robot_edge::recording::Format;
 use robot_edge::replay_control::{ReplayControl, ReplayStatus};
 
 use crate::demo::free_endpoint;

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{MAIN_SEPARATOR, Path};
 use std::time::SystemTime;
 
-use robot_edge::recording::Format;
+use recording::Format;
 
 use crate::typed_path::{home, within};
 

@@ -10,10 +10,11 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
+use measurement::time::Monotonic;
 use protocol::keys::RobotId;
 use protocol::message::{Info, TeleopStatus};
 use protocol::tile::BootId;
-use robot_edge::clock::{self, Monotonic};
+use robot_edge::clock;
 use robot_edge::credentials::Credentials;
 use robot_edge::exit::{Exit, Interrupted, UsageError};
 use robot_edge::link::sessions::Endpoints;
@@ -109,7 +110,7 @@ pub fn run(
         session,
         teleop_session,
         steps: steps.into(),
-        started: Monotonic::now(),
+        started: clock::now(),
         waited: Duration::ZERO,
         awaiting: None,
         ended: None,
@@ -145,7 +146,7 @@ fn abilities(
     timeout: Duration,
     is_interrupted: &impl Fn() -> bool,
 ) -> anyhow::Result<Info> {
-    let deadline = Monotonic::now() + timeout;
+    let deadline = clock::now() + timeout;
     loop {
         {
             let model = session.model();
@@ -154,7 +155,7 @@ fn abilities(
             if let Some(info) = model.info().filter(|_| is_drivable) {
                 return Ok(info.clone());
             }
-            let now = Monotonic::now();
+            let now = clock::now();
             if model.connection().state(now) == LinkState::Waiting {
                 wait_for_robot.report_progress(now);
             }
@@ -171,7 +172,7 @@ fn abilities(
                 return Err(anyhow!("{} cannot be driven: {why}", model.robot()));
             }
         }
-        if !clock::sleep_until(Monotonic::now() + PERIOD, is_interrupted) {
+        if !clock::sleep_until(clock::now() + PERIOD, is_interrupted) {
             return Err(Interrupted.into());
         }
     }
@@ -198,13 +199,13 @@ impl ScriptRunner<'_> {
     /// Whether it was played to its end.
     fn run(&mut self, is_interrupted: &impl Fn() -> bool) -> io::Result<bool> {
         loop {
-            let now = Monotonic::now();
+            let now = clock::now();
             self.teleop_session.begin(now);
             let freeze = self.act(now)?;
-            self.teleop_session.end(Monotonic::now());
+            self.teleop_session.end(clock::now());
             self.print_changes()?;
             if let Some(freeze) = freeze
-                && !clock::sleep_until(Monotonic::now() + freeze, is_interrupted)
+                && !clock::sleep_until(clock::now() + freeze, is_interrupted)
             {
                 return Ok(false);
             }
@@ -351,7 +352,7 @@ impl ScriptRunner<'_> {
     }
 
     fn say(&mut self, words: &str) -> io::Result<()> {
-        let time_s = self.started.elapsed().as_secs_f64();
+        let time_s = clock::elapsed(self.started).as_secs_f64();
         writeln!(self.out, "{time_s:8.3} {words}")?;
         self.out.flush()
     }

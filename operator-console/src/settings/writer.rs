@@ -6,7 +6,7 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use crate::locks::lock;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 
 use super::repeat_filter::RepeatFilter;
 use super::{Settings, file};
@@ -84,7 +84,7 @@ fn run(shared: &Shared, path: &std::path::Path) {
     loop {
         if let Some(settings) = state.waiting.take() {
             drop(state);
-            let started = Monotonic::now();
+            let started = clock::now();
             let written = file::write(path, &settings);
             state = lock(&shared.state);
             let problem = written.err().map(|why| {
@@ -96,7 +96,7 @@ fn run(shared: &Shared, path: &std::path::Path) {
                 state.problem = Some(problem);
             }
             while !state.is_closing {
-                let rest = PERIOD.saturating_sub(started.elapsed());
+                let rest = PERIOD.saturating_sub(clock::elapsed(started));
                 if rest.is_zero() {
                     break;
                 }

@@ -4,7 +4,8 @@ use std::io::{self, Write as _};
 use std::time::Duration;
 
 use anyhow::anyhow;
-use robot_edge::clock::{self, Monotonic};
+use measurement::time::Monotonic;
+use robot_edge::clock;
 use robot_edge::exit::Interrupted;
 
 use super::discovery_report::DiscoveryReport;
@@ -55,7 +56,7 @@ impl WaitForRobot {
     /// The wait for `target` begins.
     pub(super) fn new(target: Target) -> Self {
         Self {
-            notice: DelayedNotice::new(target.timeout, target.quiet, Monotonic::now()),
+            notice: DelayedNotice::new(target.timeout, target.quiet, clock::now()),
             target,
             discovery: None,
         }
@@ -81,13 +82,13 @@ impl WaitForRobot {
 
     /// Why the robot was never heard. Takes as long as asking takes, where nobody was asked yet.
     pub(crate) fn conclusion(mut self, is_interrupted: &impl Fn() -> bool) -> anyhow::Error {
-        let deadline = Monotonic::now() + ASKING_TIME;
+        let deadline = clock::now() + ASKING_TIME;
         loop {
             let report = self.report();
-            if report.is_known() || deadline.since(Monotonic::now()).is_zero() {
+            if report.is_known() || deadline.since(clock::now()).is_zero() {
                 return anyhow!(report.conclusion(&self.target));
             }
-            if !clock::sleep_until(Monotonic::now() + POLL_PERIOD, is_interrupted) {
+            if !clock::sleep_until(clock::now() + POLL_PERIOD, is_interrupted) {
                 return Interrupted.into();
             }
         }

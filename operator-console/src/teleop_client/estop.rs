@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::message::{Answer, EStop, EStopStatus, Refusal};
-use robot_edge::clock::Monotonic;
 
 use super::messages::RequestNumber;
 

@@ -1,8 +1,8 @@
 //! What the robot says changes what this console may do.
 
+use measurement::time::Monotonic;
 use protocol::message::{Answer, LeaseRequest, StopReason, TeleopState, TeleopStatus};
 use protocol::tile::BootId;
-use robot_edge::clock::Monotonic;
 
 use super::estop::{EStopOutcome, PendingEStop};
 use super::lease::{Lease, LeaseChange};

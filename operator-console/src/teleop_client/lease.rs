@@ -5,9 +5,9 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::keys::OperatorId;
 use protocol::message::LeaseStatus;
-use robot_edge::clock::Monotonic;
 
 /// A status may have been on its way when the robot answered; from then on it must say that we wait.
 const SETTLED: Duration = Duration::from_secs(1);

@@ -1,9 +1,9 @@
 //! What the helm hears of the robot, and what it wants to be told.
 
+use measurement::time::Monotonic;
 use protocol::keys::OperatorTopic;
 use protocol::message::{AgeToken, Answer, LeaseRequest, Refusal, Setting, TeleopStatus};
 use protocol::tile::BootId;
-use robot_edge::clock::Monotonic;
 
 use crate::teleop_input::InputLockReason;
 

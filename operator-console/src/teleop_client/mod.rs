@@ -20,10 +20,10 @@ mod state;
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::keys::{OperatorId, RobotId};
 use protocol::message::{AgeToken, Info, LeaseRequest, TeleopStatus, Velocity};
 use protocol::tile::BootId;
-use robot_edge::clock::Monotonic;
 
 use crate::identity::Identity;
 use crate::teleop_input::{DriveInput, InputEvent, InputLockReason, TeleopInput};

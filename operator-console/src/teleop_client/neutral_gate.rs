@@ -9,8 +9,8 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::message::{StopReason, TeleopState, TeleopStatus, Velocity};
-use robot_edge::clock::Monotonic;
 
 use super::{DriveInput, TeleopClient};
 

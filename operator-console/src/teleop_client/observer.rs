@@ -1,6 +1,6 @@
 //! The helm of who may only watch: nothing is sent, and every attempt is answered in words.
 
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 use super::{Intent, TeleopClient, TeleopNotification};
 use crate::role::is_observer;
@@ -51,7 +51,7 @@ impl TeleopClient {
 #[cfg(test)]
 mod tests {
     use protocol::message::{AgeToken, LeaseRequest, Setting};
-    use robot_edge::teleop::Role;
+    use teleop::Role;
 
     use super::*;
     use crate::identity::Identity;

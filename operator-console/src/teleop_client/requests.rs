@@ -3,8 +3,8 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::message::LeaseRequest;
-use robot_edge::clock::Monotonic;
 
 use super::messages::{RequestKind, RequestNumber};
 

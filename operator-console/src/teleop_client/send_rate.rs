@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 /// Between two commands ("Teleop": 50 Hz).
 pub(super) const PERIOD: Duration = Duration::from_millis(20);

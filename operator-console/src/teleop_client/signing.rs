@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::keys::operator_key;
 use protocol::message::{AgeToken, Drive};
 use protocol::signed::{Command, CommandHeader, Route, sign};
-use robot_edge::clock::Monotonic;
 
 use super::estop::PendingEStop;
 use super::messages::{RequestNumber, SignedMessage};

@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::keys::OperatorId;
 use protocol::message::Refusal;
-use robot_edge::clock::Monotonic;
-use robot_edge::teleop::Role;
+use teleop::Role;
 
 use super::{Lease, TeleopClient, TeleopNotification};
 use crate::role;

@@ -690,7 +690,7 @@ fn a_grant_is_known_to_have_been_ours_until_the_robot_begins_anew() {
 #[test]
 fn teleop_client_and_input_are_pure() {
     let impure = [
-        "Monotonic::now",
+        "clock::now",
         "std::thread",
         "std::fs",
         "mpsc",

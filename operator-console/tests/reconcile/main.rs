@@ -8,10 +8,10 @@ mod edge;
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use operator_console::model::{ConsoleModel, Incoming, ModelSettings, OpenSessions, Outgoing};
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
-use robot_edge::clock::Monotonic;
 
 use edge::Edge;
 

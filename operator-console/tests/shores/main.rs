@@ -7,6 +7,7 @@
 
 mod over_the_network;
 
+use measurement::time::Monotonic;
 use operator_console::model::{
     ConsoleModel, Incoming, ModelSettings, OpenSessions, Outgoing, RequestId,
 };
@@ -20,7 +21,6 @@ use protocol::shores::convex_outline;
 use protocol::tile::BootId;
 use protocol::tile_store::{LayerGrid, TileStore};
 use protocol::wire::{self, Header};
-use robot_edge::clock::Monotonic;
 use serde::Serialize;
 
 const CELL_M: f64 = 0.3;

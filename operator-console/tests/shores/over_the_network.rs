@@ -5,17 +5,17 @@ use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use measurement::time::RobotTime;
 use operator_console::export::{ExportPart, Snapshot, export_parts};
 use operator_console::link::RobotSession;
 use operator_console::model::ModelSettings;
 use protocol::export::write_shores;
 use protocol::tile::BootId;
-use robot_edge::clock::{self, Monotonic};
+use robot_edge::clock;
 use robot_edge::driving::operators::PendingOperatorList;
 use robot_edge::link::edge::{EdgeLink, EdgeSettings};
 use robot_edge::link::publish_state::PublishState;
 use robot_edge::link::sessions::Endpoints;
-use robot_edge::robot_time::RobotTime;
 
 use super::{empty_store, info, robot, settings, shores};
 
@@ -40,9 +40,9 @@ fn wait_for(session: &RobotSession, voxels: u32) {
             .unwrap_or_default()
             .first()
             .map(|cluster| cluster.voxels);
-        first == Some(voxels) && model.is_synchronized(Monotonic::now())
+        first == Some(voxels) && model.is_synchronized(clock::now())
     };
-    let was_there = !clock::sleep_until(Monotonic::now() + Duration::from_secs(20), is_there);
+    let was_there = !clock::sleep_until(clock::now() + Duration::from_secs(20), is_there);
     assert!(was_there, "no shores of {voxels} voxels");
 }
 

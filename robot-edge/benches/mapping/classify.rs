@@ -1,15 +1,15 @@
 //! What telling obstacles apart costs: votes, clusters, shores and docking sites of maps that are made up.
 
-use robot_edge::mapping::cost_config::{RigidityConfig, ShoreConfig};
-use robot_edge::mapping::docking::{BoatFootprint, find_docking_sites};
-use robot_edge::mapping::docking_grid::{DockingColumn, DockingGrid};
-use robot_edge::mapping::grid::CellIndex;
-use robot_edge::mapping::majority_vote::majority_vote;
-use robot_edge::mapping::obstacle_voxel::{ObstacleVoxel, Rigidity};
-use robot_edge::mapping::rigidity::RigidityMap;
-use robot_edge::mapping::shore::Shores;
-use robot_edge::mapping::shore_clusters::euclidean_clusters;
-use robot_edge::mapping::voxel::VoxelIndex;
+use mapping::cost_config::{RigidityConfig, ShoreConfig};
+use mapping::docking::{BoatFootprint, find_docking_sites};
+use mapping::docking_grid::{DockingColumn, DockingGrid};
+use mapping::grid::CellIndex;
+use mapping::majority_vote::majority_vote;
+use mapping::obstacle_voxel::{ObstacleVoxel, Rigidity};
+use mapping::rigidity::RigidityMap;
+use mapping::shore::Shores;
+use mapping::shore_clusters::euclidean_clusters;
+use mapping::voxel::VoxelIndex;
 
 use crate::rounds::{ROUNDS, Rounds, timed};
 

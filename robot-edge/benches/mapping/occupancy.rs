@@ -1,8 +1,8 @@
 //! Placing beams and the occupancy update alone: posed scans in memory, nothing published.
 
-use robot_edge::mapping::occupancy_grid::OccupancyGrid;
-use robot_edge::mapping::ray::{FixedPoint, RayWalk};
-use robot_edge::mapping::registered_scan::{BeamOutcome, RegisteredScan};
+use mapping::occupancy_grid::OccupancyGrid;
+use mapping::ray::{FixedPoint, RayWalk};
+use mapping::registered_scan::{BeamOutcome, RegisteredScan};
 
 use crate::CELLS_M;
 use crate::prepared::{Prepared, generic2d, hits, register};

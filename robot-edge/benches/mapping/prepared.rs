@@ -3,22 +3,22 @@
 use std::path::Path;
 
 use anyhow::Context as _;
-use robot_edge::config::{self, Config};
-use robot_edge::localization::beam_projection::{BodyBox, SensorSettings};
-use robot_edge::localization::beam_range::ZeroRange;
-use robot_edge::localization::pose_buffer::InterpolationLimits;
-use robot_edge::localization::pose_jump::JumpLimit;
-use robot_edge::localization::registration::{
+use localization::beam_projection::{BodyBox, SensorSettings};
+use localization::beam_range::ZeroRange;
+use localization::pose_buffer::InterpolationLimits;
+use localization::pose_jump::JumpLimit;
+use localization::registration::{
     MountOrigin, PoseOrigin, PoseStreams, RangeSensorSettings, RegistrationOutput,
     RegistrationSettings, ScanRegistration,
 };
-use robot_edge::mapping::registered_scan::{BeamOutcome, RegisteredScan, SensorId};
-use robot_edge::measurement::Measurement;
-use robot_edge::pose::Pose;
-use robot_edge::recording::survey::Survey;
-use robot_edge::recording::time_sequencer::{Ordered, TimeSequencer};
-use robot_edge::recording::{self, Selection};
-use robot_edge::robot_time::RobotDuration;
+use mapping::registered_scan::{BeamOutcome, RegisteredScan, SensorId};
+use measurement::Measurement;
+use measurement::pose::Pose;
+use measurement::time::RobotDuration;
+use recording::time_sequencer::{Ordered, TimeSequencer};
+use recording::{self, Selection};
+use robot_edge::config::{self, Config};
+use robot_edge::survey::Survey;
 
 /// What `replay` would hand to its placer, in memory.
 pub(crate) struct Prepared {

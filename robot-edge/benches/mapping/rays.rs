@@ -10,10 +10,10 @@ use std::process::Command;
 use std::{env, fs};
 
 use anyhow::{Context as _, bail, ensure};
+use mapping::octree::{Octree, Ray};
+use mapping::octree_config::{OctreeConfig, RangeSensorModel};
+use mapping::registered_scan::SensorId;
 use nalgebra::Point3;
-use robot_edge::mapping::octree::{Octree, Ray};
-use robot_edge::mapping::octree_config::{OctreeConfig, RangeSensorModel};
-use robot_edge::mapping::registered_scan::SensorId;
 use robot_edge::summary::peak_rss_bytes;
 use serde_json::Value;
 

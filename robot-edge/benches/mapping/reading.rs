@@ -1,7 +1,7 @@
 //! Reading recordings: bytes in, measurements out.
 
-use robot_edge::measurement::MeasurementData;
-use robot_edge::recording::{self, Selection};
+use measurement::MeasurementData;
+use recording::{self, Selection};
 
 use crate::recordings::{self, ACES, CLINIC, INTEL_MCAP, ROOMS, TWO_LASERS};
 use crate::rounds::{ROUNDS, Rounds, timed};

@@ -4,7 +4,7 @@ use std::fmt;
 use std::fs;
 use std::hint::black_box;
 
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 
 /// How often everything is measured.
 pub(crate) const ROUNDS: usize = 5;
@@ -70,9 +70,9 @@ pub(crate) fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
 
 /// What `work` returns, and the time that passed, seconds.
 pub(crate) fn timed_by_the_wall<T>(work: impl FnOnce() -> T) -> (T, f64) {
-    let started = Monotonic::now();
+    let started = clock::now();
     let result = black_box(work());
-    (result, started.elapsed().as_secs_f64())
+    (result, clock::elapsed(started).as_secs_f64())
 }
 
 /// Processor time of the processes that this one started and waited for, seconds, to the hundredth; NaN
@@ -101,5 +101,5 @@ fn processor_s() -> f64 {
 
 #[cfg(not(target_os = "linux"))]
 fn processor_s() -> f64 {
-    Monotonic::now().since(Monotonic::default()).as_secs_f64()
+    clock::now().since(Monotonic::default()).as_secs_f64()
 }

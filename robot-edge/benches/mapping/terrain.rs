@@ -1,19 +1,18 @@
 //! A scan of 481 beams through placing, elevation and obstacle map: time by size of the window, and memory
 //! beside that of the document.
 
+use localization::registration::{MountOrigin, PoseStreams, RegistrationOutput, ScanRegistration};
+use mapping::Mapper;
+use mapping::registered_scan::SensorId;
+use mapping::terrain::Terrain;
+use measurement::Measurement;
+use measurement::time::Monotonic;
 use robot_edge::app::localization_plan::{
     LocalizationPlan, PlannedSensor, poses_from_wheels, registration_settings,
 };
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use robot_edge::config::{self, Config, WheelsAndAttitude};
-use robot_edge::localization::registration::{
-    MountOrigin, PoseStreams, RegistrationOutput, ScanRegistration,
-};
-use robot_edge::mapping::Mapper;
-use robot_edge::mapping::registered_scan::SensorId;
-use robot_edge::mapping::terrain::Terrain;
-use robot_edge::measurement::Measurement;
-use robot_edge::simulation::{SimulatedSource, SimulationOptions, World};
+use simulation::{SimulatedSource, SimulationOptions, World};
 
 use crate::rounds::{ROUNDS, Rounds};
 
@@ -109,12 +108,12 @@ impl Times {
         // Of everything since the last scan: poses are placed for the scans that need them.
         let mut placing = 0.0;
         for measurement in run {
-            let started = Monotonic::now();
+            let started = clock::now();
             registration.push(measurement, &mut registered);
             placing += us_since(started);
             for registered in registered.drain(..) {
                 if let RegistrationOutput::Scan(scan) = registered {
-                    let started = Monotonic::now();
+                    let started = clock::now();
                     mapper.integrate(&scan);
                     let maps = us_since(started);
                     placing_us.push(placing);
@@ -135,5 +134,5 @@ impl Times {
 }
 
 fn us_since(started: Monotonic) -> f64 {
-    1e6 * started.elapsed().as_secs_f64()
+    1e6 * clock::elapsed(started).as_secs_f64()
 }

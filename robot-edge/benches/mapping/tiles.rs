@@ -1,12 +1,12 @@
 //! Publishing, the tile codec on the tiles that a recording publishes, and memory.
 
 use anyhow::Context as _;
+use mapping::Mapper;
+use mapping::registered_scan::RegisteredScan;
+use measurement::time::{RobotDuration, RobotTime};
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
 use protocol::tile::codec::{Decoder, Encoder};
-use robot_edge::mapping::Mapper;
-use robot_edge::mapping::registered_scan::RegisteredScan;
-use robot_edge::robot_time::{RobotDuration, RobotTime};
 use robot_edge::streaming::publisher::Publisher;
 
 use crate::CELLS_M;

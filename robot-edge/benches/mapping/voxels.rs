@@ -3,18 +3,18 @@
 use std::time::Duration;
 
 use anyhow::anyhow;
+use mapping::cost_config::Surface;
+use mapping::height_columns::{ColumnKind, ColumnRules, read_columns};
+use mapping::octree::{BrickColumn, Octree};
+use mapping::registered_scan::RegisteredScan;
+use mapping::voxel_layers::VoxelLayers;
+use measurement::time::{RobotDuration, RobotTime};
+use measurement::{Measurement, Stream};
 use nalgebra::Point3;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use robot_edge::experiments::run::{pipeline, vehicle_config};
 use robot_edge::export::voxels::{PublishedClasses, pack_voxels};
-use robot_edge::mapping::height_columns::{ColumnKind, ColumnRules, read_columns};
-use robot_edge::mapping::cost_config::Surface;
-use robot_edge::mapping::octree::{BrickColumn, Octree};
-use robot_edge::mapping::registered_scan::RegisteredScan;
-use robot_edge::mapping::voxel_layers::VoxelLayers;
-use robot_edge::measurement::{Measurement, Stream};
-use robot_edge::robot_time::{RobotDuration, RobotTime};
-use robot_edge::simulation::{SimulatedSource, SimulationOptions, World};
+use simulation::{SimulatedSource, SimulationOptions, World};
 
 use super::rays::pool;
 use super::rounds::{Rounds, timed, timed_by_the_wall};
@@ -144,12 +144,12 @@ impl Drive {
                 for measurement in &self.measurements {
                     let mut measurement = measurement.clone();
                     measurement.stamp = measurement.stamp + late;
-                    let (started, mut mapped) = (Monotonic::now(), 0);
+                    let (started, mut mapped) = (clock::now(), 0);
                     pipeline.push(measurement, |scan: &RegisteredScan| {
                         mapped += 1;
                         end = Some(Point3::from(scan.odom_from_base.translation.vector));
                     })?;
-                    let scan_time: Duration = started.elapsed();
+                    let scan_time: Duration = clock::elapsed(started);
                     if mapped > 0 {
                         scan_times.push(scan_time.as_secs_f64() * 1e6);
                     }

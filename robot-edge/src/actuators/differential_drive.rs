@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::teleop::Velocity;
+use teleop::Velocity;
 
 /// Geometry of a vehicle that steers by the speeds of its two sides.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

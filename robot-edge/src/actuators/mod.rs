@@ -13,10 +13,10 @@ pub mod roboteq;
 #[cfg(target_os = "linux")]
 pub mod motor_guard;
 
-pub use crate::teleop::Velocity;
 pub use report::{Fault, Report};
+pub use teleop::Velocity;
 
-use crate::clock::Monotonic;
+use measurement::time::Monotonic;
 
 /// Name of the hidden command of this program that runs [`motor_guard::run`].
 pub const MOTOR_GUARD_COMMAND: &str = "motor-guard";

@@ -10,7 +10,8 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use super::Velocity;
-use crate::clock::Monotonic;
+use crate::clock;
+use measurement::time::Monotonic;
 
 /// How long a velocity holds, from its decision on; then zero is said instead. As for motors behind a guard.
 pub const WATCHDOG: Duration = Duration::from_millis(200);
@@ -124,7 +125,7 @@ fn run(mut sink: Box<dyn VelocitySink>, shared: &Shared) {
         if !shared.had_subscriber.load(Ordering::Relaxed) && sink.has_subscriber() {
             shared.had_subscriber.store(true, Ordering::Relaxed);
         }
-        let is_stale = latest.decided.elapsed() > WATCHDOG;
+        let is_stale = clock::elapsed(latest.decided) > WATCHDOG;
         if is_stale {
             sink.publish(Velocity::ZERO);
         } else if latest.version != known {
@@ -158,9 +159,13 @@ mod tests {
 
     impl Journal {
         fn wait_until(&self, is_so: impl Fn(&[Velocity]) -> bool) {
-            let began = Monotonic::now();
+            let began = clock::now();
             while !is_so(&self.0.lock().unwrap()) {
-                assert!(began.elapsed() < Duration::from_mins(1), "{:?}", self.0);
+                assert!(
+                    clock::elapsed(began) < Duration::from_mins(1),
+                    "{:?}",
+                    self.0
+                );
                 thread::sleep(Duration::from_millis(2));
             }
         }
@@ -170,7 +175,7 @@ mod tests {
     fn what_is_decided_is_said_and_silence_and_the_end_are_zero() {
         let journal = Journal::default();
         let motors = PublishedVelocity::start(Box::new(journal.clone())).unwrap();
-        motors.apply(AHEAD, Monotonic::now());
+        motors.apply(AHEAD, clock::now());
         journal.wait_until(|published| published.contains(&AHEAD));
         // The loop hangs.
         journal.wait_until(|published| published.last() == Some(&Velocity::ZERO));
@@ -186,7 +191,7 @@ mod tests {
                 .count(),
             1
         );
-        assert!(motors.apply(AHEAD, Monotonic::now()), "somebody listens");
+        assert!(motors.apply(AHEAD, clock::now()), "somebody listens");
         drop(motors);
         let published = journal.0.lock().unwrap();
         assert_eq!(

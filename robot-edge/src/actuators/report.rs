@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-use crate::clock::Monotonic;
-use crate::teleop::Velocity;
+use measurement::time::Monotonic;
+use teleop::Velocity;
 
 /// What is known of the motors.
 #[derive(Clone, Copy, Debug, PartialEq)]

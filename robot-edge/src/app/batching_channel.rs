@@ -6,8 +6,9 @@ use std::time::Duration;
 use anyhow::anyhow;
 
 use super::mapping_input::MappingInput;
-use crate::clock::Monotonic;
-use crate::localization::registration::RegistrationOutput;
+use crate::clock;
+use localization::registration::RegistrationOutput;
+use measurement::time::Monotonic;
 
 /// Parcels that wait for mapping where all is mapped, however late: who places waits for room. Memory is bounded by …
 const QUEUE_CAPACITY: usize = 64;
@@ -38,7 +39,7 @@ pub(super) fn batching_channel(is_live: bool) -> (BatchingSender, Receiver<Vec<M
         sender,
         inputs: Vec::new(),
         beams: 0,
-        last_tick: Monotonic::now(),
+        last_tick: clock::now(),
     };
     (sender, receiver)
 }
@@ -64,12 +65,12 @@ impl BatchingSender {
             | MappingInput::ClockReset => false,
             // Poses come often, and change no map.
             MappingInput::Tick { .. }
-                if self.inputs.is_empty() && self.last_tick.elapsed() < TICK_INTERVAL =>
+                if self.inputs.is_empty() && clock::elapsed(self.last_tick) < TICK_INTERVAL =>
             {
                 return Ok(());
             }
             MappingInput::Tick { .. } => {
-                self.last_tick = Monotonic::now();
+                self.last_tick = clock::now();
                 true
             }
         };
@@ -100,10 +101,10 @@ impl BatchingSender {
 mod tests {
     use super::super::mapping_stage::MAX_QUEUE_DELAY;
     use super::*;
-    use crate::localization::pose_jump::PoseJump;
-    use crate::mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
-    use crate::pose::planar;
-    use crate::robot_time::RobotTime;
+    use localization::pose_jump::PoseJump;
+    use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
+    use measurement::pose::planar;
+    use measurement::time::RobotTime;
     use nalgebra::Point3;
 
     fn scan(beams: usize) -> MappingInput {
@@ -136,7 +137,7 @@ mod tests {
     #[test]
     fn a_parcel_goes_when_it_can_be_told_or_is_large() {
         let (mut sender, receiver) = batching_channel(false);
-        sender.last_tick = Monotonic::now() + Duration::from_hours(1);
+        sender.last_tick = clock::now() + Duration::from_hours(1);
         // Poses alone are no reason to wake who maps.
         sender.add(TICK).unwrap();
         sender.add(scan(MAX_BATCH_BEAMS - 1)).unwrap();

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use super::pipeline::PipelineCheckpoint;
 use crate::replay_control::ReplayTrail;
-use crate::robot_time::RobotDuration;
+use measurement::time::RobotDuration;
 
 /// Mapping for so long is not done twice for a step back.
 const MIN_INTERVAL: Duration = Duration::from_millis(1500);

@@ -1,6 +1,6 @@
 //! Time of the data that has passed, over clocks that start anew.
 
-use crate::robot_time::{RobotDuration, RobotTime};
+use measurement::time::{RobotDuration, RobotTime};
 
 /// Adds up the steps of stamps; steps back count for nothing.
 #[derive(Clone, Copy, Debug, Default)]

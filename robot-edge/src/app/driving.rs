@@ -22,11 +22,12 @@ use crate::driving::{
 };
 use crate::exit::UsageError;
 use crate::link::ros2::RosLink;
-use crate::mapping::ground_plane::GroundTracker;
-use crate::new_file::{self, NewFile};
 use crate::service_manager::ServiceManager;
-use crate::teleop::Rules;
-use crate::teleop::collision_monitor::CollisionMonitorRules;
+use mapping::ground_plane::GroundTracker;
+use recording::new_file::{self, NewFile};
+use teleop::Rules;
+use teleop::collision_monitor::CollisionMonitorRules;
+use teleop::config::SettingError;
 
 /// The ends of those who tell the guard: who places, and who maps.
 pub(super) type CollisionMonitorInputs = (MonitorSensorInput, MonitorMapInput);
@@ -162,15 +163,14 @@ impl DrivePlan {
         if !self.can_drive() {
             return Ok(None);
         }
-        let rules =
-            Rules::new(&config.teleop, &config.vehicle).map_err(|faults| usage_error(&faults))?;
+        let rules = Rules::new(&config.teleop, &config.vehicle).map_err(usage_error)?;
         let monitor_rules = CollisionMonitorRules::new(
             &config.teleop.collision_monitor,
             &config.teleop,
             &config.vehicle,
             &config.mapping.obstacle,
         )
-        .map_err(|faults| usage_error(&faults))?;
+        .map_err(usage_error)?;
         let (monitor_inputs, monitor_runner) = config
             .teleop
             .collision_monitor
@@ -222,7 +222,12 @@ fn ground_tracker(config: &Config) -> Option<GroundTracker> {
     mapping.elevation.enabled.then(new)
 }
 
-fn usage_error(faults: &[ConfigIssue]) -> UsageError {
-    let faults: Vec<_> = faults.iter().map(ToString::to_string).collect();
-    UsageError(faults.join("\n"))
+fn usage_error(errors: Vec<SettingError>) -> UsageError {
+    let issues = errors.into_iter().map(ConfigIssue::from);
+    UsageError(
+        issues
+            .map(|issue| issue.to_string())
+            .collect::<Vec<_>>()
+            .join("\n"),
+    )
 }

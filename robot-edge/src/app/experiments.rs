@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 
 use crate::cli::Experiments;
-use crate::clock::Monotonic;
+use crate::clock;
 use crate::exit::Exit;
 use crate::experiments::outcome::Verdict;
 use crate::experiments::{Experiment, ExperimentError, Outcome, Session, report};
@@ -30,11 +30,11 @@ pub(super) fn experiments(
     let session = Session::new(command.seeds, interrupt, &watch);
     let mut outcomes = Vec::new();
     for experiment in chosen {
-        let started = Monotonic::now();
+        let started = clock::now();
         let outcome = experiment
             .run(&session)
             .map_err(to_usage_error(experiment))?;
-        progress.print_outcome(experiment, &outcome, started.elapsed().as_secs_f64());
+        progress.print_outcome(experiment, &outcome, clock::elapsed(started).as_secs_f64());
         outcomes.push((experiment, outcome));
     }
     progress.bar.finish_and_clear();

@@ -6,7 +6,7 @@ use std::io::Write;
 use crate::cli::{InstallKeys, Keys};
 use crate::credentials::{Installed, IssueRequest, install, issue};
 use crate::exit::{Exit, UsageError};
-use crate::teleop::Role;
+use teleop::Role;
 
 pub(super) fn keys(command: &Keys, out: &mut dyn Write) -> anyhow::Result<Exit> {
     let mut people = BTreeMap::new();

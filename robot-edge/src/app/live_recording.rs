@@ -20,10 +20,11 @@ pub(super) use state::{Problem, RecordingState};
 use marker::Marker;
 
 use super::recorder::{Recorder, SyncPolicy};
-use crate::clock::{self, Monotonic};
-use crate::free_space::{DiskSpace, DiskSpaceFn, disk_space};
-use crate::measurement::{Measurement, MeasurementData, Stream};
-use crate::recording::writer::WriteError;
+use crate::clock;
+use measurement::time::Monotonic;
+use measurement::{Measurement, MeasurementData, Stream};
+use recording::free_space::{DiskSpace, DiskSpaceFn, disk_space};
+use recording::writer::WriteError;
 
 /// Measurements that wait for the disk at most: some seconds of all sensors.
 const CAPACITY: usize = 2048;
@@ -213,7 +214,7 @@ struct RecordedTotals {
 
 impl LiveRecordingWriter {
     fn run(mut self, receiver: &Receiver<WriterCommand>) {
-        let mut last_check = Monotonic::now();
+        let mut last_check = clock::now();
         self.update_free_space();
         loop {
             let done = match receiver.recv_timeout(CHECK_PERIOD) {
@@ -221,7 +222,7 @@ impl LiveRecordingWriter {
                 Err(RecvTimeoutError::Timeout) => Ok(()),
                 Err(RecvTimeoutError::Disconnected) => break,
             };
-            let now = Monotonic::now();
+            let now = clock::now();
             let checked = if now.since(last_check) >= CHECK_PERIOD {
                 last_check = now;
                 self.check(now)
@@ -334,7 +335,7 @@ impl LiveRecordingWriter {
         self.file = Some(OpenFile {
             recorder,
             path: path.clone(),
-            since: Monotonic::now(),
+            since: clock::now(),
         });
         let mut state = lock(&self.state);
         state.is_running = true;
@@ -384,10 +385,10 @@ impl LiveRecordingWriter {
             return Ok(());
         };
         let finished = recorder.finish();
-        self.finished.duration = self.finished.duration.saturating_add(since.elapsed());
+        self.finished.duration = self.finished.duration.saturating_add(clock::elapsed(since));
         let bytes = std::fs::metadata(path).map_or(0, |file| file.len());
         self.finished.bytes = self.finished.bytes.saturating_add(bytes);
-        self.update_totals(Monotonic::now());
+        self.update_totals(clock::now());
         finished
     }
 

@@ -6,21 +6,21 @@ use crate::config::{
     WheelsAndAttitude,
 };
 use crate::exit::UsageError;
-use crate::localization::attitude_filter::AttitudeSettings;
-use crate::localization::beam_projection::{BodyBox, SensorSettings};
-use crate::localization::dead_reckoning::DeadReckoningSettings;
-use crate::localization::gnss_positioning::GnssSettings;
-use crate::localization::pose_buffer::InterpolationLimits;
-use crate::localization::pose_jump::JumpLimit;
-use crate::localization::registration::{
+use crate::survey::range_sensors::WantedSensor;
+use localization::attitude_filter::AttitudeSettings;
+use localization::beam_projection::{BodyBox, SensorSettings};
+use localization::dead_reckoning::DeadReckoningSettings;
+use localization::gnss_positioning::GnssSettings;
+use localization::pose_buffer::InterpolationLimits;
+use localization::pose_jump::JumpLimit;
+use localization::registration::{
     MountOrigin, PoseOrigin, PoseStreams, RangeSensorSettings, RegistrationSettings,
 };
-use crate::localization::tilt::TiltSettings;
-use crate::localization::wheel_odometer::WheelSettings;
-use crate::mapping::registered_scan::SensorId;
-use crate::measurement::StreamId;
-use crate::recording::survey::range_sensors::WantedSensor;
-use crate::robot_time::RobotDuration;
+use localization::tilt::TiltSettings;
+use localization::wheel_odometer::WheelSettings;
+use mapping::registered_scan::SensorId;
+use measurement::StreamId;
+use measurement::time::RobotDuration;
 
 /// What was decided before the first measurement.
 #[derive(Clone, Debug, PartialEq)]

@@ -10,14 +10,15 @@ use super::network::StatePublisher;
 use super::recorder::Recorder;
 use super::source::SourceItem;
 use super::source_reader::Batch;
-use crate::clock::Monotonic;
-use crate::localization::registration::{RegistrationOutput, ScanRegistration};
-use crate::measurement::{Measurement, Stream};
+use crate::clock;
 use crate::progress::{Progress, ProgressFigures};
-use crate::recording::time_sequencer::Ordered;
-use crate::recording::writer::WriteError;
-use crate::robot_time::RobotTime;
 use crate::summary::StageTimer;
+use localization::registration::{RegistrationOutput, ScanRegistration};
+use measurement::time::Monotonic;
+use measurement::time::RobotTime;
+use measurement::{Measurement, Stream};
+use recording::time_sequencer::Ordered;
+use recording::writer::WriteError;
 
 /// What takes the batches of a source.
 pub(super) struct LocalizationStage {
@@ -71,7 +72,7 @@ impl LocalizationStage {
         for item in batch.items {
             match item {
                 SourceItem::Timed(ordered) => {
-                    self.take_ordered(ordered, batch.received_at, send)?
+                    self.take_ordered(ordered, batch.received_at, send)?;
                 }
                 SourceItem::Live {
                     ordered,
@@ -95,7 +96,7 @@ impl LocalizationStage {
             self.registration.counts().dropped_scans.total() + maps.dropped_scans.total();
         let stats = ProgressFigures {
             data_s: self.clock.elapsed().as_secs_f64(),
-            wall_s: self.started.elapsed().as_secs_f64(),
+            wall_s: clock::elapsed(self.started).as_secs_f64(),
             scans: maps.scans_mapped,
             drops: batch.lost + not_mapped,
         };
@@ -169,9 +170,9 @@ impl LocalizationStage {
     }
 
     fn place(&mut self, measurement: Measurement) {
-        let started = Monotonic::now();
+        let started = clock::now();
         self.registration.push(measurement, &mut self.placed);
-        self.timer.record(started.elapsed());
+        self.timer.record(clock::elapsed(started));
     }
 
     /// Whoever watches and the guard hear of a scan before it is handed over: that may wait for the maps.
@@ -196,7 +197,7 @@ impl LocalizationStage {
                     Monotonic::default()
                 }
             };
-            let since = Monotonic::now();
+            let since = clock::now();
             send(MappingInput::Registered {
                 placed,
                 measured_at,

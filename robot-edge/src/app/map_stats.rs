@@ -2,8 +2,8 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::drops::DropCounts;
 use crate::pipeline::MapsReport;
+use measurement::drops::DropCounts;
 
 /// Figures of the maps.
 #[derive(Clone, Debug, Default)]

@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use super::source::SourceItem;
 use super::source_reader::Batch;
-use crate::clock::Monotonic;
-use crate::localization::geodesy::GeodeticPoint;
-use crate::localization::registration::RegistrationOutput;
+use localization::geodesy::GeodeticPoint;
+use localization::registration::RegistrationOutput;
+use measurement::time::Monotonic;
 
 /// One step of mapping, in the order of the data.
 #[derive(Debug)]

@@ -8,16 +8,17 @@ use super::event_log::EventLog;
 use super::map_stats::SharedMapStats;
 use super::mapping_input::{InputDelay, MappingInput};
 use super::network::Network;
-use crate::clock::Monotonic;
-use crate::drops::DropReason;
-use crate::localization::registration::RegistrationOutput;
-use crate::mapping::Mapper;
-use crate::mapping::registered_scan::RegisteredScan;
+use crate::clock;
 use crate::overload::{OverloadChange, OverloadMonitor};
 use crate::pipeline::{MapEvent, Maps, PausedSnapshot, ScanObserver};
 use crate::replay_control::{ReplayControl, TimelineMark};
 use crate::streaming::publisher::PublishError;
 use crate::streaming::trajectory::SharedTrajectory;
+use localization::registration::RegistrationOutput;
+use mapping::Mapper;
+use mapping::registered_scan::RegisteredScan;
+use measurement::drops::DropReason;
+use measurement::time::Monotonic;
 
 /// A scan that has waited longer for mapping is left out, where the present matters …
 pub(super) const MAX_QUEUE_DELAY: Duration = Duration::from_secs(2);
@@ -56,7 +57,7 @@ impl MappingStage {
     /// # Errors
     /// Where publishing stopped.
     pub(super) fn take(&mut self, input: MappingInput) -> Result<(), PublishError> {
-        self.process_at(input, Monotonic::now())
+        self.process_at(input, clock::now())
     }
 
     /// The same at `now`.
@@ -119,7 +120,7 @@ impl MappingStage {
         let Some((network, input_delay)) = self.network.as_ref().zip(input_delay) else {
             return;
         };
-        let now = Monotonic::now();
+        let now = clock::now();
         match self.overload.update(input_delay.at(now), now) {
             Some(OverloadChange::Started(delay)) => {
                 let delay_s = delay.as_secs_f64();
@@ -128,7 +129,7 @@ impl MappingStage {
                 network.publish_event("overload", &message);
             }
             Some(OverloadChange::Cleared) => {
-                network.publish_event("overload_cleared", "Overload is over: maps are up to date")
+                network.publish_event("overload_cleared", "Overload is over: maps are up to date");
             }
             None => {}
         }

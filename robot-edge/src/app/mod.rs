@@ -44,10 +44,10 @@ use anyhow::Context as _;
 use crate::cli::{Cli, Command, MotorGuard, Recover};
 use crate::config::presets;
 use crate::exit::{Exit, UsageError};
-use crate::recording::Format;
-use crate::recording::mcap::recover::{RecoverError, recover};
-use crate::recording::survey::Survey;
+use crate::survey::Survey;
 use crate::vehicle_commands;
+use recording::Format;
+use recording::mcap::recover::{RecoverError, recover};
 
 pub use replay::play;
 pub(crate) use simulate::simulated_localization_plan;

@@ -22,7 +22,7 @@ use super::operator_access;
 use super::status_message::build_info;
 use super::thread_priority::lower_thread_priority;
 use crate::audit::AuditLog;
-use crate::clock::Monotonic;
+use crate::clock;
 use crate::config::Config;
 use crate::driving::operators::PendingOperatorList;
 use crate::driving::velocity_estimator::VelocityEstimator;
@@ -33,15 +33,16 @@ use crate::link::LinkError;
 use crate::link::edge::{EdgeLink, EdgeSettings};
 use crate::link::publish_state::PublishState;
 use crate::link::sessions::Endpoints;
-use crate::localization::registration::RegistrationSettings;
-use crate::mapping::Mapper;
-use crate::mapping::octree::Octree;
-use crate::mapping::registered_scan::RegisteredScan;
-use crate::new_file::NewFile;
 use crate::pipeline::{Maps, PausedSnapshot};
-use crate::robot_time::{RobotDuration, RobotTime};
 use crate::sensor_monitor::{SensorMonitor, descriptors};
 use crate::streaming::trajectory::SharedTrajectory;
+use localization::registration::RegistrationSettings;
+use mapping::Mapper;
+use mapping::octree::Octree;
+use mapping::registered_scan::RegisteredScan;
+use measurement::time::Monotonic;
+use measurement::time::{RobotDuration, RobotTime};
+use recording::new_file::NewFile;
 
 /// Consoles that lag when the data has ended are waited for this long.
 const CONSOLE_SYNC_TIMEOUT: Duration = Duration::from_secs(10);
@@ -124,7 +125,7 @@ impl Network {
         let who = (&plan.robot, boot);
         let of_log = Arc::clone(&publish_state);
         let publish_event = move |kind, message| {
-            of_log.publish_or_queue_event(event(kind, message), Monotonic::now());
+            of_log.publish_or_queue_event(event(kind, message), clock::now());
         };
         let (driving, monitor_inputs) = drive
             .start(
@@ -161,7 +162,7 @@ impl Network {
                         SPEED_WINDOW_LAND
                     }),
                     sensors: SensorMonitor::new(descriptors(config, description.localization)),
-                    since: description.is_live.then(Monotonic::now),
+                    since: description.is_live.then(clock::now),
                     published_sensors: None,
                     last_pose_stamp: None,
                 };
@@ -287,11 +288,11 @@ impl Network {
                 lower_thread_priority();
                 let made = pack_voxels(stamp, &octree, &classes)
                     .inspect_err(|why| tracing::warn!(%why, "the octree's files"));
-                of_thread.put_voxels(made.ok(), Monotonic::now());
+                of_thread.put_voxels(made.ok(), clock::now());
             });
         if let Err(why) = begun {
             tracing::warn!(%why, "the octree's files");
-            publish_state.put_voxels(None, Monotonic::now());
+            publish_state.put_voxels(None, clock::now());
         }
     }
 
@@ -305,7 +306,7 @@ impl Network {
     /// Something happened that the next console should know where none is there yet.
     pub(super) fn publish_or_queue_event(&self, kind: &str, message: String) {
         let publish_state = self.link.publish_state();
-        publish_state.publish_or_queue_event(event(kind, message), Monotonic::now());
+        publish_state.publish_or_queue_event(event(kind, message), clock::now());
     }
 
     /// Something happened that consoles should know.

@@ -12,11 +12,11 @@ use protocol::tile_store::TileStore;
 use super::pipeline::PipelineStages;
 use super::source::SourceLosses;
 use super::source_reader::SourceEnd;
-use crate::drops::{DropCounts, DropReason};
 use crate::export::voxels::{export_voxels, voxel_digest};
 use crate::pipeline::Maps;
 use crate::streaming::publisher::Publisher;
 use crate::summary::{Beams, Event, LayerFigures, Scans, Summary, Tiles, Voxels, peak_rss_bytes};
+use measurement::drops::{DropCounts, DropReason};
 
 /// Writes the maps and the trajectory to `dir`, each even if another fails; says which files.
 pub(super) fn export(

@@ -13,11 +13,9 @@ use super::mapping_stage::MappingStage;
 use super::source_reader::{Batch, SourceEnd};
 use super::thread_priority::lower_thread_priority;
 use crate::config::Config;
-use crate::localization::registration::{
-    RegistrationOutput, RegistrationSettings, ScanRegistration,
-};
 use crate::pipeline::{MapsCheckpoint, PausedSnapshot};
 use crate::streaming::publisher::PublishError;
+use localization::registration::{RegistrationOutput, RegistrationSettings, ScanRegistration};
 
 /// Who places and who maps.
 pub(super) struct PipelineStages {

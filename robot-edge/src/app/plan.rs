@@ -4,10 +4,10 @@ use self::range_sensors::FoundSensor;
 use super::localization_plan::{LocalizationPlan, poses_from_fixes, poses_from_wheels};
 use crate::config::{Config, FixesAndAttitude, WheelsAndAttitude};
 use crate::exit::UsageError;
-use crate::localization::config::{LocalizationConfig, PoseSource};
-use crate::localization::registration::{MountOrigin, ODOMETRY_FRAME, PoseOrigin, PoseStreams};
-use crate::recording::Format;
-use crate::recording::survey::Survey;
+use crate::survey::Survey;
+use localization::config::{LocalizationConfig, PoseSource};
+use localization::registration::{MountOrigin, ODOMETRY_FRAME, PoseOrigin, PoseStreams};
+use recording::Format;
 
 mod choose;
 mod pose_streams;

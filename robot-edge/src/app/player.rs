@@ -16,16 +16,17 @@ use super::pipeline::{PipelineStages, join_mapping_pool};
 use super::run::{Run, nothing_mapped_error};
 use super::source::{ReplaySource, Source as _, SourceItem};
 use super::source_reader::Batch;
-use crate::clock::Monotonic;
+use crate::clock;
 use crate::config::Config;
-use crate::localization::registration::RegistrationSettings;
 use crate::pacer::{MAX_GAP, Pacer, Rate};
 use crate::pipeline::PausedSnapshot;
-use crate::recording::time_sequencer::Ordered;
 use crate::replay_control::{
     Length, RateMeter, ReplayCommands, ReplayControl, ReplayProgress, TimelineMark,
 };
-use crate::robot_time::RobotDuration;
+use localization::registration::RegistrationSettings;
+use measurement::time::Monotonic;
+use measurement::time::RobotDuration;
+use recording::time_sequencer::Ordered;
 
 /// Items in a batch, at most.
 const MAX_BATCH_ITEMS: usize = 64;
@@ -112,7 +113,7 @@ impl<'a> Player<'a> {
             interrupt,
             batch: Vec::with_capacity(MAX_BATCH_ITEMS),
             batch_size: MAX_BATCH_ITEMS,
-            received_at: Monotonic::now(),
+            received_at: clock::now(),
             streams: 0,
             items: 0,
             checkpoints: Checkpoints::new(),
@@ -162,7 +163,7 @@ impl<'a> Player<'a> {
         self.report_progress();
         let interrupt = self.interrupt;
         self.control
-            .sleep_until(Monotonic::now() + PAUSED_POLL_INTERVAL, commands, || {
+            .sleep_until(clock::now() + PAUSED_POLL_INTERVAL, commands, || {
                 is_set(interrupt)
             });
         Ok(())
@@ -192,7 +193,7 @@ impl<'a> Player<'a> {
                 self.pacer = Pacer::new(commands.rate);
                 self.pacer_rate = commands.rate;
             }
-            let now = Monotonic::now();
+            let now = clock::now();
             let wait = self.pacer.wait(measurement.stamp, now);
             if !wait.is_zero() {
                 // What is due already must not wait for what is not.
@@ -240,7 +241,7 @@ impl<'a> Player<'a> {
             }
         }
         if self.batch.is_empty() {
-            self.received_at = Monotonic::now();
+            self.received_at = clock::now();
         }
         self.batch.push(item);
         self.position = elapsed;
@@ -274,7 +275,7 @@ impl<'a> Player<'a> {
         if self.batch.is_empty() {
             return Ok(());
         }
-        let started = Monotonic::now();
+        let started = clock::now();
         let items = std::mem::replace(&mut self.batch, Vec::with_capacity(MAX_BATCH_ITEMS));
         let count = items.len() as u32;
         let new_streams = self.source.streams_from(self.streams);
@@ -291,7 +292,7 @@ impl<'a> Player<'a> {
             position: self.source.position(),
             lost: self.lost,
         })?;
-        let now = Monotonic::now();
+        let now = clock::now();
         let each = (now.since(started) / count).max(Duration::from_nanos(1));
         let fitting = MAX_BATCH_TIME.as_nanos() / each.as_nanos();
         self.batch_size = usize::try_from(fitting)

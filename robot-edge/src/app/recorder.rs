@@ -5,12 +5,13 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::sync_thread::SyncThread;
-use crate::clock::Monotonic;
-use crate::free_space::{DiskSpaceFn, disk_space};
-use crate::measurement::{Measurement, MeasurementData, OwnPose, Stream};
-use crate::recording::writer::{McapWriter, RecordingFile, WriteError};
-use crate::robot_time::{RobotDuration, RobotTime};
-use crate::scan::Scan;
+use crate::clock;
+use measurement::scan::Scan;
+use measurement::time::Monotonic;
+use measurement::time::{RobotDuration, RobotTime};
+use measurement::{Measurement, MeasurementData, OwnPose, Stream};
+use recording::free_space::{DiskSpaceFn, disk_space};
+use recording::writer::{McapWriter, RecordingFile, WriteError};
 
 /// A crash of a live run loses no more than this.
 const FLUSH_PERIOD: Duration = Duration::from_secs(1);
@@ -79,7 +80,7 @@ impl Recorder {
         };
         Ok(Self {
             writer,
-            flushed_at: (sync_policy != SyncPolicy::OnDemand).then(Monotonic::now),
+            flushed_at: (sync_policy != SyncPolicy::OnDemand).then(clock::now),
             sync_thread,
             disk_space,
             stamp_offset: earliest.map(offset_to_1970),
@@ -100,7 +101,7 @@ impl Recorder {
             written => written?,
         }
         if let Some(at) = self.flushed_at
-            && at.elapsed() >= FLUSH_PERIOD
+            && clock::elapsed(at) >= FLUSH_PERIOD
         {
             self.writer.flush_to_os()?;
             if let Some(sync_thread) = &self.sync_thread {
@@ -108,7 +109,7 @@ impl Recorder {
             } else {
                 sync_to_disk(&self.writer.on_disk(), self.disk_space)?;
             }
-            self.flushed_at = Some(Monotonic::now());
+            self.flushed_at = Some(clock::now());
         }
         Ok(())
     }
@@ -283,7 +284,7 @@ mod tests {
 
     use super::*;
     use crate::app::test_recording::{stamps, stream, transform};
-    use crate::free_space::DiskSpace;
+    use recording::free_space::DiskSpace;
 
     #[test]
     #[cfg_attr(

@@ -16,12 +16,12 @@ use super::source::{self, ReplaySource};
 use crate::cli::{MappingOptions, Replay};
 use crate::config::{self, Config};
 use crate::exit::{Exit, UsageError};
-use crate::localization::registration::PoseOrigin;
-use crate::recording::survey::Survey;
-use crate::recording::{self, Selection};
 use crate::replay_control::{Length, ReplayControl};
-use crate::robot_time::RobotDuration;
 use crate::summary::Event;
+use crate::survey::Survey;
+use localization::registration::PoseOrigin;
+use measurement::time::RobotDuration;
+use recording::{self, Selection};
 
 /// The vehicle of a recording that names none.
 const DEFAULT_VEHICLE: &str = "generic2d";

@@ -23,20 +23,20 @@ use super::pipeline::PipelineStages;
 use super::recorder::{Recorder, SyncPolicy};
 use super::source::Source;
 use super::source_reader::{Batch, SourceEnd, read_source};
-use crate::clock::Monotonic;
+use crate::clock;
 use crate::config::Config;
 use crate::exit::{Exit, Interrupted};
 use crate::link::random_id;
-use crate::localization::registration::{RegistrationSettings, ScanRegistration};
-use crate::new_file::{self, NewFile};
 use crate::overload::OverloadMonitor;
 use crate::pacer::Rate;
 use crate::pipeline::Maps;
 use crate::progress::Progress;
-use crate::recording::writer::WriteError;
-use crate::robot_time::RobotTime;
 use crate::service_manager::ServiceManager;
 use crate::summary::{Event, StageTimer, Summary};
+use localization::registration::{RegistrationSettings, ScanRegistration};
+use measurement::time::RobotTime;
+use recording::new_file::{self, NewFile};
+use recording::writer::WriteError;
 
 /// What a run is made of.
 pub(super) struct Run<'a> {
@@ -103,7 +103,7 @@ impl Run<'_> {
             (end, taken)
         };
         let finished = pipeline.finish(end.lost.counts.total());
-        let wall_s = pipeline.localization.started.elapsed().as_secs_f64();
+        let wall_s = clock::elapsed(pipeline.localization.started).as_secs_f64();
         if is_set(interrupt) {
             // Nothing moves any more by poses that are not measured any more, however long the disk takes.
             pipeline.mapping.end_driving();
@@ -214,7 +214,7 @@ impl Run<'_> {
                 is_driven: self.drive.can_drive(),
                 progress: Progress::new(self.quiet),
                 clock: DataClock::default(),
-                started: Monotonic::now(),
+                started: clock::now(),
                 streams: Vec::new(),
                 maps: stats.clone(),
             },

@@ -20,8 +20,8 @@ use crate::config::{self, Config};
 use crate::exit::{Exit, UsageError};
 use crate::link::ros2::RosEndpoint;
 use crate::pacer::Rate;
-use crate::ros::middleware::MAX_DOMAIN;
 use crate::summary::Event;
+use recording::ros::middleware::MAX_DOMAIN;
 
 /// The vehicle where nobody names one.
 const DEFAULT_VEHICLE: &str = "generic2d";

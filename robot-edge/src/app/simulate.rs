@@ -16,12 +16,12 @@ use crate::cli::Simulate;
 use crate::config::{self, Config, FixesAndAttitude, MotorsConfig, WheelsAndAttitude};
 use crate::driving::motors::SimulatedMotors;
 use crate::exit::{Exit, UsageError};
-use crate::localization::config::PoseSource;
-use crate::localization::registration::{MountOrigin, PoseOrigin, PoseStreams};
-use crate::measurement::{Stream, StreamId};
-use crate::recording::survey::range_sensors::assign;
-use crate::simulation::{SimulatedSource, SimulationOptions, World};
 use crate::summary::Event;
+use crate::survey::range_sensors::assign;
+use localization::config::PoseSource;
+use localization::registration::{MountOrigin, PoseOrigin, PoseStreams};
+use measurement::{Stream, StreamId};
+use simulation::{SimulatedSource, SimulationOptions, World};
 
 pub(super) fn simulate(
     command: &Simulate,

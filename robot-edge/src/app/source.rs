@@ -4,16 +4,16 @@ use std::collections::VecDeque;
 use std::ops::ControlFlow;
 
 use super::data_clock::DataClock;
-use crate::clock::Monotonic;
 use crate::driving::motors::SimulatedMotors;
-use crate::drops::DropCounts;
-use crate::measurement::{Measurement, MeasurementData, Stream};
-use crate::recording::time_sequencer::{Ordered, TimeSequencer};
-use crate::recording::{Position, RecordingError, RecordingReader};
-use crate::robot_time::{RobotDuration, RobotTime};
-use crate::simulation::CommandedVelocity;
-use crate::simulation::SimulatedSource;
-use crate::teleop::Velocity;
+use measurement::drops::DropCounts;
+use measurement::time::Monotonic;
+use measurement::time::{RobotDuration, RobotTime};
+use measurement::{Measurement, MeasurementData, Stream};
+use recording::time_sequencer::{Ordered, TimeSequencer};
+use recording::{Position, RecordingError, RecordingReader};
+use simulation::CommandedVelocity;
+use simulation::SimulatedSource;
+use teleop::Velocity;
 
 /// What a source yields.
 #[derive(Debug)]

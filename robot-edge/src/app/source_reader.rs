@@ -5,11 +5,12 @@ use std::time::Duration;
 
 use super::is_set;
 use super::source::{Source, SourceItem, SourceLosses};
-use crate::clock::{self, Monotonic};
-use crate::measurement::Stream;
+use crate::clock;
 use crate::pacer::{Pacer, Rate, Skipped};
-use crate::recording::time_sequencer::Ordered;
-use crate::recording::{Position, RecordingError};
+use measurement::Stream;
+use measurement::time::Monotonic;
+use recording::time_sequencer::Ordered;
+use recording::{Position, RecordingError};
 
 /// Items in a batch: a channel's locks cost more than an item does.
 const MAX_BATCH_ITEMS: usize = 64;
@@ -52,9 +53,9 @@ pub(super) fn read_source(
     let mut pacer = Pacer::new(rate);
     let mut builder = BatchBuilder {
         items: Vec::with_capacity(MAX_BATCH_ITEMS),
-        received_at: Monotonic::now(),
+        received_at: clock::now(),
         lag: None,
-        sent_at: Monotonic::now(),
+        sent_at: clock::now(),
         streams: 0,
         take: hand_over,
     };
@@ -82,7 +83,7 @@ fn read_all(
         };
         match &item {
             SourceItem::Timed(Ordered::Measurement(measurement)) => {
-                let now = Monotonic::now();
+                let now = clock::now();
                 let wait = pacer.wait(measurement.stamp, now);
                 if matches!(rate, Rate::Times(_)) {
                     builder.lag = builder.lag.max(Some(pacer.lag()));
@@ -105,7 +106,7 @@ fn read_all(
             SourceItem::Immediate(_) | SourceItem::Unmapped(_) | SourceItem::Live { .. } => {}
         }
         if builder.items.is_empty() {
-            builder.received_at = Monotonic::now();
+            builder.received_at = clock::now();
         }
         builder.items.push(item);
         if builder.items.len() >= MAX_BATCH_ITEMS && !builder.flush(source) {
@@ -134,17 +135,17 @@ impl<F: FnMut(Batch) -> bool> BatchBuilder<F> {
 
     /// The same where there is no more at present: now and then an empty batch goes.
     fn flush_if_due(&mut self, source: &dyn Source) -> bool {
-        if self.items.is_empty() && self.sent_at.elapsed() < MAX_BATCH_INTERVAL {
+        if self.items.is_empty() && clock::elapsed(self.sent_at) < MAX_BATCH_INTERVAL {
             return true;
         }
         if self.items.is_empty() {
-            self.received_at = Monotonic::now();
+            self.received_at = clock::now();
         }
         self.send(source)
     }
 
     fn send(&mut self, source: &dyn Source) -> bool {
-        self.sent_at = Monotonic::now();
+        self.sent_at = clock::now();
         let new_streams = source.streams_from(self.streams);
         self.streams += new_streams.len();
         (self.take)(Batch {

@@ -6,9 +6,9 @@ use super::data_clock::DataClock;
 use super::map_stats::MapStats;
 use super::network::RobotDescription;
 use crate::config::Config;
-use crate::drops::DropCounts;
-use crate::localization::registration::RegistrationCounts;
 use crate::pipeline::Maps;
+use localization::registration::RegistrationCounts;
+use measurement::drops::DropCounts;
 
 /// Who the robot is and what it maps.
 pub(super) fn build_info(config: &Config, description: &RobotDescription<'_>, maps: &Maps) -> Info {

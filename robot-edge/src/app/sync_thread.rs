@@ -5,7 +5,7 @@ use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 
-use crate::recording::writer::WriteError;
+use recording::writer::WriteError;
 
 /// Who asks. Dropped, it waits for nothing: a sync that is under way ends by itself.
 pub(super) struct SyncThread {

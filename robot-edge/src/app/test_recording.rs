@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use crate::measurement::{Measurement, MeasurementData, Stream, StreamId};
-use crate::pose::Pose;
-use crate::recording::{Selection, open};
-use crate::robot_time::RobotTime;
+use measurement::pose::Pose;
+use measurement::time::RobotTime;
+use measurement::{Measurement, MeasurementData, Stream, StreamId};
+use recording::{Selection, open};
 
 /// A transform from `odom`.
 pub(super) fn transform(nanos: i64, child: &str, is_static: bool) -> Measurement {

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::Line;
-use crate::clock::Monotonic;
+use measurement::time::Monotonic;
 
 /// A link that has ended sooner than this was a look: consoles ask who is there within 2 s.
 const SHORT_CONNECTION: Duration = Duration::from_secs(3);

@@ -8,7 +8,7 @@ use protocol::keys::RobotId;
 
 use crate::config::Override;
 use crate::pacer::Rate;
-use crate::ros::middleware::MAX_DOMAIN;
+use recording::ros::middleware::MAX_DOMAIN;
 
 /// `run`.
 #[derive(Clone, Debug, PartialEq, Args)]

@@ -53,7 +53,8 @@ fn run_takes_its_sensors_from_where_ros_is() {
     let default = run("run");
     assert_eq!(default.ros, "tcp/localhost:7447");
     assert_eq!((default.ros_domain, default.wait_s), (None, 10.0));
-    let named = run("run --ros tcp/bot:7447 --ros-domain 232 --wait 3 --vehicle v.toml --state-dir s");
+    let named =
+        run("run --ros tcp/bot:7447 --ros-domain 232 --wait 3 --vehicle v.toml --state-dir s");
     assert_eq!(
         (named.ros.as_str(), named.ros_domain),
         ("tcp/bot:7447", Some(232))

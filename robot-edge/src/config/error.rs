@@ -147,3 +147,16 @@ fn lines(issues: &[ConfigIssue]) -> String {
     let lines: Vec<String> = issues.iter().map(ToString::to_string).collect();
     lines.join("\n")
 }
+impl From<teleop::config::SettingError> for ConfigIssue {
+    fn from(error: teleop::config::SettingError) -> Self {
+        Self {
+            origin: None,
+            key: error.key,
+            problem: Problem::NotAllowed {
+                value: error.value,
+                why: error.why,
+                allowed: error.allowed,
+            },
+        }
+    }
+}

@@ -16,7 +16,6 @@ pub mod motors;
 pub mod overrides;
 pub mod presets;
 pub mod sensors;
-pub mod vehicle;
 
 mod checks;
 mod layer;
@@ -29,18 +28,18 @@ pub use load::load;
 pub use motors::{MotorsConfig, TwistConfig};
 pub use overrides::Override;
 pub use sensors::{
-    FixesAndAttitude, GpsConfig, ImuConfig, Mount, RangeSensor, RangeSensorConfig, SensorConfig,
+    FixesAndAttitude, GpsConfig, ImuConfig, RangeSensor, RangeSensorConfig, SensorConfig,
     TiltConfig, WheelEncodersConfig, WheelsAndAttitude,
 };
-pub use vehicle::VehicleConfig;
 
 use crate::link::config::LinkConfig;
-use crate::localization::config::LocalizationConfig;
-use crate::mapping::config::MappingConfig;
-use crate::mapping::octree_config::RangeSensorModel;
-use crate::mapping::registered_scan::SensorId;
 use crate::streaming::config::StreamingConfig;
-use crate::teleop::TeleopConfig;
+use localization::config::LocalizationConfig;
+use mapping::config::MappingConfig;
+use mapping::octree_config::RangeSensorModel;
+use mapping::registered_scan::SensorId;
+use mapping::vehicle::VehicleConfig;
+use teleop::TeleopConfig;
 
 /// Everything that can be set, by module.
 #[derive(Clone, Debug, PartialEq, Deserialize)]

@@ -74,3 +74,33 @@ pub(super) fn unknown(name: &str) -> ConfigError {
         presets: PRESETS.iter().map(|preset| preset.name).collect(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::float_cmp, reason = "these values are exact")]
+
+    use simulation::dynamics::Drive;
+    use simulation::vehicle::SimulatedVehicle;
+
+    #[test]
+    fn a_vehicle_is_as_large_and_as_fast_as_its_preset_says() {
+        for name in SimulatedVehicle::NAMES {
+            let preset = crate::config::load(name, &[]).unwrap().vehicle;
+            let SimulatedVehicle { body, drive, .. } = SimulatedVehicle::preset(name).unwrap();
+            let [speed_mps, turn_rate_radps] = match drive {
+                Drive::Wheels(wheels) => [wheels.linear.max_speed, wheels.angular.max_speed],
+                Drive::Thrusters(boat) => [boat.max_speed_mps, boat.max_turn_rate_radps],
+            };
+            assert_eq!(
+                [body.length_m, body.width_m, speed_mps, turn_rate_radps],
+                [
+                    preset.length_m,
+                    preset.width_m,
+                    preset.max_speed_mps,
+                    preset.max_turn_rate_radps
+                ],
+                "{name}"
+            );
+        }
+    }
+}

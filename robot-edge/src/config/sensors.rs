@@ -2,14 +2,13 @@
 
 use serde::Deserialize;
 
-use crate::mapping::octree_config::RangeSensorModel;
-use crate::mapping::registered_scan::SensorId;
+use mapping::octree_config::RangeSensorModel;
+use mapping::registered_scan::SensorId;
+use measurement::mount::Mount;
 
-mod mount;
 mod pose_sensors;
 mod range_sensor;
 
-pub use mount::Mount;
 pub use pose_sensors::{FixesAndAttitude, WheelsAndAttitude};
 pub use range_sensor::{RangeSensorConfig, TiltConfig};
 

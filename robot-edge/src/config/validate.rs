@@ -10,9 +10,9 @@ use super::layer::quoted;
 use super::{Config, VehicleConfig};
 use crate::link::config::LinkConfig;
 use crate::link::endpoints::bulk_endpoint;
-use crate::mapping::config::MappingConfig;
-use crate::mapping::occupancy_config::OccupancyConfig;
 use crate::streaming::config::StreamingConfig;
+use mapping::config::MappingConfig;
+use mapping::occupancy_config::OccupancyConfig;
 
 mod localization;
 mod sensors;
@@ -48,7 +48,7 @@ impl Config {
         streaming(&mut checks, &self.streaming);
         link(&mut checks, &self.link);
         let mut issues = checks.into_issues();
-        issues.extend(self.teleop.check());
+        issues.extend(self.teleop.check().into_iter().map(ConfigIssue::from));
         issues.extend(self.motors.check());
         issues
     }

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use protocol::keys::{OperatorId, RobotId};
 
-use crate::teleop::Role;
+use teleop::Role;
 
 /// Who somebody is on the network.
 ///

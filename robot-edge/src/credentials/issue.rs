@@ -12,7 +12,7 @@ use super::files::{self, Readers};
 use super::folder::{CA_CERTIFICATE, CERTIFICATE, FleetFolder, PRIVATE_KEY, SIGNING_KEY};
 use super::{Certificate, CredentialsError, Identity, ListedOperator, OperatorList};
 use crate::link::security::RouterConfig;
-use crate::teleop::Role;
+use teleop::Role;
 
 /// By these a vehicle and a router are always reached from their own machine.
 const OWN_HOSTS: [&str; 3] = ["localhost", "127.0.0.1", "::1"];

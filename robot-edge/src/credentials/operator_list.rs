@@ -12,7 +12,7 @@ use serde::Deserialize;
 
 use super::identity::role_name;
 use super::{CredentialsError, Identity, files};
-use crate::teleop::Role;
+use teleop::Role;
 
 /// Most people on a list.
 pub const MAX_LISTED: usize = 64;

@@ -8,8 +8,8 @@ use super::operators::Operators;
 use super::shared_drive_state::DriveEvent;
 use super::status_message;
 use crate::audit::Audit;
-use crate::clock::Monotonic;
-use crate::teleop::{ArbiterEvent, Refusal, RequestKind};
+use measurement::time::Monotonic;
+use teleop::{ArbiterEvent, Refusal, RequestKind};
 
 /// Refusals of one wish for one reason are written this often at most; those between are counted.
 const REFUSALS_PERIOD: Duration = Duration::from_secs(1);
@@ -121,7 +121,7 @@ const fn refusal_labels(request_kind: RequestKind) -> (&'static str, &'static st
 mod tests {
     use super::*;
     use crate::audit::AuditLog;
-    use crate::teleop::{Caller, RequestId, Role};
+    use teleop::{Caller, RequestId, Role};
 
     const fn at(ms: u64) -> Monotonic {
         Monotonic::from_nanos(ms * 1_000_000)

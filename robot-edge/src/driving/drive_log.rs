@@ -7,11 +7,12 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use crate::clock::Monotonic;
-use crate::free_space::{DiskSpaceFn, disk_space};
-use crate::new_file::{self, NewFile};
-use crate::teleop::report::Clamp;
-use crate::teleop::{CollisionMonitorOutput, Mode, TeleopReport};
+use crate::clock;
+use measurement::time::Monotonic;
+use recording::free_space::{DiskSpaceFn, disk_space};
+use recording::new_file::{self, NewFile};
+use teleop::report::Clamp;
+use teleop::{CollisionMonitorOutput, Mode, TeleopReport};
 
 /// Rounds that wait for the disk at most: 80 s of them.
 const CAPACITY: usize = 4096;
@@ -118,7 +119,7 @@ impl Writer {
             bytes: 0,
             file_bytes,
             disk_space,
-            synced_at: Monotonic::now(),
+            synced_at: clock::now(),
             line: Vec::new(),
         };
         writer.begin()?;
@@ -131,7 +132,7 @@ impl Writer {
                 self.write(&round)?;
             }
             self.out.flush()?;
-            if self.synced_at.elapsed() >= SYNC_PERIOD {
+            if clock::elapsed(self.synced_at) >= SYNC_PERIOD {
                 self.sync()?;
             }
         }
@@ -160,7 +161,7 @@ impl Writer {
     }
 
     fn sync(&mut self) -> io::Result<()> {
-        self.synced_at = Monotonic::now();
+        self.synced_at = clock::now();
         self.file.sync()?;
         self.file
             .low_space(self.disk_space)
@@ -239,9 +240,9 @@ const fn guard(output: Option<CollisionMonitorOutput>) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::VehicleConfig;
-    use crate::free_space::DiskSpace;
-    use crate::teleop::{ArbiterState, Rules, TeleopConfig};
+    use mapping::vehicle::VehicleConfig;
+    use recording::free_space::DiskSpace;
+    use teleop::{ArbiterState, Rules, TeleopConfig};
 
     fn report() -> TeleopReport {
         let rules = Rules::new(&TeleopConfig::default(), &VehicleConfig::default()).unwrap();

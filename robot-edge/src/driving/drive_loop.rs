@@ -22,10 +22,11 @@ use super::rate_limiter::RateLimiter;
 use super::shared_drive_state::{DriveEvent, MonitorReenabled, SharedDriveState};
 use super::status_message::{self, MonitorDetail, RuntimeSettings};
 use crate::actuators::Fault;
-use crate::clock::Monotonic;
-use crate::teleop::arbiter::StopReason;
-use crate::teleop::emergency_stop::StoredEStop;
-use crate::teleop::{
+use crate::clock;
+use measurement::time::Monotonic;
+use teleop::arbiter::StopReason;
+use teleop::emergency_stop::StoredEStop;
+use teleop::{
     Action, ArbiterEvent, ArbiterInput, ArbiterState, CollisionMonitorOutput, DriveCommand, Mode,
     OperatorId, Refusal, RequestId, Role, Rules, Velocity, step,
 };
@@ -229,7 +230,7 @@ impl DriveLoop {
 
     /// Nobody drives any more.
     pub(super) fn stop(&mut self) {
-        let _whatever_it_says = self.motors.apply(Velocity::ZERO, Monotonic::now());
+        let _whatever_it_says = self.motors.apply(Velocity::ZERO, clock::now());
     }
 
     /// One event of the arbiter, and what follows from it.
@@ -251,7 +252,7 @@ impl DriveLoop {
             match action {
                 Action::PublishToken(token) => self.drive_state.publish_token(token),
                 Action::Answer { request, answer } => {
-                    self.reply(request, status_message::answer(answer))
+                    self.reply(request, status_message::answer(answer));
                 }
                 Action::AcknowledgeEStop(id) => {
                     for (_, reply) in self.replies.drain(..) {

@@ -4,8 +4,8 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, Read as _, Seek as _, Write as _};
 use std::path::{Path, PathBuf};
 
-use crate::teleop::EStopId;
-use crate::teleop::emergency_stop::StoredEStop;
+use teleop::EStopId;
+use teleop::emergency_stop::StoredEStop;
 
 const NAME: &str = "estop";
 const BYTES: usize = 38;

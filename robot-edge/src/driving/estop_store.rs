@@ -5,8 +5,8 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
 
 use super::estop_file::EStopFile;
-use crate::teleop::EStopId;
-use crate::teleop::emergency_stop::StoredEStop;
+use teleop::EStopId;
+use teleop::emergency_stop::StoredEStop;
 
 /// What waits for the disk at most. The arbiter asks again for what found no room.
 const CAPACITY: usize = 8;

@@ -9,7 +9,7 @@ use protocol::keys::{OperatorId, OperatorTopic};
 use protocol::message::{Answer, Drive};
 use protocol::signed::Envelope;
 
-use crate::teleop::RequestKind;
+use teleop::RequestKind;
 
 /// Messages that wait for the loop at most. It takes all of them every 20 ms, or as they come.
 const CAPACITY: usize = 256;

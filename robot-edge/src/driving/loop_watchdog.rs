@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use super::motors::SimulatedMotors;
 use super::shared_drive_state::{DriveEvent, SharedDriveState};
-use crate::clock::{Monotonic, sleep_until};
-use crate::teleop::Velocity;
+use crate::clock::{self, sleep_until};
+use teleop::Velocity;
 
 /// Looks are counted, not time: those of a process that is stopped, or of a machine that is suspended, cease as well.
 const CHECK_PERIOD: Duration = Duration::from_millis(100);
@@ -93,7 +93,7 @@ pub(super) fn run_watchdog(
 ) {
     let mut progress = ProgressMonitor::default();
     let failure = loop {
-        sleep_until(Monotonic::now() + CHECK_PERIOD, || false);
+        sleep_until(clock::now() + CHECK_PERIOD, || false);
         match progress.check(heartbeat) {
             Some(LoopFailure::Ended) if drive_state.is_closing() => return,
             Some(failure) => break failure,
@@ -101,7 +101,7 @@ pub(super) fn run_watchdog(
         }
     };
     if let Some(motors) = simulated {
-        motors.command(Velocity::ZERO, Monotonic::now());
+        motors.command(Velocity::ZERO, clock::now());
     }
     drive_state.publish_events(&mut [DriveEvent::LoopFailed(failure)].into());
     // A terminal that is stopped stops whoever writes to it.
@@ -110,7 +110,7 @@ pub(super) fn run_watchdog(
             .name("final-log".to_owned())
             .spawn(move || tracing::error!("{failure}")),
     );
-    sleep_until(Monotonic::now() + EVENT_DELIVERY_TIME, || false);
+    sleep_until(clock::now() + EVENT_DELIVERY_TIME, || false);
     // Not `exit`: what is done at an orderly end could wait for the loop.
     std::process::abort();
 }

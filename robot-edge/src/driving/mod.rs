@@ -1,6 +1,6 @@
 //! Driving: the thread that moves the vehicle, and what it shares with the rest of the program.
 //!
-//! The rules are [`crate::teleop`], pure. Here they get a clock, motors, a network and a disk. The loop has a thread of
+//! The rules are [`teleop`], pure. Here they get a clock, motors, a network and a disk. The loop has a thread of
 //! its own, wakes when a command comes or after 20 ms, waits for nobody, and shares no lock with mapping; with the link it
 //! shares a [`shared_drive_state::SharedDriveState`] which it never waits for. Whatever else of the program hangs, it tells the motors zero;
 //! where it hangs itself, the motors' own guard does, and `loop_watch` ends the process.

@@ -10,17 +10,17 @@ use nalgebra::{Point2, UnitQuaternion};
 use triple_buffer::{Input, Output, triple_buffer};
 
 use super::receive_times::ReceiveTimes;
-use crate::clock::Monotonic;
-use crate::mapping::Mapper;
-use crate::mapping::ground_plane::{GroundPlane, GroundTracker};
-use crate::mapping::registered_scan::{RegisteredScan, SensorId};
-use crate::pose::{self, Pose};
-use crate::robot_time::{RobotDuration, RobotTime};
-use crate::teleop::collision_monitor::{
+use mapping::Mapper;
+use mapping::ground_plane::{GroundPlane, GroundTracker};
+use mapping::registered_scan::{RegisteredScan, SensorId};
+use measurement::pose::{self, Pose};
+use measurement::time::Monotonic;
+use measurement::time::{RobotDuration, RobotTime};
+use teleop::collision_monitor::{
     Barrier, BlockageDetector, CollisionMonitor, CollisionMonitorInput, CollisionMonitorRules,
     CopyRequest, LocalMap, ObstacleScan, OdometrySample, UnavailableReason,
 };
-use crate::teleop::{CollisionMonitorOutput, Velocity};
+use teleop::{CollisionMonitorOutput, Velocity};
 
 /// The map is copied after so much time of the data, with the next scan of any sensor: between the sweeps of a slow one with
 /// those of others.

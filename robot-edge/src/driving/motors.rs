@@ -9,8 +9,9 @@ use crate::actuators::motor_guard::GuardedMotors;
 use crate::actuators::published_velocity::PublishedVelocity;
 #[cfg(target_os = "linux")]
 use crate::actuators::report::Readiness;
-use crate::clock::Monotonic;
-use crate::teleop::Velocity;
+use crate::clock;
+use measurement::time::Monotonic;
+use teleop::Velocity;
 
 /// How long a velocity holds for simulated motors, from its decision on. As for motors behind a guard.
 const WATCHDOG: Duration = Duration::from_millis(200);
@@ -147,7 +148,7 @@ impl SimulatedMotors {
     pub fn exchange(&self, measured: Velocity) -> SimulatedMotorState {
         let mut state = self.state();
         state.measured = Some(measured);
-        if state.decided_at.elapsed() >= WATCHDOG {
+        if clock::elapsed(state.decided_at) >= WATCHDOG {
             state.velocity = Velocity::ZERO;
         }
         *state
@@ -170,10 +171,10 @@ mod tests {
             linear_mps: 1.0,
             angular_radps: 0.0,
         };
-        let decided = Monotonic::now();
+        let decided = clock::now();
         motors.apply(ahead, decided);
         let state = simulated.exchange(ahead).velocity;
-        assert!(state == ahead || decided.elapsed() >= WATCHDOG);
+        assert!(state == ahead || clock::elapsed(decided) >= WATCHDOG);
         crate::clock::sleep_until(decided + WATCHDOG, || false);
         assert_eq!(simulated.exchange(ahead).velocity, Velocity::ZERO);
         motors.apply(ahead, decided);

@@ -8,8 +8,9 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use super::operators::PendingOperatorList;
-use crate::clock::{self, Monotonic};
+use crate::clock;
 use crate::credentials::{CredentialsError, OperatorList};
+use measurement::time::Monotonic;
 
 /// Between two looks at the file. It is small: reading all of it misses no change, whatever the file system says.
 const PERIOD: Duration = Duration::from_millis(500);
@@ -47,8 +48,8 @@ impl OperatorListWatcher {
             .spawn(move || {
                 let mut state = WatcherState::new(list, pending_lists, report);
                 let is_over = || is_over.load(Ordering::Relaxed);
-                while clock::sleep_until(Monotonic::now() + PERIOD, is_over) {
-                    state.poll(&path, Monotonic::now());
+                while clock::sleep_until(clock::now() + PERIOD, is_over) {
+                    state.poll(&path, clock::now());
                 }
             })?;
         Ok(Self {

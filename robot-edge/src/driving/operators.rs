@@ -6,7 +6,7 @@ use protocol::keys::OperatorId as OperatorName;
 use protocol::signed::{PublicKey, SecretKey};
 
 use crate::credentials::OperatorList;
-use crate::teleop::{OperatorId, Role};
+use teleop::{OperatorId, Role};
 
 /// Most operators that are told apart.
 pub const MAX_OPERATORS: usize = 64;

@@ -1,8 +1,8 @@
 //! A list of operators that changed while the vehicle runs.
 
 use super::drive_loop::DriveLoop;
-use crate::clock::Monotonic;
-use crate::teleop::ArbiterInput;
+use measurement::time::Monotonic;
+use teleop::ArbiterInput;
 
 impl DriveLoop {
     /// Obeys the newer list, if one was left: whoever is off it holds no lease from now on.

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::clock::Monotonic;
+use measurement::time::Monotonic;
 
 /// Messages that an operator may send a second ("Security": 100/s).
 const PER_SECOND: f64 = 100.0;

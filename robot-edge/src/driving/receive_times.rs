@@ -2,8 +2,8 @@
 
 use std::collections::VecDeque;
 
-use crate::clock::Monotonic;
-use crate::robot_time::RobotTime;
+use measurement::time::Monotonic;
+use measurement::time::RobotTime;
 
 /// Measurements that are remembered: those of a second of fast sensors.
 const CAPACITY: usize = 1024;

@@ -7,8 +7,8 @@ use super::drive_loop::{DriveLoop, Sender};
 use super::inbox::Reply;
 use super::shared_drive_state::DriveEvent;
 use super::status_message;
-use crate::clock::Monotonic;
-use crate::teleop::{ArbiterInput, Caller, EStopId, LeaseVerb, Refusal, Role};
+use measurement::time::Monotonic;
+use teleop::{ArbiterInput, Caller, EStopId, LeaseVerb, Refusal, Role};
 
 /// A refusal before the arbiter was asked, and where it goes.
 type Refused = (Refusal, Option<Reply>);

@@ -10,8 +10,8 @@ use protocol::message::TeleopStatus;
 use super::loop_watchdog::LoopFailure;
 use super::status_message::{self, MonitorDetail};
 use crate::actuators::Fault;
-use crate::teleop::collision_monitor::UnavailableReason;
-use crate::teleop::{AgeToken, ArbiterEvent, OperatorId, TeleopReport};
+use teleop::collision_monitor::UnavailableReason;
+use teleop::{AgeToken, ArbiterEvent, OperatorId, TeleopReport};
 
 /// Notices that wait to be told at most; the oldest goes.
 const MAX_EVENTS: usize = 256;

@@ -9,11 +9,11 @@ use protocol::message::{
 };
 use protocol::signed::{CommandHeader, SignedError};
 
-use crate::teleop::arbiter::{FaultReason, StopReason};
-use crate::teleop::arming::Arming;
-use crate::teleop::collision_monitor::{Barrier, BarrierKind};
-use crate::teleop::report::Clamp;
-use crate::teleop::{
+use teleop::arbiter::{FaultReason, StopReason};
+use teleop::arming::Arming;
+use teleop::collision_monitor::{Barrier, BarrierKind};
+use teleop::report::Clamp;
+use teleop::{
     self, AgeToken, CollisionMonitorOutput, Mode, OperatorId, Refusal, TeleopReport, Velocity,
 };
 

@@ -19,10 +19,10 @@ use super::motors::Motors;
 use super::operators::Operators;
 use super::shared_drive_state::SharedDriveState;
 use crate::audit::Audit;
-use crate::clock::Monotonic;
+use crate::clock;
 use crate::service_manager::ServiceManager;
-use crate::teleop::emergency_stop::StoredEStop;
-use crate::teleop::{ArbiterInput, Rules};
+use teleop::emergency_stop::StoredEStop;
+use teleop::{ArbiterInput, Rules};
 
 /// A round ends at the latest after this.
 const ROUND: Duration = Duration::from_millis(20);
@@ -124,7 +124,7 @@ fn run(
     drive_state: Arc<SharedDriveState>,
     heartbeat: &Heartbeat,
 ) {
-    let start = Monotonic::now();
+    let start = clock::now();
     let DrivingSettings {
         robot,
         boot,
@@ -164,21 +164,21 @@ fn run(
     let (mut last, mut fed) = (start, start);
     while !drive_loop.drive_state.is_closing() {
         let mut due = last + ROUND;
-        let wait = due.since(Monotonic::now());
+        let wait = due.since(clock::now());
         if let Ok(incoming) = inbox_receiver.receiver.recv_timeout(wait) {
-            drive_loop.receive(incoming, Monotonic::now());
+            drive_loop.receive(incoming, clock::now());
             for incoming in inbox_receiver.receiver.try_iter().take(MESSAGES_AT_ONCE) {
-                drive_loop.receive(incoming, Monotonic::now());
+                drive_loop.receive(incoming, clock::now());
             }
             due = last + MIN_ROUND;
             // What came right behind the last round waits for the next one, which is soon.
-            thread::sleep(due.since(Monotonic::now()));
+            thread::sleep(due.since(clock::now()));
         }
         drive_loop.dropped(inbox_receiver.take_dropped());
         for command in local_commands.take() {
-            drive_loop.execute_local(command, Monotonic::now());
+            drive_loop.execute_local(command, clock::now());
         }
-        let now = Monotonic::now();
+        let now = clock::now();
         if now >= due {
             drive_loop.tick(now);
             last = now;
@@ -203,10 +203,10 @@ mod tests {
     use protocol::keys::OperatorTopic;
 
     use super::*;
-    use crate::config::VehicleConfig;
     use crate::driving::Incoming;
     use crate::driving::motors::SimulatedMotors;
-    use crate::teleop::config::TeleopConfig;
+    use mapping::vehicle::VehicleConfig;
+    use teleop::config::TeleopConfig;
 
     const FAILS: &str = "FORESHORE_TEST_LOOP_FAILS";
 
@@ -253,8 +253,8 @@ mod tests {
             // An orderly end, in which nothing ends the process.
             _ => drop(driving),
         }
-        let end = Monotonic::now() + Duration::from_secs(if how == "end" { 2 } else { 60 });
-        while Monotonic::now() < end {
+        let end = clock::now() + Duration::from_secs(if how == "end" { 2 } else { 60 });
+        while clock::now() < end {
             for (kind, text) in drive_state.take_events() {
                 if kind == "fault" {
                     eprintln!("{text}");
@@ -271,7 +271,7 @@ mod tests {
             "{}::failing_process",
             module_path!().split_once("::").unwrap().1
         );
-        let started = Monotonic::now();
+        let started = clock::now();
         let mut process = Command::new(std::env::current_exe().unwrap())
             .args([&name, "--exact", "--nocapture"])
             .env(FAILS, how)
@@ -288,7 +288,7 @@ mod tests {
             .unwrap();
         let status = process.wait().unwrap();
         assert_eq!(status.code().is_none(), status.signal().is_some());
-        (status.code(), started.elapsed(), said)
+        (status.code(), clock::elapsed(started), said)
     }
 
     #[test]

@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
-use crate::pose::{self, Pose};
-use crate::robot_time::{RobotDuration, RobotTime};
-use crate::teleop::Velocity;
+use measurement::pose::{self, Pose};
+use measurement::time::{RobotDuration, RobotTime};
+use teleop::Velocity;
 
 /// Poses closer than this tell more of their noise than of the vehicle, seconds.
 const MIN_INTERVAL_S: f64 = 0.015;

@@ -12,9 +12,9 @@ use super::terrain::agreement::{self, Agreement};
 use super::terrain::extent::extent_m;
 use super::terrain::sweep::Sweep;
 use super::terrain::{Cell, TerrainWorld, obstacle_map, views};
-use crate::mapping::elevation_cell::CellClass;
-use crate::mapping::terrain::Terrain;
-use crate::simulation::SimulationOptions;
+use mapping::elevation_cell::CellClass;
+use mapping::terrain::Terrain;
+use simulation::SimulationOptions;
 
 /// Side of a cell, metres, and cells along an edge: 20 × 20 m.
 const SIZES: [(f64, u32); 4] = [(0.05, 401), (0.1, 201), (0.2, 101), (0.5, 41)];

@@ -9,9 +9,9 @@ use super::spread::Spread;
 use super::terrain::agreement::{self, Agreement};
 use super::terrain::sweep::Sweep;
 use super::terrain::{Cell, TerrainWorld, obstacle_map, seconds, views};
-use crate::mapping::elevation_cell::CellClass;
-use crate::simulation::Motion;
-use crate::simulation::truth::{GroundPlane, Verdict};
+use mapping::elevation_cell::CellClass;
+use simulation::Motion;
+use simulation::truth::{GroundPlane, Verdict};
 
 /// Where the ramp begins, metres along x.
 const RAMP_M: f64 = 7.12;

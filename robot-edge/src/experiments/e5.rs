@@ -12,13 +12,13 @@ use super::spread::Spread;
 use super::terrain::agreement::{self, Agreement};
 use super::terrain::sweep::Sweep;
 use super::terrain::{Cell, TerrainWorld, obstacle_map, seconds, views};
-use crate::mapping::elevation::ElevationMap;
-use crate::mapping::elevation_cell::CellClass;
-use crate::mapping::elevation_config::GroundConfig;
-use crate::mapping::terrain::Terrain;
-use crate::pose;
-use crate::simulation::Motion;
 use crate::streaming::cells_to_tiles::CellCoder;
+use mapping::elevation::ElevationMap;
+use mapping::elevation_cell::CellClass;
+use mapping::elevation_config::GroundConfig;
+use mapping::terrain::Terrain;
+use measurement::pose;
+use simulation::Motion;
 
 /// An attitude that the vehicle takes on an object, degrees.
 struct Attitude {

@@ -10,8 +10,8 @@ use super::terrain::agreement::{self, Agreement};
 use super::terrain::extent::extent_m;
 use super::terrain::sweep::Sweep;
 use super::terrain::{Cell, TerrainWorld, obstacle_map, views};
-use crate::mapping::elevation_cell::CellClass;
-use crate::simulation::Motion;
+use mapping::elevation_cell::CellClass;
+use simulation::Motion;
 
 /// By how much the walls may grow.
 const GROWTH_MAX: f64 = 1.05;
@@ -159,7 +159,7 @@ fn time_of_yaw_s(turn: &TerrainWorld, yaw_deg: f64) -> Result<f64, ExperimentErr
     let steps = (turn.duration_s() / STEP_S) as u32;
     let mut times = (0..=steps).map(|step| f64::from(step) * STEP_S);
     let time_s = times.find(|&time_s| {
-        crate::pose::yaw_rad(&motion.world_from_base(time_s)).to_degrees() >= yaw_deg
+        measurement::pose::yaw_rad(&motion.world_from_base(time_s)).to_degrees() >= yaw_deg
     });
     time_s.ok_or_else(|| {
         ExperimentError::Unsuitable(format!("the world `turn` does not turn by {yaw_deg}°"))

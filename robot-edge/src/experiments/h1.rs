@@ -9,7 +9,7 @@ use super::session::{SEED, Session};
 use super::spread::Spread;
 use super::voxel_views::{Section, from_above};
 use crate::pipeline::Pipeline;
-use crate::simulation::SimulationOptions;
+use simulation::SimulationOptions;
 use surfaces::{BINS_M, OpenGround, Surfaces};
 
 /// How late the encoder is, seconds: a twentieth, in which the laser turns by 1.9°. The document gives no number.

@@ -11,9 +11,9 @@ use super::pictures::Picture;
 use super::session::{SEED, Session};
 use super::spread::Spread;
 use super::voxel_views;
-use crate::simulation::SimulationOptions;
 use evaluation::Evaluation;
 use protocol::layer::LayerId;
+use simulation::SimulationOptions;
 use truth::{Kind, YardTruth};
 
 /// Share of the swept cells of planes whose cost must be right [`algorithms.md` §4].

@@ -14,9 +14,9 @@ use super::published::known_cells;
 use super::session::{SEED, Session};
 use super::spread::Spread;
 use super::voxel_views::{self, Canvas};
-use crate::mapping::obstacle_voxel::ObstacleVoxel;
-use crate::simulation::SimulationOptions;
+use mapping::obstacle_voxel::ObstacleVoxel;
 use objects::{Class, Columns, Objects};
+use simulation::SimulationOptions;
 
 /// Share of all traversable objects' obstructed columns that must be traversable: the document's metrics err in
 /// single columns, and what counts is that most of what could be pushed through is shown as such.

@@ -9,7 +9,7 @@ use super::session::{SEED, Session};
 use super::shores::cluster_match::{MatchedCluster, found_label, true_label};
 use super::shores::{WaterWorld, views};
 use super::spread::Spread;
-use crate::mapping::shore::ShoreClass;
+use mapping::shore::ShoreClass;
 
 /// Share of the clusters that must be right.
 const RIGHT_MIN: f64 = 0.95;

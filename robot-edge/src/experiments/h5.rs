@@ -5,7 +5,7 @@ use super::outcome::{Check, Outcome, Part, Table};
 use super::session::{SEED, Session};
 use super::shores::{WaterWorld, views};
 use super::spread::Spread;
-use crate::mapping::docking::DockingSite;
+use mapping::docking::DockingSite;
 
 /// Time between two looks, seconds.
 const STEP_S: f64 = 2.0;

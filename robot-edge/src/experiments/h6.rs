@@ -10,8 +10,8 @@ use super::terrain::agreement::{self, Agreement};
 use super::terrain::extent::extent_m;
 use super::terrain::sweep::Sweep;
 use super::terrain::{Cell, TerrainWorld, obstacle_map, views};
-use crate::mapping::elevation_cell::CellClass;
-use crate::simulation::truth::GroundPlane;
+use mapping::elevation_cell::CellClass;
+use simulation::truth::GroundPlane;
 
 /// No trail so long after the person has left, seconds.
 const AFTER_S: f64 = 10.0;

@@ -10,7 +10,7 @@ use super::rooms::{self, error_map};
 use super::session::{SEED, Session};
 use super::spread::Spread;
 use super::{Experiment, ExperimentError};
-use crate::simulation::World;
+use simulation::World;
 
 /// Share of cells that must agree.
 const AGREEMENT_MIN: f64 = 0.99;

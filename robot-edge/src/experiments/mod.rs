@@ -44,9 +44,9 @@ use protocol::tile_store::StoreError;
 use crate::config::ConfigError;
 use crate::config::overrides::OverrideError;
 use crate::exit::{Interrupted, UsageError};
-use crate::simulation::truth::TruthError;
-use crate::simulation::{OptionError, WorldError};
 use crate::streaming::publisher::PublishError;
+use simulation::truth::TruthError;
+use simulation::{OptionError, WorldError};
 
 pub use outcome::Outcome;
 pub use session::Session;

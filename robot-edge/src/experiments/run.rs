@@ -9,14 +9,14 @@ use protocol::tile_store::TileStore;
 use super::ExperimentError;
 use crate::app::{self, localization_plan};
 use crate::config::{self, Config, Override};
-use crate::mapping::registered_scan::RegisteredScan;
-use crate::measurement::{Measurement, MeasurementData, Stream};
 use crate::pipeline::{MapEvent, Pipeline};
-use crate::robot_time::RobotDuration;
-use crate::simulation::attitude::Attitude;
-use crate::simulation::noise::NoiseStream;
-use crate::simulation::source::START;
-use crate::simulation::{SimulatedSource, SimulationOptions, World};
+use mapping::registered_scan::RegisteredScan;
+use measurement::time::RobotDuration;
+use measurement::{Measurement, MeasurementData, Stream};
+use simulation::attitude::Attitude;
+use simulation::noise::NoiseStream;
+use simulation::source::START;
+use simulation::{SimulatedSource, SimulationOptions, World};
 
 /// A vehicle that drives through a world and maps it.
 pub struct SimulatedRun {
@@ -113,7 +113,7 @@ impl SimulatedRun {
         let mut scans = Vec::new();
         while let Some(measurement) = self.next.take_if(|next| next.stamp <= until) {
             self.pipeline.push(measurement, |scan: &RegisteredScan| {
-                scans.push(scan.clone())
+                scans.push(scan.clone());
             })?;
             for scan in scans.drain(..) {
                 mapped(&self.pipeline, &scan);

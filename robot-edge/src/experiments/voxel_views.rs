@@ -7,8 +7,8 @@ use protocol::layer::LayerId;
 
 use super::ExperimentError;
 use super::pictures::{Drawing, Image, Picture, elevation, store_of};
-use crate::mapping::octree::{Octree, VoxelState};
-use crate::mapping::voxel::VoxelIndex;
+use mapping::octree::{Octree, VoxelState};
+use mapping::voxel::VoxelIndex;
 
 /// The highest occupied voxel of every column that is no higher than `below_m`, by the height of its middle.
 ///
@@ -46,7 +46,6 @@ pub(super) fn from_above(
 
 /// A slice of the octree along x, seen from the right.
 #[derive(Clone, Copy)]
-#[expect(clippy::struct_field_names, reason = "all three are lengths")]
 pub(super) struct Section {
     /// Least x and z, metres.
     pub(super) from_m: [f64; 2],

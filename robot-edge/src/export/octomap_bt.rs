@@ -13,7 +13,7 @@ pub use curve::place;
 pub use reader::{BtError, BtReader};
 pub use writer::{BtSizes, BtWriteError, BtWriter};
 
-use crate::mapping::voxel::VoxelIndex;
+use mapping::voxel::VoxelIndex;
 
 /// Levels below the root.
 const LEVELS: u8 = 16;

@@ -14,11 +14,11 @@ use protocol::tile_store::TileStore;
 
 use super::octomap_bt::{self, BtWriteError, BtWriter};
 use super::ply::{self, PlyHeader, PlyPoint};
-use crate::mapping::octree::{Octree, SurfaceVoxel};
-use crate::mapping::voxel::VoxelIndex;
-use crate::robot_time::RobotTime;
 use crate::streaming::cells_to_tiles::key;
 use crate::streaming::voxel_snapshots::VoxelSnapshot;
+use mapping::octree::{Octree, SurfaceVoxel};
+use mapping::voxel::VoxelIndex;
+use measurement::time::RobotTime;
 
 /// Why a file of voxels could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -212,9 +212,9 @@ fn class_of<'a>(voxel: VoxelIndex, cells: &impl Fn(TileKey) -> Option<&'a TileCe
 mod tests {
     use super::super::octomap_bt::BtReader;
     use super::*;
-    use crate::mapping::octree::{Ray, VoxelState};
-    use crate::mapping::octree_config::{OctreeConfig, RangeSensorModel};
-    use crate::mapping::registered_scan::SensorId;
+    use mapping::octree::{Ray, VoxelState};
+    use mapping::octree_config::{OctreeConfig, RangeSensorModel};
+    use mapping::registered_scan::SensorId;
 
     #[test]
     fn the_tree_has_all_that_it_has_room_for_and_the_rest_is_counted() {

@@ -20,7 +20,7 @@ use super::open_sessions::OpenSessions;
 use super::outgoing::Outgoing;
 use super::publish_state::PublishState;
 use super::sessions::Endpoints;
-use crate::clock::{self, Monotonic};
+use crate::clock;
 use crate::credentials::OperatorList;
 use crate::driving::operators::PendingOperatorList;
 use crate::driving::{Inbox, SharedDriveState};
@@ -119,7 +119,7 @@ impl LinkServer {
     /// Keeps sessions open until the link closes: those who may connect are always those of the newest list.
     fn serve(mut self, sessions: OpenSessions) {
         let mut sessions = Some(sessions);
-        while clock::sleep_until(Monotonic::now() + LIST_CHECK_PERIOD, || {
+        while clock::sleep_until(clock::now() + LIST_CHECK_PERIOD, || {
             self.publish_state.is_closing()
         }) {
             let Some(newer) = self.settings.newer_operators.take() else {
@@ -132,7 +132,7 @@ impl LinkServer {
             if is_same || endpoints.listen.is_empty() {
                 continue;
             }
-            let began = Monotonic::now();
+            let began = clock::now();
             let message =
                 "all links are closed, and opened anew for those on the newer list of operators";
             self.publish_event("access", message.to_owned());
@@ -142,7 +142,7 @@ impl LinkServer {
             }
             sessions = self.reopen();
             if sessions.is_some() {
-                let took_ms = began.elapsed().as_millis();
+                let took_ms = clock::elapsed(began).as_millis();
                 let message =
                     format!("links are open by the newer list of operators, after {took_ms} ms");
                 self.publish_event("access", message);
@@ -152,13 +152,13 @@ impl LinkServer {
 
     /// Opens the sessions, however often it takes; `None` where the link closes meanwhile.
     fn reopen(&self) -> Option<OpenSessions> {
-        let began = Monotonic::now();
+        let began = clock::now();
         let mut warning_due = began + COMPLAINT_DELAY;
         while !self.publish_state.is_closing() {
             match OpenSessions::open(self) {
                 Ok(sessions) => return Some(sessions),
                 Err(why) => {
-                    let now = Monotonic::now();
+                    let now = clock::now();
                     if now >= warning_due {
                         warning_due = now + REPEAT_INTERVAL;
                         tracing::error!(%why, "the links cannot be opened anew");
@@ -169,12 +169,12 @@ impl LinkServer {
                     }
                 }
             }
-            let pause = if began.elapsed() < COMPLAINT_DELAY {
+            let pause = if clock::elapsed(began) < COMPLAINT_DELAY {
                 RETRY_PERIOD
             } else {
                 10 * RETRY_PERIOD
             };
-            clock::sleep_until(Monotonic::now() + pause, || self.publish_state.is_closing());
+            clock::sleep_until(clock::now() + pause, || self.publish_state.is_closing());
         }
         None
     }

@@ -11,12 +11,12 @@ use protocol::message::{
 };
 use protocol::tile::TileKey;
 
-use crate::clock::Monotonic;
-use crate::mapping::registered_scan::SensorId;
-use crate::robot_time::RobotTime;
 use crate::streaming::tile_queue::TileQueue;
 use crate::streaming::trajectory::SharedTrajectory;
 use crate::streaming::voxel_snapshots::{VoxelSnapshot, VoxelSnapshots};
+use mapping::registered_scan::SensorId;
+use measurement::time::Monotonic;
+use measurement::time::RobotTime;
 
 /// Events that wait to be told at most; the oldest goes.
 const MAX_EVENTS: usize = 256;

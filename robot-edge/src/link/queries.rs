@@ -14,7 +14,7 @@ use zenoh::query::Query;
 
 use super::open_sessions::{Context, payload};
 use super::outgoing::Outgoing;
-use crate::clock::Monotonic;
+use crate::clock;
 use crate::streaming::replies;
 
 /// Longest wait before it is asked whether the link closes.
@@ -80,9 +80,7 @@ fn answer(
             messages(out, stamp_ns, &[news])
         }
         Topic::Voxels => {
-            let (stamp_ns, reply) = context
-                .publish_state
-                .voxels(request(query)?, Monotonic::now());
+            let (stamp_ns, reply) = context.publish_state.voxels(request(query)?, clock::now());
             messages(out, stamp_ns, &[reply])
         }
         Topic::Trajectory => {

@@ -7,9 +7,9 @@ use protocol::keys::Topic;
 use super::open_sessions::Context;
 use super::outgoing::Outgoing;
 use super::streams::{cell_m, put_bulk};
-use crate::clock::Monotonic;
 use crate::streaming::replies::with_store;
 use crate::streaming::token_bucket::TokenBucket;
+use measurement::time::Monotonic;
 
 /// Sweeps are not pushed more often.
 const SCAN_PERIOD: Duration = Duration::from_millis(200);

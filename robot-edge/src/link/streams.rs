@@ -16,11 +16,12 @@ use super::LinkError;
 use super::open_sessions::Context;
 use super::outgoing::Outgoing;
 use super::scan_push::ScanPush;
-use crate::clock::{self, Monotonic};
+use crate::clock;
 use crate::driving::SharedDriveState;
 use crate::events::event;
 use crate::streaming::bandwidth_limiter::BandwidthLimiter;
 use crate::streaming::replies::{self, with_store};
+use measurement::time::Monotonic;
 
 const POSE_PERIOD: Duration = Duration::from_millis(50);
 /// While somebody drives, or is about to: with each pose goes a token, and a command is as old as its token.
@@ -70,7 +71,7 @@ impl TopicPublishers {
 
 /// Sends pose, status, events and map heads until the link closes.
 pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPublishers) {
-    let start = Monotonic::now();
+    let start = clock::now();
     let mut next = start;
     let [mut status_due, mut head_due, mut changed_head_due] = [Due(start); 3];
     let mut announced: Option<MapHead> = None;
@@ -83,7 +84,7 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPu
             POSE_PERIOD
         };
         // What a suspended machine missed is not made up for.
-        next = (next + period).max(Monotonic::now());
+        next = (next + period).max(clock::now());
         let is_open = clock::sleep_until(next, || context.is_closing());
         // Somebody new should know at once, and the last word is a head behind a status that says so. It is said also
         // where the link closes at once: an end would be taken for a link that is lost.
@@ -91,7 +92,7 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPu
         if !is_open && !is_requested {
             return;
         }
-        let now = Monotonic::now();
+        let now = clock::now();
         let mut stamp_ns = 0;
         if let Some((stamp, mut pose)) = context.publish_state.pose() {
             stamp_ns = stamp.as_nanos();
@@ -165,16 +166,16 @@ fn put(publisher: &Publisher<'static>, message: Option<Vec<u8>>) {
 
 /// Sends changed tiles, nearest first, and shores that changed, inside the budget, until the link closes.
 pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder) {
-    let mut next = Monotonic::now();
+    let mut next = clock::now();
     let mut bandwidth_limiter = BandwidthLimiter::new(context.budget_kbps, next);
     let mut shores = ShoresPush::new(next);
     let mut scans = ScanPush::new(context.budget_kbps, next);
     loop {
-        next = (next + TILES_PERIOD).max(Monotonic::now());
+        next = (next + TILES_PERIOD).max(clock::now());
         if !clock::sleep_until(next, || context.is_closing()) {
             return;
         }
-        let now = Monotonic::now();
+        let now = clock::now();
         if let Some(drive_state) = &context.drive_state {
             bandwidth_limiter.set_budget(drive_state.budget_kbps());
             scans.set_budget(drive_state.budget_kbps());
@@ -204,7 +205,7 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder
             bandwidth_limiter.spent(scans.send(context, out, now));
         }
         let mut has_sent = false;
-        while bandwidth_limiter.allows(Monotonic::now()) {
+        while bandwidth_limiter.allows(clock::now()) {
             let keys = next_tiles(context, &near);
             if keys.is_empty() {
                 break;
@@ -214,7 +215,7 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder
                 for (stamp_ns, band) in replies::bands(&context.store, &mut encoder, key) {
                     let message = out.message(stamp_ns, &band);
                     let bytes = message.map_or(0, |message| send_band(context, key, message));
-                    bandwidth_limiter.pushed(band.revision, bytes, Monotonic::now());
+                    bandwidth_limiter.pushed(band.revision, bytes, clock::now());
                 }
             }
         }

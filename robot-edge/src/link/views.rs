@@ -9,7 +9,7 @@ use zenoh::Wait;
 
 use super::LinkError;
 use super::open_sessions::{Context, payload};
-use crate::clock::Monotonic;
+use crate::clock;
 
 /// A view is small; what is longer is none.
 const MAX_VIEW_BYTES: usize = 256;
@@ -33,7 +33,7 @@ pub(super) fn watch(context: &Arc<Context>) -> Result<(), LinkError> {
                 .and_then(|bytes| wire::decode::<View>(&bytes).ok());
             match view {
                 Some((_, view)) if view.rectangle_m.iter().all(|edge| edge.is_finite()) => {
-                    publish_state.set_view(session.to_owned(), view, Monotonic::now());
+                    publish_state.set_view(session.to_owned(), view, clock::now());
                 }
                 Some(_) | None => publish_state.count_rejected(),
             }

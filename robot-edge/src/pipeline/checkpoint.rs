@@ -3,13 +3,13 @@
 use protocol::message::Shores;
 
 use super::{Maps, MapsReport};
-use crate::localization::geodesy::GeodeticPoint;
-use crate::mapping::Mapper;
-use crate::mapping::cost_map::CostMap;
-use crate::mapping::occupancy_grid::OccupancyGrid;
-use crate::mapping::terrain::Terrain;
-use crate::robot_time::RobotTime;
 use crate::streaming::publisher::{PublishError, PublisherState};
+use localization::geodesy::GeodeticPoint;
+use mapping::Mapper;
+use mapping::cost_map::CostMap;
+use mapping::occupancy_grid::OccupancyGrid;
+use mapping::terrain::Terrain;
+use measurement::time::RobotTime;
 
 /// All that [`Maps`] know at one time of the data.
 #[derive(Clone, Debug)]

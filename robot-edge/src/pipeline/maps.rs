@@ -4,18 +4,18 @@ use protocol::message::Shores;
 use protocol::tile::{BootId, TileKey};
 
 use super::{MapEvent, ScanObserver};
-use crate::clock::Monotonic;
+use crate::clock;
 use crate::config::Config;
-use crate::drops::{DropCounts, DropReason};
-use crate::localization::config::OnJump;
-use crate::localization::geodesy::GeodeticPoint;
-use crate::localization::pose_jump::PoseJump;
-use crate::localization::registration::RegistrationOutput;
-use crate::mapping::Mapper;
-use crate::robot_time::{RobotDuration, RobotTime};
 use crate::streaming::publisher::{PublishError, Publisher};
 use crate::streaming::shores::shores;
 use crate::summary::StageTimer;
+use localization::config::OnJump;
+use localization::geodesy::GeodeticPoint;
+use localization::pose_jump::PoseJump;
+use localization::registration::RegistrationOutput;
+use mapping::Mapper;
+use measurement::drops::{DropCounts, DropReason};
+use measurement::time::{RobotDuration, RobotTime};
 
 /// Maps and publishes. It owns no thread: whoever holds it calls it.
 pub struct Maps {
@@ -112,9 +112,9 @@ impl Maps {
                 return Ok(());
             }
         };
-        let started = Monotonic::now();
+        let started = clock::now();
         let map = self.mapper.integrate(scan);
-        self.report.stages.mapping.record(started.elapsed());
+        self.report.stages.mapping.record(clock::elapsed(started));
         self.report.scans_mapped += 1;
         self.last_scan = Some(scan.stamp);
         self.report.hits += map.hits;
@@ -159,7 +159,7 @@ impl Maps {
         self.publish()
     }
 
-    /// Where on Earth the origin of `odom` lies, as [`ScanRegistration::datum`](crate::localization::registration::ScanRegistration::datum)
+    /// Where on Earth the origin of `odom` lies, as [`ScanRegistration::datum`](localization::registration::ScanRegistration::datum)
     /// tells it: shores are told with it.
     pub const fn set_datum(&mut self, datum: Option<GeodeticPoint>) {
         self.datum = datum;
@@ -214,11 +214,11 @@ impl Maps {
     }
 
     fn publish(&mut self) -> Result<(), PublishError> {
-        let started = Monotonic::now();
+        let started = clock::now();
         // Before the first scan there is nothing to publish.
         let stamp = self.last_scan.unwrap_or_default();
         self.publisher.publish(&mut self.mapper, stamp)?;
-        self.report.stages.publish.record(started.elapsed());
+        self.report.stages.publish.record(clock::elapsed(started));
         Ok(())
     }
 

@@ -8,12 +8,12 @@ use protocol::message::Shores;
 
 use super::{Maps, MapsReport, ScanObserver};
 use crate::config::Config;
-use crate::localization::config::OnJump;
-use crate::localization::registration::RegistrationOutput;
-use crate::mapping::Mapper;
-use crate::mapping::octree::Octree;
-use crate::robot_time::RobotTime;
 use crate::streaming::publisher::{PublishError, ReplacedTiles};
+use localization::config::OnJump;
+use localization::registration::RegistrationOutput;
+use mapping::Mapper;
+use mapping::octree::Octree;
+use measurement::time::RobotTime;
 
 /// What was published for a standstill.
 #[derive(Debug)]

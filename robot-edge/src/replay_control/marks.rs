@@ -1,6 +1,6 @@
 //! What happened at which time of a recording.
 
-use crate::robot_time::RobotDuration;
+use measurement::time::RobotDuration;
 
 /// Marks that are kept; of more, the first.
 pub const MAX_MARKS: usize = 500;

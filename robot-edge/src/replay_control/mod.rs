@@ -11,9 +11,10 @@ mod trail;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use crate::clock::Monotonic;
+use crate::clock;
 use crate::pacer::Rate;
-use crate::robot_time::RobotDuration;
+use measurement::time::Monotonic;
+use measurement::time::RobotDuration;
 
 pub use marks::{MAX_MARKS, TimelineMark};
 pub(crate) use rate_meter::RateMeter;
@@ -264,7 +265,7 @@ impl ReplayControl {
             if state.commands != known || is_interrupted() {
                 return false;
             }
-            let rest = deadline.since(Monotonic::now());
+            let rest = deadline.since(clock::now());
             if rest.is_zero() {
                 return true;
             }

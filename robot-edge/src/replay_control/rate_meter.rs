@@ -3,8 +3,8 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use crate::clock::Monotonic;
-use crate::robot_time::RobotDuration;
+use measurement::time::Monotonic;
+use measurement::time::RobotDuration;
 
 /// Over this much of the past.
 const WINDOW: Duration = Duration::from_secs(1);

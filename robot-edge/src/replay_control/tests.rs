@@ -1,4 +1,5 @@
 use super::*;
+use crate::clock;
 
 const fn ms(ms: i64) -> RobotDuration {
     RobotDuration::from_millis(ms)
@@ -119,14 +120,14 @@ fn rates_are_kept_within_their_limits() {
 fn a_wish_wakes_who_sleeps() {
     let control = at(ms(0), false);
     let known = control.take_commands();
-    let far = Monotonic::now() + Duration::from_hours(1);
+    let far = clock::now() + Duration::from_hours(1);
     let sleeper = std::thread::spawn({
         let control = control.clone();
         move || control.sleep_until(far, known, || false)
     });
     control.pause();
     assert!(!sleeper.join().unwrap());
-    let (now, known) = (Monotonic::now(), control.take_commands());
+    let (now, known) = (clock::now(), control.take_commands());
     assert!(control.sleep_until(now, known, || false));
     assert!(!control.sleep_until(far, known, || true), "interrupted");
 }

@@ -4,12 +4,12 @@ use protocol::message::{FieldOfView, SensorInfo, SensorKind, SensorMount};
 
 use super::geometry::{DetectedGeometry, sensor_mount};
 use crate::config::{Config, FixesAndAttitude, RangeSensorConfig, SensorConfig, WheelsAndAttitude};
-use crate::localization::beam_range::{RangeLimits, ZeroRange};
-use crate::localization::registration::{
+use localization::beam_range::{RangeLimits, ZeroRange};
+use localization::registration::{
     MountOrigin, PoseOrigin, RangeSensorSettings, RegistrationSettings,
 };
-use crate::mapping::registered_scan::SensorId;
-use crate::measurement::{FrameId, Measurement, MeasurementData, StreamId};
+use mapping::registered_scan::SensorId;
+use measurement::{FrameId, Measurement, MeasurementData, StreamId};
 
 /// A sensor to be watched.
 #[derive(Clone, Debug)]

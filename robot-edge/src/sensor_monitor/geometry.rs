@@ -3,10 +3,10 @@
 use nalgebra::{Point3, Vector3};
 use protocol::message::{FieldOfView, SensorInfo, SensorMount};
 
-use crate::localization::beam_projection::SensorSettings;
-use crate::mapping::registered_scan::{RegisteredBeam, RegisteredScan};
-use crate::measurement::{Measurement, MeasurementData};
-use crate::pose::Pose;
+use localization::beam_projection::SensorSettings;
+use mapping::registered_scan::{RegisteredBeam, RegisteredScan};
+use measurement::pose::Pose;
+use measurement::{Measurement, MeasurementData};
 
 /// Angles between two beams that tell left from right, radians.
 const MIN_SIDE_ANGLE_RAD: f64 = 0.2;

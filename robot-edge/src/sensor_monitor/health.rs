@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use protocol::message::SensorFault;
 
-use crate::robot_time::RobotTime;
+use measurement::time::RobotTime;
 
 /// Rates are measured over this.
 const RATE_WINDOW: Duration = Duration::from_secs(5);

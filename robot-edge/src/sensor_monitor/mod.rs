@@ -16,10 +16,10 @@ pub use descriptors::{MeasurementSelector, SensorDescriptor, descriptors};
 use geometry::DetectedGeometry;
 use health::SensorHealth;
 
-use crate::drops::DropReason;
-use crate::localization::registration::{RegistrationCounts, SensorCounts};
-use crate::mapping::registered_scan::{RegisteredScan, SensorId};
-use crate::measurement::Measurement;
+use localization::registration::{RegistrationCounts, SensorCounts};
+use mapping::registered_scan::{RegisteredScan, SensorId};
+use measurement::Measurement;
+use measurement::drops::DropReason;
 
 /// Between two looks at the sensors.
 const CHECK_PERIOD: Duration = Duration::from_millis(250);

@@ -7,14 +7,12 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::config::{Config, load};
-use crate::localization::registration::{
-    MountOrigin, PoseOrigin, PoseStreams, RegistrationSettings,
-};
-use crate::mapping::registered_scan::{BeamOutcome, RegisteredBeam};
-use crate::measurement::{GeodeticFix, MeasurementData, StreamId};
-use crate::pose::Pose;
-use crate::robot_time::{RobotDuration, RobotTime};
-use crate::scan::Scan;
+use localization::registration::{MountOrigin, PoseOrigin, PoseStreams, RegistrationSettings};
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam};
+use measurement::pose::Pose;
+use measurement::scan::Scan;
+use measurement::time::{RobotDuration, RobotTime};
+use measurement::{GeodeticFix, MeasurementData, StreamId};
 
 const LASER: StreamId = StreamId(1);
 /// Of the stamps: what they begin with says nothing.
@@ -365,7 +363,7 @@ fn a_sonar_that_measures_nothing_may_be_too_near_to_the_bottom() {
 fn losses_are_those_of_the_sensor() {
     let mut monitor = laser(None);
     let mut counts = RegistrationCounts::default();
-    let mut of_laser = crate::localization::registration::SensorCounts::default();
+    let mut of_laser = localization::registration::SensorCounts::default();
     of_laser.dropped_scans.add_many(DropReason::PoseGap, 3);
     of_laser.dropped_scans.add(DropReason::NoPose);
     counts.sensors.push(of_laser);

@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use super::token_bucket::TokenBucket;
-use crate::clock::Monotonic;
+use measurement::time::Monotonic;
 
 /// A push that no console has acknowledged after this long means that the link lags.
 const LAG_THRESHOLD: Duration = Duration::from_millis(1500);

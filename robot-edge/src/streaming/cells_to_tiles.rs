@@ -3,13 +3,13 @@
 use protocol::layer::{LayerId, UNKNOWN};
 use protocol::tile::{TileCells, TileKey};
 
-use crate::mapping::cost_map::CostCell;
-use crate::mapping::elevation_cell::{CellClass, ElevationCell};
-use crate::mapping::grid::{GridTile, TILE_EDGE, TileIndex};
-use crate::mapping::log_odds::LogOdds;
-use crate::mapping::obstacle_voxel::Rigidity;
-use crate::mapping::shore::ShoreClass;
-use crate::mapping::shore_layer::ShoreCell;
+use mapping::cost_map::CostCell;
+use mapping::elevation_cell::{CellClass, ElevationCell};
+use mapping::grid::{GridTile, TILE_EDGE, TileIndex};
+use mapping::log_odds::LogOdds;
+use mapping::obstacle_voxel::Rigidity;
+use mapping::shore::ShoreClass;
+use mapping::shore_layer::ShoreCell;
 
 /// Turns cells of the mapping core into the codes that are published.
 #[derive(Clone, Debug)]
@@ -122,7 +122,7 @@ pub(super) fn uniform_tile(code: u16) -> TileCells {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mapping::grid::TiledGrid;
+    use mapping::grid::TiledGrid;
 
     #[test]
     fn log_odds_become_probabilities_in_steps_of_a_250th() {

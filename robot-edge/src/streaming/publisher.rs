@@ -9,12 +9,12 @@ use protocol::tile::{BootId, TILE_CELLS, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, Publication, StoreError, StoredTile, TileStore};
 
 use super::cells_to_tiles::{CellCoder, fill_unknown, key, set_code};
-use crate::mapping::Mapper;
-use crate::mapping::cost_map::{CostCell, CostMap};
-use crate::mapping::grid::{CellIndex, TileIndex};
-use crate::mapping::terrain::Terrain;
-use crate::mapping::voxel_layers::VoxelLayers;
-use crate::robot_time::RobotTime;
+use mapping::Mapper;
+use mapping::cost_map::{CostCell, CostMap};
+use mapping::grid::{CellIndex, TileIndex};
+use mapping::terrain::Terrain;
+use mapping::voxel_layers::VoxelLayers;
+use measurement::time::RobotTime;
 
 mod checkpoint;
 mod undo;

@@ -2,7 +2,7 @@
 
 use protocol::message::{MAX_SCAN_POINTS, Scan};
 
-use crate::mapping::registered_scan::{BeamOutcome, RegisteredScan};
+use mapping::registered_scan::{BeamOutcome, RegisteredScan};
 
 /// What a sweep of the sensor `name` shows, in at most [`MAX_SCAN_POINTS`] points; `None` where it hit nothing.
 ///
@@ -38,9 +38,9 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::mapping::registered_scan::{RegisteredBeam, SensorId};
-    use crate::pose::Pose;
-    use crate::robot_time::RobotTime;
+    use mapping::registered_scan::{RegisteredBeam, SensorId};
+    use measurement::pose::Pose;
+    use measurement::time::RobotTime;
 
     /// Beams around a point 100 m east of the origin; `range_m` gives the range of each, negative for a miss.
     fn scan(beams: u32, range_m: impl Fn(u32) -> f32) -> RegisteredScan {

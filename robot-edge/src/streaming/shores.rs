@@ -3,10 +3,10 @@
 use protocol::message::{self, Shores};
 use protocol::shores::convex_outline;
 
-use crate::localization::geodesy::GeodeticPoint;
-use crate::mapping::docking::DockingSite;
-use crate::mapping::shore::{ShoreClass, ShoreCluster};
-use crate::mapping::shore_layer::ShoreLayer;
+use localization::geodesy::GeodeticPoint;
+use mapping::docking::DockingSite;
+use mapping::shore::{ShoreClass, ShoreCluster};
+use mapping::shore_layer::ShoreLayer;
 
 /// All that is known of shores, in cells of `cell_m`; `datum` is where on Earth `odom` is.
 pub fn shores(layer: &ShoreLayer, cell_m: f64, datum: Option<GeodeticPoint>) -> Shores {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::clock::Monotonic;
+use measurement::time::Monotonic;
 
 /// What may be sent at once after a pause, as time at the full rate.
 const BURST: Duration = Duration::from_millis(250);

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use protocol::export::StampedPose;
 use protocol::message::{TrajectoryPart, TrajectoryRequest};
 
-use crate::mapping::registered_scan::RegisteredScan;
+use mapping::registered_scan::RegisteredScan;
 
 /// Poses kept: 64 MB. A longer trajectory is thinned to every second pose, again and again. Even, so that the next pose is kept.
 const MAX_POSES: usize = 1_000_000;

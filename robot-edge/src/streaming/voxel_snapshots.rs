@@ -10,8 +10,8 @@ use std::time::Duration;
 use protocol::message::{MAX_PART_BYTES, VoxelFile, VoxelsPart, VoxelsReply, VoxelsRequest};
 use protocol::packed_file::PackedFile;
 
-use crate::clock::Monotonic;
-use crate::robot_time::RobotTime;
+use measurement::time::Monotonic;
+use measurement::time::RobotTime;
 
 /// Moments that are kept: one that somebody still fetches, and a newer one for others.
 const MAX_CACHED: usize = 2;
@@ -97,7 +97,7 @@ impl VoxelSnapshots {
         match self.request_state {
             RequestState::None => self.request_state = RequestState::Requested,
             RequestState::Failed(at) if now.since(at) >= MAX_AGE => {
-                self.request_state = RequestState::Requested
+                self.request_state = RequestState::Requested;
             }
             RequestState::Requested | RequestState::InProgress | RequestState::Failed(_) => {}
         }

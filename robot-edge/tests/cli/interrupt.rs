@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
@@ -39,11 +39,14 @@ impl Running {
     /// Returns when `condition` holds; fails when the process ends before, or patience does.
     #[track_caller]
     fn wait_until(&mut self, what: &str, condition: impl Fn() -> bool) {
-        let started = Monotonic::now();
+        let started = clock::now();
         while !condition() {
             let has_ended = self.child().try_wait().unwrap().is_some();
             assert!(!has_ended, "it ended before {what}: {:#?}", self.end());
-            assert!(started.elapsed() < TIMEOUT, "waited too long until {what}");
+            assert!(
+                clock::elapsed(started) < TIMEOUT,
+                "waited too long until {what}"
+            );
             std::thread::sleep(NAP);
         }
     }
@@ -56,9 +59,12 @@ impl Running {
     /// Waits for the end; fails when patience ends before.
     #[track_caller]
     fn end(&mut self) -> Ended {
-        let started = Monotonic::now();
+        let started = clock::now();
         while self.child().try_wait().unwrap().is_none() {
-            assert!(started.elapsed() < TIMEOUT, "waited too long for its end");
+            assert!(
+                clock::elapsed(started) < TIMEOUT,
+                "waited too long for its end"
+            );
             std::thread::sleep(NAP);
         }
         self.0.take().unwrap().wait_with_output().unwrap().into()
@@ -92,10 +98,10 @@ fn interrupted(command: &mut Command, bytes: u64, signal: Signal) -> (Value, End
             .arg(place("s.json")),
     );
     running.wait_until("its recording has grown", || size(&place("r.mcap")) > bytes);
-    let stopped = Monotonic::now();
+    let stopped = clock::now();
     running.send(signal);
     let ended = running.end();
-    let took = stopped.elapsed();
+    let took = clock::elapsed(stopped);
     let complaints: Vec<_> = ended
         .stderr
         .lines()
@@ -233,12 +239,12 @@ fn the_second_interrupt_ends_the_process_at_once() {
     running.wait_until("its maps are written", || {
         size(&place("maps/trajectory.tum")) > 0
     });
-    let stopped = Monotonic::now();
+    let stopped = clock::now();
     running.send(Signal::INT);
     let ended = running.end();
     assert_eq!(
         (ended.code, ended.stdout.as_str(), ended.stderr.as_str()),
         (Some(130), "", "")
     );
-    assert!(stopped.elapsed() < Duration::from_secs(2));
+    assert!(clock::elapsed(stopped) < Duration::from_secs(2));
 }

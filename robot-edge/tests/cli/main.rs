@@ -17,7 +17,7 @@ mod process;
 mod record;
 mod recordings_of_others;
 mod recover;
-#[path = "../../src/recording/shared_data.rs"]
+#[path = "../../recording/src/shared_data.rs"]
 mod shared_data;
 #[path = "../../../tests/tests/all/skip.rs"]
 mod skip;

@@ -3,11 +3,11 @@
 use std::fs;
 use std::path::Path;
 
+use measurement::pose::Pose;
+use measurement::{ImuSample, Measurement, MeasurementData, Stream};
 use nalgebra::{Point3, Vector3};
-use robot_edge::measurement::{ImuSample, Measurement, MeasurementData, Stream};
-use robot_edge::pose::Pose;
-use robot_edge::recording::writer::McapWriter;
-use robot_edge::recording::{Selection, open};
+use recording::writer::McapWriter;
+use recording::{Selection, open};
 
 use crate::process::{Ended, events, read_json, robot_edge, rooms, run};
 

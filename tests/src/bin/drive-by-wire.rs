@@ -26,7 +26,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use foreshore_tests::operator::{Input, Operator};
-use robot_edge::clock::{Monotonic, sleep_until};
+use robot_edge::clock::{self, sleep_until};
 use robot_edge::credentials::Credentials;
 use robot_edge::link::endpoints::Channel;
 use robot_edge::link::sessions::{self, Endpoints, Side};
@@ -99,9 +99,9 @@ fn connect(endpoint: &str, folder: &Path) {
         credentials: Some(Credentials::open(folder).unwrap()),
         ..Endpoints::default()
     };
-    let started = Monotonic::now();
+    let started = clock::now();
     let session = sessions::open(Side::Console, Channel::Control, &endpoints);
-    let taken_ms = started.elapsed().as_millis();
+    let taken_ms = clock::elapsed(started).as_millis();
     let session = match session {
         Ok(session) => session,
         Err(err) => return say(&format!("{taken_ms} ms {err}")),
@@ -122,9 +122,9 @@ fn knock(
     let packets: Vec<_> = files
         .map(|file| fs::read(file.unwrap().path()).unwrap())
         .collect();
-    let started = Monotonic::now();
+    let started = clock::now();
     let (mut open, mut knocks) = (Vec::new(), 0_u32);
-    while started.elapsed() < time {
+    while clock::elapsed(started) < time {
         let due = started + Duration::from_secs(1) * knocks / knocks_per_s;
         sleep_until(due, || false);
         // From another port each time, so that it is another connection.

@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 use super::{DriveLog, Round};
 use crate::operator::{Input, Journal, Sent};

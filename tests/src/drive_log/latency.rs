@@ -33,7 +33,7 @@ pub fn press_latencies(log: &DriveLog, journal: &Journal) -> Vec<Option<Duration
 
 #[cfg(test)]
 mod tests {
-    use robot_edge::clock::Monotonic;
+    use measurement::time::Monotonic;
 
     use super::*;
     use crate::drive_log::Round;

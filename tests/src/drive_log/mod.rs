@@ -5,7 +5,7 @@ mod latency;
 
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 pub use evaluation::{Evaluation, Limits, Stop, evaluate};
 pub use latency::press_latencies;

@@ -6,7 +6,7 @@ use protocol::keys::operator_key;
 use protocol::message::{Answer, LeaseRequest, Refusal, TeleopState};
 use protocol::signed::Command;
 use protocol::wire;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use std::sync::Arc;
 use std::thread::sleep;
 use std::time::Duration;
@@ -16,8 +16,8 @@ impl Operator {
     /// Asks until there is an answer, with a new token and `seq` each time.
     pub fn ask<T: Command>(&mut self, command: &T) -> Answer {
         let key = operator_key(&self.robot, &self.name, T::TOPIC);
-        let started = Monotonic::now();
-        while started.elapsed() < TIMEOUT {
+        let started = clock::now();
+        while clock::elapsed(started) < TIMEOUT {
             let message = self.signed(command);
             let query = self.session.get(key.clone()).payload(message);
             let replies = query.timeout(REPLY_TIMEOUT).wait();
@@ -32,7 +32,7 @@ impl Operator {
 
     /// Asks for the lease until it is granted, or for `TIMEOUT`.
     pub fn take_lease(&mut self) {
-        let started = Monotonic::now();
+        let started = clock::now();
         loop {
             match self.ask(&LeaseRequest::Request) {
                 Answer::Granted(epoch) => {
@@ -41,14 +41,14 @@ impl Operator {
                 }
                 // The link has just come back: the newest token has not, or what was held back takes the rate.
                 Answer::Refused(Refusal::TooOld | Refusal::UnknownToken | Refusal::TooMany)
-                    if started.elapsed() < TIMEOUT =>
+                    if clock::elapsed(started) < TIMEOUT =>
                 {
                     sleep(PERIOD);
                 }
                 // It has to stand first. What is granted and not heard of in time has to be asked for again.
-                Answer::Waiting if started.elapsed() < TIMEOUT => {
-                    let asked = Monotonic::now();
-                    while asked.elapsed() < Duration::from_secs(1) {
+                Answer::Waiting if clock::elapsed(started) < TIMEOUT => {
+                    let asked = clock::now();
+                    while clock::elapsed(asked) < Duration::from_secs(1) {
                         let lease = self.teleop().map(|teleop| teleop.lease);
                         let granted =
                             lease.filter(|lease| lease.holder.as_ref() == Some(&self.name));
@@ -81,20 +81,22 @@ impl Operator {
             self.take_lease();
         }
         let received = Arc::clone(&self.received);
-        let started = Monotonic::now();
+        let started = clock::now();
         loop {
             self.hold(Input::NEUTRAL, NEUTRAL);
             lock(&received).status = None;
-            let pressed = Monotonic::now();
+            let pressed = clock::now();
             let teleop = || lock(&received).status.as_ref()?.teleop.clone();
             let drives = || teleop().is_some_and(|teleop| teleop.state == TeleopState::Driving);
-            self.hold_until(input, || drives() || pressed.elapsed() > PRESSED_AGAIN);
+            self.hold_until(input, || {
+                drives() || clock::elapsed(pressed) > PRESSED_AGAIN
+            });
             if drives() {
                 return;
             }
             let teleop = teleop();
             assert!(
-                started.elapsed() < TIMEOUT,
+                clock::elapsed(started) < TIMEOUT,
                 "it does not set off: {teleop:?}"
             );
         }

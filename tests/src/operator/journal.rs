@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 use super::Input;
 

@@ -23,7 +23,7 @@ use std::time::Duration;
 use protocol::keys::{OperatorId, OperatorTopic, RobotId, operator_key};
 use protocol::message::{Drive, Pose, SensorStatus, TeleopStatus};
 use protocol::signed::{Command, CommandHeader, Route, SecretKey, sign};
-use robot_edge::clock::{Monotonic, sleep_until};
+use robot_edge::clock::{self, sleep_until};
 use robot_edge::credentials::{Credentials, Identity};
 use robot_edge::link::endpoints::Channel;
 use robot_edge::link::sessions::{self, Endpoints, Side};
@@ -203,13 +203,13 @@ impl Operator {
         what: &str,
         is_so: impl Fn(&TeleopStatus) -> bool,
     ) -> TeleopStatus {
-        let started = Monotonic::now();
+        let started = clock::now();
         loop {
             let teleop = self.teleop();
             if let Some(teleop) = teleop.as_ref().filter(|teleop| is_so(teleop)) {
                 return teleop.clone();
             }
-            assert!(started.elapsed() < TIMEOUT, "not {what}: {teleop:?}");
+            assert!(clock::elapsed(started) < TIMEOUT, "not {what}: {teleop:?}");
             sleep(PERIOD);
         }
     }
@@ -244,7 +244,7 @@ impl Operator {
             },
         );
         let sent = Sent {
-            at: Monotonic::now(),
+            at: clock::now(),
             seq: self.seq,
             epoch: self.epoch,
             token: newest.token.n,
@@ -261,13 +261,13 @@ impl Operator {
 
     /// Holds this for a time; the last command, for whoever wants to send it again.
     pub fn hold(&mut self, input: Input, time: Duration) -> Vec<u8> {
-        let until = Monotonic::now() + time;
-        self.hold_until(input, || Monotonic::now() >= until)
+        let until = clock::now() + time;
+        self.hold_until(input, || clock::now() >= until)
     }
 
     /// Holds this until it is asked not to.
     pub fn hold_until(&mut self, input: Input, is_over: impl Fn() -> bool) -> Vec<u8> {
-        let mut next = Monotonic::now();
+        let mut next = clock::now();
         loop {
             let mut last = self.command(input);
             if input != self.pressed {
@@ -278,7 +278,7 @@ impl Operator {
                 self.pressed = input;
             }
             // What was missed is not made up for.
-            next = (next + PERIOD).max(Monotonic::now());
+            next = (next + PERIOD).max(clock::now());
             sleep_until(next, || false);
             if is_over() {
                 return last;
@@ -316,14 +316,14 @@ impl Operator {
     }
 
     fn wait_until<T>(&self, what: &str, find: impl Fn() -> Option<T>) -> T {
-        let started = Monotonic::now();
+        let started = clock::now();
         loop {
             if let Some(found) = find() {
                 return found;
             }
             let name = &self.name;
             assert!(
-                started.elapsed() < TIMEOUT,
+                clock::elapsed(started) < TIMEOUT,
                 "{name} waits for {what} in vain"
             );
             sleep(PERIOD);
@@ -338,11 +338,11 @@ pub fn connected(endpoint: &str, credentials: Option<Credentials>) -> Session {
         credentials,
         ..Endpoints::default()
     };
-    let started = Monotonic::now();
+    let started = clock::now();
     loop {
         match sessions::open(Side::Console, Channel::Control, &endpoints) {
             Ok(session) => return session,
-            Err(why) => assert!(started.elapsed() < TIMEOUT, "{why}"),
+            Err(why) => assert!(clock::elapsed(started) < TIMEOUT, "{why}"),
         }
         sleep(PERIOD);
     }

@@ -2,11 +2,12 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use measurement::time::Monotonic;
 use protocol::keys::{RobotId, Topic};
 use protocol::message::{AgeToken, Pose, Status};
 use protocol::tile::BootId;
 use protocol::wire;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use zenoh::{Session, Wait as _};
 
 /// What was heard of the robot last.
@@ -60,7 +61,7 @@ impl Received {
             self.token = Some(Token {
                 boot,
                 token,
-                received: Monotonic::now(),
+                received: clock::now(),
             });
         }
     }

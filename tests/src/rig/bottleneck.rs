@@ -5,7 +5,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 /// Most bytes that one direction holds, waiting and under way together, whatever its [`Line`] says.
 pub(super) const MAX_LOAD_BYTES: usize = 64 << 20;

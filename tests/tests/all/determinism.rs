@@ -3,6 +3,7 @@
 use std::fs;
 use std::io;
 
+use measurement::{Measurement, MeasurementData};
 use protocol::tile_store::RootDigest;
 use robot_edge::app;
 use robot_edge::cli::{
@@ -10,9 +11,8 @@ use robot_edge::cli::{
     Verbosity,
 };
 use robot_edge::exit::Exit;
-use robot_edge::measurement::{Measurement, MeasurementData};
 use robot_edge::pacer::Rate;
-use robot_edge::simulation::{SimulationOptions, World};
+use simulation::{SimulationOptions, World};
 
 use crate::simulated_run::{digest, measurements, pipeline, vehicle_config};
 

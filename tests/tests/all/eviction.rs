@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use protocol::layer::{LayerId, UNKNOWN};
 use protocol::tile::{TileCells, TileKey};
 use robot_edge::pipeline::Pipeline;
-use robot_edge::simulation::{SimulationOptions, World};
 use robot_edge::streaming::cells_to_tiles;
+use simulation::{SimulationOptions, World};
 
 use crate::simulated_run::{measurements, pipeline, vehicle_config};
 

@@ -6,8 +6,8 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use foreshore_tests::drive_log::DriveLog;
-use robot_edge::clock::Monotonic;
-use robot_edge::recording::{Selection, open};
+use recording::{Selection, open};
+use robot_edge::clock;
 use tempfile::tempdir;
 
 use crate::link::processes::{Running, free_port, program};
@@ -57,16 +57,16 @@ fn what_killed_runs_have_written_is_whole_after_three_restarts() {
     ];
     for [recording, log] in names {
         let edge = start(folder.path(), port);
-        let started = Monotonic::now();
+        let started = clock::now();
         while fs::metadata(at(recording)).map_or(0, |file| file.len()) == 0 {
-            assert!(started.elapsed() < TIMEOUT, "{recording} never came");
+            assert!(clock::elapsed(started) < TIMEOUT, "{recording} never came");
             sleep(Duration::from_millis(5));
         }
         // What is there now is of the first second.
-        let written = Monotonic::now();
+        let written = clock::now();
         sleep(RUN);
         edge.signal("KILL");
-        let killed = Monotonic::now();
+        let killed = clock::now();
         let (code, _) = edge.end();
         assert_eq!(code, None, "it was killed");
 
@@ -91,9 +91,9 @@ fn what_killed_runs_have_written_is_whole_after_three_restarts() {
         }
     }
     let edge = start(folder.path(), port);
-    let started = Monotonic::now();
+    let started = clock::now();
     while fs::metadata(at("f-4.mcap")).map_or(0, |file| file.len()) == 0 {
-        assert!(started.elapsed() < TIMEOUT, "f-4.mcap never came");
+        assert!(clock::elapsed(started) < TIMEOUT, "f-4.mcap never came");
         sleep(Duration::from_millis(5));
     }
     // Until there is a map.

@@ -1,12 +1,12 @@
 //! A jump in odometry: told, and the maps kept or erased as configured; nothing is smeared across it.
 
+use measurement::time::RobotDuration;
+use measurement::{Measurement, MeasurementData};
 use protocol::layer::LayerId;
 use robot_edge::experiments::run;
-use robot_edge::measurement::{Measurement, MeasurementData};
 use robot_edge::pipeline::{MapEvent, Pipeline};
-use robot_edge::robot_time::RobotDuration;
-use robot_edge::simulation::source::START;
-use robot_edge::simulation::{SimulatedSource, SimulationOptions, World};
+use simulation::source::START;
+use simulation::{SimulatedSource, SimulationOptions, World};
 
 /// The odometry of this drive is 5 m farther along from here on, seconds.
 const JUMP_S: f64 = 4.0;

@@ -1,12 +1,12 @@
 //! A simulated world through the edge's own pipeline, at library level.
 
+use measurement::Measurement;
 use protocol::layer::LayerId;
 use protocol::tile_store::RootDigest;
 use robot_edge::config::Config;
 use robot_edge::experiments::run;
-use robot_edge::measurement::Measurement;
 use robot_edge::pipeline::Pipeline;
-use robot_edge::simulation::{SimulatedSource, SimulationOptions, World};
+use simulation::{SimulatedSource, SimulationOptions, World};
 
 /// Everything that a run measures, in stamp order.
 pub(crate) fn measurements(world: &World, options: SimulationOptions) -> Vec<Measurement> {

@@ -1,8 +1,8 @@
 //! What menus and keys ask of the screen.
 
 use eframe::egui::Context;
+use measurement::time::RobotDuration;
 use protocol::message::LeaseRequest;
-use robot_edge::robot_time::RobotDuration;
 
 use crate::command::{Command, Look};
 use crate::map_view::{CameraMode, LayerCommand, Overlay};

@@ -1,7 +1,7 @@
 //! What is in each panel, and which of them there is room for.
 
 use eframe::egui::Ui;
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
 
 use crate::app::first_run::first_run_ui;
 use crate::command::Command;

@@ -11,6 +11,7 @@ use eframe::egui::accesskit::Role;
 use eframe::egui::{self, Color32, Key, Modifiers, Vec2, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT as _, Queryable};
+use measurement::time::RobotDuration;
 use protocol::keys::{RobotId, Topic};
 use protocol::layer::LayerId;
 use protocol::message::{
@@ -19,7 +20,6 @@ use protocol::message::{
 };
 use protocol::tile::{TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
-use robot_edge::robot_time::RobotDuration;
 use serde::Serialize;
 
 use super::*;

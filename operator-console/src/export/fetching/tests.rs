@@ -2,6 +2,7 @@ use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{Info, LayerInfo, MapHead, Pose, Status, VoxelsReply};
 use protocol::tile_store::{LayerGrid, TileStore};
+use robot_edge::clock;
 
 use super::*;
 use crate::model::{OpenSessions, Outgoing, RequestId};
@@ -81,7 +82,7 @@ fn asked(model: &ModelHandle, now: Monotonic) -> Vec<RequestId> {
 
 #[test]
 fn the_octree_is_asked_for_once_when_the_export_begins() {
-    let (hour, now) = (Duration::from_hours(1), Monotonic::now());
+    let (hour, now) = (Duration::from_hours(1), clock::now());
     let mut scout = crate::test_support::scout();
     let head = MapHead { layers: Vec::new() };
     inject(&mut scout, Topic::MapHead, &head, now);
@@ -119,7 +120,7 @@ fn who_leaves_an_export_keeps_nothing_of_the_octree() {
 fn what_is_not_shown_any_more_is_not_waited_for() {
     let mut scout = crate::test_support::scout();
     let head = MapHead { layers: Vec::new() };
-    inject(&mut scout, Topic::MapHead, &head, Monotonic::now());
+    inject(&mut scout, Topic::MapHead, &head, clock::now());
     let model = ModelHandle::of(scout);
     let mut looks = 0;
     let hour = Duration::from_hours(1);
@@ -177,9 +178,9 @@ fn the_whole_map_of_a_robot_that_has_ended_and_is_gone_is_whole() {
 fn waits(patience: Duration) -> Duration {
     let mut model = crate::test_support::scout();
     let head = MapHead { layers: Vec::new() };
-    crate::test_support::inject(&mut model, Topic::MapHead, &head, Monotonic::now());
+    crate::test_support::inject(&mut model, Topic::MapHead, &head, clock::now());
     let model = ModelHandle::of(model);
-    let started = Monotonic::now();
+    let started = clock::now();
     let fetched = fetch(&model, ExportPart::Trajectory, patience, |_| {
         ControlFlow::Continue(())
     });
@@ -188,7 +189,7 @@ fn waits(patience: Duration) -> Duration {
     };
     let why = "only what was received here: the robot sends no more of it";
     assert_eq!(way.lacks.as_deref(), Some(why));
-    started.elapsed()
+    clock::elapsed(started)
 }
 
 #[test]

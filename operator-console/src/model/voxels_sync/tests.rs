@@ -1,4 +1,4 @@
-use robot_edge::robot_time::RobotTime;
+use measurement::time::RobotTime;
 use robot_edge::streaming::voxel_snapshots::{VoxelSnapshot, VoxelSnapshots};
 
 use super::*;

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::keys::OperatorId;
 use protocol::message::{LeaseStatus, Settings, TeleopState, TeleopStatus};
-use robot_edge::clock::Monotonic;
 
 use super::gauge::{self, Gauge};
 use super::headline::{

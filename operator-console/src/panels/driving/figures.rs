@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::message::{BarrierKind, Clamp, CollisionMonitorState, TeleopStatus};
-use robot_edge::clock::Monotonic;
 
 use super::guard::{self, guard};
 use super::keys::keys;

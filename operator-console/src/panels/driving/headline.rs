@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use protocol::message::{Arming, CollisionMonitorState, StopReason, TeleopState, TeleopStatus};
-use robot_edge::clock::Monotonic;
 
 use super::guard::is_stopped_by_monitor;
 use super::input_hints::{opposing_keys, turn_only_hint};

@@ -13,12 +13,12 @@ mod strictest_limit;
 use eframe::egui::vec2;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
+use measurement::time::Monotonic;
 use protocol::keys::Topic;
 use protocol::message::{
     Answer, Arming, Barrier, BarrierKind, Clamp, CollisionMonitorState, EStopStatus, Info, Pose,
     Refusal, RefusedCount, SpeedLimits, Status, StopReason, TeleopState, TeleopStatus,
 };
-use robot_edge::clock::Monotonic;
 
 use super::*;
 use crate::model::{ConsoleModel, RequestId};

@@ -2,9 +2,9 @@ use eframe::egui::accesskit::Role;
 use eframe::egui::vec2;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
+use measurement::time::Monotonic;
 use protocol::keys::Topic;
 use protocol::message::{self, Event};
-use robot_edge::clock::Monotonic;
 
 use super::*;
 use crate::test_support::{at, console, inject};

@@ -1,4 +1,4 @@
-//! What the reasons mean, for whoever points at them. Their names are `robot_edge::drops::DropReason`'s and this
+//! What the reasons mean, for whoever points at them. Their names are `measurement::drops::DropReason`'s and this
 //! console's.
 
 /// Of a reason as the panel names it; `None` of those that are plain, and of those of newer robots.
@@ -53,7 +53,7 @@ pub(super) fn hint(name: &str) -> Option<&'static str> {
 
 #[cfg(test)]
 mod tests {
-    use robot_edge::drops::DropReason;
+    use measurement::drops::DropReason;
 
     use super::*;
     use crate::model::RejectReason;

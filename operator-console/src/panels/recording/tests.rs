@@ -5,7 +5,7 @@ use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use protocol::keys::Topic;
 use protocol::message::{Info, Refusal, Status};
-use robot_edge::teleop::Role;
+use teleop::Role;
 
 use super::*;
 use crate::model::RequestId;

@@ -4,7 +4,7 @@ use eframe::egui::{
     Align2, FontId, Pos2, Rect, Response, Sense, Shape, Stroke, TextStyle, Ui, WidgetInfo, pos2,
     vec2,
 };
-use robot_edge::robot_time::RobotDuration;
+use measurement::time::RobotDuration;
 
 use super::data::{DrawnMark, TimelineData, clock};
 use crate::theme::Tone;

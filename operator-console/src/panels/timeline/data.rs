@@ -1,8 +1,8 @@
 //! What the time line shows, in words and seconds.
 
+use measurement::time::RobotDuration;
 use robot_edge::pacer::Rate;
 use robot_edge::replay_control::{ReplayState, ReplayStatus, TimelineMark};
-use robot_edge::robot_time::RobotDuration;
 
 use crate::event_log::kind_label;
 use crate::playback::is_playing;

@@ -4,7 +4,7 @@ mod bar;
 mod data;
 
 use eframe::egui::{Align, Button, ComboBox, Layout, RichText, TextStyle, Ui, vec2};
-use robot_edge::robot_time::RobotDuration;
+use measurement::time::RobotDuration;
 
 use super::command_line::with_monospace_options;
 use crate::playback::{PlaybackCommand, RATES};

@@ -1,13 +1,11 @@
 //! A change of keys at a boat before reeds: the helm on one end of a link, on the other the vehicle's own rules.
 
-use robot_edge::config::VehicleConfig;
-use robot_edge::teleop::arbiter::StopReason as Reason;
-use robot_edge::teleop::arming::Arming as VehicleArming;
-use robot_edge::teleop::emergency_stop::StoredEStop;
-use robot_edge::teleop::{
-    self, Action, ArbiterInput, ArbiterState, CollisionMonitorOutput, Mode, SpeedLimits,
-};
-use robot_edge::teleop::{ArbiterEvent, LeaseVerb, Rules, TeleopConfig, step};
+use mapping::vehicle::VehicleConfig;
+use teleop::arbiter::StopReason as Reason;
+use teleop::arming::Arming as VehicleArming;
+use teleop::emergency_stop::StoredEStop;
+use teleop::{self, Action, ArbiterInput, ArbiterState, CollisionMonitorOutput, Mode, SpeedLimits};
+use teleop::{ArbiterEvent, LeaseVerb, Rules, TeleopConfig, step};
 
 use super::*;
 

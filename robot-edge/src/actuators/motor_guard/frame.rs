@@ -17,8 +17,8 @@
 //! | | | 68 | lapses, stale, garbage, reconnects: 4 × u32 |
 //! | | | 84 | crc |
 
-use crate::clock::Monotonic;
-use crate::teleop::Velocity;
+use measurement::time::Monotonic;
+use teleop::Velocity;
 
 const MAGIC: [u8; 3] = [0xF5, b'M', 1];
 const CRC_BYTES: usize = 4;

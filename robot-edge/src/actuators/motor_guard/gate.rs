@@ -3,8 +3,8 @@
 use super::WATCHDOG;
 use super::frame::{COMMAND_BYTES, MotorCommand};
 use crate::actuators::report::{Counters, Hold};
-use crate::clock::Monotonic;
-use crate::teleop::Velocity;
+use measurement::time::Monotonic;
+use teleop::Velocity;
 
 /// Bytes of garbage in a row, as many as three frames have, after which what came before no longer counts.
 const GARBAGE_LIMIT: usize = 3 * COMMAND_BYTES;

@@ -21,8 +21,9 @@ use crate::actuators::roboteq::RoboteqConfig;
 use crate::actuators::roboteq::driver::{State, Status};
 use crate::actuators::roboteq::port::Sharing;
 use crate::actuators::roboteq::serial_link::SerialLink;
-use crate::clock::Monotonic;
-use crate::teleop::Velocity;
+use crate::clock;
+use measurement::time::Monotonic;
+use teleop::Velocity;
 
 /// Longest that the guard waits at its end for the motors to acknowledge zero.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(600);
@@ -87,7 +88,7 @@ impl<'a> Guard<'a> {
             signalled,
             decoder: Decoder::new(),
             gate: Gate::new(),
-            serial_link: SerialLink::new(config.clone(), Sharing::Exclusive, Monotonic::now()),
+            serial_link: SerialLink::new(config.clone(), Sharing::Exclusive, clock::now()),
             last_report: None,
             ending: None,
         })
@@ -97,7 +98,7 @@ impl<'a> Guard<'a> {
         while !self.is_over() {
             self.read_commands();
             // Read after everything that could have taken long: a process may be stopped at any point.
-            let now = Monotonic::now();
+            let now = clock::now();
             let status = self.serial_link.status(now);
             if status.state != State::Ready || status.flags.is_off() {
                 self.gate.close(Hold::Controller);
@@ -114,12 +115,12 @@ impl<'a> Guard<'a> {
 
     fn is_over(&self) -> bool {
         self.ending.is_some_and(|since| {
-            self.serial_link.has_stopped_since(since) || since.elapsed() >= SHUTDOWN_TIMEOUT
+            self.serial_link.has_stopped_since(since) || clock::elapsed(since) >= SHUTDOWN_TIMEOUT
         })
     }
 
     fn end(&mut self) {
-        self.ending.get_or_insert_with(Monotonic::now);
+        self.ending.get_or_insert_with(clock::now);
     }
 
     fn read_commands(&mut self) {
@@ -131,7 +132,7 @@ impl<'a> Guard<'a> {
             match rustix::io::read(self.command_pipe, &mut buffer) {
                 Ok(0) => self.end(),
                 Ok(count) => {
-                    let now = Monotonic::now();
+                    let now = clock::now();
                     let gate = &mut self.gate;
                     let bytes = buffer.get(..count).unwrap_or_default();
                     self.decoder.push(bytes, |found| match found {

@@ -3,8 +3,8 @@
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use super::frame::nanos;
-use crate::clock::Monotonic;
-use crate::teleop::Velocity;
+use measurement::time::Monotonic;
+use teleop::Velocity;
 
 /// How often a reader looks again that was disturbed. Writing is four stores: it meets them seldom, and then comes
 /// back at its next turn.

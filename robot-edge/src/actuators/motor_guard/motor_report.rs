@@ -4,7 +4,7 @@ use super::frame::{Frame, REPORT_BYTES, Reader, Writer};
 use crate::actuators::report::{
     ControllerFault, ControllerFlags, ControllerWatchdog, Counters, Hold, Readiness, Report,
 };
-use crate::teleop::Velocity;
+use teleop::Velocity;
 
 /// What is known of the motors, or why they cannot be driven.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -15,8 +15,9 @@ use super::supervisor::Supervisor;
 use crate::actuators::MOTOR_GUARD_COMMAND;
 use crate::actuators::report::{Fault, Report};
 use crate::actuators::roboteq::RoboteqConfig;
-use crate::clock::Monotonic;
-use crate::teleop::Velocity;
+use crate::clock;
+use measurement::time::Monotonic;
+use teleop::Velocity;
 
 /// A guard that has told nothing for this long is lost, and so is the thread that speaks to it. Both do something every
 /// 50 ms; a busy computer must not make a fault of that, and the motors' own watchdog acts after 1 s.
@@ -91,7 +92,7 @@ impl GuardedMotors {
         config: RoboteqConfig,
         silence: Duration,
     ) -> io::Result<Self> {
-        let now = Monotonic::now();
+        let now = clock::now();
         let last = MotorSnapshot {
             known: Ok(Report::unknown(now)),
             at: now,

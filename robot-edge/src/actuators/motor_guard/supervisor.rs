@@ -21,9 +21,10 @@ use crate::actuators::roboteq::RoboteqConfig;
 use crate::actuators::roboteq::driver::State;
 use crate::actuators::roboteq::port::{Port, Sharing};
 use crate::actuators::roboteq::serial_link::SerialLink;
-use crate::clock::Monotonic;
+use crate::clock;
 use crate::service_manager;
-use crate::teleop::Velocity;
+use measurement::time::Monotonic;
+use teleop::Velocity;
 
 /// At least this often it looks at everything.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
@@ -126,7 +127,7 @@ impl Supervisor {
             command_pipe,
             report_pipe,
             decoder: Decoder::new(),
-            lost: Monotonic::now() + self.silence.max(START),
+            lost: clock::now() + self.silence.max(START),
             missed: None,
         })
     }
@@ -136,7 +137,7 @@ impl Supervisor {
         while !self.is_over() {
             self.send_command(guard)?;
             self.read_reports(guard)?;
-            let now = Monotonic::now();
+            let now = clock::now();
             if guard.missed.take_if(|missed| now >= *missed).is_some() {
                 // What cannot be told now is told when it is lost.
                 drop(Port::stop_without_reply(&self.config.port));
@@ -187,7 +188,7 @@ impl Supervisor {
             Found::Garbage => {}
         });
         if let Some(motor_report) = newest {
-            let now = Monotonic::now();
+            let now = clock::now();
             guard.lost = now + self.silence;
             guard.missed = Some(now + REPORT_OVERDUE);
             let fault = motor_report.fault.map(Fault::Controller);
@@ -198,12 +199,12 @@ impl Supervisor {
 
     /// Tells the motors zero as long as anybody wants to know: there is no way back from here but a new start.
     fn fallback_stop(&self, mut child: Option<Child>, why: &io::Error) {
-        let since = Monotonic::now();
+        let since = clock::now();
         let mut is_said = false;
         let mut serial_link = SerialLink::new(self.config.clone(), Sharing::Shared, since);
         let mut until = None;
         loop {
-            let now = Monotonic::now();
+            let now = clock::now();
             serial_link.step(Velocity::ZERO, now);
             let fallback_stop = match serial_link.status(now).state {
                 _ if serial_link.has_stopped_since(since) => FallbackStop::Stopped,
@@ -268,9 +269,9 @@ fn shut_down(guard: Guard) -> Option<Child> {
         ..
     } = guard;
     drop(command_pipe);
-    let until = Monotonic::now() + SHUTDOWN_TIMEOUT;
+    let until = clock::now() + SHUTDOWN_TIMEOUT;
     while !has_ended(&mut child) {
-        if Monotonic::now() >= until {
+        if clock::now() >= until {
             kill(&mut child);
             return Some(child);
         }
@@ -280,7 +281,7 @@ fn shut_down(guard: Guard) -> Option<Child> {
         )];
         wait(
             &mut events,
-            (Monotonic::now() + Duration::from_millis(10)).min(until),
+            (clock::now() + Duration::from_millis(10)).min(until),
         );
     }
     None

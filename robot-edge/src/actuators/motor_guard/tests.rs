@@ -18,8 +18,9 @@ use crate::actuators::report::{
 use crate::actuators::roboteq::RoboteqConfig;
 use crate::actuators::roboteq::emulator::on_terminal::EmulatorOnTerminal;
 use crate::actuators::roboteq::port::{Port, Sharing};
-use crate::clock::Monotonic;
-use crate::teleop::Velocity;
+use crate::clock;
+use measurement::time::Monotonic;
+use teleop::Velocity;
 
 /// Longest wait for what must happen.
 const PATIENCE: Duration = Duration::from_mins(3);
@@ -96,7 +97,7 @@ fn edge_as_helper_process() {
         let stdin = std::io::stdin();
         rustix::io::ioctl_fionbio(&stdin, true).unwrap();
         while rustix::io::read(&stdin, &mut [0; 1]) != Ok(0) {
-            motors.apply(FASTER, Monotonic::now()).ok();
+            motors.apply(FASTER, clock::now()).ok();
             std::thread::sleep(TICK);
         }
     }
@@ -113,9 +114,9 @@ fn apply_until(
     what: &str,
     mut is_so: impl FnMut(Result<Report, Fault>) -> bool,
 ) {
-    let deadline = Monotonic::now() + PATIENCE;
+    let deadline = clock::now() + PATIENCE;
     loop {
-        let now = Monotonic::now();
+        let now = clock::now();
         let known = motors.apply(velocity, now);
         if is_so(known) {
             return;
@@ -135,24 +136,24 @@ fn wait_until_obeying(motors: &mut GuardedMotors) {
 fn press(motors: &mut GuardedMotors, ticks: u32) {
     for _ in 0..ticks {
         // Tests ask elsewhere what is known.
-        motors.apply(AHEAD, Monotonic::now()).ok();
+        motors.apply(AHEAD, clock::now()).ok();
         std::thread::sleep(TICK);
     }
 }
 
 /// Until the motors run; on a busy computer a gap may stop them, and it begins again.
 fn drive(motors: &mut GuardedMotors) {
-    let deadline = Monotonic::now() + PATIENCE;
+    let deadline = clock::now() + PATIENCE;
     loop {
         wait_until_obeying(motors);
         for _ in 0..50 {
-            let known = motors.apply(AHEAD, Monotonic::now());
+            let known = motors.apply(AHEAD, clock::now());
             if known.is_ok_and(|report| report.applied.is_some_and(|applied| !applied.is_zero())) {
                 return;
             }
             std::thread::sleep(TICK);
         }
-        assert!(Monotonic::now() < deadline, "the motors never run");
+        assert!(clock::now() < deadline, "the motors never run");
     }
 }
 
@@ -172,17 +173,17 @@ fn stop(child: &Child) {
 /// Ended and buried: one that is only stopped could go on some day.
 fn wait_until_it_is_gone(pid: u32) {
     let pid = Pid::from_raw(i32::try_from(pid).unwrap()).unwrap();
-    let deadline = Monotonic::now() + PATIENCE;
+    let deadline = clock::now() + PATIENCE;
     while test_kill_process(pid).is_ok() {
-        assert!(Monotonic::now() < deadline, "there is still a guard");
+        assert!(clock::now() < deadline, "there is still a guard");
         std::thread::sleep(TICK);
     }
 }
 
 fn wait_until_the_port_is_free(path: &Path) {
-    let deadline = Monotonic::now() + PATIENCE;
+    let deadline = clock::now() + PATIENCE;
     while Port::open(path, Sharing::Exclusive).is_err() {
-        assert!(Monotonic::now() < deadline, "somebody still holds the port");
+        assert!(clock::now() < deadline, "somebody still holds the port");
         std::thread::sleep(TICK);
     }
 }
@@ -192,14 +193,14 @@ fn it_drives_reports_and_stops_when_nothing_is_asked_any_more() {
     let controller = EmulatorOnTerminal::start(|emulator| emulator.encoders = Some([50, 30]));
     let mut motors = start(&config(controller.path()));
     assert_eq!(
-        motors.apply(AHEAD, Monotonic::now()).unwrap().readiness,
+        motors.apply(AHEAD, clock::now()).unwrap().readiness,
         Readiness::Starting
     );
     drive(&mut motors);
     apply_until(&mut motors, AHEAD, "measured", |known| {
         known.is_ok_and(|report| report.measured.is_some() && report.battery_v.is_some())
     });
-    let report = motors.apply(AHEAD, Monotonic::now()).unwrap();
+    let report = motors.apply(AHEAD, clock::now()).unwrap();
     assert_eq!(report.watchdog, ControllerWatchdog::Proven);
     assert!((report.battery_v.unwrap() - 25.781_25).abs() < 1e-9);
     // 0.5 m/s to the left, 0.3 m/s to the right, 0.5 m apart.
@@ -234,10 +235,7 @@ fn what_is_not_a_number_stops_the_motors() {
         linear_mps: f64::NAN,
         angular_radps: 0.0,
     };
-    assert_eq!(
-        motors.apply(nonsense, Monotonic::now()),
-        Err(Fault::NotANumber)
-    );
+    assert_eq!(motors.apply(nonsense, clock::now()), Err(Fault::NotANumber));
     controller.assert_stops_for_good();
 }
 
@@ -246,7 +244,7 @@ fn what_was_decided_too_long_ago_is_not_made_young_on_its_way() {
     let controller = EmulatorOnTerminal::start(|_| {});
     let mut motors = start(&config(controller.path()));
     drive(&mut motors);
-    let long_ago = Monotonic::now();
+    let long_ago = clock::now();
     controller.assert_stops_for_good();
     let changes = controller.outputs().len();
     for number in 0..100 {
@@ -267,11 +265,11 @@ struct Edge(Child);
 impl Edge {
     /// On a busy computer a gap may stop one that only ever asks to drive; then another one tries.
     fn drive(controller: &EmulatorOnTerminal) -> Self {
-        let deadline = Monotonic::now() + PATIENCE;
-        while Monotonic::now() < deadline {
+        let deadline = clock::now() + PATIENCE;
+        while clock::now() < deadline {
             let edge = Self::start(controller);
-            let until = Monotonic::now() + Duration::from_secs(20);
-            while Monotonic::now() < until {
+            let until = clock::now() + Duration::from_secs(20);
+            while clock::now() < until {
                 if controller.with(|emulator| emulator.motors()) == FASTER_POWERS {
                     return edge;
                 }
@@ -344,7 +342,7 @@ fn lose_guard_by(signal_of_loss: Signal) {
     wait_until_it_is_gone(pid);
     controller.assert_stops_for_good();
     for _ in 0..50 {
-        let known = motors.apply(AHEAD, Monotonic::now());
+        let known = motors.apply(AHEAD, clock::now());
         assert!(
             matches!(known, Err(Fault::GuardGone(_))),
             "for good: {known:?}"
@@ -405,7 +403,7 @@ fn motors_whose_guard_is_stopped_stand_within_a_quarter_of_a_second_and_go_on_wi
         });
         drive(&mut motors);
         let pid = motors.guard_pid().unwrap();
-        let stopped = Monotonic::now();
+        let stopped = clock::now();
         signal(pid, Signal::STOP);
         apply_until(&mut motors, AHEAD, "zero", |_| {
             controller.with(|emulator| emulator.motors()) == [0, 0]
@@ -445,7 +443,7 @@ fn an_end_with_a_guard_that_is_stopped_leaves_standing_motors() {
     let controller = EmulatorOnTerminal::start(|emulator| {
         // Not by itself.
         emulator.input_mode = 1;
-        emulator.reset(Monotonic::now());
+        emulator.reset(clock::now());
     });
     let mut config = config(controller.path());
     config.require_watchdog = false;
@@ -519,7 +517,7 @@ fn a_controller_that_was_reset_stays_standing_until_zero_is_asked_for() {
     let controller = EmulatorOnTerminal::start(|_| {});
     let mut motors = start(&config(controller.path()));
     drive(&mut motors);
-    let now = Monotonic::now();
+    let now = clock::now();
     controller.with(|emulator| emulator.is_in_rc_mode = !emulator.reset(now).is_empty());
     apply_until(&mut motors, AHEAD, "found again", |known| {
         known.is_ok_and(|report| report.readiness == Readiness::Holding(Hold::Controller))
@@ -606,13 +604,13 @@ impl BareGuard {
     }
 
     fn wait_until(&self, what: &str, is_so: impl Fn(&MotorReport) -> bool) {
-        let deadline = Monotonic::now() + PATIENCE;
+        let deadline = clock::now() + PATIENCE;
         while !self
             .motor_report()
             .is_some_and(|motor_report| is_so(&motor_report))
         {
             assert!(
-                Monotonic::now() < deadline,
+                clock::now() < deadline,
                 "waited in vain: {what}; {:?}",
                 self.motor_report()
             );
@@ -626,16 +624,16 @@ impl BareGuard {
             motor_report.fault.is_none() && motor_report.report.readiness != Readiness::Starting
         });
         let mut frames = Vec::new();
-        let deadline = Monotonic::now() + PATIENCE;
+        let deadline = clock::now() + PATIENCE;
         while controller.with(|emulator| emulator.motors()) != AHEAD_POWERS {
             let velocity = if sequence % 64 < 4 {
                 Velocity::ZERO
             } else {
                 AHEAD
             };
-            frames.extend(self.ask(sequence, velocity, Monotonic::now()));
+            frames.extend(self.ask(sequence, velocity, clock::now()));
             sequence += 1;
-            assert!(Monotonic::now() < deadline, "the motors never run");
+            assert!(clock::now() < deadline, "the motors never run");
             std::thread::sleep(TICK);
         }
         (sequence, frames)
@@ -658,11 +656,11 @@ fn frames_that_are_old_repeated_or_of_the_future_move_nothing() {
     let changes = controller.outputs().len();
 
     guard.write(&frames);
-    let old = Monotonic::now();
+    let old = clock::now();
     std::thread::sleep(WATCHDOG + TICK);
     for _ in 0..100 {
         sequence += 1;
-        let later = Monotonic::now() + Duration::from_secs(1);
+        let later = clock::now() + Duration::from_secs(1);
         // Zero opens, where it counts.
         guard.ask(sequence, Velocity::ZERO, old);
         guard.ask(sequence + 1, AHEAD, old);
@@ -691,7 +689,7 @@ fn what_waited_in_the_pipe_of_a_stopped_guard_moves_nothing() {
         } else {
             AHEAD
         };
-        guard.ask(sequence + number, velocity, Monotonic::now());
+        guard.ask(sequence + number, velocity, clock::now());
     }
     // By the controller's own watchdog.
     controller.assert_stops_for_good();
@@ -714,7 +712,7 @@ fn garbage_in_the_pipe_stops_the_motors() {
         motor_report.report.readiness == Readiness::Holding(Hold::Garbage)
     });
     for _ in 0..20 {
-        guard.ask(sequence, AHEAD, Monotonic::now());
+        guard.ask(sequence, AHEAD, clock::now());
         sequence += 1;
         std::thread::sleep(TICK);
     }
@@ -744,12 +742,12 @@ fn nobody_who_listens_to_it_ends_the_guard_as_well() {
     guard.drive(&controller, 1);
     drop(guard.child.stdout.take());
     // `Child::wait` would close the other pipe as well.
-    let deadline = Monotonic::now() + PATIENCE;
+    let deadline = clock::now() + PATIENCE;
     let ended = loop {
         if let Some(ended) = guard.child.try_wait().unwrap() {
             break ended;
         }
-        assert!(Monotonic::now() < deadline, "it goes on");
+        assert!(clock::now() < deadline, "it goes on");
         std::thread::sleep(TICK);
     };
     assert!(ended.success());

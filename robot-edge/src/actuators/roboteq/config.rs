@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::wire::{Channel, Power};
 use crate::actuators::differential_drive::{DifferentialDrive, SideSpeeds};
 use crate::config::{ConfigIssue, Problem};
-use crate::teleop::Velocity;
+use teleop::Velocity;
 
 /// Which line, which channel drives which side, and how fast.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -15,7 +15,7 @@ use super::exchange::{Exchange, Outcome};
 use super::scheduler::{Scheduler, Task};
 use super::wire::{self, Channel, Command, Line, Parameter, Power, ReplyParser};
 use crate::actuators::report::{ControllerFault, ControllerFlags, ControllerWatchdog};
-use crate::clock::Monotonic;
+use measurement::time::Monotonic;
 
 /// Failures in a row after which the controller is looked for anew.
 const LIMIT_IN_A_ROW: u8 = 3;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::clock::Monotonic;
+use measurement::time::Monotonic;
 
 // The end-to-end tests borrow this file, for which the path is said.
 #[path = "emulator/line_timing.rs"]

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::wire::{Answer, Channel, Command, Line, Power, Reply};
-use crate::clock::Monotonic;
+use measurement::time::Monotonic;
 
 /// Longest wait for the end of an answer. The longest exchange (`?E`) is 3 + 9 characters of 1.04 ms, the controller looks
 /// every 16 ms (manual, p. 156), and an adapter on USB may hold characters back for 16 ms.

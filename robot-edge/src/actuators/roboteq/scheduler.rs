@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::wire::Power;
-use crate::clock::Monotonic;
+use measurement::time::Monotonic;
 
 /// Speeds that have not changed are repeated after this: a command that got lost, or a controller that was reset, must
 /// not last.

@@ -8,8 +8,8 @@ use super::driver::{Driver, State, Status};
 use super::lock_holder::LockHolder;
 use super::port::{Port, PortError, Sharing};
 use crate::actuators::report::{ControllerFault, ControllerFlags, ControllerWatchdog};
-use crate::clock::Monotonic;
-use crate::teleop::Velocity;
+use measurement::time::Monotonic;
+use teleop::Velocity;
 
 /// Between two attempts to open the port.
 const REOPEN: Duration = Duration::from_millis(200);

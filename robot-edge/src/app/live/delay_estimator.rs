@@ -4,9 +4,9 @@
 //! stamp than the promptest of its stream lately is late by the difference. What a connection held back and then delivers
 //! all at once is therefore as old as it is, and the collision monitor does not take it for the present.
 
-use crate::clock::Monotonic;
-use crate::measurement::StreamId;
-use crate::robot_time::RobotTime;
+use measurement::StreamId;
+use measurement::time::Monotonic;
+use measurement::time::RobotTime;
 
 /// The promptest is looked for in the last one or two of these, nanoseconds: clocks drift apart, by some 50 µs/s.
 const PERIOD_NS: i64 = 10_000_000_000;

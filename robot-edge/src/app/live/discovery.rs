@@ -7,11 +7,12 @@ use super::source::LiveSource;
 use crate::app::is_set;
 use crate::app::localization_plan::range_sensors;
 use crate::app::plan::{Plan, plan};
-use crate::clock::{Monotonic, sleep_until};
+use crate::clock::{self, sleep_until};
 use crate::config::Config;
 use crate::exit::{Interrupted, UsageError};
 use crate::link::ros2::{Inbox, RosEndpoint, RosLink, RosLinkError};
-use crate::recording::survey::Survey;
+use crate::survey::Survey;
+use measurement::time::Monotonic;
 
 /// Topics that are published less often than this are not waited for where everything else is there.
 const SETTLE_TIME: Duration = Duration::from_secs(2);
@@ -41,7 +42,7 @@ pub(in crate::app) fn find(
     discovery: TopicDiscovery<'_>,
     interrupt: &AtomicBool,
 ) -> anyhow::Result<(LiveSource, Plan)> {
-    let began = Monotonic::now();
+    let began = clock::now();
     let deadline = began + discovery.wait;
     let (link, inbox) = connect(discovery.at, deadline, interrupt)?;
     let mut live = LiveSource::new(link, inbox);
@@ -50,18 +51,19 @@ pub(in crate::app) fn find(
     let all = range_sensors(discovery.config)?.len();
     loop {
         let is_answered = live.has_static_transforms();
-        if !is_answered && asked.is_none_or(|asked| asked.elapsed() >= HISTORY_RETRY_INTERVAL) {
+        if !is_answered && asked.is_none_or(|asked| clock::elapsed(asked) >= HISTORY_RETRY_INTERVAL)
+        {
             live.link().request_history()?;
-            asked = Some(Monotonic::now());
+            asked = Some(clock::now());
         }
         if live.probe(POLL_INTERVAL) {
-            first.get_or_insert_with(Monotonic::now);
+            first.get_or_insert_with(clock::now);
         }
         if is_set(interrupt) {
             return Err(Interrupted.into());
         }
-        let is_over = deadline.since(Monotonic::now()).is_zero();
-        if !is_over && first.is_none_or(|first| first.elapsed() < SETTLE_TIME) {
+        let is_over = deadline.since(clock::now()).is_zero();
+        if !is_over && first.is_none_or(|first| clock::elapsed(first) < SETTLE_TIME) {
             continue;
         }
         let survey = live.survey(&discovery.at.endpoint)?;
@@ -81,8 +83,8 @@ fn connect(
     loop {
         match RosLink::open(at) {
             Ok(opened) => return Ok(opened),
-            Err(RosLinkError::Open { .. }) if !deadline.since(Monotonic::now()).is_zero() => {
-                sleep_until(Monotonic::now() + RETRY, || is_set(interrupt));
+            Err(RosLinkError::Open { .. }) if !deadline.since(clock::now()).is_zero() => {
+                sleep_until(clock::now() + RETRY, || is_set(interrupt));
                 if is_set(interrupt) {
                     return Err(Interrupted.into());
                 }
@@ -124,7 +126,7 @@ fn with_topics(
         )
     });
     let silent = live.link().announced().into_iter().filter(|announced| {
-        let has_data = |known: &crate::recording::StreamSummary| known.stream == *announced;
+        let has_data = |known: &recording::StreamSummary| known.stream == *announced;
         !survey.streams.iter().any(has_data)
     });
     let silent = silent.map(|stream| {

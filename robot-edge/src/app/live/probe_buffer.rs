@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use crate::drops::DropCounts;
-use crate::measurement::Measurement;
-use crate::recording::survey::Survey;
-use crate::recording::{Format, Position, RecordingError, RecordingReader, StreamSummary};
+use crate::survey::Survey;
+use measurement::Measurement;
+use measurement::drops::DropCounts;
+use recording::{Format, Position, RecordingError, RecordingReader, StreamSummary};
 
 /// Measurements of some seconds.
 pub(super) struct ProbeBuffer<'a> {

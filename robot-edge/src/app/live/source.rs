@@ -8,16 +8,17 @@ use super::delay_estimator::DelayEstimator;
 use super::probe_buffer::ProbeBuffer;
 use crate::app::mapping_stage::MAX_QUEUE_DELAY;
 use crate::app::source::{Source, SourceItem, SourceLosses};
-use crate::clock::Monotonic;
-use crate::drops::DropReason;
+use crate::clock;
 use crate::link::ros2::{Inbox, RosLink, RosMessage};
-use crate::measurement::{Measurement, MeasurementData, Stream};
-use crate::recording::messages::{Messages, Reading};
-use crate::recording::survey::Survey;
-use crate::recording::time_sequencer::{Ordered, TimeSequencer};
-use crate::recording::{Position, RecordingError, Selection};
-use crate::robot_time::{RobotDuration, RobotTime};
-use crate::ros::{Encoding, MessageType};
+use crate::survey::Survey;
+use measurement::drops::DropReason;
+use measurement::time::Monotonic;
+use measurement::time::{RobotDuration, RobotTime};
+use measurement::{Measurement, MeasurementData, Stream};
+use recording::messages::{Messages, Reading};
+use recording::ros::{Encoding, MessageType};
+use recording::time_sequencer::{Ordered, TimeSequencer};
+use recording::{Position, RecordingError, Selection};
 
 /// A measurement waits so long for older ones. Longer would put right more, and let the vehicle see later; what comes
 /// later than that is mapped all the same.
@@ -100,11 +101,11 @@ impl LiveSource {
 
     /// Gathers what comes within `wait`; whether anything did.
     pub(super) fn probe(&mut self, wait: Duration) -> bool {
-        let until = Monotonic::now() + wait;
+        let until = clock::now() + wait;
         let mut has_data = false;
         loop {
             self.subscribe();
-            let rest = until.since(Monotonic::now());
+            let rest = until.since(clock::now());
             let Ok(message) = self.inbox.take(rest.min(POLL_TIMEOUT)) else {
                 if rest.is_zero() {
                     return has_data;
@@ -197,7 +198,7 @@ impl LiveSource {
             MessageType::from_type_name(&message.stream.type_name),
             Some(MessageType::LaserScan | MessageType::MultiEchoLaserScan)
         );
-        is_scan && message.received_at.elapsed() > MAX_QUEUE_DELAY
+        is_scan && clock::elapsed(message.received_at) > MAX_QUEUE_DELAY
     }
 
     /// What becomes of a measurement at once; nothing where it has to wait for its turn.
@@ -267,7 +268,7 @@ impl LiveSource {
             }
             Ordered::ClockReset { .. } => {
                 self.delay_estimator.reset_clock();
-                Monotonic::now()
+                clock::now()
             }
         };
         Some(SourceItem::Live {
@@ -317,7 +318,7 @@ impl Source for LiveSource {
                 }
                 Err(RecvTimeoutError::Timeout) => {
                     self.subscribe();
-                    self.release(Monotonic::now());
+                    self.release(clock::now());
                     if let Some(item) = self.next_ordered() {
                         self.is_busy = true;
                         return Ok(Some(item));

@@ -4,7 +4,7 @@ use std::fs::{self, File};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
-use crate::new_file::sync_folder_of;
+use recording::new_file::sync_folder_of;
 
 /// The file, which is there while an operator records.
 #[derive(Debug)]

@@ -1,10 +1,10 @@
 //! What came from the sensors is watched, and consoles hear what is wrong with them.
 
 use super::state_publisher::StatePublisher;
-use crate::clock::Monotonic;
-use crate::measurement::Measurement;
-use crate::robot_time::RobotDuration;
 use crate::sensor_monitor::FaultChange;
+use measurement::Measurement;
+use measurement::time::Monotonic;
+use measurement::time::RobotDuration;
 use protocol::message::SensorFault;
 use std::time::Duration;
 

@@ -1,7 +1,7 @@
 //! The end of a run: consoles get what they lack before the link closes.
 
 use super::{CONSOLE_SYNC_TIMEOUT, FINAL_STATUS_DELAY, Network};
-use crate::clock::{self, Monotonic};
+use crate::clock;
 use crate::pipeline::Maps;
 use protocol::layer::LayerId;
 use std::io::{self, Write};
@@ -32,12 +32,12 @@ impl Network {
                     "network: the data has ended, the map is served until Ctrl-C"
                 ));
             }
-            while clock::sleep_until(Monotonic::now() + Duration::from_secs(1), is_interrupted) {}
+            while clock::sleep_until(clock::now() + Duration::from_secs(1), is_interrupted) {}
             return;
         }
-        let ended = Monotonic::now();
+        let ended = clock::now();
         let is_over = || {
-            let now = Monotonic::now();
+            let now = clock::now();
             let no_consoles = publish_state.views(now).is_empty();
             let all_informed = now.since(ended) >= FINAL_STATUS_DELAY
                 && publish_state.all_consoles_have(revision, now);

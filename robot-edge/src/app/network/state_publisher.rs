@@ -9,18 +9,19 @@ use super::super::data_clock::DataClock;
 use super::super::map_stats::MapStats;
 use super::super::status_message::build_status;
 use super::sensors::since_data_start;
-use crate::clock::Monotonic;
+use crate::clock;
 use crate::driving::velocity_estimator::VelocityEstimator;
 use crate::driving::{MonitorSensorInput, SharedDriveState};
 use crate::events::event;
 use crate::link::publish_state::PublishState;
-use crate::localization::config::OnJump;
-use crate::localization::registration::RegistrationCounts;
-use crate::mapping::registered_scan::RegisteredScan;
-use crate::pose::Pose;
-use crate::robot_time::{RobotDuration, RobotTime};
 use crate::sensor_monitor::SensorMonitor;
 use crate::streaming::scan_downsampling::downsample_scan;
+use localization::config::OnJump;
+use localization::registration::RegistrationCounts;
+use mapping::registered_scan::RegisteredScan;
+use measurement::pose::Pose;
+use measurement::time::Monotonic;
+use measurement::time::{RobotDuration, RobotTime};
 
 /// The placing side's end of the network. Nothing here waits for a map.
 pub(in crate::app) struct StatePublisher {
@@ -64,7 +65,7 @@ impl StatePublisher {
         self.last_pose_stamp = Some(stamp);
         let measured = self.velocity_estimator.update(stamp, &pose);
         if let Some(monitor_input) = &mut self.monitor_input {
-            monitor_input.update_odometry(stamp, &pose, measured, Monotonic::now());
+            monitor_input.update_odometry(stamp, &pose, measured, clock::now());
         }
         let q = pose.rotation.quaternion();
         self.publish_state.set_pose(
@@ -94,7 +95,7 @@ impl StatePublisher {
     pub(in crate::app) fn publish_scan(&mut self, scan: &RegisteredScan) -> Monotonic {
         // Where scans bring their poses, these are all there are.
         self.publish_pose((scan.stamp, scan.odom_from_base));
-        let now = Monotonic::now();
+        let now = clock::now();
         let measured_at = match &mut self.monitor_input {
             Some(monitor_input) => monitor_input.add_scan(scan, now),
             None => now,
@@ -120,7 +121,7 @@ impl StatePublisher {
         recording: Option<RecordingStatus>,
     ) {
         let now = match self.since {
-            Some(since) => since.elapsed(),
+            Some(since) => clock::elapsed(since),
             None => since_data_start(clock.elapsed()),
         };
         self.check_sensors(now);

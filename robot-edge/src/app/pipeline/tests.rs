@@ -13,12 +13,13 @@ use super::super::source::{Source, SourceItem};
 use super::super::status_message::build_status;
 use super::*;
 use crate::cli::{Cli, Command, Replay};
-use crate::clock::Monotonic;
-use crate::drops::DropReason;
-use crate::localization::pose_jump::PoseJump;
-use crate::measurement::{Measurement, MeasurementData};
-use crate::recording::time_sequencer::Ordered;
-use crate::robot_time::RobotTime;
+use crate::clock;
+use localization::pose_jump::PoseJump;
+use measurement::drops::DropReason;
+use measurement::time::Monotonic;
+use measurement::time::RobotTime;
+use measurement::{Measurement, MeasurementData};
+use recording::time_sequencer::Ordered;
 
 /// A port that is free, as is the one behind it, for now.
 fn free_port() -> u16 {
@@ -53,9 +54,8 @@ fn take(pipeline: &mut PipelineStages, ordered: Ordered) {
         localization,
         mapping,
     } = pipeline;
-    let taken = localization.take_ordered(ordered, Monotonic::now(), &mut |input| {
-        Ok(mapping.take(input)?)
-    });
+    let taken =
+        localization.take_ordered(ordered, clock::now(), &mut |input| Ok(mapping.take(input)?));
     taken.unwrap();
 }
 
@@ -86,7 +86,7 @@ fn inputs_of(
         };
         let localization = &mut pipeline.localization;
         localization
-            .take_ordered(ordered, Monotonic::now(), &mut keep)
+            .take_ordered(ordered, clock::now(), &mut keep)
             .unwrap();
     }
     inputs
@@ -169,7 +169,7 @@ fn consoles_hear_where_the_vehicle_is_before_anything_is_mapped() {
         };
         pipeline
             .localization
-            .take_ordered(ordered, Monotonic::now(), &mut keep)
+            .take_ordered(ordered, clock::now(), &mut keep)
             .unwrap();
     }
     let published = pipeline
@@ -197,7 +197,7 @@ fn what_has_waited_too_long_for_mapping_is_left_out_where_the_present_matters() 
         assert!(!pipeline.mapping.is_live, "a replay is mapped whole");
         pipeline.mapping.is_live = is_live;
         let mut inputs = inputs_of(&mut pipeline, &mut source, 20);
-        let now = Monotonic::now();
+        let now = clock::now();
         let too_late = now + MAX_QUEUE_DELAY + MAX_QUEUE_DELAY;
         let jump = RegistrationOutput::Jump(PoseJump {
             stamp: RobotTime::from_nanos(0),
@@ -222,7 +222,12 @@ fn what_has_waited_too_long_for_mapping_is_left_out_where_the_present_matters() 
 
         let localization = &pipeline.localization;
         let stats = localization.maps.get();
-        let status = build_status(&stats, localization.registration.counts(), &localization.clock, 0);
+        let status = build_status(
+            &stats,
+            localization.registration.counts(),
+            &localization.clock,
+            0,
+        );
         let queue_full = status.drops.iter().find(|drop| drop.name == "queue_full");
         assert_eq!(queue_full.map_or(0, |drop| drop.count), left_out);
         // What is younger is mapped again, although what came before it was not.
@@ -325,7 +330,7 @@ fn the_newest_pose_is_told_before_a_scan_is_handed_over() {
         };
         let localization = &mut pipeline.localization;
         localization
-            .take_ordered(ordered, Monotonic::now(), &mut keep)
+            .take_ordered(ordered, clock::now(), &mut keep)
             .unwrap();
         for (stamp, published_then) in handed_over {
             assert_eq!(

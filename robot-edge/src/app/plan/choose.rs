@@ -1,8 +1,8 @@
 //! One stream of several that carry the same.
 
 use crate::exit::UsageError;
-use crate::measurement::StreamId;
-use crate::recording::survey::Survey;
+use crate::survey::Survey;
+use measurement::StreamId;
 
 /// Names that a message lists.
 pub(super) const MAX_LISTED: usize = 12;

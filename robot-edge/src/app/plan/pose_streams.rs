@@ -5,9 +5,9 @@ use crate::config::{
     FixesAndAttitude, GpsConfig, ImuConfig, WheelEncodersConfig, WheelsAndAttitude,
 };
 use crate::exit::UsageError;
-use crate::localization::registration::PoseStreams;
-use crate::measurement::StreamId;
-use crate::recording::survey::Survey;
+use crate::survey::Survey;
+use localization::registration::PoseStreams;
+use measurement::StreamId;
 
 /// The streams of wheel angles and of attitudes; `None` where the recording has no angles or no attitudes at
 /// all.

@@ -4,11 +4,11 @@ use super::choose::{choose_one, describe_joints, name};
 use crate::app::localization_plan::{PlannedSensor, range_sensors, wanted_sensors};
 use crate::config::{Config, RangeSensor, TiltConfig};
 use crate::exit::UsageError;
-use crate::localization::registration::{MountOrigin, PoseOrigin};
-use crate::measurement::StreamId;
-use crate::recording::survey::Survey;
-use crate::recording::survey::range_sensors::Unassigned;
-use crate::recording::survey::scans::ScanSurvey;
+use crate::survey::Survey;
+use crate::survey::range_sensors::Unassigned;
+use crate::survey::scans::ScanSurvey;
+use localization::registration::{MountOrigin, PoseOrigin};
+use measurement::StreamId;
 
 /// A range sensor of the vehicle and its scans in the recording.
 #[derive(Clone, Copy, Debug)]

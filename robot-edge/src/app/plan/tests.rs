@@ -2,13 +2,13 @@ use std::path::Path;
 
 use super::*;
 use crate::config::{Override, load};
-use crate::drops::DropCounts;
-use crate::localization::wheel_odometer::WheelSettings;
-use crate::measurement::{ImuSample, Measurement, MeasurementData, Stream, StreamId};
-use crate::pose::planar;
-use crate::recording::{Position, RecordingError, RecordingReader, StreamSummary};
-use crate::robot_time::{RobotDuration, RobotTime};
-use crate::scan::Scan;
+use localization::wheel_odometer::WheelSettings;
+use measurement::drops::DropCounts;
+use measurement::pose::planar;
+use measurement::scan::Scan;
+use measurement::time::{RobotDuration, RobotTime};
+use measurement::{ImuSample, Measurement, MeasurementData, Stream, StreamId};
+use recording::{Position, RecordingError, RecordingReader, StreamSummary};
 
 mod boat;
 

@@ -4,8 +4,8 @@ use super::super::checkpoints::ReplayCheckpoint;
 use super::super::is_set;
 use super::super::source::Source as _;
 use super::Player;
-use crate::clock::Monotonic;
-use crate::robot_time::RobotDuration;
+use crate::clock;
+use measurement::time::RobotDuration;
 
 impl Player<'_> {
     /// Winds to `to`: it remains to map up to there.
@@ -72,13 +72,13 @@ impl Player<'_> {
 
     /// Keeps a copy of the maps.
     pub(super) fn take_checkpoint(&mut self) {
-        let started = Monotonic::now();
+        let started = clock::now();
         let kept = ReplayCheckpoint {
             at: self.newest,
             items: self.items,
             trail: self.control.trail_snapshot(),
             pipeline: self.pipeline.checkpoint(),
         };
-        self.checkpoints.keep(kept, started.elapsed());
+        self.checkpoints.keep(kept, clock::elapsed(started));
     }
 }

@@ -2,8 +2,8 @@
 
 use serde::Deserialize;
 
-use super::mount::Mount;
-use crate::localization::beam_range::ZeroRange;
+use localization::beam_range::ZeroRange;
+use measurement::mount::Mount;
 
 /// A planar range sensor.
 #[derive(Clone, Debug, PartialEq, Default, Deserialize)]

@@ -2,9 +2,8 @@
 
 use crate::config::checks::{Allowed, Checks, as_toml};
 use crate::config::layer::quoted;
-use crate::config::sensors::{
-    Mount, RangeSensorConfig, SensorConfig, TiltConfig, WheelEncodersConfig,
-};
+use crate::config::sensors::{RangeSensorConfig, SensorConfig, TiltConfig, WheelEncodersConfig};
+use measurement::mount::Mount;
 
 pub(super) fn sensor(checks: &mut Checks, name: &str, sensor: &SensorConfig) {
     let path = format!("sensors.{name}");

@@ -1,8 +1,8 @@
 //! Which values make sense for the octree and what is made of it.
 
 use crate::config::checks::{Allowed, Checks};
-use crate::mapping::config::MappingConfig;
-use crate::mapping::cost_config::{MetricsConfig, ShoreConfig};
+use mapping::config::MappingConfig;
+use mapping::cost_config::{MetricsConfig, ShoreConfig};
 
 /// Sides of voxels, metres.
 const CELL_M: Allowed = Allowed::Within(0.01, 10.0);

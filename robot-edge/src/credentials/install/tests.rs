@@ -18,7 +18,7 @@ impl Case {
         let request = IssueRequest {
             folder: self.0.path().join("fleet"),
             vehicles: robots.iter().map(|name| name.parse().unwrap()).collect(),
-            people: [("anna".parse().unwrap(), crate::teleop::Role::Operator)].into(),
+            people: [("anna".parse().unwrap(), teleop::Role::Operator)].into(),
             days: 1,
             ..IssueRequest::default()
         };

@@ -1,3 +1,4 @@
+use crate::clock;
 use std::sync::mpsc::sync_channel;
 
 use nalgebra::Point3;
@@ -8,17 +9,17 @@ use protocol::message::{
 use protocol::signed::{CommandHeader, SecretKey, sign};
 
 use super::*;
-use crate::config::VehicleConfig;
 use crate::credentials::OperatorList;
 use crate::driving::monitor_input::monitor_input;
 use crate::driving::motors::SimulatedMotors;
-use crate::mapping::elevation_config::ObstacleConfig;
-use crate::mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
-use crate::pose::planar;
-use crate::robot_time::RobotTime;
-use crate::teleop::collision_monitor::{CollisionMonitorConfig, CollisionMonitorRules};
-use crate::teleop::config::TeleopConfig;
-use crate::teleop::{Caller, LeaseVerb};
+use mapping::elevation_config::ObstacleConfig;
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
+use mapping::vehicle::VehicleConfig;
+use measurement::pose::planar;
+use measurement::time::RobotTime;
+use teleop::collision_monitor::{CollisionMonitorConfig, CollisionMonitorRules};
+use teleop::config::TeleopConfig;
+use teleop::{Caller, LeaseVerb};
 
 fn guard_rules() -> CollisionMonitorRules {
     let (teleop, vehicle) = (TeleopConfig::default(), VehicleConfig::default());
@@ -64,7 +65,7 @@ fn stops(
 
 #[test]
 fn a_stop_for_want_of_a_guard_says_what_the_guard_lacked() {
-    let now = Monotonic::now();
+    let now = clock::now();
     let mut drive_loop = guarded(now);
     drive_loop.tick(now);
     drop(drive_loop.drive_state.take_events());
@@ -136,7 +137,7 @@ fn asks(drive_loop: &mut DriveLoop, linear_mps: f64, seq: u64, now: Monotonic) -
 
 #[test]
 fn what_bounds_the_motion_that_is_asked_for_is_in_the_status_while_the_guard_is_on() {
-    let now = Monotonic::now();
+    let now = clock::now();
     let mut drive_loop = guarded(now);
     let (mut sensor_input, _map, monitor_runner) = monitor_input(guard_rules(), 1, None);
     let scan = scan_of_a_wall();
@@ -183,7 +184,7 @@ fn what_bounds_the_motion_that_is_asked_for_is_in_the_status_while_the_guard_is_
 /// first, the other is refused for the role too, not answered as what is over already.
 #[test]
 fn a_press_of_whoever_may_not_stop_the_vehicle_is_refused_for_that_by_whichever_way_it_comes() {
-    let now = Monotonic::now();
+    let now = clock::now();
     let eve = SecretKey::from_seed(&[5; 32]);
     let key = eve.public().to_pem().unwrap();
     let list = format!(

@@ -1,12 +1,12 @@
 use nalgebra::{Point3, Translation3};
 
 use super::*;
-use crate::config::VehicleConfig;
-use crate::mapping::config::MappingConfig;
-use crate::mapping::elevation_config::ObstacleConfig;
-use crate::mapping::registered_scan::{BeamOutcome, RegisteredBeam, SensorId};
-use crate::teleop::collision_monitor::CollisionMonitorConfig;
-use crate::teleop::config::TeleopConfig;
+use mapping::config::MappingConfig;
+use mapping::elevation_config::ObstacleConfig;
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, SensorId};
+use mapping::vehicle::VehicleConfig;
+use teleop::collision_monitor::CollisionMonitorConfig;
+use teleop::config::TeleopConfig;
 
 const SCAN_PERIOD_MS: i64 = 40;
 /// From scan to scan, metres.

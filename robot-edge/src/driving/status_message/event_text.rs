@@ -4,10 +4,10 @@ use protocol::keys::OperatorId as OperatorName;
 
 use super::reason_text::{lease_end_text, stop_reason_text};
 use crate::driving::shared_drive_state::{DriveEvent, MonitorReenabled};
-use crate::teleop::arbiter::FaultReason;
-use crate::teleop::emergency_stop::EStopSource;
-use crate::teleop::lease::GrantReason;
-use crate::teleop::{ArbiterEvent, Mode, OperatorId};
+use teleop::arbiter::FaultReason;
+use teleop::emergency_stop::EStopSource;
+use teleop::lease::GrantReason;
+use teleop::{ArbiterEvent, Mode, OperatorId};
 
 /// What happened, in a word and in a sentence.
 pub(in crate::driving) fn event_text(
@@ -162,10 +162,10 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::clock::Monotonic;
-    use crate::teleop::arbiter::StopReason;
-    use crate::teleop::collision_monitor::UnavailableReason;
-    use crate::teleop::lease::LeaseEnd;
+    use measurement::time::Monotonic;
+    use teleop::arbiter::StopReason;
+    use teleop::collision_monitor::UnavailableReason;
+    use teleop::lease::LeaseEnd;
 
     fn stops(reason: StopReason) -> DriveEvent {
         let since = Monotonic::default();

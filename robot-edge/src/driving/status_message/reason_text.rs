@@ -2,8 +2,8 @@
 
 use protocol::message;
 
-use crate::teleop::arbiter::StopReason;
-use crate::teleop::lease::LeaseEnd;
+use teleop::arbiter::StopReason;
+use teleop::lease::LeaseEnd;
 
 /// Why the vehicle stops, in words.
 pub(super) const fn stop_reason_text(reason: StopReason) -> &'static str {

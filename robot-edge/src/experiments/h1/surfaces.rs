@@ -7,10 +7,10 @@ use crate::experiments::land::ground::Ground;
 use crate::experiments::land::{Cell, LandWorld, octree_and_cost};
 use crate::experiments::run::SimulatedRun;
 use crate::experiments::terrain::seconds;
-use crate::mapping::octree::Octree;
-use crate::mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
-use crate::robot_time::RobotTime;
-use crate::simulation::tilt_servo::TiltServo;
+use mapping::octree::Octree;
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
+use measurement::time::RobotTime;
+use simulation::tilt_servo::TiltServo;
 
 /// Distances of hits from the vehicle, metres.
 pub(super) const BINS_M: [[f64; 2]; 2] = [[3.0, 8.0], [8.0, 15.0]];

@@ -7,8 +7,8 @@ use protocol::tile_store::TileStore;
 use crate::experiments::ExperimentError;
 use crate::experiments::rooms::agreement::{Expected, Truth};
 use crate::experiments::rooms::{self, mirror_of};
-use crate::simulation::World;
-use crate::simulation::truth::outline::Outline;
+use simulation::World;
+use simulation::truth::outline::Outline;
 
 /// Time of the data between two counts, seconds.
 const PERIOD_S: f64 = 5.0;

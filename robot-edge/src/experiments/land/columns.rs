@@ -7,9 +7,9 @@ use nalgebra::Point3;
 use super::ground::Ground;
 use super::{Cell, LandWorld};
 use crate::experiments::terrain::extent::extent_m;
-use crate::mapping::registered_scan::{BeamOutcome, RegisteredScan};
-use crate::simulation::scene::Scene;
-use crate::simulation::solid::Solid;
+use mapping::registered_scan::{BeamOutcome, RegisteredScan};
+use simulation::scene::Scene;
+use simulation::solid::Solid;
 
 /// A hit that is no farther than this from the ground is on it, metres: ranges and attitudes are noisy.
 pub(in crate::experiments) const ON_GROUND_M: f64 = 0.1;

@@ -4,8 +4,8 @@ use nalgebra::Point2;
 
 use super::{Cell, LandWorld, around};
 use crate::experiments::ExperimentError;
-use crate::simulation::truth::TerrainTruth;
-use crate::simulation::vegetation::Rigidity;
+use simulation::truth::TerrainTruth;
+use simulation::vegetation::Rigidity;
 
 /// Columns around one whose slope it shares, each way [HYB 5.1].
 pub(in crate::experiments) const REACH: i64 = 3;

@@ -10,11 +10,11 @@ use super::ExperimentError;
 use super::published::known_cells;
 use super::run::{SimulatedRun, vehicle_config};
 use crate::config::Config;
-use crate::mapping::cost_map::CostMap;
-use crate::mapping::octree::Octree;
-use crate::mapping::voxel_layers::VoxelLayers;
 use crate::pipeline::Pipeline;
-use crate::simulation::{SimulationOptions, World};
+use mapping::cost_map::CostMap;
+use mapping::octree::Octree;
+use mapping::voxel_layers::VoxelLayers;
+use simulation::{SimulationOptions, World};
 
 /// A column of voxels by its index: column (i, j) begins at (i, j) · `cell_m`.
 pub(super) type Cell = [i64; 2];

@@ -2,10 +2,10 @@
 
 use crate::experiments::outcome::Table;
 use crate::experiments::published::known_cells;
-use crate::simulation::truth::{CellKind, TruthCell, TruthGrid};
 use protocol::export::Trinary;
 use protocol::layer::LayerId;
 use protocol::tile_store::TileStore;
+use simulation::truth::{CellKind, TruthCell, TruthGrid};
 
 /// The truth of a world, and how well a laser could see it.
 pub(in crate::experiments) struct Truth {

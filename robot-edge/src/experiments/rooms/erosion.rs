@@ -2,12 +2,12 @@
 
 use std::collections::HashMap;
 
-use crate::mapping::grid::CellIndex;
-use crate::mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
-use crate::simulation::World;
-use crate::simulation::truth::outline::Outline;
+use mapping::grid::CellIndex;
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
 use nalgebra::Point2;
 use protocol::export::Trinary;
+use simulation::World;
+use simulation::truth::outline::Outline;
 
 use super::agreement::{Expected, Truth};
 use super::run;

@@ -7,11 +7,11 @@ pub(super) mod error_map;
 use self::agreement::Truth;
 use super::ExperimentError;
 use super::run::{SimulatedRun, vehicle_config};
-use crate::simulation::truth::outline::Outline;
-use crate::simulation::truth::{self, Bounds};
-use crate::simulation::{SimulationOptions, World};
+use simulation::truth::outline::Outline;
+use simulation::truth::{self, Bounds};
+use simulation::{SimulationOptions, World};
 
-const ROOMS: &str = include_str!("../../../worlds/rooms.toml");
+const ROOMS: &str = include_str!("../../../simulation/worlds/rooms.toml");
 const MIRRORED: &str = "reflectivity.specular = { probability = 0.3 }\n";
 
 /// The rooms as they are.

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::WaterWorld;
-use crate::mapping::shore::{ShoreClass as Found, ShoreCluster};
-use crate::simulation::truth::ShoreClass as Truth;
+use mapping::shore::{ShoreClass as Found, ShoreCluster};
+use simulation::truth::ShoreClass as Truth;
 
 /// A cluster and the stretch of shore that most of its columns stand in.
 #[derive(Clone, Debug)]

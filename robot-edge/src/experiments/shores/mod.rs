@@ -7,12 +7,12 @@ use nalgebra::{Point2, Point3, Vector3};
 
 use super::ExperimentError;
 use super::run::SimulatedRun;
-use crate::mapping::cost_map::CostMap;
-use crate::mapping::grid::CellIndex;
-use crate::mapping::shore_layer::ShoreLayer;
-use crate::mapping::voxel_layers::VoxelLayers;
 use crate::pipeline::Pipeline;
-use crate::simulation::{Motion, SimulationOptions, World};
+use mapping::cost_map::CostMap;
+use mapping::grid::CellIndex;
+use mapping::shore_layer::ShoreLayer;
+use mapping::voxel_layers::VoxelLayers;
+use simulation::{Motion, SimulationOptions, World};
 
 /// A world with water.
 pub(super) struct WaterWorld {

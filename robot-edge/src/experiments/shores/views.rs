@@ -8,10 +8,10 @@ use protocol::layer::LayerId;
 use super::{BoatMaps, WaterWorld};
 use crate::experiments::ExperimentError;
 use crate::experiments::pictures::{Image, Picture, elevation, store_of};
-use crate::mapping::cost_config::ShoreConfig;
-use crate::mapping::grid::CellIndex;
-use crate::mapping::obstacle_voxel::Rigidity;
 use crate::pipeline::Pipeline;
+use mapping::cost_config::ShoreConfig;
+use mapping::grid::CellIndex;
+use mapping::obstacle_voxel::Rigidity;
 
 /// What the metrics say of columns of obstacles, gathered while the boat drives: its window leaves them behind.
 #[derive(Default)]

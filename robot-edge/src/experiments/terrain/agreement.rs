@@ -6,8 +6,8 @@ use super::sweep::Sweep;
 use super::{Cell, TerrainWorld, around};
 use crate::experiments::outcome::Check;
 use crate::experiments::spread::Spread;
-use crate::mapping::elevation_cell::CellClass;
-use crate::simulation::truth::GroundPlane;
+use mapping::elevation_cell::CellClass;
+use simulation::truth::GroundPlane;
 
 /// Cells whose true height is so near a threshold are left aside, metres.
 pub(in crate::experiments) const ASIDE_M: f64 = 0.015;

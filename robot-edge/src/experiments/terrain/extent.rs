@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use super::{Cell, TerrainWorld};
-use crate::mapping::elevation_cell::CellClass;
-use crate::simulation::solid::{Shape, Solid};
-use crate::simulation::truth::GroundPlane;
+use mapping::elevation_cell::CellClass;
+use simulation::solid::{Shape, Solid};
+use simulation::truth::GroundPlane;
 
 /// How far in front of a surface a map may show it, metres: noise, and half a cell.
 const BEFORE_M: f64 = 0.15;

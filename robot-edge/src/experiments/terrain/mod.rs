@@ -15,14 +15,14 @@ use super::ExperimentError;
 use super::published::known_cells;
 use super::run::{SimulatedRun, vehicle_config};
 use crate::config::Config;
-use crate::mapping::elevation_cell::CellClass;
-use crate::robot_time::RobotTime;
-use crate::simulation::solid::{Reflectivity, Solid};
-use crate::simulation::source::START;
-use crate::simulation::truth::{
+use mapping::elevation_cell::CellClass;
+use measurement::time::RobotTime;
+use simulation::solid::{Reflectivity, Solid};
+use simulation::source::START;
+use simulation::truth::{
     self, Bounds, GroundPlane, HeightOptions, HeightTruth, Thresholds, Verdict,
 };
-use crate::simulation::{Motion, SimulationOptions, World};
+use simulation::{Motion, SimulationOptions, World};
 
 /// A cell by its index: cell (i, j) begins at (i, j) · `cell_m`.
 pub(super) type Cell = [i64; 2];

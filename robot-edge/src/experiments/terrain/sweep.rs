@@ -6,8 +6,8 @@ use nalgebra::Point3;
 
 use super::{Cell, TerrainWorld, around, seconds};
 use crate::experiments::ExperimentError;
-use crate::mapping::registered_scan::{BeamOutcome, RegisteredScan};
-use crate::simulation::truth::GroundPlane;
+use mapping::registered_scan::{BeamOutcome, RegisteredScan};
+use simulation::truth::GroundPlane;
 
 /// A cell is swept where the laser met it in so many scans in a row: a fifth of a second.
 const SCANS_IN_A_ROW: u32 = 5;

@@ -7,7 +7,7 @@ use super::TerrainWorld;
 use crate::experiments::ExperimentError;
 use crate::experiments::pictures::{Picture, document_elevation, elevation, obstacle, store_of};
 use crate::pipeline::Pipeline;
-use crate::simulation::truth::GroundPlane;
+use simulation::truth::GroundPlane;
 
 /// The world as it truly is, seen from above: the greatest height in every cell above `plane`.
 pub(in crate::experiments) fn world_from_above(

@@ -5,9 +5,9 @@ use std::process::Command;
 use proptest::prelude::*;
 
 use super::*;
-use crate::mapping::octree::BrickStates;
-use crate::recording::shared_data::shared_data;
+use crate::shared_data::shared_data;
 use crate::skip::skip;
+use mapping::octree::BrickStates;
 
 const fn at(x: i32, y: i32, z: i32) -> VoxelIndex {
     VoxelIndex { x, y, z }

@@ -5,9 +5,9 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::Duration;
 
-use crate::clock::Monotonic;
-use crate::measurement::Stream;
-use crate::robot_time::RobotTime;
+use measurement::Stream;
+use measurement::time::Monotonic;
+use measurement::time::RobotTime;
 
 /// Messages that wait at most: two seconds of fast sensors.
 const MAX_MESSAGES: usize = 4096;

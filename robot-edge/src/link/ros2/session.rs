@@ -10,12 +10,12 @@ use zenoh::{Config, Session, Wait as _};
 
 use super::inbox::{Inbox, InboxSender, RosMessage};
 use super::twist::TwistPublisher;
-use crate::clock::Monotonic;
+use crate::clock;
 use crate::link::random_id;
-use crate::measurement::Stream;
-use crate::ros::MessageType;
-use crate::ros::middleware::attachment::Attachment;
-use crate::ros::middleware::{
+use measurement::Stream;
+use recording::ros::MessageType;
+use recording::ros::middleware::attachment::Attachment;
+use recording::ros::middleware::{
     DiscoveredTopic, HistoryKeys, TopicTransport, parse_token, rmw_pattern, rmw_stream,
     token_patterns, twist_keys,
 };
@@ -267,7 +267,7 @@ fn is_supported(kind: MessageType) -> bool {
 }
 
 fn offer(sender: &InboxSender, sample: &Sample, stream: impl FnOnce() -> Option<Stream>) {
-    let received_at = Monotonic::now();
+    let received_at = clock::now();
     if sample.kind() != SampleKind::Put {
         return;
     }

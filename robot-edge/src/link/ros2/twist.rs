@@ -9,11 +9,12 @@ use zenoh::qos::{CongestionControl, Priority};
 use super::session::RosLinkError;
 use crate::actuators::Velocity;
 use crate::actuators::published_velocity::VelocitySink;
-use crate::clock::{Monotonic, seconds_since_1970};
-use crate::measurement::Twist;
-use crate::robot_time::RobotTime;
-use crate::ros::middleware::attachment::Attachment;
-use crate::ros::twist_message;
+use crate::clock::{self, seconds_since_1970};
+use measurement::Twist;
+use measurement::time::Monotonic;
+use measurement::time::RobotTime;
+use recording::ros::middleware::attachment::Attachment;
+use recording::ros::twist_message;
 
 /// One topic, under each key that it may have.
 pub struct TwistPublisher {
@@ -45,7 +46,7 @@ impl TwistPublisher {
             publishers: keys.into_iter().map(publisher).collect::<Result<_, _>>()?,
             gid,
             sequence: 0,
-            since: Monotonic::now(),
+            since: clock::now(),
         })
     }
 }
@@ -74,7 +75,7 @@ impl VelocitySink for TwistPublisher {
     }
 
     fn has_subscriber(&self) -> bool {
-        self.since.elapsed() >= MATCHING_DELAY
+        clock::elapsed(self.since) >= MATCHING_DELAY
             && self.publishers.iter().any(|publisher| {
                 let status = publisher.matching_status().wait();
                 status.is_ok_and(|status| status.matching())

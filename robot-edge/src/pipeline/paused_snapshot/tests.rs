@@ -3,11 +3,11 @@ use protocol::tile::BootId;
 
 use super::*;
 use crate::export::voxels::voxel_digest;
-use crate::localization::pose_jump::PoseJump;
-use crate::mapping::octree::VoxelState;
-use crate::mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
-use crate::mapping::voxel::VoxelIndex;
-use crate::pose::Pose;
+use localization::pose_jump::PoseJump;
+use mapping::octree::VoxelState;
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
+use mapping::voxel::VoxelIndex;
+use measurement::pose::Pose;
 
 /// Where the scan in the map has hit something, and where the one that waits has, metres.
 const BEFORE_M: [f64; 2] = [3.05, 0.05];

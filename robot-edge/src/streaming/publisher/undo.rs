@@ -6,10 +6,10 @@ use std::sync::{Arc, PoisonError};
 use protocol::tile::{TileCells, TileKey};
 
 use super::{PublishError, Publisher, StampedCells, TileTraffic, grids};
-use crate::mapping::Mapper;
-use crate::mapping::terrain::Terrain;
-use crate::mapping::voxel_layers::VoxelLayers;
 use crate::streaming::cells_to_tiles::CellCoder;
+use mapping::Mapper;
+use mapping::terrain::Terrain;
+use mapping::voxel_layers::VoxelLayers;
 
 /// What was in the tiles before they were published; `None` where nothing was.
 #[derive(Debug)]

@@ -7,7 +7,8 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
+use robot_edge::clock;
 use rustix::event::{PollFd, PollFlags};
 
 use super::connection::{Connection, Taken};
@@ -131,7 +132,7 @@ impl EventLoop {
                 Received::Nothing => {}
                 Received::Disconnected => break,
             }
-            let now = Monotonic::now();
+            let now = clock::now();
             if self.mode == Mode::Pass {
                 self.deliver(now);
             }
@@ -146,7 +147,7 @@ impl EventLoop {
     }
 
     fn handle_command(&mut self, command: Command) -> io::Result<()> {
-        let now = Monotonic::now();
+        let now = clock::now();
         for line in &mut self.lines {
             match self.mode {
                 Mode::Pass => line.serve(now),
@@ -345,7 +346,7 @@ impl EventLoop {
             Content::Bytes(bytes) => bytes.len(),
             Content::End | Content::Reset => 0,
         };
-        let now = Monotonic::now();
+        let now = clock::now();
         let line = &mut self.lines[direction.index()];
         let taken = line.offer(now, size, Duration::ZERO, (id, content));
         debug_assert!(taken, "read no more than there is room for");

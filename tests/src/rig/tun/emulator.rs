@@ -3,7 +3,7 @@
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use rustix::event::{PollFd, PollFlags};
 use tun_rs::SyncDevice;
 
@@ -111,7 +111,7 @@ impl Emulator {
         }
         let events = self.directions.iter();
         let next = events.filter_map(|way| way.line.next_event()).min();
-        wait(watched, next.map(|moment| moment.since(Monotonic::now())))
+        wait(watched, next.map(|moment| moment.since(clock::now())))
     }
 
     /// Takes in what the kernel of `side` sends. Fails where the device is gone.
@@ -132,7 +132,7 @@ impl Emulator {
 
     /// Hands over what has come to the other end.
     fn deliver(&mut self) {
-        let now = Monotonic::now();
+        let now = clock::now();
         let mut traffic = lock(&self.traffic);
         for side in Side::ALL {
             let traffic = &mut traffic[side.index()];
@@ -167,7 +167,7 @@ impl Direction {
                 traffic.blackholed.add(packet.bytes.len());
             }
         }
-        self.line.set_line(Monotonic::now(), conditions.line);
+        self.line.set_line(clock::now(), conditions.line);
         self.conditions = conditions;
     }
 
@@ -183,7 +183,7 @@ impl Direction {
         }
         let bytes = packet.to_vec();
         let packet = Packet { bytes, is_lost };
-        let now = Monotonic::now();
+        let now = clock::now();
         if !self.line.offer(now, size, extra_delay, packet) {
             traffic.overflowed.add(size);
         }

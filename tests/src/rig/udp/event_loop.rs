@@ -4,7 +4,7 @@ use std::io::{self, ErrorKind};
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::sync::{Arc, Mutex};
 
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use rustix::event::{PollFd, PollFlags};
 
 use super::channel::{Channel, Datagram};
@@ -106,7 +106,7 @@ impl EventLoop {
     }
 
     fn handle_command(&mut self, command: LinkCommand) -> io::Result<()> {
-        let now = Monotonic::now();
+        let now = clock::now();
         match command {
             LinkCommand::Set(direction, conditions) => {
                 let traffic = &mut lock(&self.statistics).traffic[direction.index()];
@@ -140,7 +140,7 @@ impl EventLoop {
             watched.push((Watch::Target(flow.id), descriptor));
         }
         let next = self.channels.iter().filter_map(Channel::next_event).min();
-        wait(watched, next.map(|moment| moment.since(Monotonic::now())))
+        wait(watched, next.map(|moment| moment.since(clock::now())))
     }
 
     fn take_in_everything(&mut self) {
@@ -189,7 +189,7 @@ impl EventLoop {
         captured.push_back(datagram.bytes.clone());
         let traffic = &mut statistics.traffic[direction.index()];
         traffic.sent.add(datagram.bytes.len());
-        self.channels[direction.index()].take_in(Monotonic::now(), datagram, traffic);
+        self.channels[direction.index()].take_in(clock::now(), datagram, traffic);
     }
 
     /// The flow of a client, which is then the one that was used last.
@@ -217,7 +217,7 @@ impl EventLoop {
 
     /// Hands on what has come to the other end.
     fn deliver(&mut self) {
-        let now = Monotonic::now();
+        let now = clock::now();
         let mut statistics = lock(&self.statistics);
         for direction in Direction::ALL {
             let traffic = &mut statistics.traffic[direction.index()];

@@ -4,7 +4,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use operator_console::link::{Discovery, FoundRobot};
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use tempfile::tempdir;
 
 use super::controls::Controls;
@@ -40,9 +40,9 @@ fn kill(robot: Running) {
 }
 
 fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
-    let started = Monotonic::now();
+    let started = clock::now();
     while !is_so() {
-        assert!(started.elapsed() < TIMEOUT, "not {what}");
+        assert!(clock::elapsed(started) < TIMEOUT, "not {what}");
         sleep(Duration::from_millis(10));
     }
 }

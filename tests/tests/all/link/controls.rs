@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::thread::sleep;
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 
 /// Longer than anything that is waited for takes on a machine that is busy with other tests.
 const TIMEOUT: Duration = Duration::from_mins(1);
@@ -55,13 +55,13 @@ impl Controls {
 
     /// Waits until something is found in them.
     pub(crate) fn wait_for<T>(&self, what: &str, find: impl Fn(&[Control]) -> Option<T>) -> T {
-        let started = Monotonic::now();
+        let started = clock::now();
         loop {
             let all = self.all();
             if let Some(found) = find(&all) {
                 return found;
             }
-            if started.elapsed() > TIMEOUT {
+            if clock::elapsed(started) > TIMEOUT {
                 let said: Vec<_> = all
                     .iter()
                     .map(|control| format!("{}: {}", control.role, control.words))

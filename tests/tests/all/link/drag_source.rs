@@ -6,7 +6,8 @@ use std::path::Path;
 use std::thread::sleep;
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
+use robot_edge::clock;
 use x11rb::connection::Connection as _;
 use x11rb::protocol::Event;
 use x11rb::protocol::xproto::{
@@ -159,7 +160,7 @@ impl DragSource {
     }
 
     fn serve_until(&mut self, is_over: impl Fn(&Self) -> bool) {
-        let started = Monotonic::now();
+        let started = clock::now();
         while !is_over(self) {
             self.take(started);
         }
@@ -167,7 +168,7 @@ impl DragSource {
 
     /// Answers until a message is what was waited for.
     fn serve(&mut self, mut is_it: impl FnMut(&ClientMessageEvent) -> bool) {
-        let started = Monotonic::now();
+        let started = clock::now();
         loop {
             if let Some(Event::ClientMessage(message)) = self.take(started)
                 && is_it(&message)
@@ -184,7 +185,10 @@ impl DragSource {
             Some(Event::SelectionRequest(request)) => self.send_data(request),
             Some(_) => {}
             None => {
-                assert!(started.elapsed() < TIMEOUT, "the window does not answer");
+                assert!(
+                    clock::elapsed(started) < TIMEOUT,
+                    "the window does not answer"
+                );
                 sleep(Duration::from_millis(2));
             }
         }

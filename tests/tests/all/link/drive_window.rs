@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use operator_console::link::Discovery;
 use protocol::message::{Clamp, LeaseEnd, StopReason, TeleopState, TeleopStatus};
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use tempfile::{TempDir, tempdir};
 
 use super::driver::{NEUTRAL, hold_until, pictures, take_lease};
@@ -73,14 +73,14 @@ impl Scene {
         let arguments = ["--demo", "rooms"].map(str::to_owned);
         Self::of(arguments.into(), None, || {
             let discovery = Discovery::start(Vec::new(), true, None, None, || {});
-            let started = Monotonic::now();
+            let started = clock::now();
             loop {
                 let found = discovery.found();
                 let demo = found.iter().find(|found| found.robot.as_str() == "demo");
                 if let Some(demo) = demo {
                     return ("demo", demo.endpoint.clone());
                 }
-                assert!(started.elapsed() < TIMEOUT, "the demo is not found");
+                assert!(clock::elapsed(started) < TIMEOUT, "the demo is not found");
                 sleep(Duration::from_millis(50));
             }
         })
@@ -214,10 +214,10 @@ fn the_demo_drives_up_to_a_wall_and_stops_there_by_itself() {
     scene.stands();
     let (_, along) = telemetry.pose();
     scene.turns_left(Key::A);
-    let started = Monotonic::now();
+    let started = clock::now();
     let turned = || (telemetry.pose().1 - along + PI).rem_euclid(TAU) - PI;
     while turned().abs() < 1.3 {
-        assert!(started.elapsed() < TIMEOUT, "it does not turn enough");
+        assert!(clock::elapsed(started) < TIMEOUT, "it does not turn enough");
         sleep(Duration::from_millis(5));
     }
     screen.release(Key::A);
@@ -321,12 +321,12 @@ fn figures_of_a_key_on_a_window() {
     for _press in 0..60 {
         scene.stands();
         sleep(Duration::from_millis(600));
-        let pressed = Monotonic::now();
+        let pressed = clock::now();
         scene.screen.press(Key::A);
-        while pressed.elapsed() < Duration::from_secs(2) {
+        while clock::elapsed(pressed) < Duration::from_secs(2) {
             let status = scene.telemetry.now();
             if status.is_some_and(|status| status.state == TeleopState::Driving) {
-                took_ms.push(pressed.elapsed().as_secs_f64() * 1e3);
+                took_ms.push(clock::elapsed(pressed).as_secs_f64() * 1e3);
                 break;
             }
             sleep(Duration::from_micros(200));
@@ -350,15 +350,15 @@ fn figures_of_a_key_on_a_window() {
             .counters
             .accepted
     };
-    let (from, before) = (Monotonic::now(), accepted());
+    let (from, before) = (clock::now(), accepted());
     scene.turns_left(Key::A);
     let mut peak_age_ms = 0;
-    while from.elapsed() < Duration::from_secs(10) {
+    while clock::elapsed(from) < Duration::from_secs(10) {
         let status = scene.telemetry.wait_for_status("told", |_| true);
         peak_age_ms = peak_age_ms.max(status.peak_age_ms.unwrap_or(0));
         sleep(Duration::from_millis(50));
     }
-    let rate_hz = (accepted() - before) as f64 / from.elapsed().as_secs_f64();
+    let rate_hz = (accepted() - before) as f64 / clock::elapsed(from).as_secs_f64();
     scene.screen.release(Key::A);
     let stops = scene.stands().counters.involuntary_stops;
     println!(

@@ -5,7 +5,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use protocol::message::{TeleopState, TeleopStatus};
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 
 use super::screen::{Key, Screen};
 use super::telemetry::Telemetry;
@@ -21,8 +21,8 @@ pub(crate) fn pictures(name: &str) -> PathBuf {
 /// Asks for `anna` until the robot grants the lease: the window may not have heard of the robot yet.
 pub(crate) fn take_lease(screen: &Screen, telemetry: &Telemetry) {
     for _attempt in 0..30 {
-        let started = Monotonic::now();
-        while started.elapsed() < Duration::from_millis(1500) {
+        let started = clock::now();
+        while clock::elapsed(started) < Duration::from_millis(1500) {
             let holder = telemetry.now().and_then(|status| status.lease.holder);
             if holder.is_some_and(|holder| holder.as_str() == "anna") {
                 return;
@@ -48,8 +48,8 @@ pub(crate) fn hold_until(
     for _attempt in 0..10 {
         sleep(NEUTRAL);
         screen.press(key);
-        let started = Monotonic::now();
-        while started.elapsed() < Duration::from_secs(2) {
+        let started = clock::now();
+        while clock::elapsed(started) < Duration::from_secs(2) {
             let status = telemetry.now();
             let driving =
                 status.filter(|status| status.state == TeleopState::Driving && is_so(status));

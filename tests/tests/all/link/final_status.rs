@@ -6,7 +6,7 @@ use std::time::Duration;
 use operator_console::link::RobotSession;
 use operator_console::model::{ConsoleModel, LinkState, ModelSettings};
 use protocol::tile::BootId;
-use robot_edge::clock::{self, Monotonic};
+use robot_edge::clock;
 use robot_edge::link::sessions::Endpoints;
 
 use super::processes::{Running, free_port, program, rooms};
@@ -15,7 +15,7 @@ const TIMEOUT: Duration = Duration::from_secs(20);
 
 #[track_caller]
 fn wait_until(session: &RobotSession, what: &str, is_so: impl Fn(&ConsoleModel) -> bool) {
-    let is_late = clock::sleep_until(Monotonic::now() + TIMEOUT, || is_so(&session.model()));
+    let is_late = clock::sleep_until(clock::now() + TIMEOUT, || is_so(&session.model()));
     assert!(!is_late, "{what}");
 }
 
@@ -44,7 +44,7 @@ fn a_replay_that_is_interrupted_says_that_it_has_ended_before_it_goes() {
     robot.signal("INT");
     drop(robot.end());
     wait_until(&session, "it is silent", |model| {
-        model.connection().state(Monotonic::now()) == LinkState::Silent
+        model.connection().state(clock::now()) == LinkState::Silent
     });
     assert!(session.model().is_silence_expected());
 }

@@ -9,7 +9,7 @@ use operator_console::link::RobotSession;
 use operator_console::model::{ConsoleModel, LinkState, ModelSettings};
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
-use robot_edge::clock::{self, Monotonic};
+use robot_edge::clock;
 use robot_edge::link::sessions::Endpoints;
 use tempfile::tempdir;
 
@@ -19,7 +19,7 @@ const TIMEOUT: Duration = Duration::from_secs(20);
 
 #[track_caller]
 fn wait_until(session: &RobotSession, what: &str, is_so: impl Fn(&ConsoleModel) -> bool) {
-    let is_late = clock::sleep_until(Monotonic::now() + TIMEOUT, || is_so(&session.model()));
+    let is_late = clock::sleep_until(clock::now() + TIMEOUT, || is_so(&session.model()));
     assert!(!is_late, "{what}");
 }
 
@@ -72,7 +72,7 @@ fn a_late_console_that_shows_no_layer_exports_the_edges_map_and_way() {
             });
             high - low
         };
-        model.connection().state(Monotonic::now()) == LinkState::Live
+        model.connection().state(clock::now()) == LinkState::Live
             && reach_m(0) > 10.0
             && reach_m(1) > 5.0
     });

@@ -4,12 +4,13 @@ use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
 use foreshore_tests::rig::relay::Relay;
+use measurement::time::Monotonic;
 use operator_console::link::RobotSession;
 use operator_console::model::{LinkState, ModelSettings};
 use operator_console::panels::stale::StaleData;
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
-use robot_edge::clock::{Monotonic, sleep_until};
+use robot_edge::clock::{self, sleep_until};
 use robot_edge::link::sessions::Endpoints;
 
 use super::processes::{Running, free_port, program};
@@ -56,15 +57,15 @@ fn a_link_that_is_cut_is_told_within_half_a_second() {
 
     // What a window does: it looks when it is woken, and once a second for the ages it shows.
     let wait_for = |what: &str, longest: Duration, is_so: &dyn Fn(Monotonic) -> bool| {
-        let started = Monotonic::now();
-        while !is_so(Monotonic::now()) {
-            assert!(started.elapsed() < longest, "not {what}");
+        let started = clock::now();
+        while !is_so(clock::now()) {
+            assert!(clock::elapsed(started) < longest, "not {what}");
             match woken.recv_timeout(Duration::from_secs(1)) {
                 Ok(()) | Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => panic!("the link's thread is gone"),
             }
         }
-        started.elapsed()
+        clock::elapsed(started)
     };
     let is_told = |now| StaleData::new(&session.model(), now).is_some();
     let is_live = |now| session.model().connection().state(now) == LinkState::Live;
@@ -73,10 +74,10 @@ fn a_link_that_is_cut_is_told_within_half_a_second() {
     for cut in 0..CUTS {
         wait_for("live", TIMEOUT, &is_live);
         // Steady again, and not synchronized with anything that happens twice a second.
-        let until = Monotonic::now() + Duration::from_millis(2_500 + 77 * cut as u64);
-        while Monotonic::now() < until {
-            false_alarms += usize::from(is_told(Monotonic::now()));
-            sleep_until(Monotonic::now() + Duration::from_millis(10), || false);
+        let until = clock::now() + Duration::from_millis(2_500 + 77 * cut as u64);
+        while clock::now() < until {
+            false_alarms += usize::from(is_told(clock::now()));
+            sleep_until(clock::now() + Duration::from_millis(10), || false);
         }
         relay.cut().unwrap();
         took.push(wait_for("told", TIMEOUT, &is_told));

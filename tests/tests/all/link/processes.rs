@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use foreshore_tests::rig::ports::free_pair;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 
 /// Nothing that these tests wait for takes longer.
 const TIMEOUT: Duration = Duration::from_mins(2);
@@ -99,9 +99,9 @@ impl Running {
 
     /// Processor time over the wall time in which it was used, per cent of a core.
     pub(crate) fn load(&self, measured: Duration) -> f64 {
-        let (before_s, started) = (self.processor_s(), Monotonic::now());
+        let (before_s, started) = (self.processor_s(), clock::now());
         std::thread::sleep(measured);
-        100.0 * (self.processor_s() - before_s) / started.elapsed().as_secs_f64()
+        100.0 * (self.processor_s() - before_s) / clock::elapsed(started).as_secs_f64()
     }
 
     /// Whether a library of that name is loaded into it.
@@ -129,12 +129,16 @@ impl Running {
 
     /// Waits for the end; what it said, standard output first.
     pub(crate) fn end(mut self) -> (Option<i32>, String) {
-        let started = Monotonic::now();
+        let started = clock::now();
         let code = loop {
             if let Some(status) = self.child.try_wait().unwrap() {
                 break status.code();
             }
-            assert!(started.elapsed() < TIMEOUT, "{} does not end", self.name);
+            assert!(
+                clock::elapsed(started) < TIMEOUT,
+                "{} does not end",
+                self.name
+            );
             std::thread::sleep(Duration::from_millis(20));
         };
         let mut said = String::new();

@@ -6,7 +6,7 @@ use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use x11rb::connection::Connection as _;
 use x11rb::protocol::xproto::{
     AtomEnum, BUTTON_PRESS_EVENT, BUTTON_RELEASE_EVENT, ClientMessageEvent, ConnectionExt as _,
@@ -126,8 +126,8 @@ impl Screen {
 
     /// The window of this title, as soon as it can be seen; `None` where `is_over` before.
     pub(crate) fn window(&self, title: &str, mut is_over: impl FnMut() -> bool) -> Option<Window> {
-        let started = Monotonic::now();
-        while started.elapsed() < TIMEOUT && !is_over() {
+        let started = clock::now();
+        while clock::elapsed(started) < TIMEOUT && !is_over() {
             let children = self.x.query_tree(self.root).unwrap().reply().unwrap();
             let mut windows = children.children.into_iter();
             if let Some(window) = windows.find(|window| self.is_shown(*window, title)) {

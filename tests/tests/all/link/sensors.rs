@@ -6,6 +6,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use foreshore_tests::operator::Operator;
+use measurement::MeasurementData;
 use protocol::keys::{RobotId, Topic, view_of};
 use protocol::message::{
     Answer, Event, Info, RecordingState, Scan, SensorFault, SensorKind, Setting, Severity, Status,
@@ -13,10 +14,9 @@ use protocol::message::{
 };
 use protocol::tile::BootId;
 use protocol::wire::{self, Header};
-use robot_edge::clock::Monotonic;
-use robot_edge::measurement::MeasurementData;
-use robot_edge::recording::writer::McapWriter;
-use robot_edge::recording::{Selection, open};
+use recording::writer::McapWriter;
+use recording::{Selection, open};
+use robot_edge::clock;
 use serde::de::DeserializeOwned;
 use tempfile::tempdir;
 use zenoh::{Config, Session, Wait as _};
@@ -104,13 +104,13 @@ impl Watcher {
 
     /// Looks on until `found` says what was waited for.
     fn wait_for<T>(&self, what: &str, found: impl Fn(&Self) -> Option<T>) -> T {
-        let started = Monotonic::now();
+        let started = clock::now();
         loop {
             self.send_view(true);
             if let Some(found) = found(self) {
                 return found;
             }
-            assert!(started.elapsed() < TIMEOUT, "never saw: {what}");
+            assert!(clock::elapsed(started) < TIMEOUT, "never saw: {what}");
             sleep(Duration::from_millis(100));
         }
     }
@@ -348,11 +348,11 @@ fn a_simulated_robot_shows_its_sweeps_to_who_wants_them_and_records_for_operator
     // A sixteenth of 256 kbit/s is 2 kB/s; a burst of a quarter of a second, and the message that overdraws it, come
     // on top.
     let before = watcher.scans.lock().unwrap().1;
-    let started = Monotonic::now();
+    let started = clock::now();
     watcher.wait_for("four seconds", |_| {
-        (started.elapsed() > Duration::from_secs(4)).then_some(())
+        (clock::elapsed(started) > Duration::from_secs(4)).then_some(())
     });
-    let taken_s = started.elapsed().as_secs_f64();
+    let taken_s = clock::elapsed(started).as_secs_f64();
     let bytes = watcher.scans.lock().unwrap().1 - before;
     println!("sweeps: {:.1} kbit/s", bytes as f64 * 8e-3 / taken_s);
     assert!(

@@ -9,7 +9,8 @@ use std::time::Duration;
 
 use foreshore_tests::rig::Line;
 use foreshore_tests::rig::tun::{Conditions, Namespaces, Side};
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
+use robot_edge::clock;
 use tempfile::tempdir;
 
 use super::processes::{Running, program, rooms};
@@ -100,7 +101,7 @@ impl Steps {
         thread::spawn(move || {
             for line in said.lines().map_while(Result::ok) {
                 if line.contains("is_synchronized") {
-                    sender.send((Monotonic::now(), line.contains("true"))).ok();
+                    sender.send((clock::now(), line.contains("true"))).ok();
                 }
             }
         });
@@ -179,9 +180,9 @@ fn steady_cost_while_mapping() {
         let console = Running::start(&mut command, "console");
         sleep(Duration::from_secs(10));
         let bytes = || Side::ALL.map(|side| link.traffic_from(side).sent.bytes);
-        let (before, started) = (bytes(), Monotonic::now());
+        let (before, started) = (bytes(), clock::now());
         sleep(Duration::from_secs(40));
-        let (after, elapsed_s) = (bytes(), started.elapsed().as_secs_f64());
+        let (after, elapsed_s) = (bytes(), clock::elapsed(started).as_secs_f64());
         let kbps = |side: usize| (after[side] - before[side]) as f64 * 8e-3 / elapsed_s;
         println!(
             "steady cost, {name}: {:.1} kbit/s to the console, {:.1} kbit/s back, IP headers included",
@@ -221,7 +222,7 @@ fn heal(seed: u64, cuts: usize, cut: Duration) -> Vec<f64> {
         sleep(cut);
         steps.forget();
         link.set_both(shaped(0.05)).unwrap();
-        let passed = Monotonic::now();
+        let passed = clock::now();
         healed.push(
             steps
                 .next(true)

@@ -7,7 +7,7 @@ use std::time::Duration;
 use protocol::keys::{RobotId, Topic};
 use protocol::message::{Pose, Status, TeleopState, TeleopStatus};
 use protocol::wire;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use serde::de::DeserializeOwned;
 use zenoh::{Config, Session, Wait as _};
 
@@ -47,13 +47,13 @@ impl Telemetry {
         what: &str,
         is_so: impl Fn(&TeleopStatus) -> bool,
     ) -> TeleopStatus {
-        let started = Monotonic::now();
+        let started = clock::now();
         loop {
             let status = self.now();
             if let Some(status) = status.as_ref().filter(|status| is_so(status)) {
                 return status.clone();
             }
-            assert!(started.elapsed() < TIMEOUT, "not {what}: {status:?}");
+            assert!(clock::elapsed(started) < TIMEOUT, "not {what}: {status:?}");
             sleep(Duration::from_millis(10));
         }
     }
@@ -70,10 +70,10 @@ impl Telemetry {
 
     /// Waits until the newest pose is that of a vehicle without speed.
     pub(crate) fn wait_until_stopped(&self) {
-        let started = Monotonic::now();
+        let started = clock::now();
         let speed_mps = || self.pose.lock().unwrap().expect("a pose").speed_mps.abs();
         while speed_mps() > 0.001 {
-            assert!(started.elapsed() < TIMEOUT, "{} m/s", speed_mps());
+            assert!(clock::elapsed(started) < TIMEOUT, "{} m/s", speed_mps());
             sleep(Duration::from_millis(10));
         }
     }
@@ -114,7 +114,7 @@ where
 }
 
 fn connected(endpoint: &str) -> Session {
-    let started = Monotonic::now();
+    let started = clock::now();
     loop {
         let mut config = Config::default();
         for (key, value) in [
@@ -126,7 +126,7 @@ fn connected(endpoint: &str) -> Session {
         }
         match zenoh::open(config).wait() {
             Ok(session) => return session,
-            Err(why) => assert!(started.elapsed() < TIMEOUT, "{why}"),
+            Err(why) => assert!(clock::elapsed(started) < TIMEOUT, "{why}"),
         }
         sleep(Duration::from_millis(50));
     }

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use foreshore_tests::operator::{Input, Operator, PERIOD};
 use protocol::message::{Answer, EStop, TeleopState};
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use tempfile::{TempDir, tempdir};
 
 use super::emulator::on_terminal::EmulatorOnTerminal;
@@ -89,9 +89,9 @@ impl Rover {
         });
         let mut anna = rover.operator();
         anna.start_driving(AHEAD);
-        let started = Monotonic::now();
+        let started = clock::now();
         anna.hold_until(AHEAD, || {
-            assert!(started.elapsed() < TIMEOUT, "the motors never turn");
+            assert!(clock::elapsed(started) < TIMEOUT, "the motors never turn");
             controller.with(|emulator| emulator.motors().iter().all(|&power| power > 0))
         });
         (rover, controller, anna)
@@ -204,20 +204,20 @@ fn a_ros_system_is_told_velocities_and_zero_at_every_stop_and_at_the_end() {
         let mut anna = rover.operator();
         anna.start_driving(AHEAD);
         let last = || received.lock().unwrap().last().copied();
-        let started = Monotonic::now();
+        let started = clock::now();
         anna.hold_until(AHEAD, || {
             assert!(
-                started.elapsed() < TIMEOUT,
+                clock::elapsed(started) < TIMEOUT,
                 "{ros_middleware:?}: {:?}",
                 last()
             );
             last().is_some_and(|twist| twist.linear_x > 0.1)
         });
         // Not one more word of the operator.
-        let started = Monotonic::now();
+        let started = clock::now();
         while !last().unwrap().is_zero() {
             assert!(
-                started.elapsed() < TIMEOUT,
+                clock::elapsed(started) < TIMEOUT,
                 "{ros_middleware:?}: {:?}",
                 last()
             );
@@ -225,10 +225,10 @@ fn a_ros_system_is_told_velocities_and_zero_at_every_stop_and_at_the_end() {
         }
         anna.start_driving(AHEAD);
         rover.edge.signal("INT");
-        let started = Monotonic::now();
+        let started = clock::now();
         while !last().unwrap().is_zero() {
             assert!(
-                started.elapsed() < TIMEOUT,
+                clock::elapsed(started) < TIMEOUT,
                 "{ros_middleware:?}: {:?}",
                 last()
             );

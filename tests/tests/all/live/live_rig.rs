@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use foreshore_tests::operator::{Input, Operator};
 use protocol::message::TeleopState;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use tempfile::{TempDir, tempdir};
 
 use super::emulator::Emulator;
@@ -143,9 +143,9 @@ impl LiveRig {
     pub(super) fn start_driving(&self, controller: &EmulatorOnTerminal) -> Operator {
         let mut anna = self.operator();
         anna.start_driving(AHEAD);
-        let started = Monotonic::now();
+        let started = clock::now();
         anna.hold_until(AHEAD, || {
-            assert!(started.elapsed() < TIMEOUT, "the motors never turn");
+            assert!(clock::elapsed(started) < TIMEOUT, "the motors never turn");
             controller.with(|emulator| emulator.motors().iter().all(|&power| power > 0))
         });
         anna

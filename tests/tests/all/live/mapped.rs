@@ -9,7 +9,7 @@ use foreshore_tests::operator::connected;
 use protocol::keys::Topic;
 use protocol::message::Status;
 use protocol::wire;
-use robot_edge::clock::{Monotonic, sleep_until};
+use robot_edge::clock::{self, sleep_until};
 use serde_json::Value;
 use tempfile::tempdir;
 use zenoh::Wait as _;
@@ -68,10 +68,10 @@ fn await_scans(port: u16, scans: u64) {
     let session = connected(&format!("tcp/127.0.0.1:{port}"), None);
     let key = Topic::Status.key(&"live".parse().unwrap());
     let statuses = session.declare_subscriber(key).wait().unwrap();
-    let started = Monotonic::now();
+    let started = clock::now();
     let mut seen = 0;
     while seen < scans {
-        assert!(started.elapsed() < TIMEOUT, "{seen} of {scans} scans");
+        assert!(clock::elapsed(started) < TIMEOUT, "{seen} of {scans} scans");
         if let Ok(Some(sample)) = statuses.recv_timeout(Duration::from_secs(1)) {
             let (_, status): (_, Status) = wire::decode(&sample.payload().to_bytes()).unwrap();
             seen = status.scans_in;
@@ -117,7 +117,7 @@ fn live(ros_middleware: RosMiddleware, spoil: bool) -> (Value, Value) {
         system.wait_for_subscriber(topic);
     }
 
-    let (began, first) = (Monotonic::now(), messages[0].log_time_ns);
+    let (began, first) = (clock::now(), messages[0].log_time_ns);
     let mut scans = 0;
     for (number, message) in messages.iter().enumerate() {
         if message.topic == "/tf_static" {

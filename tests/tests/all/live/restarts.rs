@@ -4,7 +4,8 @@ use std::thread::{scope, sleep};
 use std::time::Duration;
 
 use foreshore_tests::operator::Operator;
-use robot_edge::clock::{Monotonic, sleep_until};
+use measurement::time::Monotonic;
+use robot_edge::clock::{self, sleep_until};
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::emulator::Output;
@@ -32,11 +33,11 @@ pub(super) fn try_signal(pid: u32, signal: Signal) -> bool {
 
 /// Drives on, and kills `edge` at a moment that nothing else decides; that moment.
 pub(super) fn kill_while_driving(edge: u32, anna: &mut Operator, rng: &mut SeededRng) -> Monotonic {
-    let due = Monotonic::now() + rng.millis(0, LONGEST_DRIVE_MS);
+    let due = clock::now() + rng.millis(0, LONGEST_DRIVE_MS);
     scope(|scope| {
         let killer = scope.spawn(|| {
             sleep_until(due, || false);
-            let now = Monotonic::now();
+            let now = clock::now();
             signal(edge, Signal::KILL);
             now
         });
@@ -47,17 +48,19 @@ pub(super) fn kill_while_driving(edge: u32, anna: &mut Operator, rng: &mut Seede
 
 /// How long after `killed` the last of both motors has come to stand, by the line's own time.
 pub(super) fn zero_after(controller: &EmulatorOnTerminal, killed: Monotonic) -> Duration {
-    let started = Monotonic::now();
+    let started = clock::now();
     loop {
         let outputs = controller.outputs();
         let turning = outputs.iter().rposition(|output| !output.is_zero());
         let stands = outputs.get(turning.map_or(0, |turning| turning + 1));
         // Long enough to see that they go on standing.
-        if let Some(Output { at, .. }) = stands.filter(|stands| stands.at.elapsed() > ZERO_WITHIN) {
+        if let Some(Output { at, .. }) =
+            stands.filter(|stands| clock::elapsed(stands.at) > ZERO_WITHIN)
+        {
             return at.since(killed);
         }
         assert!(
-            started.elapsed() < TIMEOUT,
+            clock::elapsed(started) < TIMEOUT,
             "the motors never stand: {:?}",
             outputs.last()
         );
@@ -119,7 +122,7 @@ fn a_stopped_guard_whose_edge_is_killed_goes_on_and_stops_both_motors() {
     let _anna = live_rig.start_driving(&controller);
     let guard = guard_of(edge.id());
     signal(guard, Signal::STOP);
-    let killed = Monotonic::now();
+    let killed = clock::now();
     signal(edge.id(), Signal::KILL);
     // The kernel sends SIGHUP and SIGCONT to a stopped process group that has lost its last parent.
     let zero = zero_after(&controller, killed);

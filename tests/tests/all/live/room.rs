@@ -4,14 +4,15 @@ use std::sync::Mutex;
 use std::time::Duration;
 
 use foreshore_tests::operator::{Input, PERIOD};
+use measurement::pose::planar;
+use measurement::scan::Scan;
+use measurement::time::Monotonic;
+use measurement::time::RobotTime;
+use measurement::{Measurement, MeasurementData, StreamId};
 use nalgebra::{Isometry2, UnitComplex, Vector2};
 use protocol::message::CollisionMonitorState;
-use robot_edge::clock::{Monotonic, sleep_until};
-use robot_edge::measurement::{Measurement, MeasurementData, StreamId};
-use robot_edge::pose::planar;
-use robot_edge::robot_time::RobotTime;
-use robot_edge::ros;
-use robot_edge::scan::Scan;
+use recording::ros;
+use robot_edge::clock::{self, sleep_until};
 
 use super::driven::{Rover, TIMEOUT};
 use super::ros_system::RosSystem;
@@ -42,12 +43,12 @@ impl Room {
         speeds: impl Fn() -> Speeds,
         is_over: impl Fn() -> bool,
     ) {
-        let mut last = Monotonic::now();
+        let mut last = clock::now();
         for step in 0_u32.. {
             if is_over() {
                 return;
             }
-            let now = Monotonic::now();
+            let now = clock::now();
             let pose = self.drive(speeds(), now.since(last).as_secs_f64());
             last = now;
             let stamp = 1_790_000_000_000_000_000 + now.since(Monotonic::default()).as_nanos();
@@ -121,10 +122,10 @@ fn real_motors_stop_before_a_wall_with_the_key_held() {
     let (rover, controller, mut anna) = Rover::with_roboteq();
     let (fast, gap_m) = (Input::of(0.6, 0.0), || rover.room.gap_m());
     let stands = || controller.with(|emulator| emulator.motors() == [0, 0]);
-    let started = Monotonic::now();
+    let started = clock::now();
     // On a busy machine it may stop for another reason on its way.
     while gap_m() > MARGIN_M + 0.2 {
-        assert!(started.elapsed() < TIMEOUT, "{} m", gap_m());
+        assert!(clock::elapsed(started) < TIMEOUT, "{} m", gap_m());
         anna.start_driving(fast);
         anna.hold(fast, PERIOD * 25);
         anna.hold_until(fast, || stands() || gap_m() < 0.0);

@@ -5,12 +5,12 @@ use std::sync::{Arc, Mutex};
 use std::thread::sleep;
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
-use robot_edge::measurement::{Measurement, MeasurementData, StreamId};
-use robot_edge::robot_time::RobotTime;
-use robot_edge::ros;
-use robot_edge::ros::middleware::attachment::Attachment;
-use robot_edge::scan::Scan;
+use measurement::scan::Scan;
+use measurement::time::RobotTime;
+use measurement::{Measurement, MeasurementData, StreamId};
+use recording::ros;
+use recording::ros::middleware::attachment::Attachment;
+use robot_edge::clock;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::qos::CongestionControl;
@@ -154,9 +154,12 @@ impl RosSystem {
     /// Waits until somebody listens to this topic.
     pub(super) fn wait_for_subscriber(&self, topic: &str) {
         let publisher = &self.topics[topic].publisher;
-        let started = Monotonic::now();
+        let started = clock::now();
         while !publisher.matching_status().wait().unwrap().matching() {
-            assert!(started.elapsed() < TIMEOUT, "nobody listens to {topic}");
+            assert!(
+                clock::elapsed(started) < TIMEOUT,
+                "nobody listens to {topic}"
+            );
             sleep(Duration::from_millis(20));
         }
     }
@@ -192,7 +195,7 @@ impl RosSystem {
                     received
                         .lock()
                         .unwrap()
-                        .push(Twist::of(&sample, ros_middleware))
+                        .push(Twist::of(&sample, ros_middleware));
                 }
             })
             .wait()

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread::sleep;
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use tempfile::{TempDir, tempdir};
 
 use crate::link::processes::program;
@@ -89,7 +89,7 @@ impl ServiceManager {
     }
 
     fn wait_for_systemd(&mut self) {
-        let started = Monotonic::now();
+        let started = clock::now();
         loop {
             let ended = self.outside.try_wait().unwrap();
             assert_eq!(
@@ -105,7 +105,7 @@ impl ServiceManager {
                     return;
                 }
             }
-            assert!(started.elapsed() < TIMEOUT, "systemd does not start");
+            assert!(clock::elapsed(started) < TIMEOUT, "systemd does not start");
             sleep(Duration::from_millis(20));
         }
     }
@@ -198,10 +198,10 @@ impl Drop for ServiceManager {
         // It may have ended already.
         drop(self.outside.kill());
         drop(self.outside.wait());
-        let started = Monotonic::now();
+        let started = clock::now();
         // Groups of processes that are just ending cannot be removed yet.
         while self.group.exists() && remove_groups(&self.group).is_err() {
-            if started.elapsed() > Duration::from_secs(5) {
+            if clock::elapsed(started) > Duration::from_secs(5) {
                 println!("{} is left behind", self.group.display());
                 break;
             }

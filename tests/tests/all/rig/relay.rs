@@ -7,7 +7,7 @@ use std::time::Duration;
 use foreshore_tests::rig::Line;
 use foreshore_tests::rig::ports::free_pair;
 use foreshore_tests::rig::relay::{Direction, Relay};
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 
 use super::uninterrupted;
 
@@ -81,9 +81,9 @@ fn fill(mut stream: &TcpStream) -> usize {
 
 /// Waits for what another thread is about to do.
 fn eventually(what: &str, is_true: impl Fn() -> bool) {
-    let start = Monotonic::now();
+    let start = clock::now();
     while !is_true() {
-        assert!(start.elapsed() < TIMEOUT, "never: {what}");
+        assert!(clock::elapsed(start) < TIMEOUT, "never: {what}");
         thread::sleep(Duration::from_millis(1));
     }
 }
@@ -100,7 +100,7 @@ fn delay_and_rate_keep_order_and_content() {
         relay.set_line(direction, slow).unwrap();
     }
     let (up, down) = (content(1, 200_000), content(2, 150_000));
-    let start = Monotonic::now();
+    let start = clock::now();
     thread::scope(|scope| {
         scope.spawn(|| (&client).write_all(&up).unwrap());
         scope.spawn(|| (&target).write_all(&down).unwrap());
@@ -108,7 +108,7 @@ fn delay_and_rate_keep_order_and_content() {
         assert!(read(&target, up.len()) == up);
         assert!(received.join().unwrap() == down);
     });
-    assert!(start.elapsed() >= Duration::from_millis(220));
+    assert!(clock::elapsed(start) >= Duration::from_millis(220));
     assert_eq!(relay.bytes_forwarded(Direction::ToTarget), 200_000);
     assert_eq!(relay.bytes_forwarded(Direction::FromTarget), 150_000);
 }
@@ -118,13 +118,13 @@ fn each_byte_takes_the_delay_each_way() {
     let (relay, mut client, mut target) = connected();
     relay.set_delay(Duration::from_millis(30)).unwrap();
     for _ in 0..3 {
-        let start = Monotonic::now();
+        let start = clock::now();
         client.write_all(&[7]).unwrap();
         assert_eq!(read(&target, 1), [7]);
-        assert!(start.elapsed() >= Duration::from_millis(30));
+        assert!(clock::elapsed(start) >= Duration::from_millis(30));
         target.write_all(&[8]).unwrap();
         assert_eq!(read(&client, 1), [8]);
-        assert!(start.elapsed() >= Duration::from_millis(60));
+        assert!(clock::elapsed(start) >= Duration::from_millis(60));
     }
 }
 
@@ -169,7 +169,7 @@ fn a_stall_is_no_time_to_catch_up_in() {
     const RATE_BYTES_PER_S: u64 = 20_000;
     let (relay, mut client, _target) = connected();
     relay.set_rate(Some(RATE_BYTES_PER_S)).unwrap();
-    let start = Monotonic::now();
+    let start = clock::now();
     client.write_all(&content(6, 6_000)).unwrap();
     eventually("the first bytes", || {
         relay.bytes_forwarded(Direction::ToTarget) > 0
@@ -178,8 +178,7 @@ fn a_stall_is_no_time_to_catch_up_in() {
     thread::sleep(2 * QUIET_PERIOD);
     relay.pass().unwrap();
     let forwarded = relay.bytes_forwarded(Direction::ToTarget);
-    let passing_s = start
-        .elapsed()
+    let passing_s = clock::elapsed(start)
         .saturating_sub(2 * QUIET_PERIOD)
         .as_secs_f64();
     assert!(
@@ -226,7 +225,7 @@ fn the_rate_is_kept_and_is_shared() {
     let (listener, address) = listener();
     let relay = Relay::to(address).unwrap();
     relay.set_rate(Some(RATE_BYTES_PER_S)).unwrap();
-    let start = Monotonic::now();
+    let start = clock::now();
     let pairs: Vec<_> = (0..2)
         .map(|_| (connect(relay.address()), listener.accept().unwrap().0))
         .collect();
@@ -245,10 +244,10 @@ fn the_rate_is_kept_and_is_shared() {
         eventually("enough bytes", || {
             relay.bytes_forwarded(Direction::ToTarget) >= BYTES
         });
-        let elapsed_s = start.elapsed().as_secs_f64();
+        let elapsed_s = clock::elapsed(start).as_secs_f64();
         relay.cut().unwrap();
         let forwarded = relay.bytes_forwarded(Direction::ToTarget) as f64;
-        let allowed = RATE_BYTES_PER_S as f64 * start.elapsed().as_secs_f64();
+        let allowed = RATE_BYTES_PER_S as f64 * clock::elapsed(start).as_secs_f64();
         assert!(
             forwarded <= allowed,
             "{forwarded} bytes in place of {allowed}"

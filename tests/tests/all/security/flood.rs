@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-use robot_edge::clock::{self, Monotonic};
+use robot_edge::clock;
 use robot_edge::credentials::Credentials;
 use robot_edge::link::endpoints::Channel;
 use robot_edge::link::sessions::{self, Endpoints, Side};
@@ -134,7 +134,7 @@ fn a_stranger_who_knocks_a_hundred_times_a_second_keeps_nobody_out() {
     edge.args(["--listen", &format!("quic/{VEHICLE}:{PORT}"), "--keys"]);
     edge.arg(&vehicle);
     let mut edge = Running::start(&mut edge, "edge");
-    clock::sleep_until(Monotonic::now() + Duration::from_secs(3), || false);
+    clock::sleep_until(clock::now() + Duration::from_secs(3), || false);
     let (person, drive_by_wire) = (root.join("people/anna"), program("drive-by-wire"));
     let connect = || {
         let mut connect = lan.within("o", drive_by_wire.get_program());
@@ -150,11 +150,11 @@ fn a_stranger_who_knocks_a_hundred_times_a_second_keeps_nobody_out() {
     knock.args(["knock", STRANGER, VEHICLE, &PORT.to_string()]);
     knock.args([KNOCKS_PER_S, FLOOD.as_secs() as u32].map(|number| number.to_string()));
     let flood = Running::start(knock.arg(&packets), "stranger");
-    clock::sleep_until(Monotonic::now() + Duration::from_secs(3), || false);
+    clock::sleep_until(clock::now() + Duration::from_secs(3), || false);
     let mut slowest_ms = 0;
     for _ in 0..10 {
         slowest_ms = slowest_ms.max(connect());
-        clock::sleep_until(Monotonic::now() + Duration::from_millis(700), || false);
+        clock::sleep_until(clock::now() + Duration::from_millis(700), || false);
     }
     let grown = edge.memory().saturating_sub(before);
     let said = flood.ends_well();

@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::sleep;
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use robot_edge::credentials::Credentials;
 use robot_edge::link::endpoints::Channel;
 use robot_edge::link::sessions::{self, Endpoints, Side};
@@ -91,9 +91,9 @@ impl Vehicle {
 }
 
 fn until(what: &str, is_so: impl Fn() -> bool) {
-    let started = Monotonic::now();
+    let started = clock::now();
     while !is_so() {
-        assert!(started.elapsed() < TIMEOUT, "never: {what}");
+        assert!(clock::elapsed(started) < TIMEOUT, "never: {what}");
         sleep(Duration::from_millis(5));
     }
 }
@@ -104,11 +104,11 @@ pub(super) fn person(fleet: &Fleet, name: &str, port: u16) -> Session {
         credentials: Some(Credentials::open(&fleet.person(name)).unwrap()),
         ..Endpoints::default()
     };
-    let started = Monotonic::now();
+    let started = clock::now();
     loop {
         match sessions::open(Side::Console, Channel::Control, &endpoints) {
             Ok(session) => return session,
-            Err(why) => assert!(started.elapsed() < TIMEOUT, "{name}: {why}"),
+            Err(why) => assert!(clock::elapsed(started) < TIMEOUT, "{name}: {why}"),
         }
     }
 }

@@ -8,8 +8,9 @@ use std::thread::{scope, sleep};
 use std::time::Duration;
 
 use foreshore_tests::operator::NEUTRAL;
+use measurement::time::Monotonic;
 use protocol::message::{Answer, LeaseRequest, Refusal, StopReason, TeleopState};
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use robot_edge::credentials::Credentials;
 use robot_edge::link::endpoints::Channel;
 use robot_edge::link::sessions::{self, Endpoints, Side};
@@ -49,13 +50,13 @@ impl Poses {
         let taken = poses.clone();
         session
             .declare_subscriber("foreshore/scout/pose")
-            .callback(move |_| taken.0.lock().unwrap().push(Monotonic::now()))
+            .callback(move |_| taken.0.lock().unwrap().push(clock::now()))
             .background()
             .wait()
             .unwrap();
-        let started = Monotonic::now();
+        let started = clock::now();
         while poses.0.lock().unwrap().is_empty() {
-            assert!(started.elapsed() < TIMEOUT, "no pose comes");
+            assert!(clock::elapsed(started) < TIMEOUT, "no pose comes");
             sleep(Duration::from_millis(5));
         }
         poses
@@ -127,12 +128,12 @@ fn who_is_taken_off_the_list_sees_nothing_any_more_and_the_driver_drives_again()
 
     anna.start_driving(TURN);
     take_off(&fleet, "bert");
-    let written = Monotonic::now();
+    let written = clock::now();
     // She holds the key all the time, until she is told of the vehicle again.
     anna.hold(TURN, REVOKED);
-    let (last, resumed) = (of_bert.last_after(written), Monotonic::now());
+    let (last, resumed) = (of_bert.last_after(written), clock::now());
     anna.hold_until(TURN, || {
-        assert!(resumed.elapsed() < TIMEOUT, "no pose for Anna");
+        assert!(clock::elapsed(resumed) < TIMEOUT, "no pose for Anna");
         of_anna.last_after(resumed) > Duration::ZERO
     });
     let gap = of_anna.longest_gap(written);
@@ -148,9 +149,9 @@ fn who_is_taken_off_the_list_sees_nothing_any_more_and_the_driver_drives_again()
     );
     // Her session and her tiles have come back by themselves.
     anna.start_driving(TURN);
-    let started = Monotonic::now();
+    let started = clock::now();
     while !answers(&tiles_of_anna) {
-        assert!(started.elapsed() < TIMEOUT, "no tiles for Anna");
+        assert!(clock::elapsed(started) < TIMEOUT, "no tiles for Anna");
     }
     assert_eq!(of_bert.last_after(written), last, "he is told nothing anew");
     drop(frozen);
@@ -184,15 +185,18 @@ fn a_list_that_says_the_same_in_another_order_interrupts_nobody() {
     let (head, people) = whole.split_once("\n[[person]]").unwrap();
     let mut people: Vec<_> = people.trim_end().split("\n[[person]]").collect();
     people.reverse();
-    let written = Monotonic::now();
+    let written = clock::now();
     fs::write(
         &path,
         format!("{head}\n[[person]]{}\n", people.join("\n[[person]]")),
     )
     .unwrap();
-    let started = Monotonic::now();
+    let started = clock::now();
     while !audit(&fleet).iter().any(|(kind, _)| kind == "operators") {
-        assert!(started.elapsed() < TIMEOUT, "the list is not read again");
+        assert!(
+            clock::elapsed(started) < TIMEOUT,
+            "the list is not read again"
+        );
         sleep(Duration::from_millis(20));
     }
     sleep(Duration::from_secs(1));
@@ -212,11 +216,11 @@ fn behind_a_router_who_is_taken_off_drives_no_more_and_sees_until_the_router_has
     let anna = operator(&fleet, "anna", port);
     let mut bert = operator(&fleet, "bert", port);
     let (of_anna, of_bert) = (Poses::of(anna.session()), Poses::of(bert.session()));
-    let written = Monotonic::now();
+    let written = clock::now();
     take_off(&fleet, "bert");
-    let started = Monotonic::now();
+    let started = clock::now();
     while bert.ask(&LeaseRequest::Request) != Answer::Refused(Refusal::Signature) {
-        assert!(started.elapsed() < REVOKED, "he may drive");
+        assert!(clock::elapsed(started) < REVOKED, "he may drive");
     }
     let gap = of_anna.longest_gap(written);
     assert!(
@@ -228,9 +232,9 @@ fn behind_a_router_who_is_taken_off_drives_no_more_and_sees_until_the_router_has
     // The file follows from the lists, and is written anew with them.
     old_rules.close().wait().unwrap();
     let _new_rules = router::start(&fleet, port);
-    let restarted = Monotonic::now();
+    let restarted = clock::now();
     while of_anna.last_after(written) < restarted.since(written) {
-        assert!(restarted.elapsed() < TIMEOUT, "Anna is told nothing");
+        assert!(clock::elapsed(restarted) < TIMEOUT, "Anna is told nothing");
         sleep(Duration::from_millis(20));
     }
     sleep(Duration::from_secs(1));
@@ -266,8 +270,8 @@ fn a_port_that_is_taken_meanwhile_is_waited_for() {
         // Where the vehicle was quicker, again.
         for change in 0..10 {
             fs::write(&list, if change % 2 == 0 { &whole } else { &without }).unwrap();
-            let changed = Monotonic::now();
-            while !failed() && changed.elapsed() < Duration::from_secs(4) {
+            let changed = clock::now();
+            while !failed() && clock::elapsed(changed) < Duration::from_secs(4) {
                 sleep(Duration::from_millis(20));
             }
             if failed() {
@@ -277,11 +281,11 @@ fn a_port_that_is_taken_meanwhile_is_waited_for() {
         is_over.store(true, Ordering::Relaxed);
     });
     assert!(failed(), "nobody was quicker than the vehicle");
-    let freed = Monotonic::now();
+    let freed = clock::now();
     anna.wait_for_new_status();
     println!(
         "told of again {:.2?} after the port was free",
-        freed.elapsed()
+        clock::elapsed(freed)
     );
     anna.session().close().wait().unwrap();
     edge.signal("INT");
@@ -310,7 +314,7 @@ fn a_deleted_list_lets_nobody_drive_or_watch_after_ten_seconds_and_gives_leave_w
     let whole = text(&list);
     anna.start_driving(TURN);
     fs::remove_file(&list).unwrap();
-    let removed = Monotonic::now();
+    let removed = clock::now();
     // Nothing changes for as long as it says.
     anna.hold(TURN, Duration::from_secs(9));
     let is_hers = anna.wait_for_new_status().lease.holder == Some(anna.name.clone());
@@ -320,9 +324,9 @@ fn a_deleted_list_lets_nobody_drive_or_watch_after_ten_seconds_and_gives_leave_w
     println!("the last pose came {last:.2?} after the list was gone");
     assert!(last > Duration::from_secs(9) && last < Duration::from_secs(13));
     fs::write(&list, whole).unwrap();
-    let back = Monotonic::now();
+    let back = clock::now();
     while poses.last_after(removed) < back.since(removed) {
-        assert!(back.elapsed() < TIMEOUT, "she is told nothing");
+        assert!(clock::elapsed(back) < TIMEOUT, "she is told nothing");
         sleep(Duration::from_millis(20));
     }
     anna.hold(TURN, NEUTRAL);

@@ -4,7 +4,7 @@ use std::fs;
 use std::thread::sleep;
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use zenoh::{Config, Session, Wait as _};
 
 use crate::fleet::{Fleet, text};
@@ -22,11 +22,11 @@ pub(super) fn start(fleet: &Fleet, port: u16) -> Session {
     let path = fleet.scratch("router.json5");
     fs::write(&path, here).unwrap();
     // The port of a router before it may not be free yet.
-    let started = Monotonic::now();
+    let started = clock::now();
     loop {
         match zenoh::open(Config::from_file(&path).unwrap()).wait() {
             Ok(session) => return session,
-            Err(why) => assert!(started.elapsed() < TIMEOUT, "{why}"),
+            Err(why) => assert!(clock::elapsed(started) < TIMEOUT, "{why}"),
         }
         sleep(Duration::from_millis(100));
     }

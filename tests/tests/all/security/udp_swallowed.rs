@@ -13,7 +13,7 @@ use operator_console::link::{RobotSession, Transport};
 use operator_console::model::{LinkState, ModelSettings};
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use robot_edge::credentials::Credentials;
 use robot_edge::link::sessions::Endpoints;
 
@@ -116,16 +116,16 @@ fn takes(what: &str, is_so: impl Fn() -> bool) -> Duration {
 
 /// The same, where it is worth saying how it is instead.
 fn takes_or_says(what: impl Fn() -> String, is_so: impl Fn() -> bool) -> Duration {
-    let started = Monotonic::now();
+    let started = clock::now();
     while !is_so() {
-        assert!(started.elapsed() < TIMEOUT, "not {}", what());
+        assert!(clock::elapsed(started) < TIMEOUT, "not {}", what());
         sleep(Duration::from_millis(5));
     }
-    started.elapsed()
+    clock::elapsed(started)
 }
 
 fn is_live(session: &RobotSession) -> bool {
-    session.model().connection().state(Monotonic::now()) == LinkState::Live
+    session.model().connection().state(clock::now()) == LinkState::Live
 }
 
 fn goes_by(session: &RobotSession, transport: Transport) -> bool {
@@ -139,10 +139,10 @@ fn a_console_drives_by_tls_and_says_so() {
     fs::write(&script, TURNS).unwrap();
     let mut console = network.console("anna");
     console.args(["--headless", "drive", "--script"]);
-    let started = Monotonic::now();
+    let started = clock::now();
     let mut console = Running::start(console.arg(script), "console");
     console.wait_for_output("lease held");
-    let took = started.elapsed();
+    let took = clock::elapsed(started);
     let said = console.ends_well();
     println!(
         "from the program's start to the lease: {took:?}; {} datagrams were swallowed",
@@ -162,7 +162,7 @@ fn a_map_comes_by_tls_and_the_window_is_told() {
     let live = takes("live", || is_live(&session));
     let in_step = live
         + takes("synchronized", || {
-            session.model().is_synchronized(Monotonic::now())
+            session.model().is_synchronized(clock::now())
         });
     takes("told", || goes_by(&session, Transport::TlsInstead));
     let cells = session

@@ -5,8 +5,8 @@ use std::time::Duration;
 use foreshore_tests::operator::{Input, NEUTRAL, Operator};
 use nalgebra::{Point3, Quaternion, UnitQuaternion, Vector2, Vector3};
 use protocol::message::{Answer, Clamp, CollisionMonitorState, Setting, TeleopState};
-use robot_edge::simulation::World;
-use robot_edge::simulation::scene::Scene;
+use simulation::World;
+use simulation::scene::Scene;
 use zenoh::Wait as _;
 
 use super::robot::{CIRCLE, NAME, Robot};

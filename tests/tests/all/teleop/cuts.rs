@@ -7,7 +7,7 @@ use std::time::Duration;
 use foreshore_tests::drive_log::Stop;
 use foreshore_tests::operator::{NEUTRAL, Operator};
 use foreshore_tests::rig::relay::Relay;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 
 use super::drive::ROUND;
 use super::robot::{CIRCLE, LIMITS, NAME, Robot};
@@ -36,9 +36,9 @@ pub(super) fn cut_while_driving(
             scope.spawn(|| driver.hold_until(CIRCLE, || is_over.load(Ordering::Relaxed)));
             sleep(before);
             cut();
-            let cut_at = Monotonic::now();
+            let cut_at = clock::now();
             sleep(outage);
-            outages.push((cut_at, Monotonic::now()));
+            outages.push((cut_at, clock::now()));
             pass();
             sleep(HELD_ON);
             is_over.store(true, Ordering::Relaxed);

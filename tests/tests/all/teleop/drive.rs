@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use foreshore_tests::drive_log::DriveLog;
 use foreshore_tests::operator::Operator;
-use robot_edge::clock::Monotonic;
+use measurement::time::Monotonic;
+use robot_edge::clock;
 
 use super::figures::at;
 use super::robot::CIRCLE;
@@ -20,9 +21,9 @@ pub(super) fn while_driving(
     let is_over = AtomicBool::new(false);
     scope(|scope| {
         scope.spawn(|| driver.hold_until(CIRCLE, || is_over.load(Ordering::Relaxed)));
-        let began = Monotonic::now();
+        let began = clock::now();
         attack();
-        let ended = Monotonic::now();
+        let ended = clock::now();
         is_over.store(true, Ordering::Relaxed);
         (began, ended)
     })

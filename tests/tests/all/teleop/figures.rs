@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use foreshore_tests::drive_log::{DriveLog, press_latencies};
 use foreshore_tests::operator::{Input, Journal, Operator};
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use tempfile::tempdir;
 
 use super::drive::Lateness;
@@ -66,13 +66,13 @@ fn measure_locally(world: &'static str) {
     sleep(Duration::from_secs(5));
     frozen.signal("STOP");
 
-    let (idle, load) = (Monotonic::now(), robot.edge.processor_s());
+    let (idle, load) = (clock::now(), robot.edge.processor_s());
     sleep(Duration::from_secs(20));
-    let load = (robot.edge.processor_s() - load) / idle.elapsed().as_secs_f64();
+    let load = (robot.edge.processor_s() - load) / clock::elapsed(idle).as_secs_f64();
     anna.start_driving(PRESSED.0);
-    let driven = Monotonic::now();
+    let driven = clock::now();
     press_and_let_go(&mut anna);
-    let (log, over) = (robot.log(), Monotonic::now());
+    let (log, over) = (robot.log(), clock::now());
     println!(
         "{world}: the edge takes {:.0} % of a core, all its threads",
         100.0 * load

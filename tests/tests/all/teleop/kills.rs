@@ -7,8 +7,9 @@ use std::time::Duration;
 
 use foreshore_tests::drive_log::{DriveLog, Round};
 use foreshore_tests::operator::{Input, Journal, NEUTRAL, Operator};
+use measurement::time::Monotonic;
 use protocol::message::{StopReason, TeleopState};
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use tempfile::tempdir;
 
 use super::robot::{CIRCLE, LIMITS, NAME, Robot};
@@ -73,11 +74,11 @@ fn an_operators_process_that_is_killed_stops_the_vehicle_and_frees_it() {
     let mut bert = Operator::ready(&robot.endpoint(), NAME, "bert");
     drives(&bert);
     anna.running.signal("KILL");
-    let killed = Monotonic::now();
+    let killed = clock::now();
     let idle = bert.wait_for_status("idle", |teleop| teleop.state == TeleopState::Idle);
     assert_eq!(idle.last_stop, Some(StopReason::Age));
     assert_eq!(idle.lease.holder, None);
-    stood(&robot.log(), stands_by(killed), Monotonic::now());
+    stood(&robot.log(), stands_by(killed), clock::now());
     bert.start_driving(CIRCLE);
     robot.verdict(&[&anna.journal(), &bert.journal]);
 }
@@ -89,14 +90,14 @@ fn an_operators_process_that_hangs_stops_the_vehicle_until_a_new_press() {
     let observer = Operator::ready(&robot.endpoint(), NAME, "observer");
     drives(&observer);
     anna.running.signal("STOP");
-    let stopped = Monotonic::now();
+    let stopped = clock::now();
     sleep(HANG);
     anna.running.signal("CONT");
-    let woken = Monotonic::now();
+    let woken = clock::now();
     // It goes on as if nothing had been: the lease is still its own, and the key is down.
     sleep(HANG);
     let log = robot.log();
-    let rounds = stood(&log, stands_by(stopped), Monotonic::now());
+    let rounds = stood(&log, stands_by(stopped), clock::now());
     let last = rounds.last().unwrap();
     assert_eq!((last.mode.as_str(), last.requested), ("held", [0.15, 1.0]));
     let journal = anna.journal();
@@ -116,9 +117,9 @@ fn an_edge_that_hangs_stands_when_it_wakes() {
         scope.spawn(|| anna.hold_until(CIRCLE, || is_over.load(Ordering::Relaxed)));
         sleep(HANG);
         robot.edge.signal("STOP");
-        let stopped = Monotonic::now();
+        let stopped = clock::now();
         sleep(HANG);
-        let woken = Monotonic::now();
+        let woken = clock::now();
         robot.edge.signal("CONT");
         sleep(HANG);
         is_over.store(true, Ordering::Relaxed);
@@ -129,7 +130,7 @@ fn an_edge_that_hangs_stands_when_it_wakes() {
     assert!(!log.since(stopped + NEUTRAL).is_empty(), "it goes on");
     // The first round as well: what waited for it is too old, and the ramp has long been due.
     let from = woken + Duration::from_nanos(1);
-    stood(&log, from, Monotonic::now());
+    stood(&log, from, clock::now());
     anna.start_driving(CIRCLE);
     robot.verdict(&[&anna.journal]);
 }
@@ -149,7 +150,7 @@ fn an_edge_that_is_killed_and_comes_back_knows_nobody() {
     robot.restart();
     anna.hold(CIRCLE, Duration::from_secs(4));
     let log = robot.log();
-    let rounds = stood(&log, last.at, Monotonic::now());
+    let rounds = stood(&log, last.at, clock::now());
     assert!(rounds.len() > 50 && rounds.iter().all(|round| round.seq.is_none()));
     let teleop = anna.wait_for_new_status();
     assert_eq!(teleop.lease.holder, None);
@@ -179,7 +180,7 @@ fn a_router_that_hangs_or_dies_stops_the_vehicle_until_a_new_press() {
         let broken = scope(|scope| {
             scope.spawn(|| anna.hold_until(CIRCLE, || is_over.load(Ordering::Relaxed)));
             sleep(NEUTRAL);
-            let broken = Monotonic::now();
+            let broken = clock::now();
             if does_die {
                 between.signal("KILL");
                 sleep(HANG);
@@ -193,7 +194,7 @@ fn a_router_that_hangs_or_dies_stops_the_vehicle_until_a_new_press() {
             is_over.store(true, Ordering::Relaxed);
             broken
         });
-        stood(&robot.log(), stands_by(broken), Monotonic::now());
+        stood(&robot.log(), stands_by(broken), clock::now());
     }
     anna.start_driving(CIRCLE);
     robot.verdict(&[&anna.journal]);

@@ -11,8 +11,8 @@ use protocol::keys::{RobotId, Topic, view_of};
 use protocol::message::{Event, Severity, TeleopState, View};
 use protocol::tile::BootId;
 use protocol::wire::{self, Header};
-use robot_edge::clock::Monotonic;
-use robot_edge::recording::{Selection, open};
+use recording::{Selection, open};
+use robot_edge::clock;
 use zenoh::Wait as _;
 
 use super::drive::while_driving;
@@ -77,9 +77,9 @@ impl Console {
     }
 
     fn wait_for_event(&self, kind: &str) {
-        let started = Monotonic::now();
+        let started = clock::now();
         while self.events(kind).is_empty() {
-            assert!(started.elapsed() < TIMEOUT, "never told: {kind}");
+            assert!(clock::elapsed(started) < TIMEOUT, "never told: {kind}");
             self.subscribe();
             sleep(Duration::from_millis(100));
         }

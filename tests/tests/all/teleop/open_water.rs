@@ -21,7 +21,8 @@ const AHEAD: Input = Input::of(3.0, 0.0);
 
 /// The lake with the boat at another place, and with `noise` added to its sensors.
 fn lake(folder: &Path, start_x_m: f64, noise: &str) -> &'static str {
-    let world = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robot-edge/worlds/lake.toml");
+    let world =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../robot-edge/simulation/worlds/lake.toml");
     let text = fs::read_to_string(world).unwrap();
     let (before, path_and_rest) = text.split_once("waypoints = [").unwrap();
     let (_, after) = path_and_rest.split_once("\n]\n").unwrap();

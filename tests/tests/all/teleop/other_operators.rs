@@ -6,7 +6,7 @@ use std::time::Duration;
 use foreshore_tests::operator::{Input, NEUTRAL, Operator, PERIOD, connected};
 use protocol::keys::{OperatorTopic, Topic, operator_key};
 use protocol::message::{Answer, Drive, EStop, LeaseRequest, Refusal, TeleopState};
-use robot_edge::clock::{Monotonic, sleep_until};
+use robot_edge::clock::{self, sleep_until};
 use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait as _};
 
@@ -70,9 +70,9 @@ fn flood(session: &Session, key: &str, mut message: impl FnMut() -> Vec<u8>) {
         .congestion_control(CongestionControl::Drop)
         .wait()
         .unwrap();
-    let (started, mut next) = (Monotonic::now(), Monotonic::now());
+    let (started, mut next) = (clock::now(), clock::now());
     let mut sent = 0;
-    while started.elapsed() < ATTACK {
+    while clock::elapsed(started) < ATTACK {
         let message = message();
         for _ in 0..AT_ONCE {
             publisher.put(message.clone()).wait().unwrap();
@@ -81,7 +81,7 @@ fn flood(session: &Session, key: &str, mut message: impl FnMut() -> Vec<u8>) {
         next = next + Duration::from_secs(1) * AT_ONCE / FLOOD_PER_S;
         sleep_until(next, || false);
     }
-    let per_s = f64::from(sent) / started.elapsed().as_secs_f64();
+    let per_s = f64::from(sent) / clock::elapsed(started).as_secs_f64();
     println!("{key}: {per_s:.0} messages/s");
 }
 

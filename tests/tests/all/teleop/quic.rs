@@ -9,7 +9,7 @@ use foreshore_tests::rig::Line;
 use foreshore_tests::rig::relay::Direction;
 use foreshore_tests::rig::udp::{Conditions, UdpRelay};
 use protocol::message::Refusal;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 
 use super::cuts::{Promptness, cut_while_driving};
 use super::drive::{drove, while_driving};
@@ -125,11 +125,11 @@ fn what_a_stalled_quic_link_delivers_moves_nothing() {
             .sum::<u64>()
     };
     let before = late();
-    let mut stalled = Monotonic::now();
+    let mut stalled = clock::now();
     let (_, ended) = while_driving(&mut anna, || {
         sleep(NEUTRAL);
         secured.relay.set(Direction::ToTarget, HELD).unwrap();
-        stalled = Monotonic::now();
+        stalled = clock::now();
         sleep(Duration::from_millis(1800));
         let passes = Conditions::default();
         secured.relay.set(Direction::ToTarget, passes).unwrap();

@@ -9,7 +9,7 @@ use std::time::Duration;
 use foreshore_tests::operator::{Input, Journal};
 use foreshore_tests::rig::Line;
 use foreshore_tests::rig::tun::{Conditions, Namespaces, Side};
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use tempfile::tempdir;
 
 use super::figures::{LET_GO, PRESSED, at, latencies};
@@ -119,9 +119,9 @@ fn measure(link: &Namespaces, what: &str, transport: &Transport, world: &'static
     let operator = Running::start(&mut operate, "anna");
     sleep(Duration::from_secs(10));
     let bytes = || Side::ALL.map(|side| link.traffic_from(side).sent.bytes);
-    let (before, started) = (bytes(), Monotonic::now());
+    let (before, started) = (bytes(), clock::now());
     sleep(MEASURED);
-    let (after, elapsed_s) = (bytes(), started.elapsed().as_secs_f64());
+    let (after, elapsed_s) = (bytes(), clock::elapsed(started).as_secs_f64());
     drop((operator, console));
 
     let log = robot.log();

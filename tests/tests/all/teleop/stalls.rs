@@ -8,7 +8,7 @@ use foreshore_tests::operator::{NEUTRAL, Operator};
 use foreshore_tests::rig::Line;
 use foreshore_tests::rig::relay::{Direction, Relay};
 use protocol::message::Refusal;
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 
 use super::robot::{CIRCLE, NAME, Robot, refused};
 
@@ -76,7 +76,7 @@ fn stall_while_driving(held: Held, stall: Duration) -> Late {
                 relay.set_line(Direction::ToTarget, nothing_moves).unwrap();
             }
         }
-        let stalled = Monotonic::now();
+        let stalled = clock::now();
         sleep(stall);
         match held {
             Held::Both => relay.pass().unwrap(),
@@ -89,7 +89,7 @@ fn stall_while_driving(held: Held, stall: Duration) -> Late {
         stalled
     });
     let log = robot.log();
-    let end = Monotonic::now();
+    let end = clock::now();
     // Stopped by the stall, and by nothing that came afterwards set in motion again, though the key was held.
     let late = stalled + super::robot::LIMITS.max_age + NEUTRAL;
     let moves = log

@@ -1,6 +1,6 @@
 //! Who may only watch.
 
-use robot_edge::teleop::Role;
+use teleop::Role;
 
 use super::*;
 use crate::role::{OBSERVER_HINT, OPERATOR_HINT};

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use super::Emulator;
-use crate::clock::Monotonic;
+use measurement::time::Monotonic;
 
 /// Start bit, 7 data bits, parity and stop bit at 9600 baud.
 const CHARACTER: Duration = Duration::from_nanos(1_041_667);

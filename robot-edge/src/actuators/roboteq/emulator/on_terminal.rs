@@ -15,7 +15,7 @@ use rustix::pty::OpenptFlags;
 
 use super::line_timing::LineTiming;
 use super::{Emulator, Output};
-use crate::clock::{Monotonic, sleep_until};
+use crate::clock::{self, sleep_until};
 
 /// Longest that a test waits for what must happen; far longer than it takes.
 const PATIENCE: Duration = Duration::from_mins(3);
@@ -44,7 +44,7 @@ impl EmulatorOnTerminal {
         rustix::termios::tcsetattr(&line, rustix::termios::OptionalActions::Now, &settings)
             .unwrap();
 
-        let mut emulator = Emulator::new(Monotonic::now());
+        let mut emulator = Emulator::new(clock::now());
         // Quicker than the real one, as every start waits for it.
         emulator.watchdog_after = Duration::from_millis(600);
         set_up(&mut emulator);
@@ -77,9 +77,9 @@ impl EmulatorOnTerminal {
 
     /// Waits until it is so; panics with `what` if it never is.
     pub(crate) fn wait_until(&self, what: &str, is_so: impl Fn(&Emulator) -> bool) {
-        let deadline = Monotonic::now() + PATIENCE;
+        let deadline = clock::now() + PATIENCE;
         while !self.with(|emulator| is_so(emulator)) {
-            assert!(Monotonic::now() < deadline, "waited in vain: {what}");
+            assert!(clock::now() < deadline, "waited in vain: {what}");
             std::thread::sleep(Duration::from_millis(2));
         }
     }
@@ -88,7 +88,7 @@ impl EmulatorOnTerminal {
     pub(crate) fn assert_stops_for_good(&self) {
         self.wait_until("the motors stand", |emulator| emulator.motors() == [0, 0]);
         let changes = self.outputs().len();
-        sleep_until(Monotonic::now() + Duration::from_millis(500), || false);
+        sleep_until(clock::now() + Duration::from_millis(500), || false);
         let outputs = self.outputs();
         assert!(
             outputs[changes - 1..].iter().all(Output::is_zero),
@@ -109,7 +109,7 @@ impl Drop for EmulatorOnTerminal {
 
 fn serve(mut far_end: File, emulator: &Mutex<Emulator>, is_over: &AtomicBool) {
     let mut timing = {
-        let now = Monotonic::now();
+        let now = clock::now();
         let has_line_timing = emulator.lock().unwrap().has_line_timing;
         has_line_timing.then(|| LineTiming::new(now))
     };
@@ -132,7 +132,7 @@ fn serve(mut far_end: File, emulator: &Mutex<Emulator>, is_over: &AtomicBool) {
             0
         };
         let response = {
-            let (now, mut emulator) = (Monotonic::now(), emulator.lock().unwrap());
+            let (now, mut emulator) = (clock::now(), emulator.lock().unwrap());
             match &mut timing {
                 Some(timing) => {
                     timing.write(&buffer[..count], now);

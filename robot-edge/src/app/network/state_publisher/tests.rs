@@ -6,15 +6,15 @@ use nalgebra::Translation3;
 use super::*;
 use crate::app::replay::{create_run, survey_recording};
 use crate::cli::{Cli, Command};
-use crate::config::VehicleConfig;
 use crate::driving::monitor_input;
-use crate::localization::pose_jump::PoseJump;
-use crate::localization::registration::RegistrationOutput;
-use crate::mapping::elevation_config::{GroundConfig, ObstacleConfig};
-use crate::mapping::ground_plane::{GroundPlane, GroundTracker};
-use crate::mapping::registered_scan::SensorId;
-use crate::teleop::TeleopConfig;
-use crate::teleop::collision_monitor::{CollisionMonitorConfig, CollisionMonitorRules};
+use localization::pose_jump::PoseJump;
+use localization::registration::RegistrationOutput;
+use mapping::elevation_config::{GroundConfig, ObstacleConfig};
+use mapping::ground_plane::{GroundPlane, GroundTracker};
+use mapping::registered_scan::SensorId;
+use mapping::vehicle::VehicleConfig;
+use teleop::TeleopConfig;
+use teleop::collision_monitor::{CollisionMonitorConfig, CollisionMonitorRules};
 
 /// Of a vehicle whose heights are mapped; nobody listens.
 fn state_publisher(on_jump: OnJump) -> StatePublisher {

@@ -1,7 +1,7 @@
 //! A boat: two sensors, one of which is tilted, and poses from satellites.
 
 use super::*;
-use crate::measurement::GeodeticFix;
+use measurement::GeodeticFix;
 
 fn scan_on(topic: &'static str) -> Topic {
     let (_, type_name, data) = scan();

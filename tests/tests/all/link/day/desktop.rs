@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::thread::sleep;
 use std::time::Duration;
 
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use tempfile::{TempDir, tempdir};
 
 use crate::link::controls::{Control, Controls};
@@ -94,8 +94,8 @@ impl Desktop {
         };
         for _attempt in 0..5 {
             act();
-            let started = Monotonic::now();
-            while started.elapsed() < Duration::from_secs(3) {
+            let started = clock::now();
+            while clock::elapsed(started) < Duration::from_secs(3) {
                 if let Some(control) = find() {
                     return control;
                 }

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use foreshore_tests::rig::relay::Relay;
 use protocol::message::{TeleopState, TeleopStatus};
-use robot_edge::clock::Monotonic;
+use robot_edge::clock;
 use tempfile::tempdir;
 
 use super::controls::Control;
@@ -142,9 +142,9 @@ fn saves_pictures(desktop: &Desktop) {
         desktop.screen.press(Key::S);
         desktop.screen.release(Key::Control);
         desktop.screen.release(Key::S);
-        let started = Monotonic::now();
+        let started = clock::now();
         while saved() < count {
-            assert!(started.elapsed() < TIMEOUT, "{count} pictures");
+            assert!(clock::elapsed(started) < TIMEOUT, "{count} pictures");
             settle();
         }
     }
@@ -154,7 +154,7 @@ fn saves_pictures(desktop: &Desktop) {
 fn starts_recording(desktop: &Desktop) {
     desktop.retry_until_shown("Start recording", || desktop.click("Button", "Recording"));
     desktop.retry_until_shown("Stop recording", || {
-        desktop.click("Button", "Start recording")
+        desktop.click("Button", "Start recording");
     });
 }
 
@@ -270,12 +270,12 @@ fn loses_the_link(desktop: &Desktop, relay: &Relay) {
         bottom - (bottom - top) / 4,
     ];
     let live = colourfulness(desktop, middle);
-    let cut = Monotonic::now();
+    let cut = clock::now();
     relay.cut().unwrap();
     let banner = desktop.controls.beginning("Link lost: no data for");
     println!(
         "from the cut to the banner in the window: {:?}; {}",
-        cut.elapsed(),
+        clock::elapsed(cut),
         banner.words
     );
     desktop.controls.beginning("Silent");
@@ -293,7 +293,7 @@ fn loses_the_link(desktop: &Desktop, relay: &Relay) {
 
 fn stops_recording(desktop: &Desktop, folder: &Path) -> PathBuf {
     desktop.retry_until_shown("Start recording", || {
-        desktop.click("Button", "Stop recording")
+        desktop.click("Button", "Stop recording");
     });
     let mut files: Vec<_> = fs::read_dir(folder)
         .unwrap()
@@ -332,7 +332,7 @@ fn scrubs(desktop: &Desktop, recording: &Path) {
     for share in [0.9, 0.3, 0.8] {
         let x = f64::from(left) + share * f64::from(right - left);
         desktop.screen.click([x as i16, top + 11]);
-        let (wanted_s, clicked) = (share * length_s, Monotonic::now());
+        let (wanted_s, clicked) = (share * length_s, clock::now());
         desktop
             .controls
             .wait_for(&format!("{wanted_s:.1} s"), |all| {
@@ -341,7 +341,7 @@ fn scrubs(desktop: &Desktop, recording: &Path) {
             });
         println!(
             "wound to {wanted_s:.1} s of {length_s:.1} s in {:?}",
-            clicked.elapsed()
+            clock::elapsed(clicked)
         );
     }
     desktop.controls.beginning("Synchronized");

@@ -1,0 +1,164 @@
+//! One range sensor: the scans of it that wait, and what became of them.
+
+use std::collections::VecDeque;
+
+use super::RegistrationOutput;
+use super::settings::{MountOrigin, RangeSensorSettings, RegistrationSettings, SensorCounts};
+use crate::beam_projection::{BeamProjector, BodyBox};
+use crate::transform_buffer::{TransformBuffer, TransformChain};
+use mapping::registered_scan::RegisteredScan;
+use measurement::drops::{DropCounts, DropReason};
+use measurement::pose::Pose;
+use measurement::scan::Scan;
+use measurement::time::{RobotDuration, RobotTime};
+use measurement::{FrameId, StreamId};
+
+#[derive(Clone, Debug)]
+pub(super) struct ScanQueue {
+    pub(super) settings: RangeSensorSettings,
+    pub(super) projector: BeamProjector,
+    /// Name of the tilted sensor in the transform tree. No frame of a recording begins with a slash.
+    pub(super) tilted_frame: FrameId,
+    /// How long its scans are held back behind their stamps so that those of other sensors can go first.
+    pub(super) hold: RobotDuration,
+    queue: VecDeque<QueuedScan>,
+    newest_scan: RobotTime,
+    scans_in: u64,
+    scans_registered: u64,
+    dropped_scans: DropCounts,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct QueuedScan {
+    pub(super) first_beam: RobotTime,
+    pub(super) last_beam: RobotTime,
+    /// From when on no other sensor's scan can come that belongs before it.
+    pub(super) release_at: RobotTime,
+    pub(super) frame: FrameId,
+    pub(super) scan: Scan,
+}
+
+impl ScanQueue {
+    pub(super) fn new(settings: RangeSensorSettings, body: BodyBox) -> Self {
+        let id = settings.beams.id;
+        Self {
+            projector: BeamProjector::new(settings.beams.clone(), body),
+            tilted_frame: format!("/tilted sensor {}", id.0).into(),
+            hold: RobotDuration::ZERO,
+            queue: VecDeque::new(),
+            newest_scan: RobotTime::MIN,
+            scans_in: 0,
+            scans_registered: 0,
+            dropped_scans: DropCounts::default(),
+            settings,
+        }
+    }
+
+    pub(super) fn accepts(&self, stream: StreamId) -> bool {
+        self.settings.stream.is_none_or(|own| own == stream)
+    }
+
+    /// First and last beam of a scan that came in, and when its stamp was.
+    pub(super) fn beam_times(
+        &mut self,
+        stamp: RobotTime,
+        scan: &Scan,
+    ) -> Option<(RobotTime, RobotTime)> {
+        self.scans_in += 1;
+        let Some(sweep) = scan.sweep_duration() else {
+            self.drop(DropReason::BadScan);
+            return None;
+        };
+        let first_beam = stamp + self.settings.beams.time_offset;
+        Some((first_beam, first_beam + sweep))
+    }
+
+    /// Lets a scan wait, unless it is older than the one before it or than `newest_out`.
+    pub(super) fn enqueue(&mut self, scan: QueuedScan, newest_out: RobotTime, max_queued: usize) {
+        if scan.first_beam < self.newest_scan.max(newest_out) {
+            return self.drop(DropReason::Late);
+        }
+        self.newest_scan = scan.first_beam;
+        if self.queue.len() >= max_queued.max(1) {
+            self.queue.pop_front();
+            self.drop(DropReason::QueueFull);
+        }
+        self.queue.push_back(scan);
+    }
+
+    pub(super) fn next(&self) -> Option<&QueuedScan> {
+        self.queue.front()
+    }
+
+    pub(super) fn take_next(&mut self) -> Option<QueuedScan> {
+        self.queue.pop_front()
+    }
+
+    /// The way from the sensor to the map: `fixed_from_sensor = chain · mount`, where the mounting is the
+    /// identity if the tree reaches the sensor.
+    pub(super) fn chain<'a>(
+        &self,
+        tree: &'a TransformBuffer,
+        settings: &RegistrationSettings,
+        sensor_frame: &FrameId,
+    ) -> Option<(TransformChain<'a>, Pose)> {
+        let (fixed_frame, own) = (settings.fixed_frame(), &self.settings);
+        let (source, mount) = match (own.mount, &own.tilt) {
+            (MountOrigin::Tree, _) => (sensor_frame, Pose::identity()),
+            (MountOrigin::Configured, Some(_)) => (&self.tilted_frame, Pose::identity()),
+            (MountOrigin::Configured, None) => (&settings.base_frame, own.beams.base_from_sensor),
+        };
+        Some((tree.chain(fixed_frame, source)?, mount))
+    }
+
+    pub(super) fn drop(&mut self, reason: DropReason) {
+        self.dropped_scans.add(reason);
+    }
+
+    pub(super) fn finish_scan(
+        &mut self,
+        registered: Result<RegisteredScan, DropReason>,
+        out: &mut Vec<RegistrationOutput>,
+    ) {
+        match registered {
+            Ok(registered) => {
+                self.scans_registered += 1;
+                out.push(RegistrationOutput::Scan(registered));
+            }
+            Err(reason) => self.drop(reason),
+        }
+    }
+
+    pub(super) fn reset_clock(&mut self) {
+        self.newest_scan = RobotTime::MIN;
+    }
+
+    pub(super) fn counts(&self) -> SensorCounts {
+        SensorCounts {
+            sensor: self.settings.beams.id,
+            scans_in: self.scans_in,
+            scans_registered: self.scans_registered,
+            dropped_scans: self.dropped_scans.clone(),
+            beams_in: self.projector.beams_in(),
+            dropped_beams: self.projector.dropped_beams().clone(),
+        }
+    }
+}
+
+/// Longest that scans are held back for those of other sensors, time of the data: sensors whose offsets differ by
+/// more cannot hold each other up for longer, and of theirs that come too late for the order are dropped.
+const MAX_HOLD: RobotDuration = RobotDuration::from_millis(1000);
+
+/// Sets how long each sensor's scans are held back: measurements come in the order of their stamps, so a scan of a
+/// sensor whose offset is smaller by `d` can come up to `d` behind one that it belongs before.
+pub(super) fn set_holds(sensors: &mut [ScanQueue]) -> RobotDuration {
+    let offset = |sensor: &ScanQueue| sensor.settings.beams.time_offset.as_nanos();
+    let least = sensors.iter().map(offset).min().unwrap_or(0);
+    let mut longest = RobotDuration::ZERO;
+    for sensor in sensors {
+        let behind = offset(sensor).saturating_sub(least);
+        sensor.hold = RobotDuration::from_nanos(behind).min(MAX_HOLD);
+        longest = longest.max(sensor.hold);
+    }
+    longest
+}

@@ -1,0 +1,506 @@
+use proptest::prelude::*;
+
+use super::*;
+use crate::octree::{Ray, SurfaceHit};
+use crate::octree_config::{OctreeConfig, RangeSensorModel};
+use crate::registered_scan::SensorId;
+
+const CELL_M: f64 = 0.1;
+
+fn octree() -> Octree {
+    let config = OctreeConfig {
+        enabled: true,
+        ..OctreeConfig::default()
+    };
+    Octree::new(&config, &[RangeSensorModel::default()], 1)
+}
+
+const CAR: VehicleShape = VehicleShape {
+    height_m: 0.7,
+    bottom_z_m: 0.0,
+    length_m: 1.5,
+    width_m: 0.8,
+    wheelbase_m: 1.0,
+};
+
+fn config(surface: Surface) -> CostConfig {
+    CostConfig {
+        enabled: true,
+        box_m: 8.0,
+        surface,
+        ..CostConfig::default()
+    }
+}
+
+fn map(surface: Surface) -> CostMap {
+    let rigidity = RigidityConfig {
+        enabled: true,
+        ..RigidityConfig::default()
+    };
+    CostMap::new(&config(surface), &rigidity, CAR, CELL_M, 1)
+}
+
+fn hit(octree: &mut Octree, origin: [f64; 3], points: impl IntoIterator<Item = [f64; 3]>) {
+    hit_by_spots(octree, origin, 0.0, points);
+}
+
+/// By beams whose spots of light have a radius.
+fn hit_by_spots(
+    octree: &mut Octree,
+    origin: [f64; 3],
+    spot_m: f32,
+    points: impl IntoIterator<Item = [f64; 3]>,
+) {
+    let points: Vec<_> = points.into_iter().collect();
+    let rays = points.iter().map(|&end| Ray {
+        origin: origin.into(),
+        end: end.into(),
+        is_hit: true,
+    });
+    octree.integrate(SensorId(0), rays);
+    for point in points {
+        let hit = SurfaceHit {
+            point: point.into(),
+            spot_m,
+            intra: 0.3,
+            inter: 0.1,
+        };
+        octree.add_surface(&hit, 0.3);
+    }
+}
+
+/// Points on z(x, y) over the window, some in each column, and a few of them missing.
+fn surface(z: impl Fn(f64, f64) -> f64) -> Vec<[f64; 3]> {
+    let steps = 0..160;
+    let points = steps
+        .clone()
+        .flat_map(|row| steps.clone().map(move |n| (row, n)));
+    points
+        .filter(|(row, n)| (row * 7 + n * 3) % 11 != 0)
+        .map(|(row, n)| (f64::from(n) * 0.05 - 3.98, f64::from(row) * 0.05 - 3.98))
+        .map(|(x, y)| [x, y, z(x, y)])
+        .collect()
+}
+
+fn costs(map: &CostMap) -> Vec<(CellIndex, f32)> {
+    let (least, width, cells) = map.cells();
+    let known = cells
+        .iter()
+        .enumerate()
+        .filter(|(_, cell)| !cell.cost.is_nan());
+    known
+        .map(|(n, cell)| {
+            let at = CellIndex {
+                x: least.x + i32::try_from(n % width).unwrap(),
+                y: least.y + i32::try_from(n / width).unwrap(),
+            };
+            (at, cell.cost)
+        })
+        .collect()
+}
+
+#[test]
+fn planes_cost_what_their_slope_says() {
+    // From above, and as a vehicle sees them that stands before them.
+    let views = [0.0_f64, 5.0, 10.0, 20.0, 30.0, 40.0].map(|degrees| (degrees, 8.0));
+    for (degrees, height_m) in views
+        .into_iter()
+        .chain([(10.0, 1.0), (20.0, 1.0), (35.0, 1.0)])
+    {
+        let slope = libm::tan(degrees.to_radians());
+        // Noise of a centimetre, always the same.
+        let noise = |x: f64, y: f64| 0.01 * libm::sin(x * 977.0 + y * 1201.0);
+        let mut octree = octree();
+        let along = |x: f64, y: f64| (x + 0.3 * y) / libm::hypot(1.0, 0.3);
+        let origin = if height_m > 4.0 {
+            [0.0, 0.0, height_m]
+        } else {
+            [-3.9, 0.0, height_m - 4.0 * slope]
+        };
+        hit(
+            &mut octree,
+            origin,
+            surface(|x, y| slope * along(x, y) + noise(x, y)),
+        );
+        let mut map = map(Surface::Land);
+        map.update(&mut octree, Point3::origin());
+        let costs = costs(&map);
+        assert!(costs.len() > 5000, "{} cells", costs.len());
+        let allowed = (0.1 * slope).max(0.05);
+        let good = costs
+            .iter()
+            .filter(|(_, cost)| (f64::from(*cost) - slope).abs() <= allowed);
+        let share = good.count() as f64 / costs.len() as f64;
+        assert!(
+            share >= 0.95,
+            "{degrees} degrees from {height_m} m: {share} of cells are right"
+        );
+        let lethal = costs.iter().filter(|(_, cost)| *cost >= 1.0).count();
+        assert_eq!(lethal, 0, "{degrees} degrees");
+    }
+}
+
+#[test]
+fn a_step_of_two_voxels_is_lethal_and_the_ground_beside_it_is_not() {
+    let mut octree = octree();
+    let step = |x: f64, _| if x < 1.0 { 0.02 } else { 0.22 };
+    let face = (0..160)
+        .flat_map(|n| [0.07, 0.13, 0.19].map(move |z| [1.0, f64::from(n) * 0.05 - 3.98, z]));
+    hit(
+        &mut octree,
+        [-3.0, 0.0, 2.0],
+        surface(step).into_iter().chain(face),
+    );
+    let mut map = map(Surface::Land);
+    map.update(&mut octree, Point3::origin());
+    for y in -30..30 {
+        let cost = |x: i32| map.cell(CellIndex { x, y }).unwrap().cost;
+        assert!(cost(10) >= 1.0, "the edge at y {y} costs {}", cost(10));
+        assert!(
+            cost(5) < 0.05 && cost(20) < 0.05,
+            "{} and {} at y {y}",
+            cost(5),
+            cost(20)
+        );
+    }
+}
+
+/// Radius of the spot of a beam of 15 mrad, metres.
+fn spot_m(range_m: f32) -> f32 {
+    range_m * 0.0075
+}
+
+#[test]
+fn a_step_of_two_voxels_is_lethal_from_afar_too() {
+    let step = |x: f64, _| if x < 1.0 { 0.02 } else { 0.22 };
+    let face = || {
+        (0..160).flat_map(|n| [0.07, 0.13, 0.19].map(move |z| [1.0, f64::from(n) * 0.05 - 3.98, z]))
+    };
+    // From 15 m; and from there what had been seen from 5 m away up to its foot.
+    for foot_m in [15.0, 5.0] {
+        let mut octree = octree();
+        let (foot, raised): (Vec<_>, Vec<_>) =
+            surface(step).into_iter().partition(|at| at[0] < 1.0);
+        hit_by_spots(&mut octree, [-3.0, 0.0, 2.0], spot_m(foot_m), foot);
+        let raised = raised.into_iter().chain(face());
+        hit_by_spots(&mut octree, [-14.0, 0.0, 2.0], spot_m(15.0), raised);
+        let mut map = map(Surface::Land);
+        map.update(&mut octree, Point3::origin());
+        for y in -30..30 {
+            let cost = map.cell(CellIndex { x: 10, y }).unwrap().cost;
+            assert!(
+                cost >= 1.0,
+                "the edge at y {y} costs {cost}, its foot from {foot_m} m"
+            );
+        }
+    }
+}
+
+/// A bank of 10° seen from nearby; before that, from 18 m, beams whose middle passed above its crest lit a tenth of
+/// its columns with the lower part of their spots.
+#[test]
+fn what_was_hit_from_afar_gives_way_to_what_was_hit_from_nearby() {
+    let slope = libm::tan(10.0_f64.to_radians());
+    let lethal = |far_m: f32, above_m: f64| {
+        let mut octree = octree();
+        let bank = surface(|x, _| slope * x);
+        let lit = bank.iter().filter(|[x, y, _]| {
+            let [column, row] = [x, y].map(|at| libm::floor(at / CELL_M) as i32);
+            (3 * column + row).rem_euclid(10) == 0
+        });
+        let lit: Vec<_> = lit.map(|[x, y, z]| [*x, *y, z + above_m]).collect();
+        hit(&mut octree, [-3.0, 0.0, 2.0], bank.iter().copied());
+        hit_by_spots(&mut octree, [-3.0, 0.0, 2.0], spot_m(far_m), lit);
+        let mut map = map(Surface::Land);
+        map.update(&mut octree, Point3::origin());
+        let costs = costs(&map);
+        costs.iter().filter(|(_, cost)| *cost >= 1.0).count()
+    };
+    assert_eq!(lethal(18.0, 0.09), 0);
+    // From nearby it would be there, and so is what is higher than such a spot.
+    assert!(lethal(5.0, 0.09) > 100, "{}", lethal(5.0, 0.09));
+    assert!(lethal(18.0, 0.2) > 500, "{}", lethal(18.0, 0.2));
+}
+
+/// A bank of 35° that rises by 7 cm in a column, and a beam that grazes it, 3 cm too low, where a row of columns is
+/// lowest.
+#[test]
+fn a_beam_that_grazes_a_bank_makes_no_hole_in_it() {
+    let slope = libm::tan(35.0_f64.to_radians());
+    let mut octree = octree();
+    hit(
+        &mut octree,
+        [0.0, -3.0, 2.0],
+        surface(|_, y| 0.018 + slope * (y - 1.0)),
+    );
+    let grazing = Ray {
+        origin: [-3.9, 1.01, -0.01].into(),
+        end: [3.9, 1.01, -0.01].into(),
+        is_hit: false,
+    };
+    octree.integrate(SensorId(0), [grazing]);
+    let mut map = map(Surface::Land);
+    map.update(&mut octree, Point3::origin());
+    for y in 5..15 {
+        for x in -30..30 {
+            let cost = f64::from(map.cell(CellIndex { x, y }).unwrap().cost);
+            assert!((cost - slope).abs() < 0.05, "{x} {y}: {cost}");
+        }
+    }
+}
+
+#[test]
+fn what_hangs_higher_than_the_vehicle_is_no_obstacle_and_a_low_branch_is() {
+    for (height_m, is_lethal) in [(1.45, false), (0.45, true)] {
+        let mut octree = octree();
+        hit(&mut octree, [-3.0, 0.0, 1.0], surface(|_, _| 0.02));
+        let branch = (-10..10).map(|n| [2.03, f64::from(n) * 0.1 + 0.03, height_m]);
+        hit(&mut octree, [-3.0, 0.0, 1.0], branch);
+        let mut map = map(Surface::Land);
+        map.update(&mut octree, Point3::origin());
+        let cost = map.cell(CellIndex { x: 20, y: 3 }).unwrap().cost;
+        assert_eq!(
+            cost >= 1.0,
+            is_lethal,
+            "{cost} under a branch at {height_m} m"
+        );
+    }
+}
+
+#[test]
+fn a_hole_is_lethal_at_its_rim_where_beams_went_below_the_ground() {
+    let mut octree = octree();
+    let pit = |x: f64, y: f64| {
+        if x.abs() < 0.6 && y.abs() < 0.6 {
+            -0.78
+        } else {
+            0.02
+        }
+    };
+    hit(&mut octree, [0.0, 0.0, 3.0], surface(pit));
+    let mut map = map(Surface::Land);
+    map.update(&mut octree, Point3::origin());
+    let rim = (-7..7).map(|y| map.cell(CellIndex { x: 6, y }).unwrap().cost);
+    assert!(
+        rim.clone().filter(|cost| *cost >= 1.0).count() >= 12,
+        "{:?}",
+        rim.collect::<Vec<_>>()
+    );
+    assert!(map.cell(CellIndex { x: 20, y: 0 }).unwrap().cost < 0.05);
+}
+
+#[test]
+fn water_is_level_and_costs_nothing_and_what_rises_from_it_does() {
+    let mut octree = octree();
+    // Nothing comes back from the water, where beams are taken to end.
+    let far = (-40..40).map(|n| [3.9, f64::from(n) * 0.1 + 0.05]);
+    let rays = far.flat_map(|[x, y]| {
+        (0..8).map(move |n| Ray {
+            origin: [-3.9, 0.05, 0.35].into(),
+            end: [x - f64::from(n), y, 0.02].into(),
+            is_hit: false,
+        })
+    });
+    octree.integrate(SensorId(0), rays);
+    hit(
+        &mut octree,
+        [-3.9, 0.05, 0.35],
+        (0..6).map(|n| [1.55, 0.05, 0.05 + 0.1 * f64::from(n)]),
+    );
+    let mut map = map(Surface::Water);
+    map.update(&mut octree, Point3::new(0.0, 0.0, 0.05));
+    let pole = map.cell(CellIndex { x: 15, y: 0 }).unwrap();
+    assert!(pole.cost >= 1.0 && !pole.is_clear_water, "{pole:?}");
+    let water = map.cell(CellIndex { x: -10, y: 0 }).unwrap();
+    assert!(water.cost == 0.0 && water.is_clear_water, "{water:?}");
+    let beside = map.cell(CellIndex { x: 14, y: 0 }).unwrap();
+    assert!(beside.cost == 0.0 && beside.is_clear_water, "{beside:?}");
+    // It heaves by half a voxel: the water is where it was.
+    map.take_changed();
+    map.update(&mut octree, Point3::new(0.0, 0.0, 0.12));
+    assert_eq!(map.take_changed(), []);
+}
+
+/// A slipway of 12° and the yard above it, from x = 0 on, in stripes: a laser that tilts leaves gaps.
+fn slipway() -> impl Iterator<Item = [f64; 3]> {
+    let stripes = (0..68).filter(|n| n % 6 < 4);
+    stripes.flat_map(|n| {
+        let x = 0.025 + 0.05 * f64::from(n);
+        let z = (x * 0.2126).min(0.5);
+        (-24..24).map(move |row| [x, f64::from(row) * 0.05 + 0.02, z])
+    })
+}
+
+#[test]
+fn land_that_rises_from_water_is_a_slope_and_what_is_above_it_lethal() {
+    let mut octree = octree();
+    for y in [-0.8, 0.0, 0.8] {
+        hit(&mut octree, [-1.5, y, 0.6], slipway());
+    }
+    see_water(&mut octree);
+    let mut map = map(Surface::Water);
+    map.update(&mut octree, Point3::new(0.0, 0.0, 0.05));
+    let cell = |x: i32, y: i32| map.cell(CellIndex { x, y }).unwrap();
+    for y in -8..8 {
+        for x in 4..20 {
+            // Where the water's surface may be as high, a gap is water.
+            let CostCell {
+                cost,
+                is_clear_water,
+                ..
+            } = cell(x, y);
+            let is_gap = x < 10 && is_clear_water && cost == 0.0;
+            assert!(is_gap || (cost - 0.2126).abs() < 0.05, "{x} {y}: {cost}");
+        }
+        for x in 27..33 {
+            let CostCell {
+                cost,
+                is_clear_water,
+                ..
+            } = cell(x, y);
+            // Level land, which beams hit or pass over, is none to dock at.
+            assert!(cost >= 1.0 || cost == 0.0, "{x} {y}: {cost}");
+            assert!(!is_clear_water, "{x} {y}");
+        }
+        assert!(cell(28, y).cost >= 1.0 || cell(29, y).cost >= 1.0);
+        for x in -10..-2 {
+            assert!(cell(x, y).is_clear_water, "{x} {y}");
+        }
+        for x in 0..33 {
+            assert!(!cell(x, y).is_clear_water || x < 10, "{x} {y}");
+        }
+    }
+}
+
+/// Beams from the boat that meet nothing end at the water before the shore.
+fn see_water(octree: &mut Octree) {
+    let ends = (-24..24).flat_map(|row| (0..14).map(move |n| (n, row)));
+    let rays = ends.map(|(n, row)| Ray {
+        origin: BOAT_LASER.into(),
+        end: [
+            -0.05 - 0.1 * f64::from(n),
+            f64::from(row) * 0.05 + 0.02,
+            0.0,
+        ]
+        .into(),
+        is_hit: false,
+    });
+    octree.integrate(SensorId(0), rays);
+}
+
+const BOAT_LASER: [f64; 3] = [-1.5, 0.02, 0.6];
+
+#[test]
+fn a_gap_that_beams_graze_is_no_hole_in_a_ramp() {
+    let mut octree = octree();
+    let height_m = |x: f64| 0.2126 * x + 0.005;
+    // Of a row of columns, at the upper side of the voxels that the water's surface may lie in, nothing was hit: every
+    // beam over it met the ramp right behind.
+    let is_gap = |x: f64| (0.8..0.9).contains(&x);
+    // What is hit at a flat angle lies a little above the ramp, by the noise of poses and because of a voxel only its
+    // upper part is hit: in world `dock` 4 to 10 cm, here as many parts of a voxel.
+    let points = (0..60).map(|n| 0.025 + 0.05 * f64::from(n));
+    let points = points.filter(|&x| !is_gap(x));
+    let points = points.flat_map(|x| {
+        (-24..24).map(move |row| [x, f64::from(row) * 0.05 + 0.02, height_m(x) + 0.02])
+    });
+    for y in [-0.8, 0.0, 0.8] {
+        hit(&mut octree, [-1.5, y, 0.6], points.clone());
+    }
+    see_water(&mut octree);
+    let grazing = (-24..24).map(|row| [0.905, f64::from(row) * 0.05 + 0.02, 0.198]);
+    hit(&mut octree, BOAT_LASER, grazing);
+    let mut map = map(Surface::Water);
+    map.update(&mut octree, Point3::new(0.0, 0.0, 0.05));
+    for y in -8..8 {
+        let cell = |x: i32| map.cell(CellIndex { x, y }).unwrap();
+        assert!(cell(8).is_clear_water, "{y}: {:?}", cell(8));
+        for x in (4..8).chain(9..20) {
+            let cost = cell(x).cost;
+            assert!((cost - 0.2126).abs() < 0.05, "{x} {y}: {cost}");
+        }
+    }
+}
+
+#[test]
+fn a_quay_beside_water_is_lethal_at_its_edge() {
+    let mut octree = octree();
+    // Its wall is a voxel higher than the one in which the water's surface may lie; above it the ground rises gently.
+    let rows = (-24..24).map(|row| f64::from(row) * 0.05 + 0.02);
+    let wall = rows
+        .clone()
+        .flat_map(|y| [0.03, 0.08, 0.13, 0.18, 0.23, 0.27].map(|z| [0.01, y, z]));
+    let top = rows.flat_map(|y| {
+        (1..60).map(move |n| {
+            let x = 0.025 + 0.05 * f64::from(n);
+            [x, y, 0.28 + 0.05 * x]
+        })
+    });
+    let points: Vec<_> = wall.chain(top).collect();
+    for y in [-0.8, 0.0, 0.8] {
+        hit(&mut octree, [-1.5, y, 0.6], points.iter().copied());
+    }
+    see_water(&mut octree);
+    let mut map = map(Surface::Water);
+    map.update(&mut octree, Point3::new(0.0, 0.0, 0.05));
+    for y in -8..8 {
+        let cell = |x: i32| map.cell(CellIndex { x, y }).unwrap();
+        for x in -10..-2 {
+            assert!(cell(x).is_clear_water, "{x} {y}: {:?}", cell(x));
+        }
+        for x in 0..4 {
+            assert!(cell(x).cost >= 1.0, "{x} {y}: {:?}", cell(x));
+        }
+    }
+}
+
+prop_compose! {
+    fn scan()(
+        x in -3.0..3.0f64, y in -3.0..3.0f64, z in -1.5..1.5f64,
+        ends in prop::collection::vec((-5.0..5.0f64, -5.0..5.0f64, -1.0..1.5f64, 0.0..1.0f32), 1..60),
+    ) -> ([f64; 3], Vec<([f64; 3], f32)>) {
+        let ends = ends.into_iter().map(|(ex, ey, ez, m)| ([x + ex, y + ey, ez], m)).collect();
+        ([x, y, z], ends)
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    /// Voxels change here and there, are evicted, and the window moves: what the map tells is always what it would
+    /// tell if it were computed from nothing.
+    #[test]
+    fn it_is_the_map_that_would_be_computed_from_nothing(
+        scans in prop::collection::vec(scan(), 2..10),
+        on_water in any::<bool>(),
+    ) {
+        let surface = if on_water { Surface::Water } else { Surface::Land };
+        let mut octree = octree();
+        let mut map = map(surface);
+        for (origin, ends) in scans {
+            let rays = ends.iter().map(|(end, _)| Ray {
+                origin: origin.into(), end: (*end).into(), is_hit: true,
+            });
+            octree.integrate(SensorId(0), rays);
+            for (point, metric) in &ends {
+                let hit = SurfaceHit {
+                    point: (*point).into(), spot_m: *metric * 0.2, intra: *metric * 0.08, inter: *metric };
+                octree.add_surface(&hit, 0.3);
+            }
+            let mut whole = octree.clone();
+            let vehicle = Point3::new(origin[0], origin[1], origin[2] * 0.5);
+            map.update(&mut octree, vehicle);
+            // And by two threads, too.
+            let mut fresh = CostMap {
+                threads: 2, window: ColumnWindow::new(8.0, CELL_M), changed: Vec::new(), ..map.clone() };
+            // At the same levels: those are held while the vehicle moves up and down.
+            fresh.update(&mut whole, vehicle);
+            let bits = |map: &CostMap| -> Vec<_> {
+                let (least, width, cells) = map.cells();
+                let cells = cells.iter().map(|c| (c.cost.to_bits(), c.rigidity, c.is_clear_water));
+                cells.map(|cell| (least, width, cell)).collect()
+            };
+            prop_assert_eq!(bits(&map), bits(&fresh));
+        }
+    }
+}

@@ -1,0 +1,277 @@
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+use proptest::prelude::*;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+
+use super::*;
+use crate::docking_grid::DockingColumn;
+
+const SIDE: usize = 100;
+const CELL_M: f64 = 0.3;
+const FIRST: CellIndex = CellIndex { x: -50, y: -50 };
+/// Riverwatch.
+const BOAT: BoatFootprint = BoatFootprint {
+    length_m: 4.5,
+    width_m: 2.44,
+};
+const UNKNOWN: DockingColumn = land(f32::NAN);
+const LETHAL: DockingColumn = land(1.0);
+const WATER: DockingColumn = DockingColumn {
+    cost: 0.0,
+    is_clear_water: true,
+    rises_from_water: false,
+};
+
+const fn land(cost: f32) -> DockingColumn {
+    DockingColumn {
+        cost,
+        is_clear_water: false,
+        rises_from_water: true,
+    }
+}
+
+/// A bed that a sonar saw where the hulls reach, under water.
+const fn bed(cost: f32) -> DockingColumn {
+    DockingColumn {
+        rises_from_water: false,
+        ..land(cost)
+    }
+}
+
+/// The sites of a square window around the origin whose columns are as `column` says for x and y in metres.
+fn sites(mut column: impl FnMut(f64, f64) -> DockingColumn) -> Vec<DockingSite> {
+    let metres = |index: usize| (index as f64 + 0.5 - SIDE as f64 / 2.0) * CELL_M;
+    let columns: Vec<_> = (0..SIDE * SIDE)
+        .map(|at| column(metres(at % SIDE), metres(at / SIDE)))
+        .collect();
+    find_docking_sites(&DockingGrid::new(FIRST, SIDE, CELL_M, &columns), &BOAT)
+}
+
+/// A shore along x = 0, land towards x, with a ramp `width_m` wide and 8 m deep around y = 0.
+fn ramp(x: f64, y: f64, width_m: f64, cost: f32) -> DockingColumn {
+    if x < 0.0 {
+        WATER
+    } else if y.abs() < 0.5 * width_m && x < 8.0 {
+        land(cost)
+    } else {
+        LETHAL
+    }
+}
+
+/// What `share` of all columns take.
+fn chance(random: &mut ChaCha8Rng, share: f64) -> bool {
+    f64::from(random.next_u32()) < share * f64::from(u32::MAX)
+}
+
+#[test]
+fn a_ramp_between_overgrown_shores_is_found() {
+    let found = sites(|x, y| ramp(x, y, 4.0, 0.5));
+    let [site] = found.as_slice() else {
+        panic!("{} sites", found.len());
+    };
+    assert!(site.heading_rad.abs() < 1e-9, "{}", site.heading_rad);
+    assert!((site.mean_cost - 0.5).abs() < 1e-6);
+    // 4 m are 13 cells, all of which berths cover, as far as the deepest reaches.
+    assert!((site.width_m - 4.0).abs() < 0.5, "{}", site.width_m);
+    assert!(
+        (site.centre_in_odom.y).abs() < 0.2,
+        "{}",
+        site.centre_in_odom
+    );
+    assert!(site.cells.contains(&CellIndex { x: 0, y: 0 }));
+    assert!(
+        site.cells
+            .iter()
+            .all(|cell| cell.x >= 0 && cell.y.abs() <= 7)
+    );
+}
+
+#[test]
+fn a_ramp_must_hold_the_boat() {
+    assert_eq!(sites(|x, y| ramp(x, y, 2.2, 0.5)).len(), 0, "too narrow");
+    assert_eq!(sites(|x, y| ramp(x, y, 3.0, 0.5)).len(), 1);
+    let shallow = |depth_m: f64| {
+        let found = sites(|x, y| {
+            if x < depth_m {
+                ramp(x, y, 6.0, 0.5)
+            } else {
+                LETHAL
+            }
+        });
+        found.len()
+    };
+    assert_eq!((shallow(3.3), shallow(4.8)), (0, 1));
+}
+
+#[test]
+fn level_unknown_and_lethal_ground_is_no_ramp() {
+    for column in [land(0.0), UNKNOWN, LETHAL] {
+        let found = sites(|x, _| if x < 0.0 { WATER } else { column });
+        assert_eq!(found, []);
+    }
+}
+
+#[test]
+fn the_water_before_it_must_be_clear() {
+    let floating = sites(|x, y| {
+        if (-2.0..-1.7).contains(&x) {
+            LETHAL
+        } else {
+            ramp(x, y, 4.0, 0.5)
+        }
+    });
+    assert_eq!(floating, []);
+    let far_inland = sites(|x, y| {
+        if x < -9.0 {
+            WATER
+        } else if x < 0.0 {
+            land(0.0)
+        } else {
+            ramp(x, y, 4.0, 0.5)
+        }
+    });
+    assert_eq!(far_inland, []);
+    let nothing_known = sites(|x, y| {
+        if x < 0.0 {
+            UNKNOWN
+        } else {
+            ramp(x, y, 4.0, 0.5)
+        }
+    });
+    assert_eq!(nothing_known, []);
+}
+
+#[test]
+fn gentle_ground_among_lethal_ground_is_no_site() {
+    for seed in 0..6 {
+        for lethal in [0.1, 0.3, 0.7] {
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
+            let found = sites(|x, _| match x {
+                _ if x < 0.0 => WATER,
+                _ if chance(&mut random, lethal) => LETHAL,
+                _ => land(0.6),
+            });
+            assert_eq!(found, [], "seed {seed}, {lethal} lethal");
+        }
+    }
+}
+
+#[test]
+fn holes_and_noise_do_not_hide_a_ramp() {
+    for seed in 0..6 {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let found = sites(|x, y| {
+            let is_hole = chance(&mut random, 0.04);
+            let noise = 1e-10 * random.next_u32() as f32;
+            if is_hole {
+                UNKNOWN
+            } else {
+                ramp(x, y, 5.0, 0.3 + noise)
+            }
+        });
+        assert_eq!(found.len(), 1, "seed {seed}");
+        assert!(found[0].heading_rad.abs() < 0.1);
+    }
+}
+
+#[test]
+fn gentler_comes_first_and_of_alike_the_wider() {
+    let bays = |costs: [f32; 2], widths_m: [f64; 2]| {
+        let found = sites(|x, y| {
+            if y < 0.0 {
+                ramp(x, y + 7.0, widths_m[0], costs[0])
+            } else {
+                ramp(x, y - 7.0, widths_m[1], costs[1])
+            }
+        });
+        found
+            .iter()
+            .map(|site| site.centre_in_odom.y < 0.0)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(bays([0.3, 0.6], [3.0, 6.0]), [true, false]);
+    assert_eq!(bays([0.61, 0.64], [3.0, 6.0]), [false, true]);
+    assert_eq!(bays([0.5, 0.5], [4.0, 4.0]), [true, false]);
+}
+
+#[test]
+fn a_spit_is_headed_for_from_one_of_its_sides() {
+    let found = sites(|x, y| {
+        if x.abs() < 2.4 && y.abs() < 4.0 {
+            land(0.4)
+        } else {
+            WATER
+        }
+    });
+    let [site] = found.as_slice() else {
+        panic!("{} sites", found.len());
+    };
+    let across = libm::fabs(libm::cos(site.heading_rad));
+    assert!(!(0.1..=0.9).contains(&across), "{}", site.heading_rad);
+}
+
+#[test]
+fn a_shoal_is_a_site_only_where_land_follows_it() {
+    let patch = |behind: DockingColumn| {
+        sites(|x, y| match x {
+            _ if y.abs() > 3.0 => WATER,
+            _ if x < 0.0 => WATER,
+            _ if x < 5.0 => bed(0.08),
+            _ => behind,
+        })
+    };
+    assert_eq!(patch(WATER), [], "where the boat has lain");
+    assert_eq!(patch(bed(0.08)), [], "a shoal without an end");
+    assert_eq!(patch(LETHAL), [], "a wall or canes");
+    // Bare banks, steep or level, right behind it.
+    assert_eq!(patch(land(0.4)).len(), 1);
+    assert_eq!(patch(land(0.0)).len(), 1);
+    // Within a boat's length of the shoal a bank, but clear water between them.
+    let before_a_bank = |gap_m: f64| {
+        let found = sites(|x, _| match x {
+            _ if x < 0.0 => WATER,
+            _ if x < 5.0 => bed(0.08),
+            _ if x < 5.0 + gap_m => WATER,
+            _ => land(0.0),
+        });
+        found.len()
+    };
+    assert_eq!((before_a_bank(0.0), before_a_bank(2.5)), (1, 0));
+    // What lies between was not seen.
+    let behind_a_hole = sites(|x, _| match x {
+        _ if x < 0.0 => WATER,
+        _ if x < 5.0 => bed(0.08),
+        _ if x < 7.5 => bed(f32::NAN),
+        _ => land(0.4),
+    });
+    assert!(behind_a_hole.iter().any(|site| site.centre_in_odom.x < 5.0));
+}
+
+#[test]
+fn odd_windows_and_boats_have_no_sites() {
+    let window = |width: usize, columns: &[DockingColumn], boat: BoatFootprint| {
+        find_docking_sites(&DockingGrid::new(FIRST, width, CELL_M, columns), &boat).len()
+    };
+    let gentle = [land(0.5); 12];
+    assert_eq!(window(0, &gentle, BOAT), 0);
+    assert_eq!(window(5, &[], BOAT), 0);
+    assert_eq!(window(5, &gentle, BOAT), 0);
+    for length_m in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e9] {
+        assert_eq!(window(4, &gentle, BoatFootprint { length_m, ..BOAT }), 0);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+    /// However a shore lies, its ramp is found, and headed for.
+    #[test]
+    fn a_ramp_is_found_at_any_heading(heading_rad in 0.0..TAU) {
+        let (sin, cos) = libm::sincos(heading_rad);
+        let found = sites(|x, y| ramp(x * cos + y * sin, y * cos - x * sin, 5.0, 0.5));
+        prop_assert_eq!(found.len(), 1);
+        let off_rad = libm::remainder(found[0].heading_rad - heading_rad, TAU);
+        prop_assert!(off_rad.abs() < FRAC_PI_2 / 9.0, "{} off", off_rad);
+        prop_assert!((found[0].width_m - 5.0).abs() < 1.0, "{} wide", found[0].width_m);
+    }
+}

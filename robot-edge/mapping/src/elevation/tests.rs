@@ -1,0 +1,274 @@
+use nalgebra::Translation3;
+
+use super::*;
+use crate::elevation_cell::CellClass;
+use crate::registered_scan::{RegisteredBeam, SensorId};
+
+const SENSOR: Point3<f64> = Point3::new(0.25, 0.0, 1.08);
+
+fn map(cells: u32) -> ElevationMap {
+    let elevation = ElevationConfig {
+        cells,
+        cell_m: 0.2,
+        ..ElevationConfig::default()
+    };
+    ElevationMap::new(
+        &elevation,
+        &ObstacleConfig::default(),
+        &GroundConfig::default(),
+    )
+}
+
+/// A scan at `time_s` of a vehicle at `x_m` whose beams hit `points`, all from one sensor.
+fn scan(time_s: f64, x_m: f64, points: &[[f64; 3]]) -> RegisteredScan {
+    let odom_from_base = Pose::from_parts(
+        Translation3::new(x_m, 0.0, 0.0),
+        nalgebra::UnitQuaternion::identity(),
+    );
+    RegisteredScan {
+        stamp: RobotTime::from_secs_f64(time_s).unwrap(),
+        sensor: SensorId(0),
+        beam_step_rad: 0.004,
+        own_body_hits: 0,
+        odom_from_base,
+        beams: points
+            .iter()
+            .zip(0..)
+            .map(|(&point, index)| RegisteredBeam {
+                origin_in_odom: odom_from_base * SENSOR,
+                end_in_odom: point.into(),
+                outcome: BeamOutcome::Hit,
+                index,
+                range_m: 1.0,
+            })
+            .collect(),
+    }
+}
+
+fn ground() -> GroundPlane {
+    GroundPlane::under(&Pose::identity())
+}
+
+fn class_at(map: &ElevationMap, x_m: f64, y_m: f64) -> CellClass {
+    map.class(CellIndex::containing(Point2::new(x_m, y_m), 0.2))
+}
+
+/// Where a beam of the sensor that passes `x_m` at `height_m` meets the ground.
+fn ground_behind(x_m: f64, height_m: f64) -> f64 {
+    SENSOR.x + (x_m - SENSOR.x) * SENSOR.z / (SENSOR.z - height_m)
+}
+
+#[test]
+fn points_become_statistics_and_classes() {
+    let mut map = map(101);
+    let points = [
+        [5.1, 0.1, 0.02],
+        [5.1, 0.1, 0.04],
+        [6.1, 0.1, 0.5],
+        [6.1, 0.1, 0.7],
+        [99.0, 0.0, 0.0],
+    ];
+    let report = map.integrate(&scan(1.0, 0.0, &points), &ground());
+    assert_eq!((report.points, report.outside), (4, 1));
+    let cell = map.grid().get(CellIndex { x: 25, y: 0 }).unwrap();
+    assert!((cell.mean_m().unwrap() - 0.03).abs() < 1e-6);
+    assert_eq!((cell.points(), cell.scans()), (2, 1));
+    assert_eq!(cell.last_seen_ms(), 0, "the first scan");
+    assert_eq!(class_at(&map, 5.1, 0.1), CellClass::Free);
+    assert_eq!(class_at(&map, 6.1, 0.1), CellClass::Obstacle);
+    assert_eq!(class_at(&map, 7.1, 0.1), CellClass::Unknown);
+    assert_eq!(map.take_changed().len(), 2);
+}
+
+#[test]
+fn a_person_who_leaves_is_seen_through_by_a_vehicle_that_stands() {
+    let mut map = map(101);
+    let ground_m = ground_behind(4.1, 0.5);
+    let person = [[4.1, 0.1, 0.5]; 8];
+    let beyond = [[ground_m, 0.1 * ground_m / 4.1, 0.0]; 8];
+    map.integrate(&scan(0.0, 0.0, &[[4.1, 0.1, 0.0]]), &ground());
+    for n in 1..=40 {
+        map.integrate(&scan(0.04 * f64::from(n), 0.0, &person), &ground());
+    }
+    assert_eq!(class_at(&map, 4.1, 0.1), CellClass::Obstacle);
+    for n in 41..=44 {
+        map.integrate(&scan(0.04 * f64::from(n), 0.0, &beyond), &ground());
+        assert_eq!(class_at(&map, 4.1, 0.1), CellClass::Obstacle, "scan {n}");
+    }
+    let report = map.integrate(&scan(1.8, 0.0, &beyond), &ground());
+    assert_eq!(report.cleared, 1);
+    assert_eq!(
+        class_at(&map, 4.1, 0.1),
+        CellClass::Free,
+        "its ground had been seen"
+    );
+}
+
+#[test]
+fn a_hit_in_between_begins_the_count_anew() {
+    let mut map = map(101);
+    let ground_m = ground_behind(4.1, 0.5);
+    let (pole, beyond) = (
+        [[4.1, 0.1, 0.5]; 8],
+        [[ground_m, 0.1 * ground_m / 4.1, 0.0]; 8],
+    );
+    for n in 0..60 {
+        let points = if n % 5 == 0 { &pole } else { &beyond };
+        map.integrate(&scan(0.04 * f64::from(n), 0.0, points), &ground());
+    }
+    assert_eq!(class_at(&map, 4.1, 0.1), CellClass::Obstacle);
+}
+
+/// Beams rise over a box while the vehicle drives on; the design's own rule erases it here.
+#[test]
+fn a_box_stays_when_the_beams_rise_over_its_top() {
+    let mut map = map(101);
+    let mut hits = 0;
+    for n in 0..900 {
+        let x_m = 0.008 * f64::from(n);
+        let height_m = SENSOR.z - (8.3 - x_m - SENSOR.x) * libm::tan(7.5f64.to_radians());
+        let on_box = (0.0..0.15).contains(&height_m);
+        hits += u32::from(on_box);
+        let end = if on_box {
+            [8.3, 0.1, height_m]
+        } else {
+            [
+                x_m + SENSOR.x + SENSOR.z / libm::tan(7.5f64.to_radians()),
+                0.1,
+                0.0,
+            ]
+        };
+        map.integrate(&scan(0.04 * f64::from(n), x_m, &[end; 8]), &ground());
+    }
+    assert!(hits > 100, "{hits}");
+    assert_eq!(class_at(&map, 8.3, 0.1), CellClass::Obstacle);
+}
+
+#[test]
+fn what_was_glimpsed_is_forgotten_and_ground_is_not() {
+    let mut map = map(101);
+    let elsewhere = [[1.1, 1.1, 0.0]];
+    map.integrate(&scan(0.0, 0.0, &elsewhere), &ground());
+    let glimpse = [[4.1, 0.1, 0.5], [4.1, 0.1, 0.5], [2.1, 0.1, 0.0]];
+    map.integrate(&scan(2.0, 0.0, &glimpse), &ground());
+    map.integrate(&scan(12.0, 0.0, &elsewhere), &ground());
+    assert_eq!(class_at(&map, 4.1, 0.1), CellClass::Obstacle);
+    map.integrate(&scan(12.1, 0.0, &elsewhere), &ground());
+    assert_eq!(class_at(&map, 4.1, 0.1), CellClass::Unknown);
+    assert_eq!(class_at(&map, 2.1, 0.1), CellClass::Free);
+}
+
+#[test]
+fn what_is_there_when_the_map_begins_is_not_forgotten() {
+    let mut map = map(101);
+    map.integrate(&scan(0.0, 0.0, &[[4.1, 0.1, 0.5]; 2]), &ground());
+    map.integrate(&scan(60.0, 0.0, &[[1.1, 1.1, 0.0]]), &ground());
+    assert_eq!(class_at(&map, 4.1, 0.1), CellClass::Obstacle);
+}
+
+#[test]
+fn without_compensation_a_pitched_vehicle_sees_a_wall_that_is_none() {
+    let ground_config = GroundConfig {
+        compensation: false,
+        ..GroundConfig::default()
+    };
+    let mut without = ElevationMap::new(
+        &ElevationConfig::default(),
+        &ObstacleConfig::default(),
+        &ground_config,
+    );
+    let mut with = map(101);
+    let mut pitched = scan(0.0, 0.0, &[[6.1, 0.1, 0.0]; 2]);
+    pitched.odom_from_base.rotation =
+        nalgebra::UnitQuaternion::from_euler_angles(0.0, 2.5f64.to_radians(), 0.0);
+    with.integrate(&pitched, &ground());
+    without.integrate(&pitched, &ground());
+    assert_eq!(class_at(&with, 6.1, 0.1), CellClass::Free);
+    let raised = without
+        .grid()
+        .iter()
+        .find(|(_, cell)| cell.is_known())
+        .unwrap();
+    assert!(
+        (raised.1.mean_m().unwrap() - 0.266).abs() < 1e-3,
+        "{raised:?}"
+    );
+    assert_eq!(raised.1.class(), CellClass::Obstacle);
+}
+
+#[test]
+fn a_gentle_gradient_is_local_ground_and_a_kerb_on_it_is_not() {
+    let rise = libm::tan(3f64.to_radians());
+    let height_m = |x_m: f64| rise * x_m + if x_m > 8.0 { 0.15 } else { 0.0 };
+    let sweep = |reference| {
+        let config = GroundConfig {
+            reference,
+            ..GroundConfig::default()
+        };
+        let elevation = ElevationConfig {
+            cells: 201,
+            ..ElevationConfig::default()
+        };
+        let mut map = ElevationMap::new(&elevation, &ObstacleConfig::default(), &config);
+        for n in 0..400 {
+            let x_m = 0.025 * f64::from(n) + 0.01;
+            let point = [[x_m, 0.1, height_m(x_m)]; 8];
+            map.integrate(&scan(0.04 * f64::from(n), x_m - 8.0, &point), &ground());
+        }
+        map
+    };
+    let (plane, local) = (sweep(GroundReference::Plane), sweep(GroundReference::Local));
+    assert_eq!(
+        class_at(&plane, 5.1, 0.1),
+        CellClass::Obstacle,
+        "0.27 m above the plane"
+    );
+    for x_m in [1.1, 5.1, 7.7] {
+        assert_eq!(class_at(&local, x_m, 0.1), CellClass::Free, "{x_m}");
+    }
+    assert_eq!(class_at(&local, 8.1, 0.1), CellClass::Obstacle, "the kerb");
+}
+
+/// A replay that goes round: time goes on, and what came from the side is not taken for what was there before.
+#[test]
+fn a_clock_that_starts_anew_stops_nothing() {
+    let mut map = map(101);
+    let elsewhere = [[1.1, 1.1, 0.0]];
+    map.integrate(&scan(100.0, 0.0, &elsewhere), &ground());
+    map.integrate(&scan(140.0, 0.0, &elsewhere), &ground());
+    map.erase();
+    map.integrate(&scan(142.0, 0.0, &elsewhere), &ground());
+    map.integrate(&scan(100.0, 0.0, &[[4.1, 0.1, 0.5]; 2]), &ground());
+    assert_eq!(class_at(&map, 4.1, 0.1), CellClass::Obstacle);
+    map.integrate(&scan(110.5, 0.0, &elsewhere), &ground());
+    assert_eq!(
+        class_at(&map, 4.1, 0.1),
+        CellClass::Unknown,
+        "glimpsed and forgotten"
+    );
+}
+
+/// Far away and back: the place of the thing's quarter was taken in between (17 quarters on), those of its
+/// block (15 blocks) and of its cell (101 cells) were not.
+#[test]
+fn what_is_seen_again_after_a_long_way_can_still_go() {
+    let mut map = map(101);
+    let ground_m = ground_behind(4.1, 0.5);
+    let person = [[4.1, 0.1, 0.5]; 8];
+    let beyond = [[ground_m, 0.1 * ground_m / 4.1, 0.0]; 8];
+    let mut time_s = 0.0;
+    let mut see = |map: &mut ElevationMap, x_m: f64, points: &[[f64; 3]]| {
+        time_s += 0.04;
+        map.integrate(&scan(time_s, x_m, points), &ground());
+    };
+    see(&mut map, 0.0, &person);
+    see(&mut map, 27.0, &[[31.1, 0.1, 0.5]; 2]);
+    for _ in 0..30 {
+        see(&mut map, 0.0, &person);
+    }
+    assert_eq!(class_at(&map, 4.1, 0.1), CellClass::Obstacle);
+    for _ in 0..6 {
+        see(&mut map, 0.0, &beyond);
+    }
+    assert_ne!(class_at(&map, 4.1, 0.1), CellClass::Obstacle);
+}

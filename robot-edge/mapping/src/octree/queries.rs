@@ -1,0 +1,207 @@
+//! What can be asked of the octree.
+
+use nalgebra::Vector3;
+
+use super::block::Block;
+use super::brick::BrickStates;
+use super::log_odds_table::{EVEN, UNKNOWN};
+use super::surface::SurfaceVoxel;
+use super::voxel_address::{BLOCK_BRICKS, BLOCK_EDGE, BRICK_EDGE, BRICK_VOXELS, BlockIndex, split};
+use super::{BrickColumn, Octree};
+use crate::voxel::VoxelIndex;
+
+/// What is known of a voxel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum VoxelState {
+    /// Nothing.
+    Unknown,
+    /// More likely free than not.
+    Free,
+    /// More likely occupied than not.
+    Occupied,
+}
+
+/// 16³ voxels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct KnownBlock {
+    /// Its voxel of least x, y and z.
+    pub least: VoxelIndex,
+    /// Its bricks of 4³ voxels, x first, then y, then z.
+    pub bricks: [BrickStates; BLOCK_BRICKS],
+}
+
+/// How many voxels are what.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct VoxelCounts {
+    /// More likely occupied than not.
+    pub occupied: u64,
+    /// Known and not occupied.
+    pub free: u64,
+}
+
+/// Sixteen columns of voxels in a layer of bricks: a bit for each column in each of four layers, x first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ColumnStates {
+    /// z of the lowest layer, voxels.
+    pub z: i32,
+    /// Known, lowest layer first.
+    pub known: [u16; 4],
+    /// Occupied, lowest layer first.
+    pub occupied: [u16; 4],
+}
+
+impl Octree {
+    /// What is known of a voxel.
+    pub fn state(&self, voxel: VoxelIndex) -> VoxelState {
+        state(self.value(voxel))
+    }
+
+    /// The probability that a voxel is occupied; `None` where nothing is known.
+    pub fn probability(&self, voxel: VoxelIndex) -> Option<f64> {
+        let value = self.value(voxel);
+        let log_odds = self.steps.log_odds(value);
+        (value != UNKNOWN).then(|| 1.0 / (1.0 + libm::exp(-log_odds)))
+    }
+
+    /// What is known of the cube of 2ˡᵉᵛᵉˡ voxels an edge that a voxel lies in: occupied where any of it is, as in
+    /// `OctoMap`, else free where any of it is known. At most level 16, the size of all of an `OctoMap`.
+    pub fn state_at_level(&self, voxel: VoxelIndex, level: u32) -> VoxelState {
+        let level = level.min(16);
+        let edge = 1_i32 << level;
+        let first = |coordinate: i32| coordinate & !(edge - 1);
+        let first = VoxelIndex {
+            x: first(voxel.x),
+            y: first(voxel.y),
+            z: first(voxel.z),
+        };
+        if edge < BLOCK_EDGE {
+            return self.greatest(self.block(split(first).0), first, edge);
+        }
+        let blocks = edge / BLOCK_EDGE;
+        let corner = split(first).0;
+        let is_inside = |at: BlockIndex| {
+            let within = |at: i32, corner: i32| (0..blocks).contains(&(at - corner));
+            within(at.x, corner.x) && within(at.y, corner.y) && within(at.z, corner.z)
+        };
+        let inside = self.blocks().filter(|block| is_inside(block.index));
+        inside
+            .map(|block| self.greatest(Some(block), block.index.first_voxel(), BLOCK_EDGE))
+            .max()
+            .unwrap_or(VoxelState::Unknown)
+    }
+
+    /// What the hits in a voxel were like, if it was ever hit.
+    pub fn surface(&self, voxel: VoxelIndex) -> Option<&SurfaceVoxel> {
+        let (index, address) = split(voxel);
+        self.block(index)?.surface(address)
+    }
+
+    /// The sixteen columns of voxels in a column of bricks, from the layer of bricks that holds `from` up to the
+    /// one that holds `to`, both z of voxels. Layers of which nothing is known may be left out.
+    pub fn columns(
+        &self,
+        column: BrickColumn,
+        from: i32,
+        to: i32,
+    ) -> impl Iterator<Item = ColumnStates> + '_ {
+        let number = (column.y.rem_euclid(4) * 4 + column.x.rem_euclid(4)) as usize;
+        let index = move |z| BlockIndex {
+            x: column.x >> 2,
+            y: column.y >> 2,
+            z,
+        };
+        let blocks = (from >> 4..=to >> 4).filter_map(move |z| self.block(index(z)));
+        blocks.flat_map(move |block| {
+            (0..4).filter_map(move |layer| {
+                let z = block.index.z * BLOCK_EDGE + layer * BRICK_EDGE;
+                if z + 3 < from || z > to {
+                    return None;
+                }
+                let states = block.states(number + 16 * layer as usize, self.values());
+                let layers = |bits: u64| std::array::from_fn(|layer| (bits >> (16 * layer)) as u16);
+                (states.known != 0).then(|| ColumnStates {
+                    z,
+                    known: layers(states.known),
+                    occupied: layers(states.occupied),
+                })
+            })
+        })
+    }
+
+    /// How many voxels are what.
+    pub fn counts(&self) -> VoxelCounts {
+        let mut counts = VoxelCounts::default();
+        for block in self.blocks() {
+            for number in 0..BLOCK_BRICKS {
+                let states = block.states(number, self.values());
+                let occupied = u64::from(states.occupied.count_ones());
+                counts.occupied += occupied;
+                counts.free += u64::from(states.known.count_ones()) - occupied;
+            }
+        }
+        counts
+    }
+
+    /// The blocks that hold a known voxel, in the `order` of their least voxels.
+    pub fn known_blocks<K: Ord>(
+        &self,
+        order: impl Fn(VoxelIndex) -> K,
+    ) -> impl Iterator<Item = KnownBlock> {
+        let mut blocks: Vec<_> = self.blocks().collect();
+        blocks.sort_by_cached_key(|block| order(block.index.first_voxel()));
+        let known = blocks.into_iter().map(|block| KnownBlock {
+            least: block.index.first_voxel(),
+            bricks: std::array::from_fn(|number| block.states(number, self.values())),
+        });
+        known.filter(|block| block.bricks.iter().any(|brick| brick.known != 0))
+    }
+
+    /// Every occupied voxel with what its hits were like, in no order that means anything but always the same one.
+    pub fn occupied(&self) -> impl Iterator<Item = (VoxelIndex, Option<&SurfaceVoxel>)> + '_ {
+        self.blocks().flat_map(move |block| {
+            (0..BLOCK_BRICKS).flat_map(move |number| {
+                let occupied = block.states(number, self.values()).occupied;
+                let voxels = (0..BRICK_VOXELS).filter(move |voxel| occupied >> voxel & 1 == 1);
+                voxels.map(move |voxel| {
+                    let address = number * BRICK_VOXELS + voxel;
+                    (block.index.voxel(address), block.surface(address))
+                })
+            })
+        })
+    }
+
+    fn greatest(&self, block: Option<&Block>, first: VoxelIndex, edge: i32) -> VoxelState {
+        let Some(block) = block else {
+            return VoxelState::Unknown;
+        };
+        let part = |n: i32| Vector3::new(n % edge, n / edge % edge, n / (edge * edge));
+        let values = (0..edge * edge * edge).map(|n| {
+            let at = part(n);
+            let voxel = VoxelIndex {
+                x: first.x + at.x,
+                y: first.y + at.y,
+                z: first.z + at.z,
+            };
+            block.value(split(voxel).1, self.values())
+        });
+        state(values.max().unwrap_or(UNKNOWN))
+    }
+
+    fn block(&self, index: BlockIndex) -> Option<&Block> {
+        self.shards[index.shard()].block(index)
+    }
+
+    fn value(&self, voxel: VoxelIndex) -> u8 {
+        let (index, address) = split(voxel);
+        self.block(index)
+            .map_or(UNKNOWN, |block| block.value(address, self.values()))
+    }
+}
+
+const fn state(value: u8) -> VoxelState {
+    match value {
+        UNKNOWN => VoxelState::Unknown,
+        1..=EVEN => VoxelState::Free,
+        _ => VoxelState::Occupied,
+    }
+}

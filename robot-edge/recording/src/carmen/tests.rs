@@ -1,0 +1,216 @@
+use std::io::Write;
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::shared_data::shared_data;
+use measurement::MeasurementData;
+
+fn read_all(reader: &mut dyn RecordingReader) -> Vec<Measurement> {
+    std::iter::from_fn(|| reader.next_measurement().unwrap()).collect()
+}
+
+fn log_of(content: &[u8]) -> (tempfile::NamedTempFile, CarmenReader) {
+    let mut file = tempfile::NamedTempFile::new().unwrap();
+    file.write_all(content).unwrap();
+    let reader = CarmenReader::open(file.path(), Selection::All).unwrap();
+    (file, reader)
+}
+
+#[test]
+fn damage_costs_its_own_line_only() {
+    let (_file, mut reader) = log_of(
+        b"# message_name [message contents] ipc_timestamp ipc_hostname logger_timestamp\n\
+          PARAM robot_use_laser on nohost 0\n\
+          FLASER 2 1 2 0 0 0 0 0 0 10 h 10\r\n\
+          FLASER 2 1 0 0 0 0 0 0 10.2 h 10\n\
+          \xff\xfe\n\
+          lower case\n\
+          \n\
+          FLASER 2 1 3 0 0 0 0 0 0 10.4 h 10\n\
+          ODOM 0 0 0 0 0 0 10.5 h 0\n\
+          NEFF 30\n\
+          FLASER 2 1 4 0 0 0 0 0 0 10.6 h 1\n\
+          FLASER 2 1 4 0 0 0 0 0",
+    );
+    let measurements = read_all(&mut reader);
+    assert_eq!(measurements.len(), 4);
+    assert_eq!(reader.losses().get(DropReason::Damaged), 3);
+    assert_eq!(reader.losses().get(DropReason::CutOff), 1);
+    assert_eq!(reader.losses().total(), 4);
+    assert_eq!(
+        reader.loss_notes(),
+        [
+            "line 4: FLASER: ipc stamp is not a number: \"h\"",
+            "line 5: not text",
+            "line 6: begins with no message name",
+            "line 12: the recording ends inside this line",
+        ]
+    );
+    let counts: Vec<_> = reader
+        .streams()
+        .iter()
+        .map(|s| (s.stream.name.as_str(), s.understood, s.messages))
+        .collect();
+    assert_eq!(
+        counts,
+        [
+            ("PARAM", false, 1),
+            ("FLASER", true, 5),
+            ("ODOM", true, 1),
+            ("NEFF", false, 1)
+        ]
+    );
+    let position = reader.position();
+    assert_eq!(position.bytes_read, position.bytes_total);
+}
+
+#[test]
+fn streams_keep_clocks_of_their_own() {
+    let (_file, mut reader) = log_of(
+        b"ODOM 0 0 0 0 0 0 21.0 h 0\n\
+          FLASER 2 1 2 0 0 0 0 0 0 21.5 h 1\n\
+          ODOM 0 0 0 0 0 0 0 h 0\n\
+          FLASER 2 1 2 0 0 0 0 0 0 21.4 h 1\n\
+          FLASER 2 1 2 0 0 0 0 0 0 21.3 h 1\n\
+          ODOM 0 0 0 0 0 0 22.0 h 0\n",
+    );
+    let stamps_s: Vec<_> = read_all(&mut reader)
+        .iter()
+        .map(|m| m.stamp.as_secs_f64())
+        .collect();
+    assert_eq!(stamps_s, [21.0, 21.5, 21.0, 21.5, 21.5, 22.0]);
+    assert_eq!(reader.stamp_repairs(), 3);
+    assert_eq!(reader.losses().total(), 0);
+    assert_eq!(
+        reader.loss_notes(),
+        [
+            "line 3: the stamp of ODOM goes back by 21 s and is held (later ones only counted)",
+            "line 4: the stamp of FLASER goes back by 0.1 s and is held (later ones only counted)",
+        ]
+    );
+}
+
+#[test]
+fn a_cut_in_the_last_field_costs_nothing_but_is_counted() {
+    let (_file, mut reader) = log_of(b"ODOM 0 0 0 0 0 0 1 h 1\nODOM 0 0 0 0 0 0 2 h 1");
+    assert_eq!(read_all(&mut reader).len(), 2);
+    assert_eq!(reader.losses().get(DropReason::CutOff), 1);
+    assert_eq!(reader.losses().total(), 1);
+}
+
+#[test]
+fn names_beyond_the_limit_are_garbage() {
+    let lines: Vec<_> = (0..1000).map(|i| format!("X{i} 1 2 3")).collect();
+    let (_file, mut reader) = log_of(lines.join("\n").as_bytes());
+    assert!(read_all(&mut reader).is_empty());
+    assert_eq!(reader.streams().len(), MAX_STREAMS);
+    assert_eq!(
+        reader.losses().get(DropReason::Damaged),
+        1000 - MAX_STREAMS as u64
+    );
+}
+
+#[test]
+fn selection_leaves_other_streams_counted() {
+    let mut file = tempfile::NamedTempFile::new().unwrap();
+    file.write_all(b"ODOM 0 0 0 0 0 0 1 h 0\nFLASER 1 3 0 0 0 0 0 0 1 h 1\n")
+        .unwrap();
+    let selection = Selection::Named(vec!["FLASER".to_owned()]);
+    let mut reader = CarmenReader::open(file.path(), selection).unwrap();
+    let measurements = read_all(&mut reader);
+    assert_eq!(measurements.len(), 1);
+    assert_eq!(measurements[0].stream, StreamId(1));
+    assert_eq!(reader.streams()[0].messages, 1);
+}
+
+#[test]
+fn every_scan_of_the_published_logs_comes_out() {
+    let Some(data) = shared_data("carmen") else {
+        return;
+    };
+    // The repairs were counted by another program: half the `ODOM` lines of corrected logs have no stamp.
+    let check = |name: &str, stream: &str, scans: usize, beams: [usize; 2], repairs: u64| {
+        let mut reader = CarmenReader::open(&data.join(name), Selection::All).unwrap();
+        let measurements = read_all(&mut reader);
+        let counts: Vec<_> = measurements
+            .iter()
+            .filter_map(|m| {
+                let MeasurementData::Scan { scan, own_pose } = &m.data else {
+                    return None;
+                };
+                assert!(own_pose.is_some());
+                let summary = &reader.streams()[usize::from(m.stream.0)];
+                assert_eq!(summary.stream.name, stream);
+                Some(scan.ranges_m.len())
+            })
+            .collect();
+        assert_eq!(counts.len(), scans, "{name}");
+        assert_eq!(
+            [counts.iter().min(), counts.iter().max()],
+            [Some(&beams[0]), Some(&beams[1])],
+            "{name}"
+        );
+        assert_eq!(
+            reader.losses().total(),
+            0,
+            "{name}: {:?}",
+            reader.loss_notes()
+        );
+        let backwards = (0..reader.streams().len()).any(|stream| {
+            measurements
+                .iter()
+                .filter(|m| usize::from(m.stream.0) == stream)
+                .is_sorted_by_key(|m| m.stamp)
+                .eq(&false)
+        });
+        assert!(!backwards, "{name}");
+        assert_eq!(reader.stamp_repairs(), repairs, "{name}");
+    };
+    check("intel-corrected.log", "FLASER", 910, [180, 180], 2516);
+    check("aces-corrected.log", "FLASER", 440, [180, 180], 440);
+    check("csail-corrected.log", "FLASER", 406, [361, 361], 812);
+    check("belgioioso-corrected.log", "FLASER", 395, [361, 361], 790);
+    check(
+        "infinite-corridor-corrected.log",
+        "FLASER",
+        1941,
+        [180, 180],
+        3923,
+    );
+    check("aces.clf", "FLASER", 7374, [180, 180], 0);
+    check(
+        "fr-clinic_robotlaser.clf",
+        "ROBOTLASER1",
+        6917,
+        [180, 181],
+        0,
+    );
+}
+
+proptest! {
+    #[test]
+    fn any_bytes_are_survived(content in prop::collection::vec(any::<u8>(), 0..2000)) {
+        let (_file, mut reader) = log_of(&content);
+        read_all(&mut reader);
+        prop_assert_eq!(reader.position().bytes_read, content.len() as u64);
+    }
+
+    #[test]
+    fn any_damage_to_a_log_is_survived(
+        cut in 0_usize..300,
+        flips in prop::collection::vec((0_usize..300, any::<u8>()), 0..4),
+    ) {
+        let mut content = b"ODOM 0 0 0 0 0 0 1.0 h 0\nFLASER 3 1 2 3 0 0 0 0 0 0 1.5 h 1\n".repeat(6);
+        for (at, byte) in flips {
+            content[at] = byte;
+        }
+        content.truncate(cut);
+        let (_file, mut reader) = log_of(&content);
+        for measurement in read_all(&mut reader) {
+            if let MeasurementData::Scan { scan, .. } = measurement.data {
+                prop_assert!(!scan.ranges_m.is_empty());
+            }
+        }
+    }
+}

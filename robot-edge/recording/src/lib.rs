@@ -1,0 +1,163 @@
+//! Recordings: real data in, measurements out, and simulated data back into files others can open.
+//!
+//! A [`RecordingReader`] yields the measurements of one file in *file* order, streamed, in bounded memory,
+//! and survives any damage: what cannot be read is skipped and counted. [`open`] picks the reader by the
+//! file's first bytes.
+
+#![warn(missing_docs)]
+
+use std::path::PathBuf;
+
+use measurement::drops::DropCounts;
+use measurement::time::RobotTime;
+use measurement::{Measurement, Stream};
+
+pub mod carmen;
+#[cfg(test)]
+mod corruption_tests;
+mod format;
+pub mod free_space;
+pub mod loss_log;
+pub mod mcap;
+pub mod messages;
+pub mod new_file;
+pub mod ros;
+pub mod rosbag;
+#[cfg(test)]
+pub(crate) mod shared_data;
+#[cfg(test)]
+#[path = "../../../tests/tests/all/skip.rs"]
+mod skip;
+pub mod time_sequencer;
+pub mod writer;
+
+pub use format::{Format, open, open_surveyed};
+
+/// Why a recording cannot be read at all. Damage inside a readable file is counted, not an error.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// The file cannot be opened, or reading stopped.
+    #[error("{path}: {source}", path = path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Neither name nor content is that of a known format.
+    #[error("{path}: not a recording this program reads: it begins with {begins_with}. \
+             It reads MCAP, ROS 1 bags (version 2.0) and CARMEN logs", path = path.display())]
+    UnknownFormat {
+        /// The file.
+        path: PathBuf,
+        /// Its first bytes, printable.
+        begins_with: String,
+    },
+    /// What Git keeps in place of the file.
+    #[error("{path}: this is not the recording but a pointer to it that Git LFS left. \
+             Fetch the file with `git lfs pull`", path = path.display())]
+    GitLfsPointer {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A known format in a version that is not read.
+    #[error("{path}: {format} version {version} is not supported: {remedy}", path = path.display())]
+    UnsupportedVersion {
+        /// The file.
+        path: PathBuf,
+        /// Name of the format.
+        format: &'static str,
+        /// What the file says.
+        version: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// The beginning is damaged such that nothing in the file can be trusted.
+    #[error("{path}: damaged at byte {offset}: {what}. {remedy}", path = path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Where.
+        offset: u64,
+        /// What is wrong.
+        what: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+}
+
+/// What is known of one stream so far, messages of types nobody understands included.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StreamSummary {
+    /// Name and type.
+    pub stream: Stream,
+    /// Whether its messages become measurements.
+    pub understood: bool,
+    /// Messages seen so far.
+    pub messages: u64,
+    /// Time the first message was logged.
+    pub first: Option<RobotTime>,
+    /// Time the last message was logged.
+    pub last: Option<RobotTime>,
+}
+
+/// How far reading has come, for a progress bar.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Position {
+    /// Bytes read.
+    pub bytes_read: u64,
+    /// Bytes in the file.
+    pub bytes_total: u64,
+}
+
+/// Which streams to decode.
+#[derive(Clone, Debug, PartialEq, Eq, Default)]
+pub enum Selection {
+    /// All that are understood.
+    #[default]
+    All,
+    /// Those with one of these names; others are counted in [`StreamSummary`] only.
+    Named(Vec<String>),
+}
+
+impl Selection {
+    /// Whether the stream called `name` is to be decoded.
+    pub fn contains(&self, name: &str) -> bool {
+        match self {
+            Self::All => true,
+            Self::Named(names) => names.iter().any(|wanted| wanted == name),
+        }
+    }
+}
+
+/// Reads one file from its beginning to its end.
+pub trait RecordingReader: Send {
+    /// The next measurement in file order; `None` at the end.
+    ///
+    /// # Errors
+    /// Only where reading cannot go on (the disk failed): damage is skipped and counted in
+    /// [`RecordingReader::losses`].
+    fn next_measurement(&mut self) -> Result<Option<Measurement>, RecordingError>;
+
+    /// The streams met so far; a [`measurement::StreamId`] is an index into it. It only grows.
+    fn streams(&self) -> &[StreamSummary];
+
+    /// What could not be read so far, by reason.
+    fn losses(&self) -> &DropCounts;
+
+    /// The first few losses in words: where (byte or line) and what.
+    fn loss_notes(&self) -> &[String];
+
+    /// How far reading has come.
+    fn position(&self) -> Position;
+
+    /// Stamps so far that contradicted the order of their stream and were changed to fit it.
+    fn stamp_repairs(&self) -> u64 {
+        0
+    }
+
+    /// The vehicle that the recording's metadata names.
+    fn vehicle(&self) -> Option<&str> {
+        None
+    }
+}

@@ -1,0 +1,157 @@
+//! From messages, as they come from a file or a network, to measurements.
+
+use std::collections::VecDeque;
+
+use super::StreamSummary;
+use super::loss_log::LossLog;
+use crate::ros::{self, DecodeError, Encoding, MessageType};
+use measurement::drops::{DropCounts, DropReason};
+use measurement::time::RobotTime;
+use measurement::{Measurement, Stream, StreamId};
+
+/// Streams that are told apart; what has more is damaged, or means harm.
+pub const MAX_STREAMS: usize = 4096;
+
+/// How the messages of a stream are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reading {
+    /// Type of the message.
+    pub kind: MessageType,
+    /// Encoding of the bytes.
+    pub encoding: Encoding,
+    /// Whether its transforms hold for all time.
+    pub is_static: bool,
+}
+
+/// Reads the messages of several streams and counts what cannot be read.
+#[derive(Debug, Default)]
+pub struct Messages {
+    streams: Vec<StreamSummary>,
+    losses: LossLog,
+    newest_stamp: Option<RobotTime>,
+    ready: VecDeque<Measurement>,
+}
+
+impl Messages {
+    /// The number of a stream, which is a new one if its name or type is new; `None` where there are too many.
+    pub fn stream(&mut self, stream: &Stream, is_understood: bool) -> Option<StreamId> {
+        let known = self
+            .streams
+            .iter()
+            .position(|summary| summary.stream == *stream);
+        let index = known.unwrap_or(self.streams.len());
+        let id = u16::try_from(index)
+            .ok()
+            .filter(|_| index < MAX_STREAMS)
+            .map(StreamId)?;
+        if known.is_none() {
+            self.streams.push(StreamSummary {
+                stream: stream.clone(),
+                understood: is_understood,
+                messages: 0,
+                first: None,
+                last: None,
+            });
+        }
+        Some(id)
+    }
+
+    /// Takes a message that was logged at `log_time`, where that is known; without `reading` it is only counted.
+    pub fn take(
+        &mut self,
+        stream: StreamId,
+        reading: Option<Reading>,
+        log_time: Option<RobotTime>,
+        message: &[u8],
+    ) {
+        let Some(summary) = self.streams.get_mut(usize::from(stream.0)) else {
+            return;
+        };
+        summary.messages += 1;
+        summary.first = summary.first.or(log_time);
+        summary.last = log_time.or(summary.last);
+        let Some(Reading {
+            kind,
+            encoding,
+            is_static,
+        }) = reading
+        else {
+            return;
+        };
+        match ros::decode(kind, encoding, is_static, message) {
+            Ok(parts) => {
+                for part in parts {
+                    match part {
+                        Ok(decoded) => self.take_decoded(stream, log_time, decoded),
+                        Err(err) => self.count_lost_message(stream, err),
+                    }
+                }
+            }
+            Err(err) => self.count_lost_message(stream, err),
+        }
+    }
+
+    /// The next measurement, in the order of the messages.
+    pub fn pop(&mut self) -> Option<Measurement> {
+        self.ready.pop_front()
+    }
+
+    /// The streams met so far; a [`StreamId`] is an index into them.
+    pub fn streams(&self) -> &[StreamSummary] {
+        &self.streams
+    }
+
+    /// What could not be read.
+    pub const fn losses(&self) -> &LossLog {
+        &self.losses
+    }
+
+    /// The same, to add to it.
+    pub const fn losses_mut(&mut self) -> &mut LossLog {
+        &mut self.losses
+    }
+
+    /// What could not be read, by reason.
+    pub const fn loss_counts(&self) -> &DropCounts {
+        self.losses.counts()
+    }
+
+    fn take_decoded(
+        &mut self,
+        stream: StreamId,
+        log_time: Option<RobotTime>,
+        decoded: ros::Decoded,
+    ) {
+        // A message without a stamp happened when its neighbours did, on *their* clock.
+        let Some(stamp) = decoded.stamp.or(self.newest_stamp).or(log_time) else {
+            return self.count_loss(
+                stream,
+                DropReason::BadStamp,
+                &"it has no time: neither a stamp nor a log time",
+            );
+        };
+        self.newest_stamp = self.newest_stamp.max(decoded.stamp);
+        self.ready.push_back(Measurement {
+            stamp,
+            stream,
+            frame: decoded.frame,
+            data: decoded.data,
+        });
+    }
+
+    fn count_lost_message(&mut self, stream: StreamId, err: DecodeError) {
+        self.count_loss(stream, err.reason(), &err);
+    }
+
+    fn count_loss(&mut self, stream: StreamId, reason: DropReason, why: &dyn std::fmt::Display) {
+        let Some(summary) = self.streams.get(usize::from(stream.0)) else {
+            return;
+        };
+        self.losses.add(reason, || {
+            format!(
+                "{}: message {}: {why}",
+                summary.stream.name, summary.messages
+            )
+        });
+    }
+}

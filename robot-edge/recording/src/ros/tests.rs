@@ -1,0 +1,317 @@
+use proptest::prelude::*;
+
+use super::*;
+use measurement::pose;
+use measurement::scan::Scan;
+use measurement::{GeodeticFix, ImuSample, Measurement, StreamId, Twist};
+
+const KINDS: [MessageType; 12] = [
+    MessageType::LaserScan,
+    MessageType::MultiEchoLaserScan,
+    MessageType::PointCloud2,
+    MessageType::Imu,
+    MessageType::JointState,
+    MessageType::NavSatFix,
+    MessageType::Odometry,
+    MessageType::TfMessage,
+    MessageType::PoseStamped,
+    MessageType::PoseWithCovarianceStamped,
+    MessageType::Twist,
+    MessageType::TwistStamped,
+];
+
+fn measurement(data: MeasurementData) -> Measurement {
+    let stamp = RobotTime::from_nanos(1_600_000_002_198_299_885);
+    Measurement {
+        stamp,
+        stream: StreamId(0),
+        frame: "odom".into(),
+        data,
+    }
+}
+
+fn samples() -> Vec<Measurement> {
+    let scan = Scan {
+        angle_min_rad: -1.5,
+        angle_increment_rad: 0.5,
+        time_increment_s: 0.001,
+        range_min_m: 0.02,
+        range_max_m: 5.6,
+        ranges_m: vec![1.0, f32::INFINITY, 0.25],
+    };
+    let pose = pose::from_parts([1.0, -2.0, 3.0], [0.0, 0.6, 0.0, 0.8]).unwrap();
+    let imu = ImuSample {
+        orientation_xyzw: None,
+        angular_velocity_radps: [0.1, 0.2, 0.3],
+        linear_acceleration_mps2: [0.0, 0.0, 9.81],
+    };
+    let fix = GeodeticFix {
+        latitude_deg: 38.7,
+        longitude_deg: -9.1,
+        altitude_m: 42.0,
+        status: 2,
+    };
+    let twist = Twist {
+        linear_mps: [0.5, 0.0, 0.0],
+        angular_radps: [0.0, 0.0, -0.1],
+    };
+    let child = || "base_link".into();
+    [
+        MeasurementData::Scan {
+            scan,
+            own_pose: None,
+        },
+        MeasurementData::Transform {
+            child: child(),
+            parent_from_child: pose,
+            is_static: false,
+        },
+        MeasurementData::Odometry {
+            child: child(),
+            odom_from_base: pose,
+        },
+        MeasurementData::Imu(imu),
+        MeasurementData::Imu(ImuSample {
+            orientation_xyzw: Some([0.0, 0.6, 0.0, 0.8]),
+            ..imu
+        }),
+        MeasurementData::Joints(vec![("tilt".to_owned(), 0.3), ("pan".to_owned(), -1.0)]),
+        MeasurementData::Fix(fix),
+        MeasurementData::Twist(twist),
+    ]
+    .map(measurement)
+    .to_vec()
+}
+
+#[test]
+fn what_is_written_is_read_back() {
+    for sample in samples() {
+        let (kind, bytes) = encode(&sample).unwrap();
+        let decoded = decode(kind, Encoding::Cdr, false, &bytes).unwrap();
+        let expected = Decoded {
+            stamp: Some(sample.stamp),
+            frame: sample.frame,
+            data: sample.data,
+        };
+        assert_eq!(decoded, [Ok(expected)], "{kind:?}");
+        assert!(schema::ros2msg(kind).is_some(), "{kind:?} has no schema");
+    }
+}
+
+#[test]
+fn a_message_cut_anywhere_is_refused() {
+    for sample in samples() {
+        let (kind, bytes) = encode(&sample).unwrap();
+        // The last fields of some types are not read (covariances, velocities).
+        let unread = [
+            (MessageType::Odometry, 8 * (36 + 6 + 36)),
+            (MessageType::Imu, 8 * 9),
+            (MessageType::JointState, 8),
+            (MessageType::NavSatFix, 8 * 9 + 1),
+            (MessageType::LaserScan, 4),
+        ];
+        let unread = unread
+            .iter()
+            .find(|(other, _)| *other == kind)
+            .map_or(0, |(_, bytes)| *bytes);
+        let read = bytes.len() - unread;
+        for length in 0..read {
+            let cut = decode(kind, Encoding::Cdr, false, &bytes[..length]);
+            assert!(cut.is_err(), "{kind:?} cut at {length} of {read}");
+        }
+    }
+}
+
+/// A ROS 1 `LaserScan`, byte by byte as `roscpp` serialises it.
+#[test]
+fn ros_1_and_both_byte_orders_are_read() {
+    let mut ros1 = Vec::new();
+    for word in [7u32, 12, 500_000_000, 6] {
+        ros1.extend(word.to_le_bytes());
+    }
+    ros1.extend(b"/laser");
+    let floats = [-1.0f32, 1.0, 1.0, 0.0, 0.1, 0.02, 5.6];
+    ros1.extend(floats.iter().flat_map(|value| value.to_le_bytes()));
+    ros1.extend(2u32.to_le_bytes());
+    ros1.extend([2.5f32, 3.5].iter().flat_map(|value| value.to_le_bytes()));
+    ros1.extend(0u32.to_le_bytes());
+
+    let mut big = vec![0, 0, 0, 0];
+    for word in [12u32, 500_000_000, 6] {
+        big.extend(word.to_be_bytes());
+    }
+    big.extend(b"laser\0\0\0"); // ends with a zero; the next number stands at a multiple of 4
+    big.extend(floats.iter().flat_map(|value| value.to_be_bytes()));
+    big.extend(2u32.to_be_bytes());
+    big.extend([2.5f32, 3.5].iter().flat_map(|value| value.to_be_bytes()));
+
+    for (encoding, bytes) in [(Encoding::Ros1, ros1), (Encoding::Cdr, big)] {
+        let decoded = decode(MessageType::LaserScan, encoding, false, &bytes)
+            .unwrap()
+            .remove(0)
+            .unwrap();
+        assert_eq!(decoded.stamp, Some(RobotTime::from_nanos(12_500_000_000)));
+        assert_eq!(&*decoded.frame, "laser");
+        let MeasurementData::Scan { scan, .. } = decoded.data else {
+            panic!("not a scan")
+        };
+        assert_eq!((scan.angle_min_rad, scan.range_max_m), (-1.0, 5.6));
+        assert_eq!(scan.ranges_m, [2.5, 3.5]);
+    }
+}
+
+#[test]
+fn one_bad_transform_does_not_cost_the_others() {
+    let sample = samples().remove(1);
+    let (kind, good) = encode(&sample).unwrap();
+    let mut bad = good.clone();
+    let last = bad.len() - 8;
+    bad[last..].copy_from_slice(&f64::NAN.to_le_bytes());
+    // Two transforms. The names of the second start 4 bytes earlier in a word of 8, so that 6 bytes of
+    // padding stand before its numbers instead of 2.
+    let mut both = bad;
+    both[4..8].copy_from_slice(&2u32.to_le_bytes());
+    both.extend(&good[8..42]);
+    both.extend([0; 6]);
+    both.extend(&good[44..]);
+    let decoded = decode(kind, Encoding::Cdr, true, &both).unwrap();
+    assert_eq!(decoded[0], Err(DecodeError::BadPose));
+    assert!(matches!(
+        decoded[1].as_ref().unwrap().data,
+        MeasurementData::Transform {
+            is_static: true,
+            ..
+        }
+    ));
+}
+
+#[test]
+fn a_zero_stamp_is_no_stamp_and_foreign_cdr_is_refused() {
+    let unstamped = Measurement {
+        stamp: RobotTime::from_nanos(0),
+        ..samples().remove(7)
+    };
+    let (kind, mut bytes) = encode(&unstamped).unwrap();
+    let decoded = decode(kind, Encoding::Cdr, false, &bytes)
+        .unwrap()
+        .remove(0)
+        .unwrap();
+    assert_eq!(decoded.stamp, None);
+    bytes[1] = 3;
+    assert_eq!(
+        decode(kind, Encoding::Cdr, false, &bytes),
+        Err(DecodeError::Encapsulation([0, 3]))
+    );
+}
+
+fn cloud(height: u32, with_ring: bool, points: u32) -> Vec<u8> {
+    let mut out = Vec::new();
+    for word in [0u32, 1, 0, 0, height, points] {
+        out.extend(word.to_le_bytes());
+    }
+    let mut fields = vec![("x", 0u32, 7u8), ("y", 4, 7), ("z", 8, 7)];
+    if with_ring {
+        fields.push(("ring", 12, 4));
+    }
+    out.extend((fields.len() as u32).to_le_bytes());
+    for (name, offset, datatype) in fields {
+        out.extend((name.len() as u32).to_le_bytes());
+        out.extend(name.as_bytes());
+        out.extend(offset.to_le_bytes());
+        out.push(datatype);
+        out.extend(1u32.to_le_bytes());
+    }
+    out.push(0);
+    out.extend(14u32.to_le_bytes());
+    out.extend((14 * points).to_le_bytes());
+    out.extend((14 * points * height).to_le_bytes());
+    for point in 0..points * height {
+        for value in [point as f32, 0.5, -1.0] {
+            out.extend(value.to_le_bytes());
+        }
+        out.extend((point as u16 % 16).to_le_bytes());
+    }
+    out.push(1);
+    out
+}
+
+#[test]
+fn clouds_that_keep_their_order_are_read() {
+    let read = |bytes: &[u8]| {
+        decode(MessageType::PointCloud2, Encoding::Ros1, false, bytes)
+            .unwrap()
+            .remove(0)
+    };
+    let MeasurementData::PointCloud(ringed) = read(&cloud(1, true, 3)).unwrap().data else {
+        panic!()
+    };
+    assert_eq!(
+        ringed.points_m,
+        [[0.0, 0.5, -1.0], [1.0, 0.5, -1.0], [2.0, 0.5, -1.0]]
+    );
+    assert_eq!(ringed.rings, Some(vec![0, 1, 2]));
+    let MeasurementData::PointCloud(organised) = read(&cloud(2, false, 2)).unwrap().data else {
+        panic!()
+    };
+    assert_eq!(
+        (organised.points_m.len(), organised.width, organised.rings),
+        (4, 2, None)
+    );
+    assert_eq!(read(&cloud(1, false, 3)), Err(DecodeError::NotOrganised));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+    #[test]
+    fn nothing_panics_on_any_bytes(
+        kind in prop::sample::select(KINDS.to_vec()),
+        encoding in prop::sample::select(vec![Encoding::Ros1, Encoding::Cdr]),
+        mut bytes in prop::collection::vec(any::<u8>(), 0..600),
+        plausible in any::<bool>(),
+    ) {
+        if plausible && bytes.len() >= 4 {
+            bytes[..4].copy_from_slice(&[0, 1, 0, 0]);
+        }
+        drop(decode(kind, encoding, false, &bytes));
+    }
+
+    #[test]
+    fn nothing_panics_on_changed_messages(
+        sample in 0usize..8,
+        flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+    ) {
+        let (kind, mut bytes) = encode(&samples()[sample]).unwrap();
+        for (at, value) in flips {
+            let at = at.index(bytes.len());
+            bytes[at] = value;
+        }
+        drop(decode(kind, Encoding::Cdr, false, &bytes));
+    }
+
+    #[test]
+    fn nothing_panics_on_changed_clouds(
+        flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+    ) {
+        let mut bytes = cloud(2, true, 5);
+        for (at, value) in flips {
+            let at = at.index(bytes.len());
+            bytes[at] = value;
+        }
+        drop(decode(MessageType::PointCloud2, Encoding::Ros1, false, &bytes));
+    }
+}
+
+#[test]
+fn a_twist_without_a_stamp_is_six_numbers() {
+    let twist = measurement::Twist {
+        linear_mps: [0.5, 0.0, 0.0],
+        angular_radps: [0.0, 0.0, -1.0],
+    };
+    let message = twist_message(&twist);
+    let numbers = [0.5f64, 0.0, 0.0, 0.0, 0.0, -1.0].map(f64::to_le_bytes);
+    assert_eq!(message, [&[0, 1, 0, 0][..], &numbers.concat()].concat());
+    let decoded = decode(MessageType::Twist, Encoding::Cdr, false, &message).unwrap();
+    let decoded = decoded.into_iter().next().unwrap().unwrap();
+    assert_eq!(decoded.stamp, None);
+    assert_eq!(decoded.data, MeasurementData::Twist(twist));
+}

@@ -1,0 +1,323 @@
+//! Measurements in the order of their stamps, out of a file that holds them in the order they were logged.
+//!
+//! Items wait until the data's clock has passed them by a window. Stamps that cannot be true must not cost
+//! more than themselves, so a step that is longer than the window, either way, is believed only when the
+//! next item of the same source takes it too; until then the item waits aside:
+//!
+//! - *ahead* of all others: one stamp far in the future does not push the clock ahead and make what follows
+//!   late; a pause in the recording is followed after two items.
+//! - *back* behind its own source: one old stamp is late; a bag played twice or a restarted simulation
+//!   begins a new epoch, in which order starts anew.
+//!
+//! Transforms do not move the data's clock: localisation dates them into the future (AMCL by 1 s, its
+//! `transform_tolerance`), which would leave nothing of the window to the other streams.
+
+use std::collections::{HashMap, VecDeque};
+
+use self::reorder_buffer::ReorderBuffer;
+use measurement::drops::{DropCounts, DropReason};
+use measurement::time::{RobotDuration, RobotTime};
+use measurement::{FrameId, Measurement, MeasurementData, StreamId};
+
+mod clock_steps;
+mod reorder_buffer;
+
+/// How far items may be out of order by default: transforms and scans of one instant are logged less than
+/// this apart.
+pub const DEFAULT_WINDOW: RobotDuration = RobotDuration::from_millis(1000);
+
+/// Sources whose stamps are followed each on its own.
+const MAX_SOURCES: usize = 4096;
+
+/// What comes out of a [`TimeSequencer`].
+#[derive(Clone, Debug, PartialEq)]
+pub enum Ordered {
+    /// The next measurement: its stamp is not before that of the one ahead of it, unless either passed at once
+    /// (in [`TimeSequencer::live`], also because it was late) or a [`Ordered::ClockReset`] came between.
+    Measurement(Measurement),
+    /// The data's clock went back: what is known by stamp (poses above all) no longer holds.
+    ClockReset {
+        /// The newest stamp before.
+        from: RobotTime,
+        /// The first stamp after.
+        to: RobotTime,
+    },
+}
+
+/// Puts measurements in stamp order; equal stamps keep the order in which they came.
+///
+/// Static transforms hold for all time, and a scan that brings its own pose (CARMEN) waits for none: both
+/// pass at once, in file order. A CARMEN log may stamp its odometry by another clock than its scans.
+/// What is older than what already left is dropped and counted as [`DropReason::Late`].
+#[derive(Debug)]
+pub struct TimeSequencer {
+    /// A longer step of stamps is not believed at once.
+    window: RobotDuration,
+    /// How long items wait for older ones.
+    max_wait: RobotDuration,
+    /// What is older than what left already, but not than what came before it from the same source, goes on at once
+    /// instead of being dropped.
+    releases_late: bool,
+    buffered: ReorderBuffer,
+    suspects: Vec<Suspect>,
+    out: VecDeque<Ordered>,
+    epoch: Epoch,
+    arrivals: u64,
+    drops: DropCounts,
+    late_scans: u64,
+}
+
+/// What one clock has shown so far.
+#[derive(Debug, Default)]
+struct Epoch {
+    /// The greatest stamp that is believed.
+    newest: Option<RobotTime>,
+    /// The stamp that left last.
+    last_released: Option<RobotTime>,
+    newest_of: HashMap<Source, RobotTime>,
+}
+
+/// Whose stamps follow each other: a stream, or the transforms of one child in it, because many programs
+/// publish to one tf topic.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Source {
+    stream: StreamId,
+    /// Of transforms.
+    child: Option<FrameId>,
+}
+
+/// An item whose stamp took a step that nothing has confirmed.
+#[derive(Debug)]
+struct Suspect {
+    source: Source,
+    step: Step,
+    arrival: u64,
+    measurement: Measurement,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Step {
+    Usual,
+    Ahead,
+    Back,
+}
+
+impl Default for TimeSequencer {
+    fn default() -> Self {
+        Self::new(DEFAULT_WINDOW)
+    }
+}
+
+impl TimeSequencer {
+    /// An empty one that puts right what is out of order by up to `window` of the data's time.
+    pub fn new(window: RobotDuration) -> Self {
+        Self {
+            window,
+            max_wait: window,
+            releases_late: false,
+            buffered: ReorderBuffer::default(),
+            suspects: Vec::new(),
+            out: VecDeque::new(),
+            epoch: Epoch::default(),
+            arrivals: 0,
+            drops: DropCounts::default(),
+            late_scans: 0,
+        }
+    }
+
+    /// One for data that is mapped as it comes: items wait for older ones no longer than `max_wait`, and what comes later
+    /// than that goes on out of order, for a vehicle must see; each source's own order holds.
+    pub fn live(max_wait: RobotDuration) -> Self {
+        Self {
+            max_wait,
+            releases_late: true,
+            ..Self::default()
+        }
+    }
+
+    /// The oldest stamp of what waits, unless it is one that was not believed, so far ahead that its time may never come.
+    pub fn oldest_buffered_stamp(&self) -> Option<RobotTime> {
+        let reach = self.epoch.newest? + self.window;
+        self.buffered.oldest_stamp().filter(|first| *first <= reach)
+    }
+
+    /// Items up to `stamp`, which is one of [`oldest_buffered_stamp`](Self::first_waiting), wait no longer.
+    pub fn release_until(&mut self, stamp: RobotTime) {
+        while self
+            .buffered
+            .oldest_stamp()
+            .is_some_and(|first| first <= stamp)
+        {
+            self.release_first();
+        }
+    }
+
+    /// The next item in order out of the measurements that `source` yields in file order; `None` at the end.
+    ///
+    /// # Errors
+    /// Those of `source`.
+    pub fn next_from<E>(
+        &mut self,
+        mut source: impl FnMut() -> Result<Option<Measurement>, E>,
+    ) -> Result<Option<Ordered>, E> {
+        loop {
+            if let Some(item) = self.pop() {
+                return Ok(Some(item));
+            }
+            if let Some(measurement) = source()? {
+                self.push(measurement);
+            } else {
+                self.finish();
+                return Ok(self.pop());
+            }
+        }
+    }
+
+    /// Takes the next measurement in file order.
+    pub fn push(&mut self, measurement: Measurement) {
+        if needs_no_order(&measurement) {
+            self.out.push_back(Ordered::Measurement(measurement));
+            return;
+        }
+        let arrival = self.arrivals;
+        self.arrivals += 1;
+        let source = self.source_of(&measurement);
+        self.check_stamp(source, arrival, measurement);
+        self.accept_suspects_in_reach();
+        self.release();
+    }
+
+    /// The next item that is ready.
+    pub fn pop(&mut self) -> Option<Ordered> {
+        self.out.pop_front()
+    }
+
+    /// Gives back the item that [`TimeSequencer::pop`] gave last.
+    pub fn put_back(&mut self, item: Ordered) {
+        self.out.push_front(item);
+    }
+
+    /// The source has ended: nothing waits any longer.
+    pub fn finish(&mut self) {
+        let suspects = std::mem::take(&mut self.suspects);
+        let (back, ahead): (Vec<_>, Vec<_>) =
+            suspects.into_iter().partition(|s| s.step == Step::Back);
+        for suspect in ahead {
+            self.insert(suspect.arrival, suspect.measurement);
+        }
+        if let [first, _, ..] = &back[..] {
+            // Two sources agree.
+            self.start_epoch(first.measurement.stamp);
+            for suspect in back {
+                self.insert(suspect.arrival, suspect.measurement);
+            }
+        } else {
+            for suspect in back {
+                self.drop_late(&suspect.measurement);
+            }
+        }
+        self.release_all();
+    }
+
+    /// What was dropped so far.
+    pub const fn drops(&self) -> &DropCounts {
+        &self.drops
+    }
+
+    /// Scans among what was dropped as late.
+    pub const fn late_scans(&self) -> u64 {
+        self.late_scans
+    }
+
+    fn drop_late(&mut self, measurement: &Measurement) {
+        self.drops.add(DropReason::Late);
+        self.late_scans += u64::from(matches!(measurement.data, MeasurementData::Scan { .. }));
+    }
+
+    fn source_of(&self, measurement: &Measurement) -> Source {
+        let child = match &measurement.data {
+            MeasurementData::Transform { child, .. } => Some(child.clone()),
+            MeasurementData::Scan { .. }
+            | MeasurementData::Odometry { .. }
+            | MeasurementData::Imu(_)
+            | MeasurementData::Joints(_)
+            | MeasurementData::Fix(_)
+            | MeasurementData::Twist(_)
+            | MeasurementData::PointCloud(_) => None,
+        };
+        let stream = measurement.stream;
+        let source = Source { stream, child };
+        if self.epoch.newest_of.len() < MAX_SOURCES || self.epoch.newest_of.contains_key(&source) {
+            return source;
+        }
+        let child = source.child.map(|_| "".into());
+        Source { stream, child }
+    }
+
+    fn insert(&mut self, arrival: u64, measurement: Measurement) {
+        if self
+            .epoch
+            .last_released
+            .is_some_and(|last_released| measurement.stamp < last_released)
+        {
+            self.drop_late(&measurement);
+            return;
+        }
+        self.buffered.insert(arrival, measurement);
+    }
+
+    fn start_epoch(&mut self, to: RobotTime) {
+        self.release_all();
+        let from = self
+            .epoch
+            .newest
+            .max(self.epoch.last_released)
+            .unwrap_or(to);
+        self.out.push_back(Ordered::ClockReset { from, to });
+        self.epoch = Epoch::default();
+    }
+
+    fn release(&mut self) {
+        let Some(newest) = self.epoch.newest else {
+            return;
+        };
+        let until = newest - self.max_wait;
+        while self.buffered.is_over_limit()
+            || self.buffered.oldest_stamp().is_some_and(|s| s <= until)
+        {
+            self.release_first();
+        }
+    }
+
+    fn release_all(&mut self) {
+        while self.buffered.oldest_stamp().is_some() {
+            self.release_first();
+        }
+    }
+
+    fn release_first(&mut self) {
+        if let Some(measurement) = self.buffered.pop_first() {
+            self.epoch.last_released = Some(measurement.stamp);
+            self.out.push_back(Ordered::Measurement(measurement));
+        }
+    }
+}
+
+const fn moves_clock(source: &Source) -> bool {
+    matches!(source, Source { child: None, .. })
+}
+
+/// What no other measurement's time has a bearing on.
+const fn needs_no_order(measurement: &Measurement) -> bool {
+    let brings_its_pose = matches!(
+        measurement.data,
+        MeasurementData::Scan {
+            own_pose: Some(_),
+            ..
+        }
+    );
+    measurement.is_static_transform() || brings_its_pose
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,50 @@
+//! Simulated worlds: a source of measurements whose truth is known.
+//!
+//! A [`World`] is a data file: solids, a vehicle, the path it drives and how noisy its sensors are. A
+//! [`SimulatedSource`] drives that path, or as somebody tells it, and yields the
+//! [`Measurement`](measurement::Measurement)s that the vehicle's sensors would give, so that everything
+//! downstream runs as it does on a recording. [`truth`] says what a perfect map of the world looks like.
+//!
+//! The frame `odom` is the world's own frame here, and `/odom` and `/tf` are the truth; wheels, AHRS, satellite
+//! receiver and the encoders of tilting sensors err. The same world, options, seed and commands give the same
+//! measurements, bit for bit, on every platform: trigonometry comes from `libm`, ray casting from parry with
+//! `enhanced-determinism`, random bits from `ChaCha8`.
+
+#![warn(missing_docs)]
+
+pub mod world;
+
+pub mod path;
+pub mod solid;
+pub mod vegetation;
+pub mod vehicle;
+
+pub mod attitude;
+pub mod chassis;
+pub mod hull;
+pub mod motion;
+pub mod waves;
+
+pub mod bumper;
+pub mod dynamics;
+pub mod velocity;
+
+pub mod attitude_sensor;
+pub mod gps;
+pub mod laser;
+pub mod noise;
+pub mod range_sensor;
+pub mod scene;
+pub mod source;
+pub mod tilt_servo;
+pub mod wheel_encoders;
+
+pub mod truth;
+
+#[cfg(test)]
+mod rooms_tests;
+
+pub use motion::{Collisions, Motion};
+pub use source::{DriveError, OptionError, SimulatedSource, SimulationOptions};
+pub use velocity::{CommandedVelocity, PlanarVelocity};
+pub use world::{World, WorldError};

@@ -1,0 +1,267 @@
+//! A world: loaded from a file, checked, ready to be simulated.
+
+pub mod file;
+
+mod build;
+mod fault;
+mod number;
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path as FilePath;
+use std::sync::Arc;
+
+use crate::laser::LaserErrors;
+use crate::path::Path;
+use crate::scene::Scene;
+use crate::solid::Solid;
+use crate::truth::shores::{Dock, Shore};
+use crate::vehicle::SimulatedVehicle;
+use crate::waves::Waves;
+
+/// Solids, a vehicle among them and the path it drives.
+#[derive(Clone)]
+pub struct World {
+    name: String,
+    vehicle: SimulatedVehicle,
+    errors: LaserErrors,
+    attitude_noise_rad: f64,
+    encoder_scale_error: f64,
+    joint_lag_s: f64,
+    fix_noise_m: f64,
+    laser_covered_s: Option<[f64; 2]>,
+    solids: Arc<[Solid]>,
+    is_ground: Arc<[bool]>,
+    water_m: Option<f64>,
+    shores: Arc<[Shore]>,
+    docks: Arc<[Dock]>,
+    scene: Arc<Scene>,
+    path: Arc<Path>,
+    waves: Arc<Waves>,
+}
+
+/// Why there is no such world.
+#[derive(Debug, thiserror::Error)]
+pub enum WorldError {
+    /// No world has this name, and it does not look like a file.
+    #[error("no world is called `{name}`{hint}: there are {known}, or give a world file (.toml)",
+            hint = nearest.map(|n| format!(" (did you mean `{n}`?)")).unwrap_or_default(),
+            known = World::names().join(", "))]
+    Unknown {
+        /// What was asked for.
+        name: String,
+        /// The name that it resembles.
+        nearest: Option<&'static str>,
+    },
+    /// The file cannot be read.
+    #[error("{file}: {source}")]
+    Io {
+        /// The file.
+        file: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file is larger than any world.
+    #[error("{file}: not a world file: it is larger than {limit_bytes} bytes")]
+    TooLarge {
+        /// The file.
+        file: String,
+        /// The limit.
+        limit_bytes: u64,
+    },
+    /// The file says something that makes no world.
+    #[error("{file}:{line}: {key}{message}", key = key.as_ref().map(|k| format!("`{k}`: ")).unwrap_or_default())]
+    Invalid {
+        /// The file, or the built-in world's name.
+        file: String,
+        /// Counted from 1.
+        line: usize,
+        /// The key on that line whose value is wrong, where it is one key's value.
+        key: Option<String>,
+        /// What is wrong.
+        message: String,
+    },
+}
+
+/// Name and text of the built-in worlds.
+const BUILT_IN: &[(&str, &str)] = &[
+    ("rooms", include_str!("../../worlds/rooms.toml")),
+    ("hall", include_str!("../../worlds/hall.toml")),
+    ("floor", include_str!("../../worlds/floor.toml")),
+    ("ramp", include_str!("../../worlds/ramp.toml")),
+    ("street", include_str!("../../worlds/street.toml")),
+    ("bumps", include_str!("../../worlds/bumps.toml")),
+    ("turn", include_str!("../../worlds/turn.toml")),
+    ("walker", include_str!("../../worlds/walker.toml")),
+    ("yard", include_str!("../../worlds/yard.toml")),
+    ("meadow", include_str!("../../worlds/meadow.toml")),
+    ("lake", include_str!("../../worlds/lake.toml")),
+    ("dock", include_str!("../../worlds/dock.toml")),
+];
+const BUILT_IN_NAMES: &[&str] = &[
+    "rooms", "hall", "floor", "ramp", "street", "bumps", "turn", "walker", "yard", "meadow",
+    "lake", "dock",
+];
+
+const MAX_FILE_BYTES: u64 = 4 << 20;
+
+impl World {
+    /// Loads a built-in world by its name, or a world file by its path (with a directory, or ending in
+    /// `.toml`).
+    pub fn load(name_or_path: &str) -> Result<Self, WorldError> {
+        if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| *name == name_or_path) {
+            return Self::parse(name, text);
+        }
+        let path = FilePath::new(name_or_path);
+        let is_path = path.components().count() > 1
+            || path
+                .extension()
+                .is_some_and(|extension| extension == "toml");
+        if !is_path {
+            return Err(WorldError::Unknown {
+                name: name_or_path.to_owned(),
+                nearest: nearest_name(name_or_path),
+            });
+        }
+        let text = read_text(path)?;
+        Self::parse(name_or_path, &text)
+    }
+
+    /// Makes a world of the text of a world file; `file` is its name in messages.
+    pub fn parse(file: &str, text: &str) -> Result<Self, WorldError> {
+        file::parse(text)
+            .and_then(build::build)
+            .map_err(|fault| WorldError::Invalid {
+                file: file.to_owned(),
+                line: fault.line_in(text),
+                key: fault.key_in(text),
+                message: fault.message,
+            })
+    }
+
+    /// Names of the built-in worlds.
+    pub fn names() -> &'static [&'static str] {
+        BUILT_IN_NAMES
+    }
+
+    /// What the file calls it.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Name of the vehicle preset.
+    pub fn vehicle(&self) -> &'static str {
+        self.vehicle.name
+    }
+
+    /// What is simulated of that vehicle.
+    pub fn simulated_vehicle(&self) -> &SimulatedVehicle {
+        &self.vehicle
+    }
+
+    /// How its laser errs unless the options say otherwise.
+    pub fn laser_errors(&self) -> LaserErrors {
+        self.errors
+    }
+
+    /// Standard deviation of its AHRS's roll, pitch and yaw unless the options say otherwise, radians.
+    pub fn attitude_noise_rad(&self) -> f64 {
+        self.attitude_noise_rad
+    }
+
+    /// Share by which its wheel encoders read too far unless the options say otherwise.
+    pub fn encoder_scale_error(&self) -> f64 {
+        self.encoder_scale_error
+    }
+
+    /// How long ago the encoders of its tilting sensors say it is unless the options say otherwise, seconds.
+    pub fn joint_lag_s(&self) -> f64 {
+        self.joint_lag_s
+    }
+
+    /// Standard deviation of its satellite receiver to the east and to the north unless the options say
+    /// otherwise, metres.
+    pub fn fix_noise_m(&self) -> f64 {
+        self.fix_noise_m
+    }
+
+    /// From when until when the main laser's window is covered, seconds: none of its beams has an echo then.
+    pub fn laser_covered_s(&self) -> Option<[f64; 2]> {
+        self.laser_covered_s
+    }
+
+    /// What stands in it, in the file's order.
+    pub fn solids(&self) -> &[Solid] {
+        &self.solids
+    }
+
+    /// Those of the solids that are ground, with the others apart: first what is driven on, then what
+    /// stands on it.
+    pub fn ground_and_objects(&self) -> [Vec<Solid>; 2] {
+        let is_of = |ground: bool| {
+            let both = self.solids.iter().zip(self.is_ground.iter());
+            both.filter(move |(_, is_ground)| **is_ground == ground)
+                .map(|(solid, _)| solid.clone())
+                .collect()
+        };
+        [is_of(true), is_of(false)]
+    }
+
+    /// Height of the water's surface above z = 0, metres; `None` where there is no water.
+    pub fn water_m(&self) -> Option<f64> {
+        self.water_m
+    }
+
+    /// What a boat truly finds along the water.
+    pub fn shores(&self) -> &[Shore] {
+        &self.shores
+    }
+
+    /// Where a boat can truly land.
+    pub fn docks(&self) -> &[Dock] {
+        &self.docks
+    }
+
+    /// Solids, plants and water, for beams.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    /// Where the vehicle drives.
+    pub fn path(&self) -> &Arc<Path> {
+        &self.path
+    }
+
+    /// How its water moves.
+    pub fn waves(&self) -> &Arc<Waves> {
+        &self.waves
+    }
+}
+
+fn read_text(path: &FilePath) -> Result<String, WorldError> {
+    let file = path.display().to_string();
+    let mut text = String::new();
+    let read = File::open(path)
+        .and_then(|opened| opened.take(MAX_FILE_BYTES + 1).read_to_string(&mut text));
+    match read {
+        Ok(bytes) if bytes as u64 > MAX_FILE_BYTES => Err(WorldError::TooLarge {
+            file,
+            limit_bytes: MAX_FILE_BYTES,
+        }),
+        Ok(_) => Ok(text),
+        Err(source) => Err(WorldError::Io { file, source }),
+    }
+}
+
+/// The built-in name within two edits of `name`.
+fn nearest_name(name: &str) -> Option<&'static str> {
+    World::names()
+        .iter()
+        .map(|known| (strsim::damerau_levenshtein(name, known), *known))
+        .filter(|(edits, _)| *edits <= 2)
+        .min()
+        .map(|(_, known)| known)
+}
+
+#[cfg(test)]
+mod tests;

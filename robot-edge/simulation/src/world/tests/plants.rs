@@ -1,0 +1,295 @@
+//! Plants, water and the truth that a file gives with them.
+
+use nalgebra::{Point2, Point3};
+
+use super::*;
+use crate::truth::{ShoreClass, TerrainTruth};
+use crate::vegetation::Rigidity;
+
+const HEADER: &str = r#"name = "shore"
+vehicle = "pioneer"
+noise = { range_m = 0.01, dropout = 0.005 }
+start = { x_m = 0, y_m = 0, yaw_deg = 0 }
+path = { speed_mps = 0.5, turn_rate_degps = 60, waypoints = [{ x_m = 1, y_m = 0 }] }
+"#;
+
+const SHORE: &str = r#"
+[water]
+level_m = 0.0
+
+[wind]
+towards_deg = 90.0
+lean = 0.05
+sway = 0.1
+period_s = 1.5
+
+[[solids]]
+shape = "plane"
+point_m = [0.0, 0.0, -1.0]
+
+[[solids]]
+shape = "box"
+name = "stone"
+centre_m = [0.0, 8.0, -0.6]
+size_m = [1.0, 1.0, 1.2]
+
+[[plants]]
+kind = "stems"
+name = "canes"
+seed = 1
+rigidity = "flexible"
+stiffness = 2.0
+rectangle_m = [[4.0, 2.0], [0.0, 0.0]]
+density_per_m2 = 30.0
+height_m = [1.5, 2.0]
+thickness_mm = [8.0, 12.0]
+lean_deg = 10.0
+shoots = { count = 2, length_m = [0.2, 0.4], thickness_mm = [10.0, 20.0] }
+
+[[plants]]
+kind = "crowns"
+name = "bush"
+seed = 2
+rigidity = "rigid"
+at_m = [[6.0, 1.0]]
+radius_m = [0.8, 0.8]
+height_m = [1.4, 1.4]
+branches = 20
+branch_thickness_mm = [20.0, 60.0]
+leaves_per_m2 = 100.0
+leaf_length_m = [0.05, 0.1]
+leaf_thickness_mm = [30.0, 50.0]
+
+[[shores]]
+name = "reeds"
+class = "dense"
+polygon_m = [[-1.0, -1.0], [5.0, -1.0], [5.0, 3.0], [-1.0, 3.0]]
+
+[[docks]]
+name = "slip"
+polygon_m = [[10.0, 0.0], [12.0, 0.0], [12.0, 2.0]]
+"#;
+
+fn parse(text: &str) -> Result<World, WorldError> {
+    World::parse("shore.toml", &format!("{HEADER}{text}"))
+}
+
+#[test]
+fn plants_grow_as_the_file_says() {
+    let world = parse(SHORE).unwrap();
+    let vegetation = &world.scene().growth().unwrap().vegetation;
+    let [canes, bush] = vegetation.patches() else {
+        panic!("{:?}", vegetation.patches())
+    };
+    assert_eq!(
+        (canes.name.as_str(), canes.rigidity),
+        ("canes", Rigidity::Flexible)
+    );
+    assert_eq!(
+        (bush.name.as_str(), bush.rigidity),
+        ("bush", Rigidity::Rigid)
+    );
+    // 8 m² of 30 canes with 2 leaves each.
+    assert_eq!(canes.stems, 0..720);
+    for cane in vegetation.stems()[canes.stems.clone()].iter().step_by(3) {
+        // Rooted in the bed and as high above the water as asked; stiffness 2 halves what wind does.
+        assert_eq!(cane.foot_m.z, -1.0);
+        assert!((1.5..=2.0).contains(&cane.top_m.z), "{}", cane.top_m.z);
+        assert!((0.004..=0.006).contains(&cane.radius_m));
+        let height_m = cane.top_m.z + 1.0;
+        assert!((cane.reach_m[1] - 0.5 * height_m).abs() < 1e-12);
+    }
+    let branches = &vegetation.stems()[bush.stems.clone()];
+    assert!(branches.len() > 20 && branches.iter().all(|stem| stem.reach_m == [0.0, 0.0]));
+    assert!(
+        branches.iter().all(|stem| stem.foot_m.z >= 0.0),
+        "it stands on the water"
+    );
+    assert!((vegetation.wind().towards.y - 1.0).abs() < 1e-12);
+
+    let again = parse(SHORE).unwrap();
+    assert_eq!(
+        vegetation.stems(),
+        again.scene().growth().unwrap().vegetation.stems()
+    );
+    let other = parse(&SHORE.replace("seed = 1", "seed = 7")).unwrap();
+    assert_ne!(
+        vegetation.stems(),
+        other.scene().growth().unwrap().vegetation.stems()
+    );
+}
+
+#[test]
+fn a_world_without_plants_and_water_has_none() {
+    let world = parse("").unwrap();
+    assert!(world.scene().growth().is_none());
+    assert_eq!(world.water_m(), None);
+    assert!(world.shores().is_empty() && world.docks().is_empty());
+}
+
+#[test]
+fn receivers_are_the_files() {
+    let receiver = |text: &str| {
+        let world = parse(&format!("{SHORE}{text}")).unwrap();
+        world.scene().growth().unwrap().receiver
+    };
+    let default = receiver("");
+    assert_eq!((default.min_share, default.separation_m), (0.05, 0.75));
+    let own = receiver("[receiver]\nleast_share = 0.1");
+    assert_eq!((own.min_share, own.separation_m), (0.1, 0.75));
+}
+
+#[test]
+fn truth_knows_shores_docks_and_what_stands_where() {
+    let world = parse(SHORE).unwrap();
+    let [shore] = world.shores() else {
+        panic!("{:?}", world.shores())
+    };
+    assert_eq!(
+        (shore.name.as_str(), shore.class),
+        ("reeds", ShoreClass::Dense)
+    );
+    assert!(shore.contains(Point2::new(2.0, 1.0)) && !shore.contains(Point2::new(6.0, 1.0)));
+    let dock = &world.docks()[0];
+    assert!(dock.contains(Point2::new(11.5, 0.5)) && !dock.contains(Point2::new(10.5, 1.5)));
+    assert_eq!(world.water_m(), Some(0.0));
+
+    let standing = TerrainTruth::of(&world);
+    assert_eq!(standing.ground_m(Point2::new(0.0, 8.0)), Some(-1.0));
+    let class = |x: f64, y: f64, from_m, to_m| standing.class(Point2::new(x, y), 0.3, from_m..to_m);
+    assert_eq!(class(2.0, 1.0, 0.3, 1.5), Some(Rigidity::Flexible));
+    assert_eq!(class(2.0, 1.0, 3.0, 4.0), None);
+    assert_eq!(class(6.0, 1.0, 0.3, 1.5), Some(Rigidity::Rigid));
+    assert_eq!(class(0.0, 8.0, -0.9, 1.0), Some(Rigidity::Rigid));
+    assert_eq!(class(0.0, 8.0, 0.01, 1.0), None);
+    assert_eq!(
+        class(0.79, 8.0, -0.9, 1.0),
+        Some(Rigidity::Rigid),
+        "it reaches to 0.5"
+    );
+    assert_eq!(class(0.81, 8.0, -0.9, 1.0), None);
+    assert_eq!(class(-3.0, 8.0, -2.0, 1.0), None, "ground does not count");
+    // The stone's top is z = 0, 1 m above the bed.
+    let top_m = |vehicle_m| {
+        standing
+            .rigid_top_m(Point2::new(0.0, 8.0), vehicle_m)
+            .unwrap()
+    };
+    assert!((top_m(2.0) - 0.0).abs() < 1e-9 && (top_m(0.7) + 0.3).abs() < 1e-9);
+    assert_eq!(standing.rigid_top_m(Point2::new(2.0, 1.0), 2.0), Some(-1.0));
+    // A box that is ground is driven on.
+    let paved = SHORE.replace("name = \"stone\"", "name = \"stone\"\nground = true");
+    let world = parse(&paved).unwrap();
+    let standing = TerrainTruth::of(&world);
+    assert_eq!(
+        standing.ground_m(Point2::new(0.0, 8.0)).map(f64::round),
+        Some(0.0)
+    );
+    assert_eq!(standing.class(Point2::new(0.0, 8.0), 0.3, -0.9..1.0), None);
+}
+
+#[test]
+fn wrong_plants_are_refused_with_their_line() {
+    let message = |from: &str, to: &str| {
+        assert!(SHORE.contains(from), "{from}");
+        parse(&SHORE.replacen(from, to, 1))
+            .err()
+            .unwrap()
+            .to_string()
+    };
+    for (from, to, expected) in [
+        (
+            "kind = \"stems\"",
+            "kind = \"tree\"",
+            "shore.toml:27: `kind`: unknown `kind` \"tree\", expected \"stems\" or \"crowns\"",
+        ),
+        ("kind = \"stems\"", "", "plants need `kind`"),
+        ("seed = 1\n", "", "missing field `seed`"),
+        ("seed = 1", "seed = -1", "`seed`"),
+        (
+            "rigidity = \"flexible\"",
+            "rigidity = \"soft\"",
+            "shore.toml:30: `rigidity`: unknown variant `soft`",
+        ),
+        (
+            "stiffness = 2.0",
+            "stiffness = 0.01",
+            "`stiffness` is less than 0.1",
+        ),
+        (
+            "rectangle_m = [[4.0, 2.0], [0.0, 0.0]]",
+            "",
+            "stems need either `rectangle_m`",
+        ),
+        (
+            "rectangle_m = [[4.0, 2.0], [0.0, 0.0]]",
+            "polygon_m = [[0, 0], [1, 1]]",
+            "at least 3 corners",
+        ),
+        (
+            "rectangle_m = [[4.0, 2.0], [0.0, 0.0]]",
+            "along_m = [[0, 0]]\nwidth_m = 1",
+            "at least 2 points",
+        ),
+        (
+            "height_m = [1.5, 2.0]",
+            "height_m = [2.0, 1.5]",
+            "`height_m`: the least, 2, is more than the most, 1.5",
+        ),
+        (
+            "height_m = [1.5, 2.0]",
+            "height_m = [1.5, 200.0]",
+            "200 is not between 0 and 20",
+        ),
+        (
+            "density_per_m2 = 30.0",
+            "density_per_m2 = 1e5",
+            "more than 500000 stems",
+        ),
+        (
+            "density_per_m2 = 30.0",
+            "density_per_m2 = 1e6",
+            "more than 5000000 stems",
+        ),
+        ("density_per_m2", "density", "unknown field `density`"),
+        (
+            "lean_deg = 10.0",
+            "lean_deg = 89.0",
+            "`lean_deg` is more than 80",
+        ),
+        (
+            "class = \"dense\"",
+            "class = \"thick\"",
+            "`class`: unknown variant `thick`",
+        ),
+        (
+            "[10.0, 0.0], [12.0, 0.0], ",
+            "",
+            "`polygon_m` needs at least 3 corners",
+        ),
+        ("ground", "floor", "unknown field"),
+    ] {
+        let (from, to) = if from == "ground" {
+            ("name = \"stone\"", "name = \"stone\"\nfloor = true")
+        } else {
+            (from, to)
+        };
+        let said = message(from, to);
+        assert!(said.contains(expected), "{to}: {said}");
+    }
+}
+
+#[test]
+fn light_stays_above_the_water_and_sound_below() {
+    let world = parse(SHORE).unwrap();
+    let down = nalgebra::Vector3::new(0.6, 0.0, -0.8);
+    let echo_from = |z: f64| {
+        let echo = world
+            .scene()
+            .echo(Point3::new(-5.0, -5.0, z), down, 100.0, 0.0, 0.5);
+        echo.map(|echo| echo.path_m)
+    };
+    assert_eq!(echo_from(1.0), None);
+    let from_below_m = echo_from(-0.2).unwrap();
+    assert!((from_below_m - 1.0).abs() < 1e-9, "{from_below_m}");
+}

@@ -1,0 +1,247 @@
+//! Whether a range sensor's beams without an echo may be believed: its window may be blocked.
+//!
+//! A planar lidar reports "no echo" (+∞, REP-117) in an open field, and the same behind a cover. Two observations tell the
+//! cases apart:
+//! - the sensor still has echoes: of the ground, of a shore, of the vehicle's own body. Without any for
+//!   [`ECHO_TIMEOUT`] its misses prove nothing;
+//! - misses point at what had echoes within the last [`MEMORY`], although the beams still pass there. A cover is fixed to the
+//!   sensor, so this is judged for each [`SECTOR_RAD`] of its field of view, and holds until that part has an echo again.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use nalgebra::{Point3, Vector3};
+
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
+use measurement::time::Monotonic;
+
+/// Misses count while the sensor's last echo is no older: with a sweep every 200 ms a cover is found within 1 s.
+const ECHO_TIMEOUT: Duration = Duration::from_millis(700);
+/// Fewer echoes in a sweep may be rain, dust or noise.
+const MIN_ECHOES: usize = 3;
+
+/// Echoes are compared with the misses of so long after them.
+const MEMORY: Duration = Duration::from_secs(5);
+/// Echoes are remembered so often …
+const MEMORY_PERIOD: Duration = Duration::from_millis(200);
+/// … and so many of a sweep, evenly apart.
+const MEMORY_BEAMS: usize = 128;
+
+/// The field of view is judged in parts of this width.
+const SECTOR_RAD: f64 = 15.0 * std::f64::consts::PI / 180.0;
+/// A beam that passes a remembered echo by less should meet it again, radians.
+const TOLERANCE_RAD: f64 = 1.5 * std::f64::consts::PI / 180.0;
+/// Echoes beyond this share of the range come and go by themselves.
+const NEAR_SHARE: f64 = 0.8;
+/// A part is blocked where at least so many remembered echoes should be met, …
+const MIN_EXPECTED: u32 = 5;
+/// … this share of them is not, …
+const MISSING_SHARE: f64 = 0.8;
+/// … in so many sweeps with any to be met, in a row.
+const SWEEPS: u8 = 2;
+
+/// Judges the misses of one range sensor.
+#[derive(Clone, Debug, Default)]
+pub struct BlockageDetector {
+    echoes_at: Option<Monotonic>,
+    stored_echoes: VecDeque<(Monotonic, Point3<f64>)>,
+    sectors: Vec<Sector>,
+    beam_step_rad: f64,
+    /// Whether the newest sweep is young enough after the last echo.
+    has_echoes: bool,
+    blockage_counts: BlockageCounts,
+}
+
+/// How often what a sensor saw before came into doubt.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct BlockageCounts {
+    /// A part of its window was found blocked.
+    pub(super) blocked: u32,
+    /// It had no echoes any more, so that its misses prove nothing.
+    pub(super) without_echo: u32,
+}
+
+/// One part of the field of view.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sector {
+    /// Remembered echoes that beams of this sweep pass, and those that they do not meet.
+    expected: u32,
+    missing: u32,
+    has_echo: bool,
+    /// Sweeps in a row in which too many were missing.
+    suspicious: u8,
+    is_blocked: bool,
+}
+
+impl BlockageDetector {
+    /// Takes the newest sweep, measured at `measured_at`.
+    pub fn update(&mut self, scan: &RegisteredScan, measured_at: Monotonic) {
+        self.beam_step_rad = scan.beam_step_rad;
+        let hits = scan.beams.iter().filter(|beam| is_hit(beam));
+        if hits.clone().count() + scan.own_body_hits as usize >= MIN_ECHOES {
+            self.echoes_at = Some(measured_at);
+        }
+        let had_echoes = self.has_echoes;
+        self.has_echoes = self
+            .echoes_at
+            .is_some_and(|echoes_at| measured_at.since(echoes_at) <= ECHO_TIMEOUT);
+        self.blockage_counts.without_echo += u32::from(had_echoes && !self.has_echoes);
+        self.update_sectors(scan, measured_at);
+        self.store_echoes(hits, measured_at);
+    }
+
+    pub(super) const fn blockage_counts(&self) -> BlockageCounts {
+        self.blockage_counts
+    }
+
+    /// Forgets everything: the poses before cannot be compared with those to come.
+    pub fn clear(&mut self) {
+        *self = Self {
+            blockage_counts: self.blockage_counts,
+            ..Self::default()
+        };
+    }
+
+    /// Whether echoes are missing in some part of the field of view.
+    pub fn is_blocked(&self) -> bool {
+        self.sectors.iter().any(|sector| sector.is_blocked)
+    }
+
+    /// Whether this beam of the newest sweep belongs to a part that is blocked.
+    pub(super) fn is_beam_blocked(&self, beam: &RegisteredBeam) -> bool {
+        self.sectors
+            .get(sector_of(beam.index, self.beam_step_rad))
+            .is_some_and(|sector| sector.is_blocked)
+    }
+
+    /// Whether the sensor has shown lately that it gets echoes.
+    pub(super) const fn has_echoes(&self) -> bool {
+        self.has_echoes
+    }
+
+    fn update_sectors(&mut self, scan: &RegisteredScan, measured_at: Monotonic) {
+        let last = scan.beams.last().map_or(0, |beam| beam.index);
+        let count = sector_of(last, scan.beam_step_rad) + 1;
+        if self.sectors.len() < count {
+            self.sectors.resize(count, Sector::default());
+        }
+        for sector in &mut self.sectors {
+            (sector.expected, sector.missing, sector.has_echo) = (0, 0, false);
+        }
+        for beam in scan.beams.iter().filter(|beam| is_hit(beam)) {
+            self.sectors[sector_of(beam.index, scan.beam_step_rad)].has_echo = true;
+        }
+        while let Some(&(at, _)) = self.stored_echoes.front()
+            && measured_at.since(at) > MEMORY
+        {
+            self.stored_echoes.pop_front();
+        }
+        if let Some(scan_plane) = ScanPlane::of(scan) {
+            for &(_, point) in &self.stored_echoes {
+                let Some((beams, is_met)) = scan_plane.beams_at(&point) else {
+                    continue;
+                };
+                let sector = &mut self.sectors[sector_of(beams, scan.beam_step_rad)];
+                sector.expected += 1;
+                sector.missing += u32::from(!is_met);
+            }
+        }
+        for sector in &mut self.sectors {
+            if sector.expected >= MIN_EXPECTED {
+                let is_suspicious =
+                    f64::from(sector.missing) >= MISSING_SHARE * f64::from(sector.expected);
+                sector.suspicious = if is_suspicious {
+                    sector.suspicious.saturating_add(1)
+                } else {
+                    0
+                };
+            }
+            let was_blocked = sector.is_blocked;
+            sector.is_blocked = !sector.has_echo && (was_blocked || sector.suspicious >= SWEEPS);
+            self.blockage_counts.blocked += u32::from(sector.is_blocked && !was_blocked);
+        }
+    }
+
+    fn store_echoes<'a>(
+        &mut self,
+        hits: impl Iterator<Item = &'a RegisteredBeam> + Clone,
+        measured_at: Monotonic,
+    ) {
+        let is_due = self
+            .stored_echoes
+            .back()
+            .is_none_or(|&(at, _)| measured_at.since(at) >= MEMORY_PERIOD);
+        if is_due {
+            let every = hits.clone().count().div_ceil(MEMORY_BEAMS).max(1);
+            let points = hits
+                .step_by(every)
+                .map(|beam| (measured_at, beam.end_in_odom));
+            self.stored_echoes.extend(points);
+        }
+    }
+}
+
+fn is_hit(beam: &RegisteredBeam) -> bool {
+    beam.outcome == BeamOutcome::Hit
+}
+
+fn sector_of(index: u32, beam_step_rad: f64) -> usize {
+    // A step that is no number casts to part 0.
+    (f64::from(index) * beam_step_rad / SECTOR_RAD) as usize
+}
+
+/// The plane of a sweep's beams, to find those that pass a point.
+struct ScanPlane<'a> {
+    beams: &'a [RegisteredBeam],
+    step_rad: f64,
+    origin: Point3<f64>,
+    first: u32,
+    /// Along the first beam, a quarter of a turn from it, and across the plane.
+    axes: [Vector3<f64>; 3],
+    range_max_m: f64,
+}
+
+impl<'a> ScanPlane<'a> {
+    /// Absent where the beams span no plane, or all have echoes.
+    fn of(scan: &'a RegisteredScan) -> Option<Self> {
+        let direction = |beam: &RegisteredBeam| beam.end_in_odom - beam.origin_in_odom;
+        let first = scan.beams.first()?;
+        let along = direction(first).try_normalize(1e-9)?;
+        let aside = scan.beams.iter().find(|beam| {
+            let turned_rad = f64::from(beam.index - first.index) * scan.beam_step_rad;
+            (0.5..2.5).contains(&turned_rad)
+        })?;
+        let across = along.cross(&direction(aside)).try_normalize(1e-9)?;
+        let is_miss = |beam: &&RegisteredBeam| beam.outcome == BeamOutcome::Miss;
+        let miss = scan.beams.iter().find(is_miss)?;
+        Some(Self {
+            beams: &scan.beams,
+            step_rad: scan.beam_step_rad,
+            origin: first.origin_in_odom,
+            first: first.index,
+            axes: [along, across.cross(&along), across],
+            range_max_m: miss.range_m.into(),
+        })
+    }
+
+    /// The number of the beam that points at a point, and whether one of those beside it has an echo; absent where no beam
+    /// should meet it.
+    fn beams_at(&self, point: &Point3<f64>) -> Option<(u32, bool)> {
+        let to = point - self.origin;
+        let distance_m = to.norm();
+        let [x, y, z] = self.axes.map(|axis| axis.dot(&to));
+        if distance_m > NEAR_SHARE * self.range_max_m || z.abs() > TOLERANCE_RAD * distance_m {
+            return None;
+        }
+        let angle_rad = libm::atan2(y, x).rem_euclid(std::f64::consts::TAU);
+        let index = f64::from(self.first) + angle_rad / self.step_rad;
+        let beside = TOLERANCE_RAD / self.step_rad;
+        let at = |index: f64| {
+            self.beams
+                .partition_point(|beam| f64::from(beam.index) < index)
+        };
+        let beams = self.beams.get(at(index - beside)..at(index + beside))?;
+        let middle = beams.get(beams.len() / 2)?.index;
+        Some((middle, beams.iter().any(is_hit)))
+    }
+}

@@ -1,0 +1,165 @@
+use proptest::prelude::*;
+
+use super::*;
+use crate::collision_monitor::CollisionMonitorConfig;
+use crate::collision_monitor::config::CollisionMonitorRules;
+use crate::collision_monitor::local_environment::LocalEnvironment;
+use crate::config::TeleopConfig;
+use mapping::elevation_config::ObstacleConfig;
+use mapping::vehicle::VehicleConfig;
+
+/// What is known, and whose.
+struct Scene {
+    rules: CollisionMonitorRules,
+    directions: DirectionTable,
+    environment: LocalEnvironment,
+}
+
+impl Scene {
+    fn new(guard: &CollisionMonitorConfig, teleop: &TeleopConfig, vehicle: &VehicleConfig) -> Self {
+        let rules =
+            CollisionMonitorRules::new(guard, teleop, vehicle, &ObstacleConfig::default()).unwrap();
+        Self {
+            directions: DirectionTable::new(rules.footprint.radius_m()),
+            environment: LocalEnvironment::new(&rules),
+            rules,
+        }
+    }
+
+    /// As the preset `riverwatch`.
+    fn boat() -> Self {
+        let guard = CollisionMonitorConfig {
+            creep_mps: 0.3,
+            margin_m: 1.0,
+            side_margin_m: 0.3,
+            ..CollisionMonitorConfig::default()
+        };
+        let teleop = TeleopConfig {
+            stop_decel_mps2: 0.5,
+            stop_decel_radps2: 0.2,
+            is_boat: true,
+            ..TeleopConfig::default()
+        };
+        Self::new(&guard, &teleop, &vehicle([4.5, 2.44], [3.0, 0.2]))
+    }
+
+    /// A robot of 0.8 × 0.6 m, at most 1 m/s and 1 rad/s.
+    fn on_land() -> Self {
+        let (guard, teleop) = (CollisionMonitorConfig::default(), TeleopConfig::default());
+        Self::new(&guard, &teleop, &vehicle([0.8, 0.6], [1.0, 1.0]))
+    }
+
+    /// With a wall across its way, metres ahead of its middle.
+    fn before_a_wall(mut self, x_m: f64) -> Self {
+        self.environment.hits = (-160..=160).map(|n| [x_m, 0.05 * f64::from(n)]).collect();
+        self
+    }
+
+    fn solver(&self) -> LimitSolver<'_> {
+        let context = SpeedLimitContext {
+            rules: &self.rules,
+            environment: &self.environment,
+            is_stale: false,
+        };
+        LimitSolver::new(context, &self.directions)
+    }
+
+    /// Metres per second ahead and of the outermost point to the left.
+    fn travel(&self, [going_mps, turning_mps]: [f64; 2]) -> AxisSpeeds {
+        let velocity = Velocity {
+            linear_mps: going_mps,
+            angular_radps: turning_mps / self.rules.footprint.radius_m(),
+        };
+        AxisSpeeds::of(velocity, &self.rules)
+    }
+}
+
+fn vehicle([length_m, width_m]: [f64; 2], [speed_mps, turn_radps]: [f64; 2]) -> VehicleConfig {
+    VehicleConfig {
+        length_m,
+        width_m,
+        max_speed_mps: speed_mps,
+        max_turn_rate_radps: turn_radps,
+        ..VehicleConfig::default()
+    }
+}
+
+/// Full speed straight on is asked: how fast it may be while the vehicle goes at most of that and turns so much.
+fn ahead_mps(scene: &Scene, turning_mps: f64) -> f64 {
+    let requested = scene.travel([f64::INFINITY, 0.0]);
+    let mut solver = scene.solver();
+    solver.limit_request(requested);
+    let ahead_mps = solver.limits().forward_mps;
+    solver.limit_change(scene.travel([0.9 * ahead_mps, turning_mps]), requested);
+    solver.limits().forward_mps
+}
+
+#[test]
+fn a_turn_that_is_only_noise_takes_next_to_nothing_of_the_speed_ahead() {
+    for (scene, ahead) in [
+        (Scene::boat().before_a_wall(9.34), 2.458),
+        (Scene::on_land().before_a_wall(0.9), 0.875),
+    ] {
+        let alone_mps = ahead_mps(&scene, 0.0);
+        assert!((alone_mps - ahead).abs() < 0.001, "{alone_mps}");
+        for noise_mps in [0.0051, -0.0051, 0.01, -0.01] {
+            let beside_mps = ahead_mps(&scene, noise_mps);
+            assert!(
+                (0.99 * alone_mps..alone_mps).contains(&beside_mps),
+                "{noise_mps}: {beside_mps} of {alone_mps}"
+            );
+        }
+    }
+}
+
+#[test]
+fn what_needs_no_limit_beside_a_turn_gets_none() {
+    let scene = Scene::on_land();
+    let mut solver = scene.solver();
+    let requested = scene.travel([0.3, 0.0]);
+    solver.limit_request(requested);
+    solver.limit_change(scene.travel([0.5, 0.1]), requested);
+    let limits = solver.limits();
+    // Not what was asked: the vehicle may be asked for more in the next round.
+    assert!((limits.forward_mps - 1.0).abs() < 1e-12, "{limits:?}");
+}
+
+fn mps() -> impl Strategy<Value = f64> {
+    prop_oneof![3 => -2.0..2.0, 1 => -0.02..0.02, 1 => Just(0.0)]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(512))]
+
+    /// Whatever is left of one part, the vehicle can stop from it beside the other, which it still has.
+    #[test]
+    fn from_what_is_left_beside_what_is_kept_it_can_stop(
+        hits in prop::collection::vec((-3.0..3.0, -3.0..3.0), 0..30),
+        (going_mps, turning_mps) in (mps(), mps()),
+        (asked_going_mps, asked_turning_mps) in (mps(), mps()),
+        is_boat in any::<bool>(),
+    ) {
+        let mut scene = if is_boat { Scene::boat() } else { Scene::on_land() };
+        let scale = if is_boat { 4.0 } else { 1.0 };
+        scene.environment.hits = hits.into_iter().map(|(x, y)| [scale * x, scale * y]).collect();
+        let motion = scene.travel([going_mps, turning_mps]);
+        let requested = scene.travel([asked_going_mps, asked_turning_mps]);
+        let mut solver = scene.solver();
+        solver.limit_request(requested);
+        let most_mps = solver.most_mps;
+        solver.limit_change(motion, requested);
+        for (kept, asked_beside, changing) in [
+            (motion.going, requested.going, requested.turning),
+            (motion.turning, requested.turning, requested.going),
+        ] {
+            let [before_mps, left_mps] = [most_mps, solver.most_mps]
+                .map(|most_mps| changing.speed_mps.min(most_mps[changing.axis as usize]));
+            prop_assert!(left_mps <= before_mps);
+            let is_slowing = kept.speed_mps > asked_beside.speed_mps.min(most_mps[asked_beside.axis as usize]);
+            if is_slowing && kept.speed_mps >= STANDSTILL_MPS && left_mps >= STANDSTILL_MPS {
+                let left = AxisSpeed { speed_mps: left_mps, ..changing };
+                prop_assert!(solver.can_stop_from(kept, left), "{left:?} of {before_mps} beside {kept:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! The part of a map around the vehicle, copied so that nobody waits for the map.
+
+use std::time::Duration;
+
+use nalgebra::Point2;
+
+use super::obstacle_scan::is_stale;
+use mapping::cost_map::CostMap;
+use mapping::elevation_cell::CellClass;
+use mapping::grid::CellIndex;
+use mapping::obstacle::ObstacleMap;
+use mapping::occupancy_grid::OccupancyGrid;
+use measurement::time::Monotonic;
+
+/// Most cells along an edge.
+const MAX_SIDE: i32 = 512;
+
+/// A square of cells, fixed in `odom`. It keeps its memory from copy to copy.
+#[derive(Clone, Debug, Default)]
+pub struct LocalMap {
+    measured_at: Monotonic,
+    period: Duration,
+    cell_m: f64,
+    first: Option<CellIndex>,
+    side: i32,
+    /// Row by row, y upwards.
+    classes: Vec<CellClass>,
+}
+
+/// When a map was copied, and which part of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CopyRequest {
+    /// On this machine's clock.
+    pub measured_at: Monotonic,
+    /// Time from copy to copy.
+    pub period: Duration,
+    /// The vehicle, metres in `odom`.
+    pub centre: Point2<f64>,
+    /// How far around it, metres: `CollisionMonitorRules::window_m`.
+    pub reach_m: f64,
+}
+
+impl LocalMap {
+    /// Copies the obstacle map; `cell_m` is the elevation map's.
+    pub fn copy_obstacles(&mut self, map: &ObstacleMap, cell_m: f64, request: CopyRequest) {
+        self.copy(cell_m, request, |cell| {
+            map.grid().get(cell).copied().unwrap_or(CellClass::Unknown)
+        });
+    }
+
+    /// Copies the cost map: what is lethal is an obstacle. `cell_m` is the octree's.
+    pub fn copy_costs(&mut self, map: &CostMap, cell_m: f64, request: CopyRequest) {
+        self.copy(cell_m, request, |cell| match map.cell(cell) {
+            Some(known) if known.cost >= 1.0 => CellClass::Obstacle,
+            Some(known) if known.cost.is_finite() => CellClass::Free,
+            Some(_) | None => CellClass::Unknown,
+        });
+    }
+
+    /// Copies the occupancy grid: what is more likely occupied than free is an obstacle.
+    pub fn copy_occupancy(&mut self, map: &OccupancyGrid, request: CopyRequest) {
+        self.copy(map.cell_m(), request, |cell| {
+            match map.cell(cell).probability() {
+                Some(p) if p > 0.5 => CellClass::Obstacle,
+                Some(p) if p < 0.5 => CellClass::Free,
+                Some(_) | None => CellClass::Unknown,
+            }
+        });
+    }
+
+    fn copy(&mut self, cell_m: f64, request: CopyRequest, class: impl Fn(CellIndex) -> CellClass) {
+        self.measured_at = request.measured_at;
+        self.period = request.period;
+        self.cell_m = cell_m;
+        self.classes.clear();
+        let reach = libm::ceil(request.reach_m / cell_m);
+        let is_sensible = reach.is_finite()
+            && cell_m > 0.0
+            && request.centre.x.is_finite()
+            && request.centre.y.is_finite();
+        if !is_sensible {
+            self.first = None;
+            self.side = 0;
+            return;
+        }
+        let reach = (reach as i32).clamp(0, MAX_SIDE / 2 - 1);
+        let centre = CellIndex::containing(request.centre, cell_m);
+        let first = CellIndex {
+            x: centre.x.saturating_sub(reach),
+            y: centre.y.saturating_sub(reach),
+        };
+        self.first = Some(first);
+        self.side = 2 * reach + 1;
+        for row in 0..self.side {
+            for column in 0..self.side {
+                self.classes.push(class(CellIndex {
+                    x: first.x.saturating_add(column),
+                    y: first.y.saturating_add(row),
+                }));
+            }
+        }
+    }
+
+    /// Whether it is too old for what it calls free to be free.
+    pub fn is_stale(&self, now: Monotonic) -> bool {
+        is_stale(self.measured_at, self.period, now)
+    }
+
+    /// Edge of a cell, metres.
+    pub const fn cell_m(&self) -> f64 {
+        self.cell_m
+    }
+
+    /// Cells of the copy.
+    pub fn len(&self) -> usize {
+        self.classes.len()
+    }
+
+    /// Whether nothing was copied.
+    pub fn is_empty(&self) -> bool {
+        self.classes.is_empty()
+    }
+
+    /// Place of the cell around a point, metres in `odom`, in the copy.
+    pub(super) fn index_of(&self, point_in_odom: Point2<f64>) -> Option<usize> {
+        let first = self.first?;
+        let cell = CellIndex::near(point_in_odom, 1.0 / self.cell_m);
+        let (x, y) = (cell.x.wrapping_sub(first.x), cell.y.wrapping_sub(first.y));
+        let is_inside = (0..self.side).contains(&x) && (0..self.side).contains(&y);
+        is_inside.then_some((y * self.side + x) as usize)
+    }
+
+    pub(super) fn class_at(&self, point_in_odom: Point2<f64>) -> CellClass {
+        self.index_of(point_in_odom)
+            .map_or(CellClass::Unknown, |index_of| self.classes[index_of])
+    }
+
+    /// Places and centres, metres in `odom`, of the obstacles.
+    pub(super) fn obstacles(&self) -> impl Iterator<Item = (usize, Point2<f64>)> {
+        let side = self.side.max(1);
+        let first = self.first.unwrap_or(CellIndex { x: 0, y: 0 });
+        let places = (0_i32..).zip(&self.classes);
+        places
+            .filter(|(_, class)| **class == CellClass::Obstacle)
+            .map(move |(index_of, _)| {
+                let cell = CellIndex {
+                    x: first.x.saturating_add(index_of % side),
+                    y: first.y.saturating_add(index_of / side),
+                };
+                (index_of as usize, cell.centre(self.cell_m))
+            })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,259 @@
+//! What the last sweep of a sensor says of what is in the way, and of what was looked at.
+
+use std::time::Duration;
+
+use nalgebra::{Point2, Point3};
+
+use super::blockage::{BlockageCounts, BlockageDetector};
+use super::config::{CollisionMonitorRules, Heights};
+use super::coverage::{Coverage, VisibleRange};
+use mapping::ground_plane::GroundPlane;
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
+use measurement::pose::Pose;
+use measurement::time::Monotonic;
+
+/// Most points of one sweep that are kept; real sensors have some thousand.
+const MAX_POINTS: usize = 16_384;
+
+/// How many steps from beam to beam wide a beam looks: one that is missing between two others is made up for.
+const BEAM_STEPS: f64 = 2.0;
+
+/// Sweeps and maps are never stale before this ("Collision monitor").
+const MIN_STALE_AGE: Duration = Duration::from_millis(300);
+
+/// One sweep of one sensor. It keeps its memory from sweep to sweep: whoever hands them over swaps two or three.
+#[derive(Clone, Debug, Default)]
+pub struct ObstacleScan {
+    measured_at: Monotonic,
+    period: Duration,
+    /// Those in the water last.
+    points_in_odom: Vec<[f64; 2]>,
+    shallows: usize,
+    coverage: Coverage,
+    blockage_counts: BlockageCounts,
+}
+
+/// Whether what was known at `measured_at` and is renewed every `period` is too old: max(300 ms, 2.5 periods).
+pub(super) fn is_stale(measured_at: Monotonic, period: Duration, now: Monotonic) -> bool {
+    now.since(measured_at) > MIN_STALE_AGE.max(period.saturating_mul(5) / 2)
+}
+
+impl ObstacleScan {
+    /// Takes over a sweep whose heights are those above `plane`.
+    ///
+    /// `measured_at` is when it was measured, on this machine's clock: when it arrived, at the latest. `period` is the time from
+    /// sweep to sweep. `blockage` is that of the sensor, and has taken this scan.
+    pub fn read(
+        &mut self,
+        scan: &RegisteredScan,
+        plane: &GroundPlane,
+        rules: &CollisionMonitorRules,
+        blockage: &BlockageDetector,
+        (measured_at, period): (Monotonic, Duration),
+    ) {
+        self.measured_at = measured_at;
+        self.period = period;
+        self.points_in_odom.clear();
+        self.shallows = 0;
+        self.blockage_counts = blockage.blockage_counts();
+        let Some(first) = scan.beams.first() else {
+            self.coverage.clear(Point2::origin());
+            return;
+        };
+        self.coverage.clear(first.origin_in_odom.xy());
+        let base_from_odom = scan.odom_from_base.inverse();
+        let at = BeamEvaluator {
+            plane,
+            rules,
+            blockage,
+            base_from_odom,
+            first_origin: first.origin_in_odom,
+            vehicle: Point2::from(scan.odom_from_base.translation.vector.xy()),
+            window_m2: rules.window_m() * rules.window_m(),
+        };
+        for beam in &scan.beams {
+            let beam_result = at.evaluate(beam);
+            let along = (beam.end_in_odom - beam.origin_in_odom).xy();
+            self.coverage
+                .add_beam(along, BEAM_STEPS * scan.beam_step_rad, beam_result.visible);
+            if let Some((point, is_shallow)) = beam_result.obstacle_in_odom
+                && self.points_in_odom.len() < MAX_POINTS
+            {
+                self.points_in_odom.push([point.x, point.y]);
+                if is_shallow {
+                    self.shallows += 1;
+                } else {
+                    let last = self.points_in_odom.len() - 1;
+                    self.points_in_odom.swap(last, last - self.shallows);
+                }
+            }
+        }
+    }
+
+    /// When it was measured.
+    pub(super) const fn measured_at(&self) -> Monotonic {
+        self.measured_at
+    }
+
+    pub(super) const fn blockage_counts(&self) -> BlockageCounts {
+        self.blockage_counts
+    }
+
+    /// What stands in the vehicle's way, and where the water is too shallow for it; metres in `odom`.
+    pub(super) fn obstacles_and_shallows(&self) -> (&[[f64; 2]], &[[f64; 2]]) {
+        let first = self.points_in_odom.len() - self.shallows;
+        self.points_in_odom.split_at(first)
+    }
+
+    /// Whether it is too old to be relied on.
+    pub fn is_stale(&self, now: Monotonic) -> bool {
+        is_stale(self.measured_at, self.period, now)
+    }
+
+    /// What is in the way, metres in `odom`.
+    pub fn points_in_odom(&self) -> &[[f64; 2]] {
+        &self.points_in_odom
+    }
+
+    pub(super) const fn coverage(&self) -> &Coverage {
+        &self.coverage
+    }
+}
+
+/// What one beam says.
+struct BeamResult {
+    visible: VisibleRange,
+    /// What is in the way, and whether that is the bottom of the water.
+    obstacle_in_odom: Option<(Point3<f64>, bool)>,
+}
+
+struct BeamEvaluator<'a> {
+    plane: &'a GroundPlane,
+    rules: &'a CollisionMonitorRules,
+    blockage: &'a BlockageDetector,
+    base_from_odom: Pose,
+    first_origin: Point3<f64>,
+    vehicle: Point2<f64>,
+    window_m2: f64,
+}
+
+impl BeamEvaluator<'_> {
+    fn evaluate(&self, beam: &RegisteredBeam) -> BeamResult {
+        let (from, to) = (beam.origin_in_odom, beam.end_in_odom);
+        let (from_height_m, to_height_m) = (self.plane.height_m(&from), self.plane.height_m(&to));
+        let along = (to - from).xy();
+        let length_m = (along.x * along.x + along.y * along.y).sqrt();
+        let nothing = BeamResult {
+            visible: VisibleRange {
+                near_m: 0.0,
+                ..VisibleRange::NOTHING
+            },
+            obstacle_in_odom: None,
+        };
+        if !(length_m.is_finite() && from_height_m.is_finite() && to_height_m.is_finite()) {
+            return nothing;
+        }
+        let is_miss = beam.outcome == BeamOutcome::Miss;
+        if is_miss && !self.is_miss_trusted(beam) {
+            return nothing;
+        }
+        let fall_m = from_height_m - to_height_m;
+        let (near, far) = low_part(
+            from_height_m,
+            to_height_m,
+            self.rules.ground_visible_below_m,
+        );
+        let hits = !is_miss && !self.is_own_body(beam);
+        let height = self.rules.heights.of(from_height_m, to_height_m);
+        let obstacle = match height {
+            HeightClass::Clear => None,
+            // The edge is not farther than where the beam was as high as the ground.
+            HeightClass::Hole if from_height_m > 0.0 => Some(from_height_m / fall_m),
+            HeightClass::Obstacle | HeightClass::Shallow | HeightClass::Hole => Some(1.0),
+        };
+        let obstacle = obstacle.filter(|_| hits);
+        let until = obstacle.unwrap_or(1.0);
+        // What looks under water has not seen what floats on it.
+        let is_under_water = self.rules.is_boat && from_height_m < 0.0;
+        BeamResult {
+            visible: if is_under_water {
+                nothing.visible
+            } else {
+                VisibleRange {
+                    near_m: (near * length_m) as f32,
+                    far_m: (far.min(until) * length_m) as f32,
+                    reach_m: (until * length_m) as f32,
+                    is_miss: is_miss && !self.rules.treat_no_return_as_free,
+                }
+            },
+            obstacle_in_odom: obstacle
+                .map(|share| from + (to - from) * share)
+                .filter(|point| (point.xy() - self.vehicle).norm_squared() <= self.window_m2)
+                .map(|point| (point, height == HeightClass::Shallow)),
+        }
+    }
+
+    /// Whether a beam without an echo has seen that the way is free.
+    fn is_miss_trusted(&self, beam: &RegisteredBeam) -> bool {
+        let is_proven = self.rules.no_return_speed_mps > 0.0 && self.blockage.has_echoes();
+        (self.rules.treat_no_return_as_free || is_proven) && !self.blockage.is_beam_blocked(beam)
+    }
+
+    /// Whether it ends within the footprint, which moved with the sensor since the sweep began.
+    fn is_own_body(&self, beam: &RegisteredBeam) -> bool {
+        let moved = beam.origin_in_odom - self.first_origin;
+        let point_in_base = self.base_from_odom * (beam.end_in_odom - moved);
+        self.rules
+            .footprint
+            .contains([point_in_base.x, point_in_base.y])
+    }
+}
+
+/// The part of a beam, 0 to 1, that is at most `below_m` high; empty where none is.
+fn low_part(from_height_m: f64, to_height_m: f64, below_m: f64) -> (f64, f64) {
+    let crossing = (from_height_m - below_m) / (from_height_m - to_height_m);
+    match (from_height_m <= below_m, to_height_m <= below_m) {
+        (true, true) => (0.0, 1.0),
+        (true, false) => (0.0, crossing),
+        (false, true) => (crossing, 1.0),
+        (false, false) => (f64::INFINITY, 0.0),
+    }
+}
+
+/// What something at a height is to the vehicle.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum HeightClass {
+    Clear,
+    Obstacle,
+    /// The bottom of the water, too near below its surface.
+    Shallow,
+    Hole,
+}
+
+impl Heights {
+    /// What the end of a beam is.
+    ///
+    /// A sensor that is no higher than what may be driven over cannot tell floor from what stands on it; and what a
+    /// sensor above the vehicle's top sees at its own height is not known to end there.
+    fn of(&self, from_height_m: f64, to_height_m: f64) -> HeightClass {
+        if to_height_m > self.top_m.max(from_height_m) + self.h_pos_m {
+            return HeightClass::Clear;
+        }
+        if to_height_m > self.h_pos_m
+            || (from_height_m.abs() <= self.h_pos_m && self.keel_m.is_none())
+        {
+            return HeightClass::Obstacle;
+        }
+        if to_height_m >= -self.h_neg_m {
+            return HeightClass::Clear;
+        }
+        match self.keel_m {
+            None => HeightClass::Hole,
+            Some(keel_m) if to_height_m >= keel_m - self.h_neg_m => HeightClass::Shallow,
+            Some(_) => HeightClass::Clear,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

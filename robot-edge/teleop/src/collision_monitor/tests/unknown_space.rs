@@ -1,0 +1,295 @@
+//! Sensors that are covered, sides that nobody has looked at lately, and fields without an echo.
+
+use std::time::Duration;
+
+use nalgebra::Point2;
+
+use super::world::*;
+use crate::collision_monitor::{
+    BlockageDetector, CollisionMonitor, CollisionMonitorConfig, CollisionMonitorInput, CopyRequest,
+    LocalMap, ObstacleScan, OdometrySample,
+};
+use crate::speed_limits::{CollisionMonitorOutput, SpeedLimits};
+use crate::velocity::Velocity;
+use mapping::ground_plane::GroundPlane;
+use mapping::occupancy_config::OccupancyConfig;
+use mapping::occupancy_grid::OccupancyGrid;
+use mapping::vehicle::VehicleConfig;
+use measurement::pose::{Pose, planar};
+use measurement::time::Monotonic;
+
+const FULL_SPEED: Velocity = Velocity {
+    linear_mps: 1.0,
+    angular_radps: 0.0,
+};
+
+const CREEP_MPS: f64 = 0.1;
+
+/// A second, in rounds.
+const SECOND: u32 = 50;
+
+/// As they are delivered: misses prove nothing by themselves.
+fn setup() -> Setup {
+    Setup {
+        guard: CollisionMonitorConfig::default(),
+        vehicle: VehicleConfig {
+            length_m: 0.8,
+            width_m: 0.6,
+            ..VehicleConfig::default()
+        },
+        ..Setup::default()
+    }
+}
+
+/// Two walls, 2 m to either side.
+fn corridor() -> Walls {
+    vec![
+        wall([-50.0, 2.0], [50.0, 2.0]),
+        wall([-50.0, -2.0], [50.0, -2.0]),
+    ]
+}
+
+fn drive_for(drive: &mut Drive, rounds: u32, requested: Velocity) {
+    for _ in 0..rounds {
+        drive.round(Some(requested));
+    }
+}
+
+fn limits(drive: &Drive) -> SpeedLimits {
+    match drive.output {
+        CollisionMonitorOutput::Limits(limits) => limits,
+        output @ (CollisionMonitorOutput::Off | CollisionMonitorOutput::Stale) => {
+            panic!("{output:?}")
+        }
+    }
+}
+
+#[test]
+fn a_cover_put_on_while_it_drives_is_found_within_a_second() {
+    // Also where the sensors are said to tell a cover themselves.
+    for treat_no_return_as_free in [false, true] {
+        let mut setup = setup();
+        setup.guard.treat_no_return_as_free = treat_no_return_as_free;
+        let mut drive = Drive::new(setup, corridor(), 2);
+        drive_for(&mut drive, 4 * SECOND, FULL_SPEED);
+        let before = (drive.motion.linear.speed, limits(&drive).forward_mps);
+        assert!(before.0 > 0.3 && before.1 > 0.45, "{before:?}");
+        assert!(!drive.blockage.is_blocked());
+        drive.covered = 0..721;
+        drive_for(&mut drive, SECOND, FULL_SPEED);
+        let after = limits(&drive);
+        assert!(drive.blockage.is_blocked());
+        assert!(
+            after.in_unknown_space && after.forward_mps <= CREEP_MPS + 1e-9,
+            "{after:?}"
+        );
+        // However long it lasts.
+        drive_for(&mut drive, 20 * SECOND, FULL_SPEED);
+        assert!(limits(&drive).in_unknown_space && drive.blockage.is_blocked());
+        assert!(drive.motion.linear.speed <= CREEP_MPS + 1e-9);
+        drive.covered = 0..0;
+        drive_for(&mut drive, SECOND, FULL_SPEED);
+        assert!(!limits(&drive).in_unknown_space && !drive.blockage.is_blocked());
+    }
+}
+
+#[test]
+fn a_cover_over_one_part_blinds_that_part_only() {
+    // A wall 6 m ahead, one behind it: what looks ahead is covered.
+    let mut walls = corridor();
+    walls.push(wall([9.0, -2.0], [9.0, 2.0]));
+    walls.push(wall([-9.0, -2.0], [-9.0, 2.0]));
+    let mut drive = Drive::new(setup(), walls, 0);
+    drive_for(&mut drive, 2 * SECOND, Velocity::ZERO);
+    drive.covered = 310..411;
+    drive_for(&mut drive, SECOND, Velocity::ZERO);
+    drive.evaluate(FULL_SPEED);
+    let ahead = limits(&drive);
+    assert!(drive.blockage.is_blocked());
+    assert!(
+        ahead.in_unknown_space && ahead.forward_mps <= CREEP_MPS + 1e-9,
+        "{ahead:?}"
+    );
+    assert!(ahead.reverse_mps > 0.9, "{ahead:?}");
+}
+
+/// Past a row of pillars and out into the open: what is no longer hit was passed.
+#[test]
+fn what_the_motion_explains_is_no_cover() {
+    let mut walls = corridor();
+    for wall in &mut walls {
+        wall[1].x = 6.0;
+    }
+    walls.extend((0..8).flat_map(|n| pillar([f64::from(n), 1.2], 0.2)));
+    let mut drive = Drive::new(setup(), walls, 2);
+    drive.noise = (0.01, 0.01);
+    for _ in 0..20 * SECOND {
+        drive.round(Some(FULL_SPEED));
+        assert!(!drive.blockage.is_blocked(), "{}", drive.pose);
+    }
+    assert!(drive.pose.translation.vector.x > 7.0, "{}", drive.pose);
+}
+
+#[test]
+fn in_the_open_it_goes_as_fast_as_echoes_of_anything_allow() {
+    for (own_body_hits, no_return_speed_mps, expected_mps) in [
+        (10, 0.5, 0.5),
+        (10, 0.8, 0.8),
+        (10, 0.0, CREEP_MPS),
+        (0, 0.5, CREEP_MPS),
+    ] {
+        let mut setup = setup();
+        setup.guard.no_return_speed_mps = no_return_speed_mps;
+        let mut drive = Drive::new(setup, vec![], 2);
+        drive.own_body_hits = own_body_hits;
+        drive_for(&mut drive, 4 * SECOND, FULL_SPEED);
+        let open = limits(&drive);
+        assert!(
+            (open.forward_mps - expected_mps).abs() < 1e-9,
+            "{own_body_hits} {no_return_speed_mps}: {open:?}"
+        );
+        assert_eq!(open.in_unknown_space, expected_mps <= CREEP_MPS);
+        if !open.in_unknown_space {
+            drive.covered = 0..721;
+            drive_for(&mut drive, SECOND, FULL_SPEED);
+            let forward_mps = limits(&drive).forward_mps;
+            assert!(forward_mps <= CREEP_MPS + 1e-9, "covered: {forward_mps}");
+        }
+    }
+}
+
+/// A laser at the front that sees the half ahead.
+const AHEAD: Laser = Laser {
+    mount_x_m: 0.35,
+    beams: 361,
+    field_of_view_rad: std::f64::consts::PI,
+    range_max_m: 20.0,
+};
+
+/// A map of a large hall, all of it free.
+fn hall_map(setup: &Setup, walls: &Walls, centre: &Pose, measured_at: Monotonic) -> LocalMap {
+    let mut grid = OccupancyGrid::new(&OccupancyConfig::default());
+    for _ in 0..3 {
+        grid.integrate(&Laser::ALL_DIRECTIONS.scan(walls, centre));
+    }
+    let mut map = LocalMap::default();
+    let at = centre.translation.vector;
+    map.copy_occupancy(
+        &grid,
+        CopyRequest {
+            measured_at,
+            period: Duration::from_hours(1),
+            centre: Point2::new(at.x, at.y),
+            reach_m: setup.rules().window_m(),
+        },
+    );
+    map
+}
+
+#[test]
+fn ground_just_driven_over_may_be_gone_back_over_and_older_ground_only_crept_over() {
+    let walls = pillar([0.0, 0.0], 26.0);
+    for (stands_s, least_mps, most_mps) in [(0, 0.4, 1.0), (4, 0.0, CREEP_MPS)] {
+        let mut drive = Drive::new(setup(), walls.clone(), 0);
+        drive.laser = AHEAD;
+        drive_for(&mut drive, 3 * SECOND, FULL_SPEED);
+        while drive.motion.linear.speed > 0.0 {
+            drive.round(None);
+        }
+        drive.map = Some(hall_map(&drive.setup, &walls, &drive.pose, drive.now()));
+        drive_for(&mut drive, stands_s * SECOND, Velocity::ZERO);
+        let mut top_mps = 0.0_f64;
+        for _ in 0..3 * SECOND {
+            drive.round(Some(FULL_SPEED.scaled(-1.0)));
+            top_mps = top_mps.max(-drive.motion.linear.speed);
+        }
+        assert!(
+            (least_mps..=most_mps + 1e-9).contains(&top_mps),
+            "after {stands_s} s: {top_mps}"
+        );
+    }
+}
+
+/// The front laser dies, the one that looks back lives on, and the map knows all of the hall.
+#[test]
+fn what_a_dead_sensor_saw_counts_for_so_long_and_the_panel_is_told_of_its_side() {
+    let walls = pillar([0.0, 0.0], 26.0);
+    let pose = planar(0.0, 0.0, 0.0);
+    let back = planar(0.0, 0.0, std::f64::consts::PI);
+    let at = |ms: u64| Monotonic::from_nanos(1_000_000_000 + ms * 1_000_000);
+    for (is_boat, max_ground_age_s, limit_ms) in [
+        (false, None, 3000),
+        (true, None, 10_000),
+        (false, Some(1.0), 1000),
+    ] {
+        let mut setup = setup();
+        setup.teleop.is_boat = is_boat;
+        setup.guard.max_ground_age_s = max_ground_age_s;
+        let rules = setup.rules();
+        let mut guard = CollisionMonitor::new(rules);
+        let mut obstacle_scans = [ObstacleScan::default(), ObstacleScan::default()];
+        let mut limits_at = |guard: &mut CollisionMonitor, ms: u64| {
+            for (n, observations) in [&pose, &back].into_iter().enumerate() {
+                if n == 1 || ms == 0 {
+                    let scan = AHEAD.scan(&walls, observations);
+                    let mut blockage = BlockageDetector::default();
+                    blockage.update(&scan, at(ms));
+                    let times = (at(ms), Duration::from_millis(40));
+                    let plane = GroundPlane::under(observations);
+                    obstacle_scans[n].read(&scan, &plane, &rules, &blockage, times);
+                }
+            }
+            let map = hall_map(&setup, &walls, &pose, at(ms));
+            let input = CollisionMonitorInput {
+                obstacle_scans: &obstacle_scans,
+                map: Some(&map),
+                odometry: Some(OdometrySample {
+                    odom_from_base: pose,
+                    measured: Velocity::ZERO,
+                    measured_at: at(ms),
+                }),
+                commanded: Velocity::ZERO,
+                requested: FULL_SPEED,
+            };
+            match guard.output(&input, at(ms)) {
+                CollisionMonitorOutput::Limits(limits) => limits,
+                output @ (CollisionMonitorOutput::Off | CollisionMonitorOutput::Stale) => {
+                    panic!("{output:?}")
+                }
+            }
+        };
+        let mut limits = |ms| limits_at(&mut guard, ms);
+        limits(0);
+        for ms in (200..limit_ms).step_by(200) {
+            let limits = limits(ms);
+            assert!(
+                limits.forward_mps > 0.9 && !limits.in_unknown_space,
+                "{ms}: {limits:?}"
+            );
+        }
+        let old = limits(limit_ms + 100);
+        assert!(
+            old.in_unknown_space && old.forward_mps <= CREEP_MPS + 1e-9,
+            "{old:?}"
+        );
+        assert!(old.reverse_mps > 0.9, "{old:?}");
+        let [ahead, _, behind, _] = guard.side_ground_ages();
+        assert_eq!(ahead, Some(Duration::from_millis(limit_ms + 100)));
+        assert_eq!(behind, Some(Duration::ZERO));
+    }
+}
+
+#[test]
+fn a_time_beyond_thirty_seconds_is_refused() {
+    let mut guard = CollisionMonitorConfig {
+        max_ground_age_s: Some(30.0),
+        ..CollisionMonitorConfig::default()
+    };
+    assert_eq!(guard.check(), []);
+    for max_ground_age_s in [30.1, f64::INFINITY, f64::NAN, 0.0] {
+        guard.max_ground_age_s = Some(max_ground_age_s);
+        let faults = guard.check();
+        assert_eq!(faults.len(), 1, "{max_ground_age_s}");
+        assert_eq!(faults[0].key, "teleop.collision_monitor.max_ground_age_s");
+    }
+}
