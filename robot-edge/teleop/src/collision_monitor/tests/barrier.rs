@@ -303,6 +303,6 @@ fn a_shoal_is_told_apart_from_what_stands_in_the_water() {
         };
         let (limits, barrier) = scene.requested(1.0, 0.0);
         assert!(limits.forward_mps < 0.9, "{limits:?}");
-        is_at(barrier, kind, place([0.8, 0.0]), 0.01);
+        is_at(barrier, kind, [0.8, 0.0], 0.01);
     }
 }
